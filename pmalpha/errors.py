@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -342,8 +344,26 @@ class PerformanceWarning(UserWarning):
 PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
 
+# Messages of the warnings of a run, for its History.
+_NOTED: ContextVar[list[str] | None] = ContextVar("_NOTED", default=None)
+
+
+@contextmanager
+def noted() -> Iterator[list[str]]:
+    """A list to which the messages of all warnings of this package are added meanwhile."""
+    messages: list[str] = []
+    token = _NOTED.set(messages)
+    try:
+        yield messages
+    finally:
+        _NOTED.reset(token)
+
+
 def warn(message: str, category: type[Warning]) -> None:
     """Warn with the line outside of the package that made the call."""
+    messages = _NOTED.get()
+    if messages is not None:
+        messages.append(f"{category.__name__}: {message}")
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

@@ -7,7 +7,10 @@ import pmalpha as pm
 from pmalpha import models, structures
 
 # other tests ignore it
-pytestmark = pytest.mark.filterwarnings("error:steps skip samples:pmalpha.AccuracyWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("error:steps skip samples:pmalpha.AccuracyWarning"),
+    pytest.mark.filterwarnings("ignore:reset:UserWarning"),  # which undoes changed steps
+]
 
 TRAPEZOIDAL = pm.Newmark()
 SCHEMES = [

@@ -74,6 +74,7 @@ def test_a_snapshot_is_restored_across_a_change(coupling, double, after):
 
 
 @pytest.mark.parametrize(("coupling", "double"), DOUBLE)
+@pytest.mark.filterwarnings("ignore:reset:UserWarning")  # which undoes the steps
 def test_reset_returns_to_the_first_steps(coupling, double):
     c, fresh = changed(coupling, double), pair(0.1, coupling=coupling, double=double)
     c.reset()
@@ -98,6 +99,7 @@ def test_reset_returns_to_the_first_time_after_a_change_there_and_back(coupling)
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("coupling", "double"), DOUBLE)
+@pytest.mark.filterwarnings("ignore:reset:UserWarning")  # which undoes the steps
 def test_after_a_reset_a_coupler_is_as_one_just_made(coupling, double, seed):
     """Whatever was done before, and whether or not the steps change before the first macro step."""
 

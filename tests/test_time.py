@@ -166,9 +166,12 @@ def test_t_end_before_the_present_time_is_refused(behind):
 
 def test_t_end_at_the_present_time_takes_no_step():
     coupler = pair(0.25, 1, 2)
-    for t_end, count in ((0.0, 0), (1.0, 4), (1.0, 4)):
-        history = coupler.run(t_end)
+    for t_end, count in ((0.0, 0), (1.0, 4)):
+        coupler.run(t_end)
         assert coupler.step_count == count
+    with pytest.warns(UserWarning, match="the time is 1 already"):
+        history = coupler.run(1.0)
+    assert coupler.step_count == 4
     assert history.macro_times.tolist() == [1.0]
     assert history[1].t.tolist() == [1.0]
 

@@ -8,11 +8,14 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._checks import counted
 from ..problem.subdomain import Subdomain
 from .conversion import dataset, frames
 from .energy import Energy
+from .history_table import history_html
+from .interpolated import Instant, Peak, at, peak, resampled
 from .joining import joined
 from .keys import position
 from .pacing import Pacing
@@ -61,6 +64,10 @@ class History:
         the run began; they vary with ``run(tolerance=)``. None for a file of an older version.
     pacing : `Pacing` or None
         With `Coupler.run_paced`: the times of its fine steps. Not in files.
+    coupling : str or None
+        That of the `Coupler`. Not in files.
+    warnings : tuple of str
+        Those about this run. Not in files.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -74,6 +81,8 @@ class History:
     energy: Energy | Any = None
     substeps: np.ndarray | Any = None
     pacing: Pacing | Any = None
+    coupling: str | None = None
+    warnings: tuple[str, ...] = ()
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -91,6 +100,86 @@ class History:
             f"<History t = {self.macro_times[0]:g} .. {self.macro_times[-1]:g}, "
             f"{counted(self.multipliers.shape[1], 'constraint')}; {names}>"
         )
+
+    def _repr_html_(self) -> str:
+        return history_html(self)
+
+    # ---- other times -------------------------------------------------------------------------
+
+    def at(self, t: float) -> Instant:
+        """All recorded subdomains at one time.
+
+        Parameters
+        ----------
+        t : float
+            Within the run.
+
+        Returns
+        -------
+        Instant
+            ``history.at(t)["frame"].u`` has shape (dofs,). Between two time levels of a subdomain
+            u is the cubic Hermite polynomial of u and v there, v its derivative, a linear.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For a t that is not a number, or outside of the run.
+
+        Examples
+        --------
+        >>> one = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0], dof_names=["top"])
+        >>> history = Coupler([one], dt=0.01).run(1.0)
+        >>> round(float(history.at(0.5037)[0]["top"].u), 4)  # cos(2 t)
+        0.5339
+        """
+        return at(self, t)
+
+    def resampled(self, times: ArrayLike) -> History:
+        """All that was recorded at other times, the same for all subdomains.
+
+        Parameters
+        ----------
+        times : (k,) array_like
+            In rising order, within the run.
+
+        Returns
+        -------
+        History
+            Motions as of `at`; multipliers, jumps, springs and outputs linear between their times
+            (of multipliers under "mean" the middles of macro steps). Without energies, and without
+            iterations and histories of internal forces.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For times that do not rise, or are outside of the run.
+
+        Examples
+        --------
+        >>> history = models.split_oscillator(10.0).coupler(0.05, coupling="gc").run(1.0)
+        >>> both = history.resampled(np.linspace(0.0, 1.0, 5))
+        >>> both["A"].u.shape == both["B"].u.shape == (5, 1)
+        True
+        """
+        result: History = resampled(self, times)
+        return result
+
+    def peak(self) -> dict[str, Peak]:
+        """The largest absolute values of the recorded subdomains, by name.
+
+        Returns
+        -------
+        dict of Peak
+            ``history.peak()["frame"].u``, of each dof; ``.times["u"]``, when.
+
+        Examples
+        --------
+        >>> one = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[-1.0], name="one")
+        >>> largest = Coupler([one], dt=0.01).run(2.0).peak()["one"]
+        >>> largest.u.round(3).tolist(), largest.times["u"].round(2).tolist()  # pi / 4
+        ([0.5], [0.79])
+        """
+        return {s.name: peak(s) for s in self.subdomains if s is not None}
 
     # ---- figures -----------------------------------------------------------------------------
 

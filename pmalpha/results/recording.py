@@ -267,7 +267,7 @@ class Recording:
                     },
                 )
             )
-        interface = {
+        interface: dict[str, Any] = {
             name: self._in_users_rows(name, x[: self.rows(self._levels_of(name), end)])
             for name, x in self.interface.items()
         }

@@ -26,6 +26,7 @@ def change_steps(session: Session, dt: float | None, substeps: Mapping[Any, int]
     with together(session):
         check_call(session, "change_steps", dt)
         change(session, *checked_steps(session, dt, substeps))
+        session.changed = session.steps.layout != session.assemblies.first_layout
 
 
 def checked_steps(session: Session, dt: Any, substeps: Any) -> tuple[float, tuple[int, ...]]:

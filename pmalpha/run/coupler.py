@@ -241,7 +241,11 @@ class Coupler:
 
     @property
     def last_history(self) -> History | Any:  # not | None, which a checker would have tested
-        """After an exception or Ctrl-C in `run`: the History up to the last complete macro step."""
+        """After an exception or Ctrl-C in `run`: the History up to the last complete macro step.
+
+        After a run to the present time, which computes nothing: the History of the run before, if
+        it still exists. Otherwise None.
+        """
         return self._session.last_history
 
     # ---- running --------------------------------------------------------------------------------
@@ -584,6 +588,8 @@ class Coupler:
         force: Mapping[Any, Any] | None = None,
     ) -> None:
         """Return to t = 0 and the steps with which the coupler was made, with all factors kept.
+
+        If `change_steps` had changed them, a UserWarning says so.
 
         Exception: the factor of M for the initial accelerations. It is released after the start,
         computed again by the first reset, and kept from then on.

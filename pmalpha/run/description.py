@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
 
 from .._checks import counted
+from .._tables import html_table, text_table
 from ..problem.matrices import combination
 from ..problem.schemes import CentralDifference, Scheme
 from ..setup.evaluated import closing_tangent
@@ -48,12 +48,12 @@ def table(session: Session) -> list[tuple[str, ...]]:
 
 def text_of(session: Session) -> str:
     """The repr of a coupler."""
-    return f"<{title(session)}>\n{text_table(HEADINGS, table(session))}"
+    return f"<{title(session)}>\n{text_table(HEADINGS, table(session), LEFT)}"
 
 
 def html_of(session: Session) -> str:
     """The same for notebooks."""
-    return f"<p>{escape(title(session))}</p>{html_table(HEADINGS, table(session))}"
+    return f"<p>{escape(title(session))}</p>{html_table(HEADINGS, table(session), LEFT)}"
 
 
 def row_of(part: Part, thread: int | None) -> tuple[str, ...]:
@@ -129,28 +129,3 @@ def factor_form(factor: Factor) -> str:
     if len(R) == 3:
         return f"columns, {n + R[2].size}"
     return f"panels, {R[4].size}"
-
-
-def text_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table in fixed-width text; words to the left, numbers to the right."""
-    whole = [headings, *rows]
-    widths = [max(map(len, column)) for column in zip(*whole)]
-    aligned = [
-        [x.ljust(w) if name in LEFT else x.rjust(w) for name, x, w in zip(headings, row, widths)]
-        for row in whole
-    ]
-    return "\n".join("  ".join(row).rstrip() for row in aligned)
-
-
-def html_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """The same table in HTML, for notebooks."""
-
-    def line(tag: str, row: Sequence[str]) -> str:
-        sides = ["left" if name in LEFT else "right" for name in headings]
-        cells = (
-            f'<{tag} style="text-align: {side}">{escape(x)}</{tag}>' for side, x in zip(sides, row)
-        )
-        return f"<tr>{''.join(cells)}</tr>"
-
-    body = "".join(line("td", row) for row in rows)
-    return f"<table><thead>{line('th', headings)}</thead><tbody>{body}</tbody></table>"

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from weakref import ref
 
 from .._checks import flag, whole_number
+from ..errors import noted, warn
 from ..files import HDF5, check_replaceable, checked_path
 from ..problem.matrices import core_matrix, skew_part
 from ..results.appending import check_new
@@ -40,11 +43,34 @@ def run(
         done = session.done
         last = session.clock.end(*end, done)
         check_call(session, "run", last, chosen["every"], chosen["energy"])
+        warn_of_nothing(session, end[0], last)
         recording = recording_of(session, done, last, *files, **chosen)
         with reporting(progress, done, recording.end) as report:
             history = recorded(session, recording, report, held)
-    session.last_history = None
+    keep_last(session, history)
     return history
+
+
+def keep_last(session: Session, history: History) -> None:
+    """`last_history` after a run that was completed: None, or the run before one of no step.
+
+    That is kept alive only by the caller until then.
+    """
+    before = None if session.completed is None else session.completed()
+    if session.done and len(history.macro_times) == 1:
+        session.last_history = before
+        return
+    session.last_history, session.completed = None, ref(history)
+
+
+def warn_of_nothing(session: Session, t_end: float | None, last: int) -> None:
+    """Warn of a run to the present time."""
+    if t_end is not None and last == session.done > 0:
+        warn(
+            f"the time is {session.clock.time(last):g} already: nothing is computed. reset() "
+            "begins again at t = 0; last_history has the run before, if it still exists",
+            UserWarning,
+        )
 
 
 def step(session: Session, n: int) -> None:
@@ -102,6 +128,19 @@ def recorded(
 
     `last_history` is the result too: the caller replaces it when the result is safe.
     """
+    with noted() as messages:
+        history = _recorded(session, recording, report, held, around)
+        held.during(judge, session, history)
+    return replace(history, coupling=session.coupling, warnings=tuple(messages))
+
+
+def _recorded(
+    session: Session,
+    recording: Recording,
+    report: Report | None,
+    held: HeldSignals,
+    around: AbstractContextManager[None],
+) -> History:
     session.last_history = None
     held.during(begin, session)
     energies = recording.has_energy, recording.conserved
@@ -114,7 +153,6 @@ def recorded(
             session.last_history = recording.history(session.core.step_count)
             raise
     session.last_history = history = recording.history(recording.end)  # if a warning is an error
-    held.during(judge, session, history)
     return history
 
 

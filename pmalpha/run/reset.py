@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ..errors import warn
 from ..problem.forces import Force, checked_force, depends_on_motion
 from ..problem.subdomain import Subdomain
 from ..results.keys import by_index
@@ -74,6 +75,13 @@ def reset(
             session.loads.to_core()
             raise
         session.last_history = None
+        if session.changed:
+            session.changed = False
+            warn(
+                "reset() returns to the steps with which the coupler was made: those of "
+                "change_steps are undone; call it again for them",
+                UserWarning,
+            )
 
 
 def warn_of_records(session: Session, cases: Sequence[Case]) -> None:

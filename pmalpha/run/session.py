@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
+from weakref import ref
 
 import numpy as np
 
@@ -70,6 +71,10 @@ class Session:
     started, was_reset : bool
         Whether the initial accelerations are in the core; whether there was a `reset`.
     last_history : History or None
+    completed : weak reference or None
+        To the History of the last run that was completed.
+    changed : bool
+        Whether `change_steps` was called since the start.
     constants : dict or None
         Facts of the problem for a checkpoint, once they were needed.
     table : list or None
@@ -97,6 +102,8 @@ class Session:
     started: bool = False
     was_reset: bool = False
     last_history: History | None = None
+    completed: ref[History] | None = None
+    changed: bool = False
     constants: dict[str, Any] | None = None
     table: list[tuple[str, ...]] | None = None
     monitor: Any = None

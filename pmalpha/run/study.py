@@ -47,6 +47,13 @@ class CaseResult:
     error: Exception | None = None
     traceback: str = ""
 
+    def __repr__(self) -> str:
+        if self.error is not None:
+            return f"<CaseResult failed, {type(self.error).__name__}: {self.error}>"
+        if isinstance(self.value, np.ndarray):
+            return f"<CaseResult {np.array2string(self.value, precision=4, threshold=8)}>"
+        return f"<CaseResult {self.value!r}>"
+
 
 class Study:
     """Runs of one coupled problem with different initial values and loads, on any executor.
