@@ -153,6 +153,7 @@ THREADS = "problem", "size", "us a macro step", "two over one", "threads by None
 PLATE = {x: x for x in ("mesh", "dofs per subdomain", "macro step ms", "loop over ours")}
 PLATE |= {"Kratos over ours": "Kratos over ours", "difference of Kratos": "difference of Kratos"}
 UNCOUPLED = "problem", "n", "us a step", "us a step of the loop", "loop over ours"
+CUBES = "explicit hex8, dofs", "implicit hex8, dofs"
 ROW, GRID = "subdomains in a row", "subdomains in a grid"
 
 
@@ -162,9 +163,10 @@ def same(*columns):
 
 TABLES = {
     "targets": targets,
-    "sizes": lambda: pick(
-        "growth", SIZES | same(*ORIGIN), "explicit hex8, dofs", "implicit hex8, dofs"
-    ),
+    "sizes": lambda: [
+        row | {"problem": row["problem"].removesuffix(", dofs")}
+        for row in pick("growth", SIZES | same(*ORIGIN), *CUBES)
+    ],
     "many": lambda: pick(
         "growth", MANY, ROW, GRID, "constraints, implicit", "constraints, explicit"
     ),

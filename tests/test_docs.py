@@ -109,6 +109,29 @@ def test_the_list_of_files_has_a_line_for_each_and_the_architecture_names_files_
     assert named and not [name for name in named if not any(x.endswith(f"/{name}") for x in there)]
 
 
+def number_of_words(path):
+    """Words of prose and tables, without programs; a formula or an address counts as one."""
+    text = re.sub(r"(?ms)^ *```.*?^ *```", "", path.read_text())
+    text = re.sub(r"\$[^$\n]*\$", " x ", text)
+    text = re.sub(r"\]\([^)]*\)|<[^>]*>", "", text)
+    return sum(bool(re.search(r"\w", word)) for word in text.split())
+
+
+def test_pages_are_short_enough_to_be_read():
+    """README and the pages of users, without reference, method and notebooks; of developers,
+    without the changelog; the method, half of what it had as one page."""
+    docs = set((ROOT / "docs").glob("*.md"))
+    names = "architecture decisions developers reproduction versions".split()
+    own = {ROOT / "docs" / f"{name}.md" for name in names}
+    method = {ROOT / "docs" / "method.md", *ROOT.glob("docs/method/*.md")}
+    users = {ROOT / "README.md", *docs} - own - method - {ROOT / "docs" / "api.md"}
+    developers = own | {ROOT / "benchmarks" / "README.md", ROOT / "CONTRIBUTING.md"}
+    assert sum(map(number_of_words, users)) <= 20_000
+    assert sum(map(number_of_words, developers)) <= 12_000
+    assert number_of_words(ROOT / "docs" / "architecture.md") <= 1500
+    assert sum(map(number_of_words, method)) <= 11_500
+
+
 def test_every_equation_that_is_cited_is_in_the_method():
     """Ours have a letter and a number, (F2), the paper's a number; no number is used twice."""
     pages = "\n".join(path.read_text() for path in (ROOT / "docs" / "method").glob("*.md"))
