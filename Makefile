@@ -1,5 +1,5 @@
 # `make demo` and `make test` do all the set-up themselves, in .venv. They need a C compiler and
-# Python >= 3.10; if that is not python3, say which: make test PYTHON=python3.12
+# Python >= 3.11; if that is not python3, say which: make test PYTHON=python3.12
 
 PYTHON   ?= python3
 VENV     := .venv
@@ -126,7 +126,7 @@ docs: $(VENV)/.docs
 		build/docs/source build/docs/html
 	$(VENV)/bin/python docs/check.py build/docs/html
 
-# A wheel for Linux with glibc 2.17 or later and Python 3.10 or later, in build/wheels: compiled by
+# A wheel for Linux with glibc 2.17 or later and Python 3.11 or later, in build/wheels: compiled by
 # zig, which brings a C compiler and the symbols of that glibc, and checked for both.
 wheels: build/packaging/bin/zig
 	rm -rf build/wheels build/wheels-made
@@ -223,7 +223,7 @@ build/races/_core.abi3.so:     $(call OBJECTS,tsan,$(CORE))
 build/sanitized/_core.abi3.so build/races/_core.abi3.so: $(BINDING) | $(VENV)/.test
 	mkdir -p $(@D)
 	$(CC) -std=c11 $(FLAGS) -shared -ffp-contract=off -fno-trapping-math -fopenmp-simd \
-		-pthread -D_POSIX_C_SOURCE=200809L -D_XOPEN_SOURCE=700 -DPy_LIMITED_API=0x030A0000 \
+		-pthread -D_POSIX_C_SOURCE=200809L -D_XOPEN_SOURCE=700 -DPy_LIMITED_API=0x030B0000 \
 		-DNPY_NO_DEPRECATED_API=NPY_2_0_API_VERSION -DNPY_TARGET_VERSION=NPY_1_23_API_VERSION \
 		-Icsrc/core $$($(VENV)/bin/python -c "import numpy, sysconfig; \
 			print('-I', numpy.get_include(), '-I', sysconfig.get_path('include'))") \

@@ -14,7 +14,7 @@ from setuptools.command.build_ext import build_ext
 if sys.platform not in ("linux", "darwin"):
     sys.exit(f"pmalpha builds on Linux and macOS only, not on {sys.platform}.")
 
-# The stable ABI: one wheel for Python 3.10 and later. Interpreters without the GIL have none.
+# The stable ABI: one wheel for Python 3.11 and later. Interpreters without the GIL have none.
 STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED")
 
 
@@ -43,7 +43,7 @@ class Build(build_ext):
 
 setup(
     cmdclass={"build_ext": Build},
-    options={"bdist_wheel": {"py_limited_api": "cp310"}} if STABLE else {},
+    options={"bdist_wheel": {"py_limited_api": "cp311"}} if STABLE else {},
     ext_modules=[
         Extension(
             "pmalpha._core",
@@ -53,7 +53,7 @@ setup(
             define_macros=[
                 ("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION"),
                 ("NPY_TARGET_VERSION", "NPY_1_23_API_VERSION"),
-                *([("Py_LIMITED_API", "0x030A0000")] if STABLE else []),
+                *([("Py_LIMITED_API", "0x030B0000")] if STABLE else []),
             ],
             py_limited_api=STABLE,
             extra_compile_args=[

@@ -93,7 +93,7 @@ def report(name, rows, folder=RESULTS):
     for line in [columns, *cells]:
         print("  ".join(x.rjust(w) for x, w in zip(line, widths)))
     folder.mkdir(exist_ok=True, parents=True)
-    today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
     with open(folder / f"{name}.csv", "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*columns, "machine", "versions", "date"])

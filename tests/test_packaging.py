@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def environment(system, machine, python, implementation="CPython"):
 WHEELS = [
     environment(system, machine, python)
     for system, machine in (("linux", "x86_64"), ("darwin", "x86_64"), ("darwin", "arm64"))
-    for python in ("3.10", "3.11", "3.12", "3.13", "3.14")
+    for python in ("3.11", "3.12", "3.13", "3.14")
 ]
 NO_WHEELS = [
     environment("linux", "aarch64", "3.12"),
@@ -47,7 +48,6 @@ NO_WHEELS = [
 )
 def test_pymetis_is_a_dependency_where_it_has_wheels(there, wanted):
     requirements = pytest.importorskip("packaging.requirements")
-    tomllib = pytest.importorskip("tomllib")  # Python 3.11
     listed = tomllib.loads(PYPROJECT.read_text())["project"]["dependencies"]
     found = [requirements.Requirement(line) for line in listed]
     (metis,) = (r for r in found if r.name == "pymetis")

@@ -73,7 +73,7 @@ static void module_free(void *module)
 
 static PyModuleDef_Slot module_slots[] = {
     {Py_mod_exec, module_exec},
-/* Slots that the stable ABI of 3.10 does not have; there check_interpreter refuses. */
+/* Slots that the stable ABI of 3.11 does not have; there check_interpreter refuses. */
 #if defined(Py_mod_multiple_interpreters)
     {Py_mod_multiple_interpreters, Py_MOD_MULTIPLE_INTERPRETERS_NOT_SUPPORTED},
 #endif
