@@ -41,7 +41,7 @@ from .run.uncoupled import solve
 
 if _TYPE_CHECKING:
     __version__: str
-    from . import analysis, export, models, plot, readers, remote, rig, structures
+    from . import analysis, export, models, plot, readers, remote, rig, structures  # noqa: F401
     from .cutting.cut import cut
     from .cutting.element_factors import element_parameters
     from .cutting.elements import Elements
@@ -102,7 +102,6 @@ __all__ = [
     "plot",
     "readers",
     "reduce",
-    "remote",
     "rig",
     "solve",
     "structures",

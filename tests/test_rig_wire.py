@@ -276,6 +276,29 @@ def test_a_coupler_needs_a_command_and_steps_of_its_own_length():
         raise results[0]
 
 
+def test_a_coupler_is_at_its_last_commit_when_the_client_is_gone():
+    coupler = structure(rig.Command(1))
+    with served(coupler) as (address, results):
+        with Driver(address, 1) as client:
+            for step in (1, 2):
+                client.send(3, [0.0], [0.3], 0.05 * step)
+                client.send(5, [0.0], [0.3], 0.05 * step)
+            kept = client.force([0.0], [0.9], 0.15)
+            client.socket.shutdown(socket.SHUT_RDWR)
+    assert isinstance(results[0], ConnectionError) and np.isfinite(kept).all()
+    assert coupler.step_count == 2
+    assert abs(coupler.state("lower").v[0] - 0.3) < 1e-14
+
+
+def test_a_coupler_needs_velocities():
+    with served(structure(rig.Command(1))) as (address, results):
+        with connected(address, send=["displacement"]) as there:
+            with pytest.raises(ConnectionError, match="the rig"):
+                there(np.ones(1), np.ones(1), 0.05)
+    with pytest.raises(ValueError, match="a coupler needs the velocities of its interface"):
+        raise results[0]
+
+
 # ---- what is refused -----------------------------------------------------------------------------
 
 

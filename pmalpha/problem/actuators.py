@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 from math import comb
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -35,8 +36,15 @@ CHANGE = np.array([2.0, 0.05, 0.001])
 THRESHOLD = 0.05
 
 
-class Response(NamedTuple):
-    """What a specimen does under given commands, each (k, n)."""
+@dataclass(frozen=True)
+class Response:
+    """What a specimen does under given commands.
+
+    Attributes
+    ----------
+    force, measured : array
+        Forces, and displacements that were measured, shaped as the commands.
+    """
 
     force: np.ndarray
     measured: np.ndarray
@@ -104,13 +112,14 @@ class Device:
         command : (k,) or (k, n) array
             Displacements at t = 0, dt, 2 dt, ...; at rest before.
         dt : float
+            Time between two commands.
         velocity : like command, optional
             Default: central differences of the command.
 
         Returns
         -------
         Response
-            With ``.force`` and ``.measured``, shaped as the command.
+            Has ``.force`` and ``.measured``, shaped as the command.
 
         Examples
         --------
@@ -169,10 +178,6 @@ class SimulatedActuator(Device):
     seed : int, optional
         Of the noise, which is the same in each run. Default: another one for each object.
 
-    See Also
-    --------
-    Compensated, tracking
-
     Examples
     --------
     An undamped oscillator, half of whose stiffness is tested, grows by exp(k_e tau t / (2 m)):
@@ -211,6 +216,7 @@ class SimulatedActuator(Device):
 
     @property
     def facts(self) -> str:
+        """Its parameters, for the comparison of problems."""
         names = ["delay", "order", "frequency", "damping", "noise", "saturation", "quantum", "seed"]
         if self.frequency is None:
             names = [name for name in names if name not in ("order", "damping")]
@@ -275,6 +281,7 @@ class Compensated(Device):
 
     @property
     def facts(self) -> str:
+        """Its parameters, for the comparison of problems."""
         order = f", order={self.order}" if self.method == "polynomial" else ""
         return f"Compensated delay={self.delay!r}, method={self.method!r}{order}"
 

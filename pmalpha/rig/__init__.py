@@ -2,14 +2,15 @@
 
 `serve` makes a function, a subdomain or a coupler the element of a model of OpenSees, `connect` a
 specimen of what listens elsewhere, both by the messages of OpenSees and OpenFresco. `Client` and
-`started` call any function of numbers and arrays in another process, which `remote.serve` serves.
+`started` call any function of numbers and arrays in another process, which `serve_calls` serves.
 """
 
 from ..problem.actuators import Compensated, Response, SimulatedActuator
 from ..problem.limits import Limits
 from ..results.monitored import Monitored, read_monitor
-from . import calls as remote
+from . import calls as remote  # noqa: F401  earlier a module of its own
 from .calls import Client, RemoteError, started
+from .calls import serve as serve_calls
 from .connecting import Connected, connect
 from .served import Command
 from .serving import serve
@@ -28,8 +29,8 @@ __all__ = [
     "Tracking",
     "connect",
     "read_monitor",
-    "remote",
     "serve",
+    "serve_calls",
     "started",
     "tracking",
 ]

@@ -63,10 +63,6 @@ def connect(
         When there is no connection.
     ConnectionError
         When the other side does not know the secret.
-
-    See Also
-    --------
-    serve
     """
     check_word(byte_order, "byte_order", tuple(w.BYTE_ORDERS))
     sent, received = _checked(send, "send"), _checked(receive, "receive")

@@ -37,6 +37,9 @@ class Element(Protocol):
     def commit(self, trial: Trial) -> None:
         """The trial state is accepted."""
 
+    def end(self) -> None:
+        """No more comes, whatever the reason: trial states that were not accepted are undone."""
+
     def stiffness(self, trial: Trial, *, initial: bool) -> np.ndarray: ...
 
     def damping(self) -> np.ndarray: ...
@@ -98,6 +101,9 @@ class FunctionElement:
         commit = getattr(self.function, "commit", None)
         if commit is not None:
             commit()
+
+    def end(self) -> None:
+        pass
 
     def stiffness(self, trial: Trial, *, initial: bool) -> np.ndarray:
         return self._matrix("stiffness")
@@ -185,6 +191,9 @@ class StructureElement:
         q = [q1 for _, _, _, q1 in self._internal(trial)]
         self.springs.commit(trial.u)
         self.q = q
+
+    def end(self) -> None:
+        pass
 
     def stiffness(self, trial: Trial, *, initial: bool) -> np.ndarray:
         K: np.ndarray = self.K + self.K_r + self.springs.tangent(trial.u, initial=initial)
@@ -293,6 +302,9 @@ class CouplerElement:
         if not self._is_present(trial):
             self._step(trial)
             self._begin_step(trial.v)
+
+    def end(self) -> None:
+        self._back()
 
     def stiffness(self, trial: Trial, *, initial: bool) -> np.ndarray:
         return np.zeros((self.n, self.n))

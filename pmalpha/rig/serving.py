@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import whole_number
+from ..run.coupler import Coupler
 from . import wire as w
 from .served import Element, Trial, check_served, element_of
 
@@ -80,10 +81,6 @@ def serve(
         For what cannot be served, or another number of dofs than the client has; whatever `what`
         raises. OpenSees is not told and has to be ended: it waits for ever.
 
-    See Also
-    --------
-    connect, Command
-
     Examples
     --------
     >>> import threading, queue
@@ -115,7 +112,14 @@ def serve(
         # a program that sends accelerations integrates: it adds C v and M a itself
         splits = sizes.control[w.KINDS.index("acceleration")] > 0
         element = element_of(what, sizes.n, matrices, splits=splits)
-        return _Session(w.Doubles(link, sizes), element).run()
+        if isinstance(what, Coupler) and sizes.control[w.KINDS.index("velocity")] == 0:
+            raise ValueError(
+                "a coupler needs the velocities of its interface, the client sends none"
+            )
+        try:
+            return _Session(w.Doubles(link, sizes), element).run()
+        finally:
+            element.end()
     finally:
         link.close()
 

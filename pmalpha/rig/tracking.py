@@ -71,8 +71,9 @@ def tracking(
     Parameters
     ----------
     command, measured : (k,) array
-        d and x at the same times, k at least 4.
+        Displacements d and x at the same times, k at least 4.
     dt : float
+        Time between two of them.
     force : (k,) array, optional
         F, measured. Default: that of a spring of stiffness 1, F = x.
     response, reference : (k, s) arrays, optional
@@ -82,6 +83,7 @@ def tracking(
     Returns
     -------
     Tracking
+        The indicators.
 
     Raises
     ------
