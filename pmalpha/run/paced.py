@@ -52,7 +52,7 @@ def run_paced(
                 around = times.kept(session, pace)
                 history = recorded(session, recording, report, held, around)
         except BaseException:
-            if session.last_history is not None and times.state[1]:
+            if session.last_history is not None:
                 session.last_history = replace(session.last_history, pacing=times.pacing(recording))
             raise
         session.last_history = None
