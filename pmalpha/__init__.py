@@ -35,6 +35,7 @@ from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newm
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, RambergOsgood
 from .problem.subdomain import Subdomain
 from .problem.supports import SupportMotion
+from .problem.unilateral import Contact, contact
 from .results.history import History, SubdomainHistory
 from .run.coupler import Coupler
 from .run.uncoupled import solve
@@ -64,6 +65,7 @@ __all__ = [
     "Constraint",
     "ConstraintError",
     "ConstraintWarning",
+    "Contact",
     "ConvergenceError",
     "Coupler",
     "Cut",
@@ -94,6 +96,7 @@ __all__ = [
     "SubdomainHistory",
     "SupportMotion",
     "analysis",
+    "contact",
     "cut",
     "element_parameters",
     "export",

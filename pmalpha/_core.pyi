@@ -30,8 +30,21 @@ _Springs = tuple[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]]
 # position, u, v, w, and optionally (spring, deformation, force), (output, of_u, of_v, of_w) with
 # (start, position, weight) of each
 _Selection = tuple[Any, ...] | None
-_Record = tuple[  # begin, every, selections, multipliers, velocity and displacement jumps, energy
-    int, int, tuple[_Selection, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
+# begin, every, selections, multipliers, velocity and displacement jumps, optionally energy, and
+# impulses and gaps of contacts
+_Record = tuple[Any, ...]
+_Link = tuple[int, np.ndarray, np.ndarray, np.ndarray]  # rows, and a matrix by columns
+# reciprocals of masses, alpha and beta of (U9), or B by columns
+_Struck = tuple[np.ndarray, float, float, _Link | None]
+# first row, gap, restitution and friction of each; subdomain and N of each side; dgemm, dtrsm
+_Contact = tuple[
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    tuple[tuple[int, _Link], ...],
+    Any,
+    Any,
 ]
 
 # function, numbers in its history, where each value of its pattern is in that of the tangent and
@@ -98,6 +111,7 @@ class Subdomain:
         waits: bool = False,  # its single steps are closed, not responded to: mean coupling
         shifts: bool = False,
         continues: bool = False,
+        struck: _Struck | None = None,
     ) -> Subdomain: ...
     def set_load(self, load: _Load | tuple[_Load, ...], /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
@@ -173,6 +187,7 @@ class Coupler:
         doubled: _Matrix = ...,  # mean coupling: the part of H of double steps
         gap: _LU | None = None,  # displacements tied under gc
         processes: _Processes | None = None,
+        contact: _Contact | None = None,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_origin(self, number: int, t: float, /) -> None: ...
@@ -187,6 +202,7 @@ class Coupler:
         | tuple[int, float]
         | tuple[int, str, int, float, float, float]
         | tuple[()]
+        | tuple[str, int]
         | None
     ): ...
     def set_ring(self, held: np.ndarray | None, /) -> None: ...
@@ -214,6 +230,11 @@ class Coupler:
     def set_gap(self, gap: np.ndarray, /) -> None: ...
     def end_multipliers(self) -> np.ndarray: ...
     def set_end_multipliers(self, lam: np.ndarray, /) -> None: ...
+    def contact(self) -> np.ndarray: ...
+    def set_contact(self, numbers: np.ndarray, /) -> None: ...
+    def contact_compliance(self, start: bool, /) -> np.ndarray: ...
+    def contact_turns(self) -> int: ...
+    def set_obstacle(self, load: _Load, /) -> None: ...
 
 @final
 class Guard:

@@ -652,7 +652,7 @@ def test_records_that_do_not_fit_the_present_time_are_refused():
 
 def test_energies_are_recorded_only_where_works_are_summed_up():
     c, s = started()
-    room = np.zeros((11, 1, 6))
+    room = np.zeros((11, 1, 7))
     check_refused(lambda: c.advance(10, (*record(), room)))  # not begun
     mass, two, one = np.ones(2), np.zeros(2), np.zeros(1)
     for bad in (
@@ -673,9 +673,9 @@ def test_energies_are_recorded_only_where_works_are_summed_up():
     locked.setflags(write=False)
     for bad in (
         room[:10],
-        np.zeros((11, 2, 6)),
+        np.zeros((11, 2, 7)),
         np.zeros((11, 1, 5)),
-        np.zeros((11, 6)),
+        np.zeros((11, 7)),
         locked,
         3,
     ):

@@ -39,8 +39,9 @@ LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
 # History.plot is a method of what a run returns and draws by matplotlib, which only drawing needs:
 # the import is inside the method, and no other module of `results` imports pictures.
 EXCEPTIONS = {
-    (f"pmalpha.results.{name}", "pmalpha.plot.histories")
-    for name in ("history", "subdomain_history")
+    ("pmalpha.results.history", "pmalpha.plot.histories"),
+    ("pmalpha.results.subdomain_history", "pmalpha.plot.histories"),
+    ("pmalpha.results.contact_history", "pmalpha.plot.gaps"),
 }
 
 # A class is in one file: these have the reference of all methods, whose lines do not count.

@@ -60,6 +60,7 @@ typedef struct {
     PyObject *subdomains;     /* tuple of SubdomainObject */
     PyObject *arrays;         /* list: the arrays that the core points into */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
+    PyObject *obstacle;       /* list: the arrays of obstacles of contacts, or NULL */
     pma_processes *processes; /* the others, or NULL */
     PyObject *pace;           /* tuple as set_pace describes, or NULL */
     pma_ring ring;            /* of the record, if `held` is set */
@@ -100,12 +101,20 @@ int pma_coupler_claim(CouplerObject *self);
 void pma_coupler_release(CouplerObject *self);
 
 /* Methods of Coupler that are in a file of their own, state_methods.c. */
+PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args);
 PyObject *pma_coupler_object_end_multipliers(CouplerObject *self, PyObject *ignored);
 PyObject *pma_coupler_object_set_end_multipliers(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_gap(CouplerObject *self, PyObject *ignored);
 PyObject *pma_coupler_object_set_gap(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_iteration(CouplerObject *self, PyObject *ignored);
 PyObject *pma_coupler_object_set_iteration(CouplerObject *self, PyObject *obj);
+
+/* ... and in contact.c. */
+PyObject *pma_coupler_object_contact(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_set_contact(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_compliance(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_turns(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj);
 
 /* Methods of the type that are in a file of their own, response_methods.c. */
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
@@ -285,12 +294,19 @@ int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pm
 int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
                        pma_iteration_parts *out);
 
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None) with
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None, contacts=None) with
  * all rows up to macro step `end`; record->selections is the caller's to free */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
 
 /* (p, ptr, index, values): L_b with nb columns */
 int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out);
+
+/* (first, gap, restitution, friction, ((subdomain, link), ...), dgemm, dtrsm): contacts; *sides
+ * is the caller's to free, also after an error. (inverse, alpha, beta, None or B by columns, as a
+ * link): what impulses meet, or None. */
+int pma_take_contact(CouplerObject *self, PyObject *obj, pma_contact_parts *out,
+                     pma_contact_side **sides);
+int pma_take_struck(PyObject *obj, size_t nb, PyObject *arrays, pma_struck *out);
 
 /* None, or (rank, remotes, first, all, counts, starts, gather): remotes has None for the subdomains
  * of this process, else (n, nb, substeps, h, doubled, al2, al2_twice, link); first (ranks + 1,) the

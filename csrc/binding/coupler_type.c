@@ -120,19 +120,22 @@ static int take_mean(CouplerObject *self, PyObject *obj, pma_coupler_parts *part
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p",       "H_start", "H",          "dt",
-                            "rebased",    "motions", "threads", "worthwhile", "macro",
-                            "iteration",  "doubled", "gap",     "processes",  NULL};
+    static char *names[] = {
+        "subdomains", "p",     "H_start",   "H",       "dt",  "rebased",   "motions", "threads",
+        "worthwhile", "macro", "iteration", "doubled", "gap", "processes", "contact", NULL};
     PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None, *doubled = NULL,
-                                                  *gap = Py_None, *processes = Py_None;
+                                                  *gap = Py_None, *processes = Py_None,
+                                                  *contact = Py_None;
+    pma_contact_parts contacts;
+    pma_contact_side *sides = NULL;
     pma_iteration_parts iteration;
     Py_ssize_t p, threads = 1;
     int rebased, worthwhile = 0, macro = 0;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppOOOO", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppOOOOO", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
                                      &PyTuple_Type, &motions, &threads, &worthwhile, &macro,
-                                     &iterated, &doubled, &gap, &processes) ||
+                                     &iterated, &doubled, &gap, &processes, &contact) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0 || (PyTuple_Size(subdomains) == 0 && processes == Py_None))
@@ -156,8 +159,16 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
         pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
         take_mean(self, doubled, &parts) < 0 ||
         take_iteration(self, iterated, &parts, macro, &iteration) < 0 ||
-        take_gap(self, gap, &parts) < 0 || take_parts(self, H_start, H, motions, &parts) < 0)
+        take_gap(self, gap, &parts) < 0 ||
+        (contact != Py_None && pma_take_contact(self, contact, &contacts, &sides) < 0))
         Py_CLEAR(self);
+    if (self && contact != Py_None) {
+        parts.schedule = &pma_contact_schedule;
+        parts.contact = &contacts;
+    }
+    if (self && take_parts(self, H_start, H, motions, &parts) < 0)
+        Py_CLEAR(self);
+    PyMem_Free(sides);
     return (PyObject *)self;
 }
 
@@ -169,6 +180,7 @@ static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
     Py_VISIT(self->motions);
     Py_VISIT(self->pace);
     Py_VISIT(self->held);
+    Py_VISIT(self->obstacle);
     return 0;
 }
 
@@ -186,6 +198,7 @@ static void coupler_dealloc(CouplerObject *self)
     Py_XDECREF(self->motions);
     Py_XDECREF(self->pace);
     Py_XDECREF(self->held);
+    Py_XDECREF(self->obstacle);
     PyObject_GC_Del(self);
     Py_DECREF(type);
 }
@@ -216,6 +229,8 @@ static int check_tables(CouplerObject *self, int64_t steps)
     }
     for (size_t i = 0; i < parts->motion_count; i++)
         all = all && covers(&parts->motions[i].load, begin, end, instants);
+    const pma_load *obstacle = pma_coupler_obstacle(self->core);
+    all = all && (!obstacle || covers(obstacle, begin, end, instants));
     if (!all)
         PyErr_SetString(PyExc_ValueError, "a load table does not cover the steps");
     return all ? 0 : -1;
@@ -343,33 +358,6 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
                                step_count);
 }
 
-/* set_motion(i, load): the velocity of a prescribed motion, in the forms of a load */
-static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
-{
-    Py_ssize_t i;
-    PyObject *obj;
-    const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);
-    if (!PyArg_ParseTuple(args, "nO", &i, &obj))
-        return NULL;
-    if (i < 0 || (size_t)i >= parts->motion_count)
-        return PyErr_Format(PyExc_ValueError, "i must be the number of a motion, got %zd", i);
-    if (pma_coupler_claim(self) < 0)
-        return NULL;
-    pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
-    PyObject *arrays = pma_take_load(obj, &load), *old = NULL;
-    const bool fits = arrays && load.kind != PMA_LOAD_CALLED;
-    if (fits) {
-        old = Py_NewRef(PyList_GetItem(self->motions, i));
-        pma_coupler_set_motion(self->core, (size_t)i, load);
-        PyList_SetItem(self->motions, i, arrays);
-    }
-    pma_coupler_release(self);
-    if (!fits && arrays)
-        PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
-    Py_XDECREF(fits ? old : arrays);
-    return fits ? Py_NewRef(Py_None) : NULL;
-}
-
 static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(closure))
 {
     if (pma_coupler_claim(self) < 0)
@@ -438,7 +426,7 @@ static PyMethodDef coupler_methods[] = {
      "start(step_count, lam, g): sets the macro step, the multipliers and g"},
     {"set_origin", (PyCFunction)coupler_set_origin, METH_VARARGS,
      "set_origin(number, t): macro steps are counted from this one, at time t; before start"},
-    {"set_motion", (PyCFunction)coupler_set_motion, METH_VARARGS,
+    {"set_motion", (PyCFunction)pma_coupler_object_set_motion, METH_VARARGS,
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
      "advance(steps, record, report=None) -> None, (rank,) of another process, the index of the "
@@ -470,6 +458,16 @@ static PyMethodDef coupler_methods[] = {
      "gap() -> (p,) of the displacements where they are tied under gc, a copy"},
     {"set_gap", (PyCFunction)pma_coupler_object_set_gap, METH_O,
      "set_gap(gap): the inverse, after start"},
+    {"contact", (PyCFunction)pma_coupler_object_contact, METH_NOARGS,
+     "contact() -> the last impulses, d and d' of the obstacles at the present, a copy"},
+    {"set_contact", (PyCFunction)pma_coupler_object_set_contact, METH_O,
+     "set_contact(numbers): the inverse, after start"},
+    {"contact_compliance", (PyCFunction)pma_coupler_object_compliance, METH_O,
+     "contact_compliance(start) -> (rows * rows,) W by columns, of the first macro step or later"},
+    {"contact_turns", (PyCFunction)pma_coupler_object_turns, METH_NOARGS,
+     "contact_turns() -> how often the last impulses without friction were solved for"},
+    {"set_obstacle", (PyCFunction)pma_coupler_object_set_obstacle, METH_O,
+     "set_obstacle(load): d and d' of the obstacles of contacts, in the forms of a load"},
     {"iteration", (PyCFunction)pma_coupler_object_iteration, METH_NOARGS,
      "iteration() -> (k,) what shooting begins the next macro step with, a copy"},
     {"set_iteration", (PyCFunction)pma_coupler_object_set_iteration, METH_O,

@@ -68,6 +68,8 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
     }
     if (status == PMA_NOT_FINITE || status == PMA_UNBOUNDED)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
+    if (status == PMA_NO_IMPULSES)
+        return Py_BuildValue("(sn)", "contact", (Py_ssize_t)i);
     if (status == PMA_ELSEWHERE)
         return Py_BuildValue("(n)", (Py_ssize_t)pma_coupler_failed_rank(self->core));
     if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)

@@ -203,6 +203,26 @@ static size_t last_row(const pma_record *record, int64_t end, size_t levels)
     return (size_t)(end / record->every - record->begin / record->every);
 }
 
+/* None or (impulse, gap): rows of contacts */
+static int take_contacts(CouplerObject *self, PyObject *obj, size_t last, pma_record *record)
+{
+    size_t rows;
+    npy_intp count = -1;
+    PyObject *impulse, *gap;
+    if (obj == Py_None)
+        return 0;
+    (void)pma_coupler_contact_compliance(self->core, true, &rows);
+    if (!PyArg_ParseTuple(obj, "OO", &impulse, &gap) ||
+        take_rows(impulse, &count, (npy_intp)rows, "impulse", &record->contact_impulse) < 0 ||
+        take_rows(gap, &count, (npy_intp)pma_coupler_contacts(self->core), "gap",
+                  &record->contact_gap) < 0)
+        return -1;
+    if (rows > 0 && (size_t)count > last)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the record has too few rows, or no contacts");
+    return -1;
+}
+
 static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end, size_t fine,
                           pma_record *record)
 {
@@ -239,19 +259,19 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     return -1;
 }
 
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None);
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None, contacts=None);
  * the caller frees record->selections */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
     const Py_ssize_t count = PyTuple_Size(self->subdomains);
     long long begin, every;
-    PyObject *selections, *interface[3], *energy = Py_None;
+    PyObject *selections, *interface[3], *energy = Py_None, *contacts = Py_None;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "LLO!OOO|O", &begin, &every, &PyTuple_Type, &selections,
-                          &interface[0], &interface[1], &interface[2], &energy))
+    if (!PyArg_ParseTuple(obj, "LLO!OOO|OO", &begin, &every, &PyTuple_Type, &selections,
+                          &interface[0], &interface[1], &interface[2], &energy, &contacts))
         return -1;
     if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
         PyTuple_Size(selections) != count) {
@@ -277,7 +297,9 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record 
                             &record->selections[first + (size_t)i], more) < 0)
             return -1;
     }
-    if (take_energy(self, energy, end, record) < 0)
+    const size_t fine = pma_coupler_instants(self->core);
+    if (take_energy(self, energy, end, record) < 0 ||
+        take_contacts(self, contacts, last_row(record, end, fine), record) < 0)
         return -1;
-    return take_interface(self, interface, end, pma_coupler_instants(self->core), record);
+    return take_interface(self, interface, end, fine, record);
 }

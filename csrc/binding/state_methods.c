@@ -74,3 +74,30 @@ PyObject *pma_coupler_object_set_iteration(CouplerObject *self, PyObject *obj)
     pma_coupler_release(self);
     Py_RETURN_NONE;
 }
+
+/* set_motion(i, load): the velocity of a prescribed motion, in the forms of a load */
+PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)
+{
+    Py_ssize_t i;
+    PyObject *obj;
+    const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);
+    if (!PyArg_ParseTuple(args, "nO", &i, &obj))
+        return NULL;
+    if (i < 0 || (size_t)i >= parts->motion_count)
+        return PyErr_Format(PyExc_ValueError, "i must be the number of a motion, got %zd", i);
+    if (pma_coupler_claim(self) < 0)
+        return NULL;
+    pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
+    PyObject *arrays = pma_take_load(obj, &load), *old = NULL;
+    const bool fits = arrays && load.kind != PMA_LOAD_CALLED;
+    if (fits) {
+        old = Py_NewRef(PyList_GetItem(self->motions, i));
+        pma_coupler_set_motion(self->core, (size_t)i, load);
+        PyList_SetItem(self->motions, i, arrays);
+    }
+    pma_coupler_release(self);
+    if (!fits && arrays)
+        PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
+    Py_XDECREF(fits ? old : arrays);
+    return fits ? Py_NewRef(Py_None) : NULL;
+}

@@ -35,18 +35,19 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     static char *names[] = {"n",        "nb",    "substeps", "K",         "C",        "scheme",
                             "single",   "twice", "link",     "restoring", "D_r",      "lagged",
                             "responds", "K_r",   "springs",  "M",         "internal", "iterate",
-                            "mass",     "waits", "shifts",   "continues", NULL};
+                            "mass",     "waits", "shifts",   "continues", "struck",   NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
+    PyObject *struck = Py_None;
     pma_scheme scheme;
     int lagged = 0, responds = 0, waits = 0, shifts = 0, continues = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOppp", names, &n, &nb,
-                                     &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
-                                     &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
-                                     &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M,
-                                     &internal, &iterated, &mass, &waits, &shifts, &continues))
+    if (!PyArg_ParseTupleAndKeywords(
+            args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOpppO", names, &n, &nb, &substeps, &K, &C,
+            &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma, &single, &twice, &link, &restoring,
+            &D_r, &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated,
+            &mass, &waits, &shifts, &continues, &struck))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -76,7 +77,8 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
         take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
-        pma_take_link(link, parts->nb, arrays, &parts->link) < 0)
+        pma_take_link(link, parts->nb, arrays, &parts->link) < 0 ||
+        pma_take_struck(struck, parts->nb, arrays, &parts->struck) < 0)
         return -1;
     parts->mean = mass != Py_None;
     if (parts->mean && pma_take_factor(mass, n, nb, "mass", arrays, &parts->mass) < 0)

@@ -23,6 +23,7 @@
     X(PMA_SINGULAR, "a tangent is singular")                      \
     X(PMA_LIMITED, "a specimen would leave its limits")           \
     X(PMA_LATE, "a paced step has ended too late")                \
+    X(PMA_NO_IMPULSES, "impulses of contacts do not converge")    \
     X(PMA_STOPPED, "stopped by the caller")                       \
     X(PMA_NO_THREADS, "the system makes no more threads")         \
     X(PMA_ELSEWHERE, "another process has failed")

@@ -270,17 +270,19 @@ void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
 
 /* ---- matrices on their way to a factor in panels -------------------------------------------- */
 
-/* C := alpha A B^T + beta C, A (m*k), B (n*k); C is not read when beta is zero */
+/* C := alpha A B^T + beta C, A (m*k), B (n*k), or with B (k*n) in place of B^T; C is not read when
+ * beta is zero */
 static void naive_dgemm(char *trans_a, char *trans_b, int *m, int *n, int *k, double *alpha,
                         double *A, int *lda, double *B, int *ldb, double *beta, double *C, int *ldc)
 {
-    CHECK(*trans_a == 'N' && *trans_b == 'T');
-    CHECK(*lda >= *m && *ldb >= *n && *ldc >= *m);
+    const bool transposed = *trans_b == 'T';
+    CHECK(*trans_a == 'N' && (transposed || *trans_b == 'N'));
+    CHECK(*lda >= *m && *ldb >= (transposed ? *n : *k) && *ldc >= *m);
     for (int j = 0; j < *n; j++) {
         for (int i = 0; i < *m; i++) {
             double sum = 0.0;
             for (int l = 0; l < *k; l++)
-                sum += A[i + l * *lda] * B[j + l * *ldb];
+                sum += A[i + l * *lda] * (transposed ? B[j + l * *ldb] : B[l + j * *ldb]);
             double *c = &C[i + j * *ldc];
             *c = *beta == 0.0 ? *alpha * sum : *alpha * sum + *beta * *c;
         }

@@ -43,15 +43,15 @@ static void check_by_hand(size_t substeps)
     double v[4][2] = {{2, 0}, {1, 4}, {0, 2}, {-1, 0}}, no_springs[1] = {0.0};
     const double loads[4][2] = {{1, 1}, {3, 5}, {0, 2}, {4, -2}}, lam[4] = {1, 3, -1, 2};
     const double expected[4][PMA_ENERGIES] = {
-        {4.0, 0.0, 0.0, 0.0, 0.0, 4.0},
+        {4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4.0},
         /* from 0 to 1, though the step was a double one: there is no level before
          * T = (2 + 64)/2; U = (3 - 4 + 8)/2; C v: (2, 0), (1, 2); pull: -2, -6; F u: 13 */
-        {33.0, 3.5, 3.5, 8.0, -8.0, 23.5},
+        {33.0, 3.5, 3.5, 8.0, -8.0, 0.0, 23.5},
         /* a double step from 0 to 2
          * T = 16/2; U = (27 - 12 + 8)/2; du = (3, 2); C v: (0, 1); pull: 2; F u: 4 */
-        {8.0, 11.5, 4.0, 4.5, 0.0, 15.5},
+        {8.0, 11.5, 4.0, 4.5, 0.0, 0.0, 15.5},
         /* and from 1 to 3, on the sums of level 1: du = (1, 4); C v: (-1, 0); pull: -4; F u: -4 */
-        {1.0, 30.0, 3.5 + 4.0, 8.0 + 9.5, -8.0 - 20.0, 35.0}};
+        {1.0, 30.0, 3.5 + 4.0, 8.0 + 9.5, -8.0 - 20.0, 0.0, 35.0}};
     const pma_load load = {
         .kind = PMA_LOAD_TABLE, .n = 2, .values = loads[1], .first = 40, .rows = 3};
     pma_energy_parts parts = two_dofs(M, K, C);

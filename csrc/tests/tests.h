@@ -60,5 +60,6 @@ extern const test NEWTON_TESTS[];
 extern const test ITERATED_TESTS[];
 extern const test DUFFING_TESTS[];
 extern const test ITERATED_RUNS_TESTS[];
+extern const test CONTACT_TESTS[];
 
 #endif

@@ -91,7 +91,7 @@ class Constraint(Frozen):
         if len(rows) > 1:
             raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
         self.p = rows.pop()
-        counts = sum(_counts(L) for L in self.matrices.values())
+        counts = sum(row_counts(L) for L in self.matrices.values())
         if self.p == 0:
             raise ValueError("matrices must have at least one row, got none")
         if np.any(counts == 0):
@@ -167,7 +167,7 @@ def selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
     return sp.csr_array((np.full(p, entry), (np.arange(p), dofs)), shape=(p, n))
 
 
-def _counts(L: sp.csr_array | Chosen) -> np.ndarray:
+def row_counts(L: sp.csr_array | Chosen) -> np.ndarray:
     """Entries in each row."""
     return np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
 

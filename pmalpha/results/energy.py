@@ -18,8 +18,10 @@ from ..setup.schedule import Options
 __all__ = ["Energy"]
 
 # The energies of a subdomain that the core records at a macro time level, in this order.
-ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface", "conserved")
-ENERGY_FIELDS = (*ENERGIES[:-1], "balance")
+ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface", "contact", "conserved")
+ENERGY_FIELDS = (*ENERGIES[:-2], "balance")
+# Of some couplers only.
+OPTIONAL = ("conserved", "contact")
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,8 @@ class Energy:
         restoring and internal forces count as dissipated, less the change of their energy in U: of
         a function without potential also the elastic share.
     balance : array
-        kinetic + strain + dissipated - external - interface, minus its value at the beginning: the
-        energy that the scheme added, negative if it was removed, (B4).
+        kinetic + strain + dissipated - external - interface - contact, minus its value at the
+        beginning: the energy that the scheme added, negative if it was removed, (B4).
     conserved : array or None
         Shares of the subdomains in what the coupled scheme conserves to rounding, in their sum:
         with the trapezoidal rule, central difference and other Newmark schemes with gamma = 1/2 in
@@ -54,7 +56,10 @@ class Energy:
         the trapezoidal rule kinetic + strain - F . u. Damping and varying loads and motions change
         it.
         None with other schemes and steps, with restoring and internal forces, with
-        ``drift="removed"``, and in files of older versions.
+        ``drift="removed"``, with contacts, and in files of older versions.
+    contact : array or None
+        Work of the impulses of contacts on each subdomain, P N (v0 + v1) / 2 in each step (U10);
+        None without contacts.
     """
 
     t: np.ndarray
@@ -65,6 +70,7 @@ class Energy:
     interface: np.ndarray
     balance: np.ndarray
     conserved: np.ndarray | Any = None
+    contact: np.ndarray | Any = None
 
     @classmethod
     def balanced(
@@ -76,6 +82,7 @@ class Energy:
         external: np.ndarray,
         interface: np.ndarray,
         conserved: np.ndarray | None = None,
+        contact: np.ndarray | None = None,
         *,
         start: np.ndarray,
     ) -> Energy:
@@ -83,7 +90,7 @@ class Energy:
 
         Parameters
         ----------
-        t, kinetic, strain, dissipated, external, interface, conserved : arrays
+        t, kinetic, strain, dissipated, external, interface, conserved, contact : arrays
             As the attributes.
         start : (subdomains,) array
             Kinetic and strain energy where the works are zero.
@@ -95,7 +102,9 @@ class Energy:
         """
         with np.errstate(over="ignore", invalid="ignore"):  # squares of numbers above 1e154
             balance = kinetic + strain - start + dissipated - external - interface
-        return cls(t, kinetic, strain, dissipated, external, interface, balance, conserved)
+            balance = balance if contact is None else balance - contact
+        own = (kinetic, strain, dissipated, external, interface, balance)
+        return cls(t, *own, conserved, contact)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The arrays by name, those that are there.
@@ -105,8 +114,8 @@ class Energy:
         dict of arrays
             As the attributes, without `t`; `conserved` only where there is such a quantity.
         """
-        names = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
-        return {name: getattr(self, name) for name in names}
+        found = ((name, getattr(self, name)) for name in (*ENERGY_FIELDS, *OPTIONAL))
+        return {name: x for name, x in found if x is not None}
 
     def __repr__(self) -> str:
         subdomains = counted(self.balance.shape[1], "subdomain")

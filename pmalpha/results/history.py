@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import counted
 from ..problem.subdomain import Subdomain
+from .contact_history import Contacts, Recorded, recorded_contacts
 from .conversion import dataset, frames
 from .energy import Energy
 from .history_table import history_html
@@ -68,6 +69,8 @@ class History:
         That of the `Coupler`. Not in files.
     warnings : tuple of str
         Those about this run. Not in files.
+    contact_impulses, contact_gaps, contact_layout
+        Those of all contacts, of which `contacts` is made.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -83,6 +86,9 @@ class History:
     pacing: Pacing | Any = None
     coupling: str | None = None
     warnings: tuple[str, ...] = ()
+    contact_impulses: np.ndarray | Any = None
+    contact_gaps: np.ndarray | Any = None
+    contact_layout: tuple[Recorded, ...] = ()
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -90,6 +96,12 @@ class History:
         if found is None:
             raise KeyError(f"subdomain {self.keys[i][0]!r} was not recorded")
         return found
+
+    @property
+    def contacts(self) -> Contacts:
+        """What was recorded of contacts: ``contacts[joint]``, ``contacts["joint"]`` or
+        ``contacts[0]`` is a `ContactHistory`."""
+        return recorded_contacts(self)
 
     def __len__(self) -> int:
         return len(self.subdomains)

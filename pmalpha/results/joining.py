@@ -51,7 +51,7 @@ def _content(piece: Any) -> list[Any]:
         for s in piece.subdomains
     ]
     names = [name for name, _ in piece.keys]
-    return [names, recorded, piece.multipliers.shape[1]]
+    return [names, recorded, piece.multipliers.shape[1], [x[:3] for x in piece.contact_layout]]
 
 
 def _check_times(first: np.ndarray, second: np.ndarray, i: int) -> None:

@@ -74,6 +74,10 @@ OF_INTERFACE = {
     "velocity_jump": Quantity(
         "constraints", "violation of the velocity constraints, as multipliers", "u/t", "fine"
     ),
+    "contact_impulses": Quantity(
+        "contact rows", "impulses of contacts since the row before", "F t", "fine"
+    ),
+    "contact_gaps": Quantity("contacts", "gaps of contacts, as contact_impulses", "u", "fine"),
     "displacement_jump": Quantity(
         "constraints", "displacement drift, a column for each constraint", "u", "macro"
     ),

@@ -22,6 +22,7 @@ from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from .appending import EarlierRows, check_new
 from .clock import Clock
+from .contact_history import layouts
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, hdf5_library, output_array, row_count
@@ -91,6 +92,7 @@ class Recording:
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.columns = [recorded_columns(*own) for own in zip(parts, self.dofs, self.springs)]
+        self.contacts = rows.contacts
         self.has_energy = energy
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.steps_in_memory = self._steps_in_memory()
@@ -126,10 +128,9 @@ class Recording:
             () if own is None else own.in_order(part.position)
             for part, own in zip(parts, self.outputs)
         ]
-        p = self.core_rows.p
         self.interface = {
-            name: self._allocate(self._levels_of(name), p)
-            for name in of_columns(OF_INTERFACE, "constraints")
+            name: self._allocate(self._levels_of(name), count)
+            for name, count in self._interface_columns.items()
         }
         self.energy = self._allocate(1, self.energy_columns)
         assert self.used == self.block.size
@@ -138,6 +139,15 @@ class Recording:
     def numbers_kept(self) -> float:
         """Numbers that the History keeps in memory."""
         return self._numbers(self._rows_in_memory)
+
+    @property
+    def _interface_columns(self) -> dict[str, int]:
+        """The number of columns of each array of the interface; contacts where there are any."""
+        counts = {"constraints": self.core_rows.p}
+        if self.contacts is not None:
+            counts |= {"contact rows": self.contacts.rows, "contacts": self.contacts.count}
+        found = ((name, counts.get(x.columns)) for name, x in OF_INTERFACE.items())
+        return {name: count for name, count in found if count is not None}
 
     def _levels_of(self, name: str) -> int:
         """Time levels per macro step of an array of the interface."""
@@ -167,10 +177,9 @@ class Recording:
 
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
-        p = self.core_rows.p
         numbers = 2.0 * rows(1) * self.energy_columns  # also as a History has them
-        for name in of_columns(OF_INTERFACE, "constraints"):
-            numbers += rows(self._levels_of(name)) * p
+        for name, count in self._interface_columns.items():
+            numbers += rows(self._levels_of(name)) * count
         for part, columns, own in zip(self.parts, self.columns, self.outputs):
             outputs = 0 if own is None else own.rows
             numbers += rows(part.substeps) * (sum(columns.values()) + outputs)
@@ -235,8 +244,11 @@ class Recording:
                     ),
                 )
         energy = self._energies(self.energy) if self.has_energy else None
-        interface = self.interface.values()
-        return (self.begin, self.every or 0, tuple(selections), *interface, energy)
+        interface = (self.interface[name] for name in of_columns(OF_INTERFACE, "constraints"))
+        contacts = None
+        if self.contacts is not None:
+            contacts = self.interface["contact_impulses"], self.interface["contact_gaps"]
+        return (self.begin, self.every or 0, tuple(selections), *interface, energy, contacts)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro time level, subdomain and kind."""
@@ -280,6 +292,7 @@ class Recording:
             keys=self.keys,
             energy=self._energy_history(macro, end) if self.has_energy else None,
             substeps=self._substeps(macro),
+            contact_layout=() if self.contacts is None else layouts(self.contacts),
         )
 
     def _substeps(self, rows: int) -> np.ndarray:
@@ -303,10 +316,14 @@ class Recording:
         stored = kinds["kinetic"] + kinds["strain"]
         if self.conserved is None:
             kinds["conserved"] = None
+        if self.contacts is None:
+            kinds["contact"] = None
         return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
 
     def _in_users_rows(self, name: str, x: np.ndarray) -> np.ndarray:
         """Forces or jumps of the constraints as the user has written them."""
+        if OF_INTERFACE[name].columns != "constraints":
+            return x
         rows = self.core_rows
         return rows.forces(x) if OF_INTERFACE[name].unit == "F" else rows.jumps(x)
 
@@ -375,13 +392,20 @@ class FiledRecording(Recording):
 
     def _levels(self) -> dict[str, int]:
         """Time levels per macro step of all growing arrays, by name."""
-        levels = {name: self._levels_of(name) for name in OF_INTERFACE}
+        columns = self._interface_columns
+        levels = {
+            name: self._levels_of(name)
+            for name, x in OF_INTERFACE.items()
+            if name in columns or not x.columns.startswith("contact")
+        }
         for i, (part, columns, own) in enumerate(zip(self.parts, self.columns, self.outputs)):
             if self.dofs[i] is not None:
                 levels |= {f"{i}.{name}": part.substeps for name in ("t", *columns)}
                 count = 0 if own is None else len(own.sizes)
                 levels |= {output_array(i, k): part.substeps for k in range(count)}
-        fields = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
+        fields = [*ENERGY_FIELDS]
+        fields += ["conserved"] * (self.conserved is not None)
+        fields += ["contact"] * (self.contacts is not None)
         return levels | {f"energy.{name}": 1 for name in fields if self.has_energy}
 
     def keep(self, end: int) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..files import HDF5, NPZ, checked_path, read_npz, write_npz
 from . import history_file
-from .energy import ENERGY_FIELDS, Energy
+from .contact_history import Recorded
+from .energy import ENERGY_FIELDS, OPTIONAL, Energy
 from .history_file import FORMAT, VERSION, output_array, whole_numbers
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
@@ -50,6 +51,8 @@ def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             for s in history.subdomains
         ],
     }
+    if history.contact_layout:
+        header["contacts"] = [x[:3] for x in history.contact_layout]
     arrays = arrays_of(history)
     for i, s in enumerate(history.subdomains):
         if s is not None:
@@ -93,13 +96,15 @@ def stored_fields(path: str | PathLike[str], whole: type, kind: type) -> dict[st
         energy = None
         if any(key.startswith("energy.") for key in arrays):
             energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
-            conserved = arrays.get("energy.conserved")
-            energy = Energy(interface["macro_times"], **energies, conserved=conserved)
+            others: dict[str, Any] = {x: arrays.get(f"energy.{x}") for x in OPTIONAL}
+            energy = Energy(interface["macro_times"], **energies, **others)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise ValueError(
             f"path must lead to a complete file, {str(path)!r} lacks {error}"
         ) from None
     keys = tuple((name, None) for name in header["names"])
+    layout = tuple(Recorded(*x) for x in header.get("contacts", ()))
+    interface |= {"contact_layout": layout}
     return {"subdomains": tuple(subdomains), **interface, "keys": keys, "energy": energy}
 
 

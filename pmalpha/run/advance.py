@@ -28,6 +28,8 @@ AHEAD = 32_000_000
 # Macro steps of a chunk. Not by the clock: a callable that reads what another function wrote, which
 # it should not, would then return something else in every run.
 CHUNK = 32
+# Sweeps of the core over contacts with friction.
+MOST_SWEEPS = 5000
 
 
 def advance(
@@ -122,6 +124,11 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
         return LimitError(part.name, what, dof, value, limit, end)
     if isinstance(failed, tuple) and len(failed) == 1:
         return Elsewhere(f"rank {failed[0]} has failed")
+    if isinstance(failed, tuple) and failed[:1] == ("contact",):
+        assert loads.obstacles is not None
+        row = loads.obstacles.contacts.name_of_core_row(failed[1])
+        cause = f"the impulses of contacts do not come to an end, furthest in {row}"
+        return ConvergenceError("interface", loads.clock.time(step + 1), MOST_SWEEPS, cause)
     if isinstance(failed, tuple) and len(failed) == 4:
         return _convergence_error(failed, names, step, loads, first)
     if isinstance(failed, tuple) and len(failed) == 2:

@@ -199,6 +199,7 @@ def groups_of(session: Session, plan: Plan) -> list[list[int]]:
     """Cases that run side by side; those of one case run on the coupler itself."""
     possible = lanes_are_possible(session.parts, session.loads.motions)
     possible = possible and session.options.drift == "kept" and not plan.chosen["energy"]
+    possible = possible and session.rows.contacts is None
     fitting = [
         k
         for k, (case, path) in enumerate(zip(plan.cases, plan.paths))

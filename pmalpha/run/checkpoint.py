@@ -49,6 +49,8 @@ LENGTHS = "lengths"
 OF_A_RANK = r"\.\d+\.[0-9a-f]{8}\.\d+"
 # Bytes of the name of a file.
 LONGEST_NAME = 255
+# Numbers of the rows of contacts.
+OF_CONTACTS = ("gap", "friction", "restitution")
 # Number of differences that an error lists.
 SHOWN = 6
 
@@ -64,6 +66,7 @@ def constants(
     matrices: Sequence[sp.csc_array],
     *,
     iterates: bool,
+    contacts: Any = None,
 ) -> dict[str, Any]:
     """The constant facts of a problem, by the name that an error shows.
 
@@ -80,6 +83,7 @@ def constants(
         L_i, in the user's order.
     iterates : bool
         Whether some subdomain has internal forces.
+    contacts : Contacts or None
     """
     facts = {**options._asdict(), "newton": repr(options.newton)}
     facts |= {"names": list(names), "conditions": p}
@@ -105,6 +109,11 @@ def constants(
             facts[f"internal forces {of}"] = internal(part)
         facts[f"restoring {of}"] = "none" if s.restoring is None else load(s.restoring)
         facts[f"conditions on {part.name!r}"] = checksum(sp.csr_array(L))
+    if contacts is not None:
+        facts |= {
+            f"rows of contacts on {parts[i].name!r}": checksum(N) for i, N in contacts.N.items()
+        }
+        facts |= {f"{x} of contacts": checksum(contacts.numbers(x)) for x in OF_CONTACTS}
     return facts
 
 
@@ -210,6 +219,8 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
             arrays[name] = rows.forces(lam)
     if options.drift == "removed":
         arrays["gap"] = rows.jumps(core.gap())
+    if core.contact().size:
+        arrays["contacts"] = core.contact()
     arrays["multipliers"] = rows.forces(core.multipliers)
     arrays["prescribed"] = rows.jumps(core.prescribed)
     return arrays
@@ -229,6 +240,7 @@ class CoreState(NamedTuple):
     prescribed: np.ndarray
     end_multipliers: np.ndarray
     gap: np.ndarray
+    contact: np.ndarray
 
 
 def core_state(
@@ -256,11 +268,15 @@ def core_state(
         if options.coupling == "mean":
             line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
             lengths = checked(arrays, LENGTHS, 2)
+        contact = core.contact()
+        if contact.size:
+            contact = checked(arrays, "contacts", contact.size)
         lam = rows.forces_in_core(checked(arrays, "multipliers", p))
         g = rows.jumps_in_core(checked(arrays, "prescribed", p))
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
-    return CoreState(states, iterations, shooting, lam, g, np.concatenate([*line, lengths]), gap)
+    ends = np.concatenate([*line, lengths])
+    return CoreState(states, iterations, shooting, lam, g, ends, gap, contact)
 
 
 def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -339,6 +355,7 @@ def restore(state: CoreState, parts: Sequence[Part], core: Any, clock: Clock, st
     core.set_gap(state.gap)
     core.set_iteration(state.shooting)
     core.set_end_multipliers(state.end_multipliers)
+    core.set_contact(state.contact)
 
 
 def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:

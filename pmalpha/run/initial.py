@@ -75,7 +75,8 @@ class InitialValues:
         Raises
         ------
         ConstraintError
-            When the velocities violate a constraint, or the displacements where they are tied.
+            When the velocities violate a constraint, or the displacements where they are tied; for
+            a gap of a contact that is negative.
 
         Warns
         -----
@@ -85,6 +86,9 @@ class InitialValues:
         if all_known(motions):
             self._check_velocities(motions)
         displacements = [u for u, _ in self.values]
+        contacts = self.rows.contacts
+        if contacts is not None and not contacts.move:
+            contacts.check_gaps(displacements, np.zeros(contacts.count))
         if tied:
             self.rows.check_gaps(displacements)
         else:
@@ -109,13 +113,24 @@ class InitialValues:
         ranks = self.rows.ranks
         solver = solver or InitialAccelerations(parts, rows.p, rows.numbers, ranks)
         start = self.consistent(parts, loads, rows, solver)
+        contact = self._contact(loads)
         for part, state in zip(parts, start.states):
             part.core.start(*state, start.lam)
             part.gain_reported = False
         core.start(0, start.lam, start.g)
         core.set_gap(start.gap)
         core.set_end_multipliers(start.end_multipliers)
+        core.set_contact(contact)
         return solver
+
+    def _contact(self, loads: Loads) -> np.ndarray:
+        """What the core has of contacts at t = 0; ConstraintError for gaps that are closed."""
+        if loads.obstacles is None:
+            return np.empty(0)
+        contacts, start = loads.obstacles.contacts, loads.obstacles.start()
+        d = start[contacts.rows :][: contacts.count]
+        contacts.check_gaps([u for u, _ in self.values], d)
+        return start
 
     def consistent(
         self,

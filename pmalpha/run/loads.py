@@ -18,6 +18,7 @@ from ..results.clock import Clock
 from ..setup.part import Part
 from .callback import CallbackLoad
 from .motion import Motion, all_known
+from .obstacles import Obstacles
 from .sampled import seen_by
 
 
@@ -40,6 +41,8 @@ class Loads:
         How internal forces are iterated.
     names : sequence of str, optional
         The subdomains as the core numbers them. Default: those of the parts.
+    obstacles : Obstacles, optional
+        Of contacts.
     """
 
     def __init__(
@@ -51,6 +54,7 @@ class Loads:
         motions: Sequence[Motion],
         newton: Newton,
         names: Sequence[str] | None = None,
+        obstacles: Obstacles | None = None,
     ):
         self.newton = newton
         self.names = [part.name for part in parts] if names is None else names
@@ -58,6 +62,7 @@ class Loads:
         fine, self.forces = core.instants, forces
         self.seen = self._seen()
         self.motions = [motion.renewed(fine, clock) for motion in motions]
+        self.obstacles = None if obstacles is None else obstacles.renewed(fine, clock)
         self.callbacks = {
             i: CallbackLoad(
                 force,
@@ -74,12 +79,20 @@ class Loads:
         """These loads, or others, without stored values of callables."""
         forces = self.forces if forces is None else forces
         return Loads(
-            self.core, self.parts, self.clock, forces, self.motions, self.newton, self.names
+            self.core,
+            self.parts,
+            self.clock,
+            forces,
+            self.motions,
+            self.newton,
+            self.names,
+            self.obstacles,
         )
 
     def with_steps(self, core: Any, parts: Sequence[Part], clock: Clock) -> Loads:
         """The same loads for other steps; without stored values of callables."""
-        return Loads(core, parts, clock, self.forces, self.motions, self.newton, self.names)
+        forces, motions = self.forces, self.motions
+        return Loads(core, parts, clock, forces, motions, self.newton, self.names, self.obstacles)
 
     def moved_to(self, core: Any, parts: Sequence[Part]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""
@@ -96,6 +109,7 @@ class Loads:
             bool(self.callbacks)
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
             or not all_known(self.motions)
+            or (self.obstacles is not None and not self.obstacles.known)
             or any(part.subdomain.has_functions for part in self.parts)
             or any(depends_on_motion(force) for force in self.forces)
             or any(part.internal is not None and part.internal.functions for part in self.parts)
@@ -108,8 +122,8 @@ class Loads:
 
     @property
     def iterates(self) -> bool:
-        """Whether the core factors tangents while it steps."""
-        return any(part.tangent is not None for part in self.parts)
+        """Whether the core factors tangents, or the W of contacts, while it steps."""
+        return self.obstacles is not None or any(part.tangent is not None for part in self.parts)
 
     def to_core(self) -> None:
         """Give the core all loads but those of callables, which `prepare` gives it."""
@@ -121,6 +135,8 @@ class Loads:
         for i, motion in enumerate(self.motions):
             if motion.known:
                 self.core.set_motion(i, motion.core_load())
+        if self.obstacles is not None and not self.obstacles.moves:
+            self.core.set_obstacle(None)
 
     # ---- ahead of the core -------------------------------------------------------------------
 
@@ -145,6 +161,9 @@ class Loads:
             if motion.callback is not None:
                 rows = motion.in_core(motion.callback.rows)
                 self.core.set_motion(i, (rows, motion.callback.first))
+        if self.obstacles is not None and self.obstacles.callback is not None:
+            callback = self.obstacles.callback
+            self.core.set_obstacle((callback.rows, callback.first))
         return end, first_failure
 
     def motion_values(self, begin: int, end: int) -> list[bytes]:
@@ -160,7 +179,9 @@ class Loads:
 
     def _all_callbacks(self) -> list[CallbackLoad]:
         velocities = [motion.callback for motion in self.motions if motion.callback is not None]
-        return [*self.callbacks.values(), *velocities]
+        obstacles = [] if self.obstacles is None else [self.obstacles.callback]
+        others = [callback for callback in obstacles if callback is not None]
+        return [*self.callbacks.values(), *velocities, *others]
 
     # ---- at one time, in elimination order ----------------------------------------------------
 

@@ -162,6 +162,8 @@ def judge(session: Session, history: History) -> None:
         return
     parts, rows, motions = session.parts, session.rows, session.loads.motions
     warn_of_gains(parts)
+    if history.contact_impulses is not None and history.contact_impulses.any():
+        return  # velocities that jump are no errors, and a smooth motion is not to be had
     found = estimated_error(history.subdomains, parts, rows, motions)
     warn_if_coarse(found, history.macro_times[-1])
     warn_if_drifting(history, parts, rows, motions)

@@ -76,6 +76,7 @@ def problem_of(session: Session) -> dict[str, Any]:
             first,
             session.rows.matrices,
             iterates=any(iterates),
+            contacts=session.rows.contacts,
         )
     loads = session.loads
     return session.constants | checkpoint.loads(session.parts, loads.forces, loads.motions)

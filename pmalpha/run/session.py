@@ -15,11 +15,15 @@ import numpy as np
 
 from .._core import Guard
 from ..problem.argument_types import Coupling
+from ..problem.forces import Force
+from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
+from ..problem.unilateral import Contact
 from ..results.clock import Clock
 from ..results.history import History
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows
+from ..setup.contact_rows import Contacts
 from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
@@ -34,11 +38,13 @@ from ..setup.schedule import (
     finest,
     most_threads,
     names_of,
+    two_sided_and_contacts,
 )
 from ..setup.start import InitialAccelerations
 from .initial import InitialValues
 from .loads import Loads
-from .motion import motions_of
+from .motion import Motion, motions_of
+from .obstacles import Obstacles
 from .sampled import warn_of_skipped
 from .transfer import Steps
 
@@ -156,14 +162,15 @@ def made(
     everything, own = _of_all(ranks, subdomains)
     chosen = chosen_coupling(options.coupling, len(everything))
     options, coupling = checked_options(options._replace(coupling=chosen)), chosen
-    given = checked_constraints(constraints, everything, names := names_of(everything))
+    bilateral, unilateral = two_sided_and_contacts(constraints)
+    given = checked_constraints(bilateral, everything, names := names_of(everything))
+    contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, given, (*options[:-1], repr(options.newton)))
     clock = Clock(options.dt)
     keys = tuple(zip(names[own], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
-
-    rows = ConstraintRows(given, everything, own, ranks)
+    rows = ConstraintRows(given, everything, own, ranks, contacts)
     motions = motions_of(given, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
     initial = InitialValues(keys, rows)
     initial.check(motions, tied=coupling == "mean")
@@ -174,12 +181,10 @@ def made(
             rows.p,
             layout,
             [motion.rows for motion in motions],
-            coupling=coupling,
-            start=options.start,
-            drift=options.drift,
-            newton=options.newton,
+            **{x: getattr(options, x) for x in ("coupling", "start", "drift", "newton")},
             threads=threads_allowed,
             ranks=ranks,
+            contacts=contacts,
         )
     assembly, forces = assemblies.first, [s.force for s in subdomains]
     warn_of_skipped(assembly.parts, forces, motions, clock.dt / assembly.core.instants)
@@ -191,16 +196,48 @@ def made(
         options=options,
         threads_allowed=threads_allowed,
         rows=rows,
-        core_rows=CoreRows(assemblies.row_position, rows.scale),
+        core_rows=CoreRows(assemblies.row_position, rows.scale, contacts),
         assemblies=assemblies,
         steps=Steps(layout, clock),
         assembly=assembly,
         initial=initial,
-        loads=Loads(assembly.core, assembly.parts, clock, forces, motions, options.newton, names),
+        loads=loads_of(assembly, clock, forces, motions, options.newton, names, contacts),
         accelerations=assemblies.accelerations,
     )
     take_loads(session)
     return session
+
+
+def loads_of(
+    assembly: Assembly,
+    clock: Clock,
+    forces: Sequence[Force],
+    motions: Sequence[Motion],
+    newton: Newton,
+    names: Sequence[str],
+    contacts: Contacts | None,
+) -> Loads:
+    """The loads of a new coupler."""
+    core, parts = assembly.core, assembly.parts
+    obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
+    return Loads(core, parts, clock, forces, motions, newton, names, obstacles)
+
+
+def contacts_of(
+    contacts: Sequence[Contact],
+    everything: Sequence[Any],
+    names: Sequence[str],
+    options: Options,
+    ranks: Ranks | None,
+) -> Contacts | None:
+    """The contacts, if there are any; ValueError for what they do not go with."""
+    if not contacts:
+        return None
+    if ranks is not None:
+        raise ValueError("contacts need a Coupler without comm: one process solves for impulses")
+    made = Contacts(contacts, everything, names)
+    made.check(everything, names, options)
+    return made
 
 
 def _of_all(ranks: Ranks | None, subdomains: Sequence[Subdomain]) -> tuple[Sequence[Any], slice]:

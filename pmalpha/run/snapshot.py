@@ -119,4 +119,5 @@ def _present(parts: Sequence[Part], core: Any) -> CoreState:
         core.prescribed,
         core.end_multipliers(),
         core.gap(),
+        core.contact(),
     )

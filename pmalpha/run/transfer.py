@@ -149,6 +149,7 @@ def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> 
     """The present of `old` becomes that of `new`, whose steps are those of the clock."""
     lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
     ends, shooting = old.core.end_multipliers(), old.core.iteration()
+    contact = old.core.contact()
     for o, n, move in zip(old.parts, new.parts, found):
         n.core.set_levels(move.levels)
         if move.rebased:
@@ -159,6 +160,7 @@ def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> 
     new.core.start(step, lam, g)
     new.core.set_gap(old.core.gap())
     new.core.set_end_multipliers(ends)
+    new.core.set_contact(contact)
     if shooting.size:
         begun = new.core.iteration()
         begun[0] = shooting[0]

@@ -14,6 +14,7 @@ from ..blas import one_thread
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .bounce import warn_of_bounces
+from .contact_rows import Contacts
 from .core_rows import CoreRows
 from .elimination import Eliminations
 from .evaluated import closing_tangent
@@ -108,6 +109,8 @@ class Assemblies:
         Maximum number of threads, and whether to use fewer where more are not faster.
     ranks : Ranks, optional
         The processes, of which each has the subdomains in `keys`, and in other arguments.
+    contacts : Contacts, optional
+        Under "pm" and "gc".
 
     Attributes
     ----------
@@ -131,17 +134,21 @@ class Assemblies:
         newton: Newton,
         threads: tuple[int, bool],
         ranks: Ranks | None = None,
+        contacts: Contacts | None = None,
     ):
         self.ranks = ranks
         self.first_own = 0 if ranks is None else ranks.own.start
         self.coupling, self.start, self.newton = coupling, start, newton
         self.threads = threads
         self.tied = drift == "removed"
-        warn_of_loose(keys, links)
+        self.contacts = contacts
+        reached = {} if contacts is None else contacts.dofs
+        warn_of_loose(keys, links, reached)
 
         # elimination order of each subdomain, and of the rows
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
-        parts = _ordered(keys, links, steps, coupling, self.tied, newton, threads[0])
+        N = [None] * len(keys) if contacts is None else contacts.links(len(keys))
+        parts = _ordered(keys, links, N, steps, coupling, self.tied, newton, threads[0])
         if coupling == "mean":
             check_mean(parts)
         if self.tied:
@@ -157,6 +164,8 @@ class Assemblies:
         self._masses: dict[str, Factor] = {}
         self.accelerations: InitialAccelerations | None = None
         self.first_layout, self.first = layout, self._assemble(layout, parts)
+        if contacts is not None:
+            contacts.warn_of_ties(parts)
         warn_of_growing(keys, links, complete=ranks is None)
 
     def of(self, layout: Layout) -> Assembly:
@@ -203,6 +212,9 @@ class Assemblies:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
         _check_start(parts, self.start, self.coupling)
+        if self.contacts is not None:
+            names = [part.name for part in parts]
+            self.contacts.check_steps(names, layout.substeps, layout.doubles)
 
         # Mbar = R D R^T
         new = [part for part in parts if part.core is None]
@@ -240,6 +252,8 @@ class Assemblies:
             iteration,
             **others,
         )
+        if self.contacts is not None:
+            self.contacts.check_compliance(core, parts)
 
         # explicit steps above the critical step
         ratios = []
@@ -281,6 +295,8 @@ class Assemblies:
         """What else the core needs where displacements are tied, and of other processes."""
         p = self.rows.size
         others = {"processes": processes(self.ranks, map(remote_of, parts))}
+        if self.contacts is not None:
+            others["contact"] = self.contacts.core(parts)
         if self.coupling == "mean":
             return others | {"doubled": doubled_part(parts, p, self.ranks)}
         if not self.tied:
@@ -332,6 +348,7 @@ def _check_start(parts: Sequence[Part], start: str, coupling: str) -> None:
 def _ordered(
     keys: Sequence[tuple[str, Subdomain]],
     links: Sequence[Link],
+    contacts: Sequence[Link | None],
     steps: Sequence[tuple[float, int, bool, float | None]],
     coupling: str,
     tied: bool,
@@ -354,8 +371,9 @@ def _ordered(
             mean=coupling == "mean",
             shifts=tied,
             reuses=newton.tangent == "reuse",
+            N=N,
         )
-        for (name, s), L, (h, substeps, double, _) in zip(keys, links, steps)
+        for (name, s), L, N, (h, substeps, double, _) in zip(keys, links, contacts, steps)
     )
     warn_of_factors(parts)
     warn_of_order(parts)

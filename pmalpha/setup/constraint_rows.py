@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from .._checks import numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
 from ..problem.subdomain import Subdomain
+from .contact_rows import Contacts
 from .core_rows import scale_of_rows
 from .link import Link
 from .rank import require_independent
@@ -36,6 +37,8 @@ class ConstraintRows:
     own : slice, optional
         Those of this process. Default: all.
     ranks : Ranks, optional
+    contacts : Contacts, optional
+        Beside them.
 
     Attributes
     ----------
@@ -60,8 +63,9 @@ class ConstraintRows:
         subdomains: Sequence[Subdomain],
         own: slice = slice(None),
         ranks: Ranks | None = None,
+        contacts: Contacts | None = None,
     ):
-        self.ranks = ranks
+        self.ranks, self.contacts = ranks, contacts
         self.starts = np.cumsum([0] + [c.p for c in constraints])
         self.p = int(self.starts[-1])
         begins = np.cumsum([0] + [s.n for s in subdomains])

@@ -8,6 +8,7 @@ entry, which leaves all digits as they are; rows of ties keep their entries of 1
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -24,10 +25,12 @@ class CoreRows:
         Position of each constraint in the core's order.
     scale : (p,) array
         s of each constraint.
+    contacts : Contacts, optional
+        Beside them, in the user's order.
     """
 
-    def __init__(self, position: np.ndarray, scale: np.ndarray):
-        self.position, self.scale = position, scale
+    def __init__(self, position: np.ndarray, scale: np.ndarray, contacts: Any = None):
+        self.position, self.scale, self.contacts = position, scale, contacts
         self._in_order = np.array_equal(position, np.arange(position.size))
         self._of_size_one = bool(np.all(scale == 1.0))
 

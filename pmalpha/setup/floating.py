@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,9 @@ SAMPLE = 64
 MOST = 100_000
 
 
-def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link]) -> None:
+def warn_of_loose(
+    keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link], contacts: Container[int] = ()
+) -> None:
     """ConstraintWarning for subdomains beside others without a constraint, and for loose ones.
 
     A subdomain is loose if it is floating and a rigid-body motion satisfies its constraints.
@@ -43,10 +45,13 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link]) 
     keys : sequence of (name, Subdomain)
     links : sequence of Link
         L_i, independent rows.
+    contacts : container of int
+        Subdomains that have contacts, which may be loose.
     """
     reached = [L.values.size > 0 for L in links]
-    if len(keys) > 1 and not all(reached):
-        names = [repr(name) for (name, _), found in zip(keys, reached) if not found]
+    alone = [not found and i not in contacts for i, found in enumerate(reached)]
+    if len(keys) > 1 and any(alone):
+        names = [repr(name) for (name, _), found in zip(keys, alone) if found]
         warn(
             f"no constraint reaches {'subdomain' if len(names) == 1 else 'subdomains'} "
             f"{listing(names)}: no force is exchanged with the others; a `tie` is missing, or the "
@@ -54,8 +59,8 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link]) 
             ConstraintWarning,
         )
     loose = {}
-    for (name, s), L, found in zip(keys, links, reached):
-        if found and _is_loose(s, L):
+    for i, ((name, s), L, found) in enumerate(zip(keys, links, reached)):
+        if found and i not in contacts and _is_loose(s, L):
             loose[name] = counted(L.rows.size, "constraint")
     if len(loose) == 1:
         ((name, count),) = loose.items()

@@ -28,6 +28,7 @@ from ..problem.subdomain import Subdomain
 from .compliance import Block, compliance, diagonal_compliances
 from .elimination import Elimination, Eliminations
 from .factors import Factor, Names
+from .impulses import struck
 from .link import Link
 from .stability import StepRatio
 from .stiff_restoring import StiffnessWatch
@@ -100,6 +101,8 @@ class Part:
         Its load if that depends on the motion, for steps of all lengths.
     indefinite : bool
         Tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign.
+    N : Link or None
+        The rows of contacts on it, dofs in elimination order.
     """
 
     subdomain: Subdomain
@@ -135,6 +138,7 @@ class Part:
     known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
     feedback: Feedback | None = None
     indefinite: bool = False
+    N: Link | None = None
 
     @property
     def step(self) -> float:
@@ -297,6 +301,7 @@ def make_part(
     *,
     threads: int = 1,
     responds: bool = False,
+    N: Link | None = None,
     **does: bool,
 ) -> Part:
     """Put a subdomain in its elimination order, interface dofs last.
@@ -305,6 +310,8 @@ def make_part(
     a factor, and `does` has the values of `reuses`, `mean` and `shifts`.
     """
     n, last = subdomain.n, L.dofs
+    if N is not None:
+        last = np.union1d(last, N.dofs)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
     matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
     matrices |= {"stiffness": stiffness, "damping": damping}
@@ -337,6 +344,7 @@ def make_part(
         **fields,
         responds=responds and internal is None,
         feedback=Feedback(f"force of subdomain {name!r}", n) if subdomain.has_feedback else None,
+        N=None if N is None else N.in_order(order),
     )
 
 
@@ -480,6 +488,7 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         waits=part.waits,
         shifts=part.shifts,
         continues=part.over is not None,
+        struck=struck(part),
     )
     if (limits := part.subdomain.limits) is not None:
         in_order = (x if x is None else x[part.order] for x in limits_of_dofs(limits, part.n))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, get_args
 
@@ -14,6 +14,7 @@ from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Chosen, Constraint
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
+from ..problem.unilateral import Contact
 
 MOST_SUBSTEPS = 2**31
 # With one interface problem in a macro step.
@@ -106,57 +107,71 @@ class Rows:
 
 
 def checked_constraints(
-    constraints: Any, subdomains: Sequence[Subdomain], names: Sequence[str]
+    constraints: Sequence[Constraint], subdomains: Sequence[Subdomain], names: Sequence[str]
 ) -> tuple[Rows, ...]:
     """The constraints of a user, with names looked up and numbers of dofs compared."""
+    found = []
+    for k, c in enumerate(constraints):
+        matrices = looked_up(c.matrices, subdomains, names, f"constraint {k}")
+        found.append(Rows(c.p, matrices, c.velocity))
+    return tuple(found)
+
+
+def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tuple[Contact, ...]]:
+    """The constraints of a user, and the contacts among them."""
     if constraints is None:
-        return ()
-    if isinstance(constraints, Constraint):
+        return (), ()
+    if isinstance(constraints, (Constraint, Contact)):
         constraints = (constraints,)
     if not isinstance(constraints, Iterable) or hasattr(constraints, "ndim"):  # of arrays
         raise TypeError(f"constraints must be Constraints, got {constraints!r}")
     constraints = tuple(constraints)
     for c in constraints:
-        if not isinstance(c, Constraint):
+        if not isinstance(c, (Constraint, Contact)):
             raise TypeError(f"constraints must be Constraints, got {c!r}")
+    contacts = tuple(c for c in constraints if isinstance(c, Contact))
+    return tuple(c for c in constraints if isinstance(c, Constraint)), contacts
+
+
+def looked_up(
+    given: Mapping[Any, Any],
+    subdomains: Sequence[Subdomain],
+    names: Sequence[str],
+    what: str,
+) -> dict[int, sp.csr_array]:
+    """Matrices by subdomain or name, by index of the subdomain."""
     known: dict[Any, int] = {s: i for i, s in enumerate(subdomains)}
     known |= {name: i for i, name in enumerate(names)}
-    found = []
-    for k, c in enumerate(constraints):
-        matrices: dict[int, sp.csr_array] = {}
-        for s, L in c.matrices.items():
-            i = _index(s, known, names, k)
-            if i in matrices:
-                raise ValueError(f"constraint {k} must not hold {names[i]!r} twice")
-            matrices[i] = _rows(L, subdomains[i], s, k)
-        found.append(Rows(c.p, matrices, c.velocity))
-    return tuple(found)
+    matrices: dict[int, sp.csr_array] = {}
+    for s, L in given.items():
+        i = _index(s, known, names, what)
+        if i in matrices:
+            raise ValueError(f"{what} must not hold {names[i]!r} twice")
+        matrices[i] = _rows(L, subdomains[i], s, what)
+    return matrices
 
 
-def _index(s: Any, known: dict[Any, int], names: Sequence[str], k: int) -> int:
-    """The index of a subdomain of constraint k."""
+def _index(s: Any, known: dict[Any, int], names: Sequence[str], what: str) -> int:
+    """The index of a subdomain of a constraint."""
     if s in known:
         return known[s]
     if isinstance(s, str):
         known_names = listing([repr(name) for name in names])
-        raise ValueError(
-            f"constraint {k} must name subdomains of this coupler, {known_names}, got {s!r}"
-        )
-    raise ValueError(f"constraint {k} must hold subdomains of this coupler, got [{s!r}]")
+        raise ValueError(f"{what} must name subdomains of this coupler, {known_names}, got {s!r}")
+    raise ValueError(f"{what} must hold subdomains of this coupler, got [{s!r}]")
 
 
-def _rows(L: Any, subdomain: Any, s: Any, k: int) -> sp.csr_array:
-    """The rows of constraint k on a subdomain that is given as s."""
+def _rows(L: Any, subdomain: Any, s: Any, what: str) -> sp.csr_array:
+    """The rows of a constraint on a subdomain that is given as s."""
     n = subdomain.n
     if isinstance(L, Chosen):
         try:
             return L.matrix(n, subdomain.dof_names)
         except (TypeError, ValueError) as error:
-            raise type(error)(f"constraint {k}: {error} of {s!r}") from None
+            raise type(error)(f"{what}: {error} of {s!r}") from None
     if L.shape[1] != n:
         raise ValueError(
-            f"constraint {k} must fit {s!r} of {counted(n, 'dof')}, got "
-            f"{counted(L.shape[1], 'column')}"
+            f"{what} must fit {s!r} of {counted(n, 'dof')}, got {counted(L.shape[1], 'column')}"
         )
     return L
 

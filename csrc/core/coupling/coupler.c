@@ -141,7 +141,10 @@ static pma_status create_team(pma_coupler *c)
 static pma_status prepare(pma_coupler *c, const pma_coupler_parts *parts)
 {
     c->parts.iteration = NULL; /* c->iteration has it */
-    return parts->schedule->prepare ? parts->schedule->prepare(c, parts->iteration) : PMA_OK;
+    const pma_status status =
+        parts->schedule->prepare ? parts->schedule->prepare(c, parts->iteration) : PMA_OK;
+    c->parts.contact = NULL; /* c->contact has it */
+    return status;
 }
 
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
@@ -185,6 +188,7 @@ void pma_coupler_destroy(pma_coupler *c)
     pma_roster_destroy(&c->roster);
     pma_iteration_destroy(c->iteration);
     pma_exchange_destroy(c->exchange);
+    pma_contact_destroy(c->contact);
     free(c->lam_deferred);
     free(c->coupled);
     free(c->motions);

@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coupling/contact.h"
 #include "coupling/exchange.h"
 #include "coupling/interface.h"
 #include "coupling/iteration.h"
@@ -26,6 +27,8 @@ extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step *
 extern const pma_schedule pma_tied_schedule;  /* gc, displacements tied at macro time levels */
 extern const pma_schedule pma_mean_schedule;  /* once in a macro step, displacements; H of (K4) */
 extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
+
+extern const pma_schedule pma_contact_schedule; /* pm and gc with unilateral contacts */
 
 /* "pm" and "gc" with members in other processes; the other two have them as they are. */
 extern const pma_schedule pma_distributed_schedule;
@@ -49,6 +52,7 @@ typedef struct {
     const pma_schedule *schedule;
     const pma_iteration_parts *iteration; /* of the last two schedules, else NULL; copied */
     const pma_exchange_parts *exchange;   /* with members in other processes, else NULL; copied */
+    const pma_contact_parts *contact;     /* of the schedule with contacts, else NULL; copied */
     size_t motion_count;
     const pma_motion *motions; /* copied */
     size_t threads;            /* maximum number, including the caller; 0 stands for 1 */
@@ -97,7 +101,8 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE, PMA_FORCE_FAILED, PMA_RESTORING_FAILED, PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC,
- * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_STOPPED (possibly with
+ * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_NO_IMPULSES (it is the row
+ * of a contact), PMA_STOPPED (possibly with
  * all steps done), PMA_ELSEWHERE (all processes are at the same macro step), and PMA_NO_THREADS
  * before the first step. Does not allocate, but for the threads when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
@@ -139,6 +144,16 @@ double *pma_coupler_end_multipliers(pma_coupler *c);
 /* What the iteration of internal forces keeps from one macro step to the next, beside what the
  * subdomains keep: `*size` numbers, to be read or written after a start. */
 double *pma_coupler_iteration(pma_coupler *c, size_t *size);
+/* Contacts: the last impulses (rows) and the obstacles at the present (2 contacts), one after the
+ * other, which belong to the state, to be written after a start; W (rows x rows) by columns of the
+ * first macro step or of the later ones; another obstacle, for as many contacts; and how often the
+ * last impulses without friction were solved for. */
+double *pma_coupler_contact(pma_coupler *c, size_t *size);
+const double *pma_coupler_contact_compliance(const pma_coupler *c, bool start, size_t *rows);
+const pma_load *pma_coupler_obstacle(const pma_coupler *c); /* NULL without contacts */
+void pma_coupler_set_obstacle(pma_coupler *c, pma_load load);
+size_t pma_coupler_contacts(const pma_coupler *c);
+size_t pma_coupler_contact_turns(const pma_coupler *c);
 /* As given, but without the list of members; the motions as they were set last. */
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
 

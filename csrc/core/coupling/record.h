@@ -32,6 +32,8 @@ typedef struct {
     double *multipliers;       /* rows x p */
     double *velocity_jump;     /* rows x p */
     double *displacement_jump; /* rows x p, of macro time levels */
+    double *contact_impulse;   /* rows x rows of contacts: summed since the row before; or NULL */
+    double *contact_gap;       /* rows x contacts; or NULL */
     double *energy;            /* rows x subdomains x PMA_ENERGIES, of macro time levels; or NULL.
                                   With a column for each subdomain whose energy is summed up */
     pma_ring *ring;            /* or NULL: there are rows for all */

@@ -2,8 +2,9 @@
  *
  * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the schedule with an interface problem in
  * every fine step ("pm", "gc"), tied.c the same without drift, macro.c and mean.c those with one in
- * a macro step; iterated.c and shooting.c are the first and macro.c with internal forces;
- * recorder.c what is recorded; teamwork.c and look_ahead.c are what several threads do in them. */
+ * a macro step; contact.c is the first with contacts, iterated.c and shooting.c are the first and
+ * macro.c with internal forces; recorder.c what is recorded; teamwork.c and look_ahead.c are what
+ * several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
@@ -94,6 +95,7 @@ struct pma_coupler {
 
     pma_exchange *exchange;   /* with members in other processes, else NULL */
     pma_iteration *iteration; /* with members that have internal forces, else NULL */
+    pma_contact *contact;     /* of the schedule with contacts, else NULL */
 
     pma_roster roster;   /* which worker has which subdomains */
     pma_coupled *split;  /* the one that all workers of the fine steps do together, or NULL */
@@ -203,6 +205,9 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
         return true;
     return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
 }
+
+/* Contacts: contact.c */
+void pma_contact_destroy(pma_contact *x); /* NULL is allowed */
 
 /* ---- members in other processes: exchange.c ------------------------------------------------- */
 

@@ -12,7 +12,7 @@ typedef struct {
     double *u, *load, *damping; /* n each: u, F, C v + r and what else is dissipated */
     double *pull;               /* nb: L_b^T Lam */
     double *springs;            /* what they remember */
-    double dissipated, external, interface;
+    double dissipated, external, interface, contact;
     double potential; /* of internal forces; known at macro time levels */
 } level;
 
@@ -216,6 +216,7 @@ static void sum_up(const pma_energy *e, const level *from, level *to)
     to->external = from->external + work(n, from->u, to->u, from->load, to->load);
     to->interface =
         from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull, to->pull);
+    to->contact = from->contact;
 }
 
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam)
@@ -235,6 +236,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     at->dissipated = 0.0;
     at->external = 0.0;
     at->interface = 0.0;
+    at->contact = 0.0;
 }
 
 pma_matrix pma_energy_mass(const pma_energy *e)
@@ -255,6 +257,7 @@ static void copy_level(const pma_energy *e, const level *from, level *to)
     to->dissipated = from->dissipated;
     to->external = from->external;
     to->interface = from->interface;
+    to->contact = from->contact;
     to->potential = from->potential;
 }
 
@@ -300,6 +303,11 @@ void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r,
 void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
 {
     fill_pull(e, lam, twice ? &e->previous : &e->present);
+}
+
+void pma_energy_add_work(pma_energy *e, size_t j, double work)
+{
+    level_at(e, j)->contact += work;
 }
 
 static void swap(level *a, level *b)
@@ -362,6 +370,7 @@ void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
     out[PMA_DISSIPATED] = at->dissipated - (at->potential - e->start_potential);
     out[PMA_EXTERNAL] = at->external;
     out[PMA_INTERFACE_WORK] = at->interface;
+    out[PMA_CONTACT_WORK] = at->contact;
     out[PMA_CONSERVED] = e->conserves
                              ? conserved(e, x)
                              : out[PMA_KINETIC] + out[PMA_STRAIN] - potential_of_load(e, at);

@@ -27,6 +27,7 @@ enum {
     PMA_DISSIPATED,
     PMA_EXTERNAL,
     PMA_INTERFACE_WORK,
+    PMA_CONTACT_WORK,
     PMA_CONSERVED,
     PMA_ENERGIES
 };
@@ -80,6 +81,9 @@ void pma_energy_hold(pma_energy *e, bool twice, const double *lam);
 
 /* (M9)  E* is asked for from here on: w . (M + weight K) w / 2 + v . K v / 2 */
 void pma_energy_conserve(pma_energy *e, double weight);
+
+/* The work of the impulses of contacts in the substep that ended at time level j          (U10) */
+void pma_energy_add_work(pma_energy *e, size_t j, double work);
 
 void pma_energy_commit(pma_energy *e);
 

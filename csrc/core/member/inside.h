@@ -1,7 +1,8 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, visit.c
- * two of them at once, ranges.c one in ranges of rows, response.c what macro coupling adds. */
+ * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
+ * one with impulses, visit.c two of them at once, ranges.c one in ranges of rows, response.c what
+ * macro coupling adds. */
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 
@@ -52,6 +53,8 @@ struct pma_subdomain {
     bool is_pushed;
     const pma_operator *open;    /* if it waits: of the step that is open, else NULL */
     double *shift;               /* 2 n: scratch, if predictors are shifted */
+    double *impulse;             /* 2 nb: of the open substep, if it can be struck: J, force */
+    double *sweep;               /* n: scratch of impulses whose forces are swept */
     double *closing, *work;      /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work;    /* the same of `compliance`, which may be called meanwhile */
     int code;                    /* what a function that failed returned */
@@ -101,6 +104,7 @@ void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, siz
                             size_t end);
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);
 void pma_substep_load_interface(pma_subdomain *s, const double *lam);
+bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x);
 
 /* The energy is shown a substep that is closed, at the end of a macro step with the potential of
  * the internal forces; fails only where a function of the user evaluates that. */
@@ -153,6 +157,15 @@ pma_status pma_ranges_advance(pma_subdomain *s, const pma_substep *closed,
 /* ---- the member: operations.c --------------------------------------------------------------- */
 
 pma_member_table pma_subdomain_table(const pma_subdomain *s);
+
+/* ---- impulses: struck.c --------------------------------------------------------------------- */
+
+/* The operations of a member that can be struck, as in member.h; v (nb) := V f. */
+void pma_struck_strike(pma_subdomain *s, const pma_substep *step, const double *f);
+pma_status pma_struck_close(pma_subdomain *s, const pma_substep *step, const double *lam);
+void pma_struck_approach(pma_subdomain *s, const pma_substep *step, const double *lam, double *u,
+                         double *v);
+void pma_struck_recoil(pma_subdomain *s, const double *f, double *v);
 
 /* ---- link response: response.c -------------------------------------------------------------- */
 

@@ -120,6 +120,17 @@ typedef struct {
      * with the free solution (V2). */
     void (*shift)(void *self, const pma_substep *step, const double *mu);
 
+    /* Contacts. Impulses f (nb) on the interface at the end of an open substep: predictors, right-
+     * hand side and vf with them (U3) (U4); and its closing, as `advance`. u and v (nb) :=
+     * displacement and velocity that lam would give an open substep, or nothing, NULL. v (nb) :=
+     * V f, what such impulses do to the velocity. Work of impulses, summed up with the energy of
+     * time level j. */
+    void (*strike)(void *self, const pma_substep *step, const double *f);
+    pma_status (*close_struck)(void *self, const pma_substep *step, const double *lam);
+    void (*approach)(void *self, const pma_substep *step, const double *lam, double *u, double *v);
+    void (*recoil)(void *self, const double *f, double *v);
+    void (*add_work)(void *self, size_t j, double work);
+
     /* Internal forces, iterated or not: v . M v at time level j */
     double (*kinetic)(const void *self, size_t j);
 } pma_member_table;

@@ -190,6 +190,34 @@ static double kinetic(const void *self, size_t j)
     return sum;
 }
 
+/* ---- impulses ------------------------------------------------------------------------------- */
+
+static void strike(void *self, const pma_substep *step, const double *f)
+{
+    pma_struck_strike(self, step, f);
+}
+
+static pma_status close_struck(void *self, const pma_substep *step, const double *lam)
+{
+    return pma_struck_close(self, step, lam);
+}
+
+static void approach(void *self, const pma_substep *step, const double *lam, double *u, double *v)
+{
+    pma_struck_approach(self, step, lam, u, v);
+}
+
+static void recoil(void *self, const double *f, double *v)
+{
+    pma_struck_recoil(self, f, v);
+}
+
+static void add_work(void *self, size_t j, double work)
+{
+    const pma_subdomain *s = self;
+    pma_energy_add_work(s->energy, j, work);
+}
+
 /* ---- link response -------------------------------------------------------------------------- */
 
 static void begin_response(void *self, bool twice, const double *dlam)
@@ -247,6 +275,13 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s)
     table.is_known = is_known;
     table.rebase = rebase;
     table.shift = s->parts.shifts ? shift : NULL;
+    if (s->parts.struck.inverse) {
+        table.strike = strike;
+        table.close_struck = close_struck;
+        table.approach = approach;
+        table.recoil = recoil;
+        table.add_work = add_work;
+    }
     if (s->parts.responds) {
         table.begin_response = begin_response;
         table.respond = respond;

@@ -66,8 +66,9 @@ static pma_status check_parts(const pma_parts *parts)
         (status = pma_springs_check(&parts->springs, parts->n)) ||
         (status = check_internal(parts)) || (status = pma_matrix_check(&parts->D_r)) ||
         (status = pma_matrix_check(&parts->K_r)) || (status = pma_link_check(&parts->link)) ||
-        (status = check_mass(parts)) || (status = check_operator(parts, &parts->single)) ||
-        !parts->doubled)
+        (status = check_mass(parts)) ||
+        (status = pma_struck_check(&parts->struck, parts->n, parts->nb)) ||
+        (status = check_operator(parts, &parts->single)) || !parts->doubled)
         return status;
     const double h = parts->single.step.h;
     if (parts->continues ? !(parts->twice.step.h > h) : parts->twice.step.h != 2.0 * h)
@@ -134,8 +135,10 @@ static pma_status lay_out(pma_subdomain *s)
         return status;
     const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? 2 * p->n : 0;
     const size_t shift = p->shifts ? 2 * p->n : 0;
-    s->block = calloc(extrapolated + functions + product + acceleration + shift + 2 * p->nb +
-                          2 * scratch + p->restoring.memory + 1,
+    const size_t impulse = p->struck.inverse ? 2 * p->nb : 0;
+    const bool sweeps = p->struck.ptr && p->single.factor.form != PMA_DIAGONAL;
+    s->block = calloc(extrapolated + functions + product + acceleration + shift + impulse +
+                          (sweeps ? p->n : 0) + 2 * p->nb + 2 * scratch + p->restoring.memory + 1,
                       sizeof(double));
     if (!s->block)
         return PMA_NO_MEMORY;
@@ -148,7 +151,9 @@ static pma_status lay_out(pma_subdomain *s)
     s->acceleration = s->product + product;
     s->push = s->acceleration + acceleration / 2;
     s->shift = s->acceleration + acceleration;
-    s->closing = s->shift + shift;
+    s->impulse = s->shift + shift;
+    s->sweep = s->impulse + impulse;
+    s->closing = s->sweep + (sweeps ? p->n : 0);
     s->link = s->closing + p->nb;
     s->work = s->link + p->nb;
     s->link_work = s->work + scratch;

@@ -22,6 +22,7 @@
 #include "member/scheme.h"
 #include "member/springs.h"
 #include "member/state.h"
+#include "member/struck.h"
 #include "status.h"
 
 /* What one step length needs: constants and the factor of Mbar. */
@@ -58,6 +59,7 @@ typedef struct {
     pma_operator twice;  /* of the double step, 2 h or, over a change of the step, the time from the
                             level before to the next one; read only if doubled */
     pma_link link;
+    pma_struck struck; /* contacts: masses of the interface dofs that they reach; else zeroed */
 } pma_parts;
 
 /* Checks the parts and allocates all that stepping needs, zeroed. PMA_BAD_STEP when the operator of

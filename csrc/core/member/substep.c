@@ -326,7 +326,7 @@ void pma_substep_load_interface(pma_subdomain *s, const double *lam)
 
 /* (F4) and (F5) with L^T Lam in s->closing, (8), (9), slab by slab from the last rows on; true when
  * every new value is finite */
-static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
+bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
 {
     bool finite = true;
     for (size_t end = s->parts.n, begin; end > 0; end = begin) {
@@ -380,7 +380,7 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
     pma_link_load(&s->parts.link, lam, s->closing);
     for (size_t i = 0; i < s->parts.nb; i++)
         s->closing[i] *= share;
-    bool finite = sweep_back(s, s->open, x);
+    bool finite = pma_substep_sweep_back(s, s->open, x);
     s->open = NULL;
     pma_substep_accelerate(s, lam, s->push);
     for (size_t i = 0; i < s->parts.n; i++) {
@@ -402,7 +402,8 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
         return close_waiting(s, step, lam);
     /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     pma_substep_load_interface(s, lam);
-    if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))
+    if (!pma_substep_sweep_back(s, pma_operator_of(s, step->twice),
+                                pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
     if (s->balance)
         pma_substep_balance(s, step);

@@ -1,0 +1,378 @@
+#include "coupling/complementarity.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Columns of the factor made before what is right of them is updated. */
+enum { BLOCK = 48 };
+
+/* Pivoting in blocks for so many turns without fewer rows that are wrong, then one row at a time,
+ * at most so often as there are rows, and some more; then sweeps. */
+enum { PATIENCE = 8, MORE_TURNS = 100 };
+enum { MOST_SWEEPS = 5000 };
+
+/* Parts of the largest b: the rounding of a solution; where sweeps end. A pivot below this part of
+ * its diagonal entry is that of a row which follows from the others. */
+static const double ROUNDING = 1e-12, SHARE = 1e-2, TOLERANCE = 1e-10, LOST = 1e-11;
+
+struct pma_complementarity {
+    pma_complementarity_parts parts;
+    size_t rows, turns;
+    const double *W;
+    double *factor; /* of W in the rows `held`, by columns; or W in the closed rows, of sweeps */
+    size_t held;    /* rows of the factor; none of them where it is not known */
+    size_t *in;     /* rows: of the factor */
+    size_t *wanted; /* rows: that are to push */
+    size_t *active; /* rows: of the closed contacts */
+    bool *pushes;   /* rows */
+    bool *follows;  /* rows of the factor: it follows from those before */
+    double *y, *z;  /* rows */
+    double *block;
+};
+
+pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
+                                      pma_complementarity **out)
+{
+    *out = NULL;
+    pma_complementarity *x = calloc(1, sizeof *x);
+    if (!x)
+        return PMA_NO_MEMORY;
+    const size_t rows = (size_t)parts->first[parts->contacts];
+    x->parts = *parts;
+    x->rows = rows;
+    x->block = calloc(rows * rows + 2 * rows + 1, sizeof(double));
+    x->in = calloc(3 * rows + 1, sizeof *x->in);
+    x->pushes = calloc(2 * rows + 1, sizeof *x->pushes);
+    *out = x;
+    if (!x->block || !x->in || !x->pushes) {
+        pma_complementarity_destroy(x);
+        *out = NULL;
+        return PMA_NO_MEMORY;
+    }
+    x->wanted = x->in + rows;
+    x->active = x->wanted + rows;
+    x->follows = x->pushes + rows;
+    x->y = x->block;
+    x->z = x->y + rows;
+    x->factor = x->z + rows;
+    return PMA_OK;
+}
+
+void pma_complementarity_destroy(pma_complementarity *x)
+{
+    if (x) {
+        free(x->block);
+        free(x->in);
+        free(x->pushes);
+    }
+    free(x);
+}
+
+void pma_complementarity_set(pma_complementarity *x, const double *W)
+{
+    x->W = W;
+    x->held = 0;
+}
+
+static double entry(const pma_complementarity *x, size_t i, size_t j)
+{
+    return x->W[j * x->rows + i];
+}
+
+/* max |b_k| / sqrt(W_kk) over the closed rows: b and P are compared in units of energy */
+static double size_of(const pma_complementarity *x, size_t count, const double *b)
+{
+    double size = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        const size_t k = x->active[i];
+        size = fmax(size, fabs(b[k]) / sqrt(entry(x, k, k)));
+    }
+    return size;
+}
+
+/* ... or the part SHARE of max |P_k| sqrt(W_kk), where large impulses cancel each other */
+static double size_with(const pma_complementarity *x, size_t count, const double *P, double size)
+{
+    for (size_t i = 0; i < count; i++) {
+        const size_t k = x->active[i];
+        size = fmax(size, SHARE * fabs(P[k]) * sqrt(entry(x, k, k)));
+    }
+    return size;
+}
+
+/* ---- the factor of W in some rows: A = L U, L with a unit diagonal, without exchanges -------- */
+
+/* W need not be symmetric, but its symmetric part is positive semidefinite: pivots are not negative
+ * but for rounding. Rows that follow from those before are left out. */
+static void factor_columns(pma_complementarity *x, size_t n, size_t begin, size_t end)
+{
+    double *A = x->factor;
+    for (size_t j = begin; j < end; j++) {
+        double *column = A + j * n;
+        x->follows[j] = !(column[j] > LOST * entry(x, x->in[j], x->in[j]));
+        for (size_t i = j + 1; i < n; i++)
+            column[i] = x->follows[j] ? 0.0 : column[i] / column[j];
+        if (x->follows[j])
+            column[j] = 1.0;
+        for (size_t k = j + 1; k < end && !x->follows[j]; k++) {
+            const double u = A[k * n + j];
+            for (size_t i = j + 1; i < n; i++)
+                A[k * n + i] -= column[i] * u;
+        }
+    }
+}
+
+/* U in the rows begin..end-1, right of them: what of it follows is not read */
+static void finish_rows(pma_complementarity *x, size_t n, size_t begin, size_t end)
+{
+    double *A = x->factor;
+    for (size_t k = end; k < n; k++) {
+        for (size_t j = begin; j < end; j++) {
+            const double u = A[k * n + j];
+            for (size_t i = j + 1; i < end && !x->follows[j]; i++)
+                A[k * n + i] -= A[j * n + i] * u;
+            if (x->follows[j])
+                A[k * n + j] = 0.0;
+        }
+    }
+}
+
+static void factor(pma_complementarity *x, size_t n)
+{
+    double *A = x->factor, one = 1.0, minus = -1.0;
+    int ld = (int)n;
+    for (size_t j = 0; j < n; j++) {
+        for (size_t i = 0; i < n; i++)
+            A[j * n + i] = entry(x, x->in[i], x->in[j]);
+    }
+    for (size_t begin = 0; begin < n; begin += BLOCK) {
+        const size_t end = n - begin < BLOCK ? n : begin + BLOCK;
+        factor_columns(x, n, begin, end);
+        finish_rows(x, n, begin, end);
+        int m = (int)(n - end), k = (int)(end - begin);
+        if (m > 0)
+            x->parts.blas.dgemm("N", "N", &m, &m, &k, &minus, A + begin * n + end, &ld,
+                                A + end * n + begin, &ld, &one, A + end * n + end, &ld);
+    }
+    x->held = n;
+}
+
+/* z (n) := A^-1 z, zero in rows that follow */
+static void solve(const pma_complementarity *x, size_t n, double *z)
+{
+    const double *A = x->factor;
+    for (size_t j = 0; j < n; j++) {
+        z[j] = x->follows[j] ? 0.0 : z[j];
+        for (size_t i = j + 1; i < n; i++)
+            z[i] -= A[j * n + i] * z[j];
+    }
+    for (size_t j = n; j-- > 0;) {
+        z[j] = x->follows[j] ? 0.0 : z[j] / A[j * n + j];
+        for (size_t i = 0; i < j; i++)
+            z[i] -= A[j * n + i] * z[j];
+    }
+}
+
+/* ---- without friction: block principal pivoting ---------------------------------------------- */
+
+/* P of W P + b = 0 in the rows that push, 0 in the others; y in all closed ones */
+static void solve_pushing(pma_complementarity *x, size_t count, const double *b, double *P)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < count; i++) {
+        if (x->pushes[x->active[i]])
+            x->wanted[n++] = x->active[i];
+    }
+    if (n != x->held || memcmp(x->in, x->wanted, n * sizeof *x->in) != 0) {
+        memcpy(x->in, x->wanted, n * sizeof *x->in);
+        factor(x, n);
+    }
+    x->turns++;
+    for (size_t i = 0; i < n; i++)
+        x->z[i] = -b[x->in[i]];
+    solve(x, n, x->z);
+    for (size_t i = 0; i < count; i++) {
+        P[x->active[i]] = 0.0;
+        x->y[x->active[i]] = b[x->active[i]];
+    }
+    for (size_t j = 0; j < n; j++) {
+        P[x->in[j]] = x->z[j];
+        for (size_t i = 0; i < count; i++)
+            x->y[x->active[i]] += entry(x, x->active[i], x->in[j]) * x->z[j];
+    }
+}
+
+/* P_k < 0 where it pushes, y_k < 0 where it does not, but for rounding */
+static bool is_wrong(const pma_complementarity *x, size_t k, const double *P, double size)
+{
+    const double root = sqrt(entry(x, k, k));
+    return x->pushes[k] ? P[k] < -ROUNDING * size / root : x->y[k] < -ROUNDING * size * root;
+}
+
+static bool any_follows(const pma_complementarity *x)
+{
+    bool any = false;
+    for (size_t j = 0; j < x->held; j++)
+        any = any || x->follows[j];
+    return any;
+}
+
+/* The rows that are wrong, in x->wanted; their number. */
+static size_t find_wrong(pma_complementarity *x, size_t count, const double *P, double size)
+{
+    size_t wrong = 0;
+    size = size_with(x, count, P, size);
+    for (size_t i = 0; i < count; i++) {
+        if (is_wrong(x, x->active[i], P, size))
+            x->wanted[wrong++] = x->active[i];
+    }
+    return wrong;
+}
+
+/* True when the solution was found. */
+static bool pivot(pma_complementarity *x, size_t count, const double *b, double *P)
+{
+    const double size = size_of(x, count, b);
+    size_t best = SIZE_MAX, patience = PATIENCE, wrong = 1;
+    for (x->turns = 0; wrong > 0 && x->turns < count + MORE_TURNS;) {
+        solve_pushing(x, count, b, P);
+        wrong = find_wrong(x, count, P, size);
+        patience = wrong < best ? PATIENCE : patience > 0 ? patience - 1 : 0;
+        best = wrong < best ? wrong : best;
+        if (patience == 0 && any_follows(x))
+            break; /* one at a time ends for regular W alone */
+        /* all at once; or, as Murty, always the last of them alone */
+        for (size_t i = patience > 0 || wrong == 0 ? 0 : wrong - 1; i < wrong; i++)
+            x->pushes[x->wanted[i]] = !x->pushes[x->wanted[i]];
+    }
+    for (size_t i = 0; i < count; i++)
+        P[x->active[i]] = fmax(P[x->active[i]], 0.0);
+    return wrong == 0;
+}
+
+/* ---- with friction: projected sweeps over the contacts --------------------------------------- */
+
+/* P_k += by, y += W_k by */
+static void change(pma_complementarity *x, size_t count, size_t column, double by)
+{
+    const double *W = x->factor + column * count;
+    for (size_t i = 0; i < count; i++)
+        x->y[i] += W[i] * by;
+}
+
+/* One contact, whose rows begin at `at` of the closed ones: z is P there. The largest change, in
+ * units of energy.                                                                         (U8) */
+static double sweep_contact(pma_complementarity *x, size_t count, size_t at, size_t tangents,
+                            double mu)
+{
+    double *z = x->z, stiffest = 0.0, slip[2], length = 0.0;
+    const double *W = x->factor;
+    const double normal = W[at * count + at];
+    double by = fmax(0.0, z[at] - x->y[at] / normal) - z[at];
+    double largest = fabs(by) * sqrt(normal);
+    if (by != 0.0)
+        change(x, count, at, by);
+    z[at] += by;
+    /* trace of W in the tangents, which is above its eigenvalues */
+    for (size_t t = 1; t <= tangents; t++)
+        stiffest += W[(at + t) * count + at + t];
+    for (size_t t = 0; t < tangents; t++) {
+        slip[t] = z[at + 1 + t] - x->y[at + 1 + t] / stiffest;
+        length = hypot(length, slip[t]);
+    }
+    const double most = mu * z[at], share = length > most ? most / length : 1.0;
+    for (size_t t = 0; t < tangents; t++) {
+        by = share * slip[t] - z[at + 1 + t];
+        largest = fmax(largest, fabs(by) * sqrt(stiffest));
+        if (by != 0.0)
+            change(x, count, at + 1 + t, by);
+        z[at + 1 + t] += by;
+    }
+    return largest;
+}
+
+static void gather(pma_complementarity *x, size_t count, const double *b, const double *P)
+{
+    for (size_t j = 0; j < count; j++) {
+        x->y[j] = b[x->active[j]];
+        x->z[j] = P[x->active[j]];
+        for (size_t i = 0; i < count; i++)
+            x->factor[j * count + i] = entry(x, x->active[i], x->active[j]);
+    }
+    for (size_t j = 0; j < count; j++)
+        change(x, count, j, x->z[j]);
+    x->held = 0; /* the factor was overwritten */
+}
+
+static pma_status sweep(pma_complementarity *x, size_t count, size_t contacts, const size_t *closed,
+                        const double *b, double *P, size_t *row)
+{
+    const double tolerance = TOLERANCE * size_of(x, count, b);
+    double largest = INFINITY;
+    gather(x, count, b, P);
+    for (size_t turn = 0; turn < MOST_SWEEPS && largest > tolerance; turn++) {
+        size_t at = 0;
+        largest = 0.0;
+        for (size_t i = 0; i < contacts; i++) {
+            const size_t k = closed[i];
+            const size_t tangents = (size_t)(x->parts.first[k + 1] - x->parts.first[k]) - 1;
+            const double by = sweep_contact(x, count, at, tangents, x->parts.friction[k]);
+            if (!(by <= largest)) {
+                largest = by;
+                *row = x->active[at];
+            }
+            at += tangents + 1;
+        }
+    }
+    for (size_t i = 0; i < count; i++)
+        P[x->active[i]] = x->z[i];
+    return largest <= tolerance ? PMA_OK : PMA_NO_IMPULSES;
+}
+
+/* ---- both ----------------------------------------------------------------------------------- */
+
+/* The rows of the closed contacts, the normal ones alone or with tangents; their number. */
+static size_t activate(pma_complementarity *x, size_t count, const size_t *closed, bool tangents)
+{
+    const int64_t *first = x->parts.first;
+    size_t all = 0;
+    for (size_t i = 0; i < count; i++) {
+        const int64_t end = tangents ? first[closed[i] + 1] : first[closed[i]] + 1;
+        for (int64_t k = first[closed[i]]; k < end; k++)
+            x->active[all++] = (size_t)k;
+    }
+    return all;
+}
+
+static bool is_rough(const pma_complementarity *x, size_t k)
+{
+    return x->parts.friction[k] > 0.0 && x->parts.first[k + 1] - x->parts.first[k] > 1;
+}
+
+pma_status pma_complementarity_solve(pma_complementarity *x, size_t count, const size_t *closed,
+                                     const double *b, double *P, size_t *row)
+{
+    bool rough = false;
+    size_t rows = activate(x, count, closed, true);
+    for (size_t i = 0; i < count; i++)
+        rough = rough || is_rough(x, closed[i]);
+    /* what pushed and is closed */
+    memset(x->pushes, 0, x->rows * sizeof *x->pushes);
+    for (size_t i = 0; i < rows; i++)
+        x->pushes[x->active[i]] = true;
+    for (size_t k = 0; k < x->rows; k++) {
+        P[k] = x->pushes[k] ? P[k] : 0.0;
+        x->pushes[k] = x->pushes[k] && P[k] > 0.0;
+    }
+    if (!rough && pivot(x, activate(x, count, closed, false), b, P))
+        return PMA_OK;
+    rows = activate(x, count, closed, true);
+    return sweep(x, rows, count, closed, b, P, row);
+}
+
+size_t pma_complementarity_turns(const pma_complementarity *x)
+{
+    return x->turns;
+}

@@ -1,0 +1,531 @@
+/* contact.c - the schedules "pm" and "gc" with contacts: impulses beside the interface problem.
+ *
+ * To be read with docs/method/contact.md, (U1) to (U11). All fine steps are those of fine.c; what
+ * closes a gap at the end of one gets an impulse between its free and its link problem. */
+#include "coupling/contact.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coupling/complementarity.h"
+#include "coupling/schedule.h"
+#include "member/energy.h"
+
+/* A side, and what it does in the fine step at hand. */
+typedef struct {
+    pma_contact_side of;
+    double *f;  /* nb: impulses on its interface dofs */
+    double *u;  /* nb: displacement that is expected */
+    double *v;  /* nb: the same of the velocity */
+    double *v0; /* nb: velocity at the beginning */
+    bool struck;
+} side;
+
+/* What goes on from one fine step to the next. */
+typedef struct {
+    double *P;        /* rows: the last impulses */
+    double *obstacle; /* 2 contacts: d and d' at the last fine step */
+    double *sum;      /* rows: of impulses since the last row of the record */
+} contact_level;
+
+struct pma_contact {
+    pma_contact_parts parts;
+    size_t rows, numbers; /* of a contact_level */
+    side *sides;
+    side **of; /* by member, NULL where it has none */
+    pma_complementarity *problem;
+    double *W_start, *W; /* rows x rows by columns: of the first macro step, and after it */
+    const double *set;   /* which of them `problem` has */
+    contact_level present, now;
+    int64_t reached;    /* macro step at whose end `now` is, or -1 */
+    double *y0, *y, *b; /* rows */
+    double *gap;        /* contacts */
+    size_t *closed;     /* contacts */
+    size_t count;       /* of them */
+    bool tied;          /* constraints reach members that have contacts: impulses change Lam */
+    double *block;
+};
+
+/* ---- making --------------------------------------------------------------------------------- */
+
+pma_status pma_contact_check(const pma_contact_parts *parts, size_t count)
+{
+    const size_t n = parts->contacts;
+    if (parts->first[0] != 0 || (parts->obstacle.n != 0 && parts->obstacle.n != 2 * n))
+        return PMA_BAD_SIZE;
+    for (size_t k = 0; k < n; k++) {
+        const int64_t rows = parts->first[k + 1] - parts->first[k];
+        if (rows < 1 || rows > 3)
+            return PMA_BAD_INDEX;
+    }
+    for (size_t i = 0; i < parts->sides; i++) {
+        const pma_contact_side *own = &parts->side[i];
+        if (own->member >= count || (i > 0 && own->member <= own[-1].member))
+            return PMA_BAD_INDEX;
+        if (own->N.p != (size_t)parts->first[n])
+            return PMA_BAD_SIZE;
+        const pma_status status = pma_link_check(&own->N);
+        if (status != PMA_OK)
+            return status;
+    }
+    return PMA_OK;
+}
+
+/* All members of a contact are at the finest step, take single steps and can be struck. */
+static pma_status check(const pma_coupler_parts *parts)
+{
+    const size_t fine = pma_fine_instants(parts);
+    pma_status status = pma_fine_check(parts);
+    if (status == PMA_OK)
+        status = pma_contact_check(parts->contact, parts->count);
+    for (size_t i = 0; i < parts->contact->sides && status == PMA_OK; i++) {
+        const pma_contact_side *own = &parts->contact->side[i];
+        const pma_member *m = &parts->members[own->member];
+        if (m->substeps != fine || m->doubling != PMA_SINGLE || !m->table->strike ||
+            m->link->nb != own->N.nb)
+            status = PMA_BAD_SIZE;
+    }
+    return status;
+}
+
+static bool is_any_double(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (c->coupled[i].member.doubling != PMA_SINGLE)
+            return true;
+    }
+    return false;
+}
+
+static contact_level take_level(const pma_contact *x, double **next)
+{
+    const contact_level at = {
+        .P = *next, .obstacle = *next + x->rows, .sum = *next + x->rows + 2 * x->parts.contacts};
+    *next += x->numbers;
+    return at;
+}
+
+static pma_status allocate(pma_contact *x, size_t members, bool twice)
+{
+    const size_t q = x->rows, n = x->parts.contacts, matrix = q * q;
+    size_t values = 0;
+    for (size_t i = 0; i < x->parts.sides; i++)
+        values += 4 * x->parts.side[i].N.nb;
+    x->sides = calloc(x->parts.sides + 1, sizeof *x->sides);
+    x->of = calloc(members + 1, sizeof(side *));
+    x->closed = calloc(n + 1, sizeof *x->closed);
+    x->block =
+        calloc(2 * x->numbers + 3 * q + n + values + (twice ? 2 : 1) * matrix + 1, sizeof(double));
+    if (!x->sides || !x->of || !x->closed || !x->block)
+        return PMA_NO_MEMORY;
+    double *next = x->block;
+    x->present = take_level(x, &next);
+    x->now = take_level(x, &next);
+    x->y0 = next;
+    x->y = next + q;
+    x->b = next + 2 * q;
+    x->gap = next + 3 * q;
+    next += 3 * q + n;
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const size_t nb = x->parts.side[i].N.nb;
+        x->sides[i] = (side){.of = x->parts.side[i],
+                             .f = next,
+                             .u = next + nb,
+                             .v = next + 2 * nb,
+                             .v0 = next + 3 * nb};
+        x->of[x->parts.side[i].member] = &x->sides[i];
+        next += 4 * nb;
+    }
+    x->W_start = next;
+    x->W = twice ? next + matrix : next;
+    return PMA_OK;
+}
+
+static const pma_member *member_of(const pma_coupler *c, const side *s)
+{
+    return &c->coupled[s->of.member].member;
+}
+
+/* y (rows) := sum N V N^T P with its constraints held: a column of W                       (U6) */
+static void respond(pma_coupler *c, pma_contact *x, const pma_interface *H, const double *P,
+                    double *y)
+{
+    double *lam = c->scratch;
+    memset(y, 0, x->rows * sizeof(double));
+    memset(lam, 0, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        side *s = &x->sides[i];
+        const pma_member *m = member_of(c, s);
+        pma_link_load(&s->of.N, P, s->f);
+        m->table->recoil(m->self, s->f, s->v);
+        pma_link_gather(m->link, -1.0, s->v, lam);
+        pma_link_gather(&s->of.N, 1.0, s->v, y);
+    }
+    if (!x->tied)
+        return;
+    H->table->solve(H->self, lam);
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const side *s = &x->sides[i];
+        const pma_member *m = member_of(c, s);
+        const double *link = m->table->values(m->self, PMA_LINK_VELOCITY, 0, false, lam);
+        pma_link_gather(&s->of.N, 1.0, link, y);
+    }
+}
+
+static void fill(pma_coupler *c, pma_contact *x, const pma_interface *H, double *W)
+{
+    for (size_t k = 0; k < x->rows; k++) {
+        x->b[k] = 1.0;
+        respond(c, x, H, x->b, W + k * x->rows);
+        x->b[k] = 0.0;
+    }
+}
+
+/* Do impulses change the multipliers? */
+static bool is_tied(const pma_coupler *c, const pma_contact *x)
+{
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const pma_link *L = member_of(c, &x->sides[i])->link;
+        if (L->nb > 0 && L->ptr[L->nb] > 0)
+            return true;
+    }
+    return false;
+}
+
+static pma_status create(pma_coupler *c, const pma_iteration_parts *parts)
+{
+    (void)parts;
+    pma_contact *x = calloc(1, sizeof *x);
+    c->contact = x;
+    if (!x)
+        return PMA_NO_MEMORY;
+    x->parts = *c->parts.contact;
+    x->rows = (size_t)x->parts.first[x->parts.contacts];
+    x->numbers = 2 * x->rows + 2 * x->parts.contacts;
+    x->reached = -1;
+    const bool twice = is_any_double(c);
+    pma_status status = allocate(x, c->parts.count, twice);
+    if (status != PMA_OK)
+        return status;
+    x->parts.side = NULL; /* x->sides has them */
+    x->tied = is_tied(c, x);
+    fill(c, x, &c->parts.H_start, x->W_start);
+    if (twice)
+        fill(c, x, &c->parts.H, x->W);
+    const pma_complementarity_parts problem = {.contacts = x->parts.contacts,
+                                               .first = x->parts.first,
+                                               .friction = x->parts.friction,
+                                               .blas = x->parts.blas};
+    return pma_complementarity_create(&problem, &x->problem);
+}
+
+void pma_contact_destroy(pma_contact *x)
+{
+    if (!x)
+        return;
+    pma_complementarity_destroy(x->problem);
+    free(x->sides);
+    free(x->of);
+    free(x->closed);
+    free(x->block);
+    free(x);
+}
+
+/* ---- what it knows -------------------------------------------------------------------------- */
+
+/* The macro step that was done last is committed: so is its end. */
+static void commit(pma_coupler *c, pma_contact *x)
+{
+    if (x->reached == c->present.number)
+        memcpy(x->present.P, x->now.P, x->numbers * sizeof(double));
+    x->reached = -1;
+}
+
+double *pma_coupler_contact(pma_coupler *c, size_t *size)
+{
+    pma_contact *x = c->contact;
+    *size = 0;
+    if (!x)
+        return NULL;
+    commit(c, x);
+    *size = x->rows + 2 * x->parts.contacts;
+    return x->present.P;
+}
+
+const double *pma_coupler_contact_compliance(const pma_coupler *c, bool start, size_t *rows)
+{
+    *rows = c->contact ? c->contact->rows : 0;
+    return c->contact ? (start ? c->contact->W_start : c->contact->W) : NULL;
+}
+
+size_t pma_coupler_contact_turns(const pma_coupler *c)
+{
+    return c->contact ? pma_complementarity_turns(c->contact->problem) : 0;
+}
+
+size_t pma_coupler_contacts(const pma_coupler *c)
+{
+    return c->contact ? c->contact->parts.contacts : 0;
+}
+
+const pma_load *pma_coupler_obstacle(const pma_coupler *c)
+{
+    return c->contact ? &c->contact->parts.obstacle : NULL;
+}
+
+void pma_coupler_set_obstacle(pma_coupler *c, pma_load load)
+{
+    c->contact->parts.obstacle = load;
+}
+
+/* ---- stages of a fine step ------------------------------------------------------------------ */
+
+/* y (rows) -= d' in the normal rows */
+static void subtract_obstacle(const pma_contact *x, double *y)
+{
+    const double *velocity = x->now.obstacle + x->parts.contacts;
+    for (size_t k = 0; k < x->parts.contacts; k++)
+        y[x->parts.first[k]] -= velocity[k];
+}
+
+/* y0 = sum N v - d' where the fine step begins; the obstacle at its end                    (U1) */
+static void begin(pma_coupler *c, pma_contact *x)
+{
+    if (c->k == 1) {
+        commit(c, x);
+        memcpy(x->now.P, x->present.P, x->numbers * sizeof(double));
+    }
+    memset(x->y0, 0, x->rows * sizeof(double));
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        side *s = &x->sides[i];
+        const pma_member *m = member_of(c, s);
+        const size_t j = c->coupled[s->of.member].now.j;
+        const double *v = m->table->values(m->self, PMA_VELOCITY, j, false, NULL);
+        memcpy(s->v0, v, s->of.N.nb * sizeof(double));
+        pma_link_gather(&s->of.N, 1.0, v, x->y0);
+        s->struck = false;
+    }
+    subtract_obstacle(x, x->y0);
+    if (x->parts.obstacle.kind == PMA_LOAD_NONE)
+        return;
+    const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
+    const double t = pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
+    memset(x->now.obstacle, 0, 2 * x->parts.contacts * sizeof(double));
+    pma_load_add(&x->parts.obstacle, t, number, x->now.obstacle);
+}
+
+/* gap := g0 + N u - d of the sums in y                                                     (U1) */
+static void find_gaps(pma_contact *x)
+{
+    for (size_t k = 0; k < x->parts.contacts; k++)
+        x->gap[k] = x->parts.gap[k] + x->y[x->parts.first[k]] - x->now.obstacle[k];
+}
+
+/* Which gaps are closed without impulses, and with which velocities                        (U5) */
+static void approach(pma_coupler *c, pma_contact *x)
+{
+    const double *lam = x->tied ? c->working.lam : NULL;
+    memset(x->y, 0, x->rows * sizeof(double));
+    memset(x->b, 0, x->rows * sizeof(double));
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const side *s = &x->sides[i];
+        const pma_coupled *m = &c->coupled[s->of.member];
+        m->member.table->approach(m->member.self, &m->step, lam, s->u, s->v);
+        pma_link_gather(&s->of.N, 1.0, s->u, x->y);
+        pma_link_gather(&s->of.N, 1.0, s->v, x->b);
+    }
+    find_gaps(x);
+    subtract_obstacle(x, x->b);
+    x->count = 0;
+    for (size_t k = 0; k < x->parts.contacts; k++) {
+        const double y0 = x->y0[x->parts.first[k]];
+        if (x->gap[k] <= 0.0)
+            x->closed[x->count++] = k;
+        /* e' = 1 where it opens already: (U5) would add energy else */
+        x->b[x->parts.first[k]] += (y0 > 0.0 ? 1.0 : x->parts.restitution[k]) * y0;
+    }
+}
+
+static bool is_finite(size_t n, const double *x)
+{
+    double zero = 0.0;
+    for (size_t i = 0; i < n; i++)
+        zero += 0.0 * x[i];
+    return zero == 0.0;
+}
+
+/* P of (U5), or zero. PMA_NOT_FINITE when a velocity is not. */
+static pma_status find_impulses(pma_coupler *c, pma_contact *x)
+{
+    const double *W = c->present.number > 0 ? x->W : x->W_start;
+    size_t row = 0;
+    if (x->count == 0) {
+        memset(x->now.P, 0, x->rows * sizeof(double));
+        return PMA_OK;
+    }
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const pma_coupled *m = &c->coupled[x->sides[i].of.member];
+        const double *vf =
+            m->member.table->values(m->member.self, PMA_FREE_VELOCITY, m->now.j + 1, false, NULL);
+        if (!is_finite(x->sides[i].of.N.nb, vf)) {
+            c->failed = x->sides[i].of.member;
+            return PMA_NOT_FINITE;
+        }
+    }
+    if (x->set != W) {
+        pma_complementarity_set(x->problem, W);
+        x->set = W;
+    }
+    c->unpolled += x->rows * x->rows;
+    const pma_status status =
+        pma_complementarity_solve(x->problem, x->count, x->closed, x->b, x->now.P, &row);
+    if (status != PMA_OK)
+        c->failed = row;
+    return status;
+}
+
+static bool is_any_nonzero(size_t n, const double *x)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (x[i] != 0.0)
+            return true;
+    }
+    return false;
+}
+
+/* N^T P on all sides that it reaches, and Lam of their new free velocities            (U3) (U6) */
+static pma_status strike(pma_coupler *c, pma_contact *x)
+{
+    bool any = false;
+    for (size_t i = 0; i < x->parts.sides && x->count > 0; i++) {
+        side *s = &x->sides[i];
+        const pma_coupled *m = &c->coupled[s->of.member];
+        pma_link_load(&s->of.N, x->now.P, s->f);
+        s->struck = is_any_nonzero(s->of.N.nb, s->f);
+        if (s->struck)
+            m->member.table->strike(m->member.self, &m->step, s->f);
+        any = any || s->struck;
+    }
+    return any && x->tied ? pma_fine_solve(c) : PMA_OK;
+}
+
+static pma_status end_substep(pma_coupler *c, pma_coupled *m)
+{
+    const side *s = c->contact->of[m - c->coupled];
+    if (!s || !s->struck)
+        return pma_fine_close(c, m);
+    return m->member.table->close_struck(m->member.self, &m->step, c->working.lam);
+}
+
+/* (U10)  N^T P . (v0 + v1) / 2 of each side */
+static void add_works(pma_coupler *c, const pma_contact *x)
+{
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const side *s = &x->sides[i];
+        const pma_coupled *m = &c->coupled[s->of.member];
+        const pma_member_table *table = m->member.table;
+        if (!s->struck || !table->energy(m->member.self, 0, NULL))
+            continue;
+        const double *v =
+            table->values(m->member.self, PMA_VELOCITY, m->now.j + 1, false, c->working.lam);
+        double work = 0.0;
+        for (size_t k = 0; k < s->of.N.nb; k++)
+            work += 0.5 * s->f[k] * (s->v0[k] + v[k]);
+        table->add_work(m->member.self, m->now.j + 1, work);
+    }
+}
+
+/* ---- record --------------------------------------------------------------------------------- */
+
+/* Gaps at a time level of the finest step, `impulse` (rows) into a row. */
+static void record(const pma_coupler *c, pma_contact *x, const pma_record *to, size_t j, size_t row,
+                   const double *impulse)
+{
+    memset(x->y, 0, x->rows * sizeof(double));
+    for (size_t i = 0; i < x->parts.sides; i++) {
+        const side *s = &x->sides[i];
+        const pma_member *m = member_of(c, s);
+        pma_link_gather(&s->of.N, 1.0, m->table->values(m->self, PMA_DISPLACEMENT, j, false, NULL),
+                        x->y);
+    }
+    find_gaps(x);
+    memcpy(to->contact_gap + row * x->parts.contacts, x->gap, x->parts.contacts * sizeof(double));
+    memcpy(to->contact_impulse + row * x->rows, impulse, x->rows * sizeof(double));
+}
+
+static void record_present(const pma_coupler *c, const pma_record *to)
+{
+    pma_contact *x = c->contact;
+    commit((pma_coupler *)c, x);
+    memset(x->present.sum, 0, x->rows * sizeof(double));
+    memcpy(x->now.P, x->present.P, x->numbers * sizeof(double));
+    if (to->contact_gap)
+        record(c, x, to, 0, 0, x->present.sum);
+}
+
+static void sum_up(pma_coupler *c, pma_contact *x)
+{
+    for (size_t k = 0; k < x->rows; k++)
+        x->now.sum[k] += x->now.P[k];
+    if (c->record && c->record->contact_gap) {
+        const size_t row = pma_recorder_row(c, c->k, c->fine);
+        if (row != PMA_NO_ROW) {
+            record(c, x, c->record, c->k, row, x->now.sum);
+            memset(x->now.sum, 0, x->rows * sizeof(double));
+        }
+    }
+    if (c->k == c->fine)
+        x->reached = c->present.number + 1;
+}
+
+/* ---- the schedule --------------------------------------------------------------------------- */
+
+static pma_status fine_step(pma_coupler *c)
+{
+    pma_contact *x = c->contact;
+    begin(c, x);
+
+    /* free problems and the interface problem, without impulses */
+    pma_status status = pma_fine_begin(c);
+    if (status == PMA_OK)
+        status = pma_fine_solve(c);
+
+    /* impulses where a gap is closed, and the interface problem with them */
+    if (status == PMA_OK) {
+        approach(c, x);
+        status = find_impulses(c, x);
+    }
+    if (status == PMA_OK)
+        status = strike(c, x);
+
+    /* link problems that end here, added */
+    if (status == PMA_OK)
+        status = pma_share(c, end_substep, pma_is_ending);
+    if (status != PMA_OK)
+        return status;
+    if (c->observed)
+        add_works(c, x);
+    sum_up(c, x);
+    return PMA_OK;
+}
+
+static pma_status fine_steps(pma_coupler *c)
+{
+    return pma_fine_steps(c, fine_step);
+}
+
+/* A member has impulses in all rows at once: none is divided among workers. */
+static pma_duty duty(const pma_member *member)
+{
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->forces == PMA_BY_CALLER};
+}
+
+const pma_schedule pma_contact_schedule = {.check = check,
+                                           .instants = pma_fine_instants,
+                                           .duty = duty,
+                                           .step = fine_steps,
+                                           .prepare = create,
+                                           .record_present = record_present};

@@ -1,0 +1,159 @@
+/* struck.c - a substep with impulses on the interface at its end.
+ *
+ * To be read with (U3) and (U4) of docs/method/contact.md. The impulses go into predictors and
+ * right-hand side of the open substep, which is then closed like any other. */
+#include "member/struck.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "member/inside.h"
+
+pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb)
+{
+    if (!parts->inverse)
+        return PMA_OK;
+    for (size_t i = 0; i < nb; i++) {
+        if (!(parts->inverse[i] >= 0.0 && isfinite(parts->inverse[i])))
+            return PMA_BAD_SIZE;
+    }
+    if (!parts->ptr)
+        return PMA_OK;
+    for (int64_t k = parts->ptr[0]; k < parts->ptr[nb]; k++) {
+        if (parts->index[k] < 0 || (size_t)parts->index[k] >= n)
+            return PMA_BAD_INDEX;
+    }
+    return PMA_OK;
+}
+
+/* J = M^-1 f */
+static void find_jump(const pma_subdomain *s, const double *f, double *J)
+{
+    for (size_t i = 0; i < s->parts.nb; i++)
+        J[i] = s->parts.struck.inverse[i] * f[i];
+}
+
+/* z -= B J, in all rows */
+static void resist(const pma_struck *p, size_t nb, const double *J, double *z)
+{
+    for (size_t i = 0; i < nb; i++) {
+        for (int64_t k = p->ptr[i]; k < p->ptr[i + 1] && J[i] != 0.0; k++)
+            z[p->index[k]] -= p->values[k] * J[i];
+    }
+}
+
+/* The same in the rows of the interface alone, of which a diagonal Mbar needs no others. */
+static void resist_there(const pma_subdomain *s, const double *J, double *z)
+{
+    const pma_struck *p = &s->parts.struck;
+    const int64_t inner = (int64_t)(s->parts.n - s->parts.nb);
+    memset(z, 0, s->parts.nb * sizeof(double));
+    for (size_t i = 0; i < s->parts.nb; i++) {
+        for (int64_t k = p->ptr[i]; k < p->ptr[i + 1] && J[i] != 0.0; k++) {
+            if (p->index[k] >= inner)
+                z[p->index[k] - inner] -= p->values[k] * J[i];
+        }
+    }
+}
+
+static bool is_diagonal(const pma_operator *op)
+{
+    return op->factor.form == PMA_DIAGONAL;
+}
+
+/* w_b (nb) := what is swept of w_l under f and J; the swept right-hand side in s->sweep, if Mbar is
+ * not diagonal and B is given                                                              (U4) */
+static void find_link(pma_subdomain *s, const pma_operator *op, const double *f, const double *J,
+                      double *w_b)
+{
+    const pma_struck *p = &s->parts.struck;
+    const size_t nb = s->parts.nb;
+    if (!p->ptr) {
+        for (size_t i = 0; i < nb; i++)
+            w_b[i] = -p->beta * f[i];
+    } else if (is_diagonal(op)) {
+        resist_there(s, J, w_b);
+    } else {
+        memset(s->sweep, 0, s->parts.n * sizeof(double));
+        resist(p, nb, J, s->sweep);
+        pma_factor_open(&op->factor, s->sweep, w_b, s->link_work);
+        return;
+    }
+    pma_factor_interface(&op->factor, w_b, s->link_work);
+}
+
+/* V f: v_l = J + al2 w_l                                                                   (U4) */
+void pma_struck_recoil(pma_subdomain *s, const double *f, double *v)
+{
+    const pma_operator *op = &s->parts.single;
+    const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
+    double *J = s->impulse;
+    find_jump(s, f, J);
+    find_link(s, op, f, J, v);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        v[i] = (1.0 - op->step.al2 * alpha) * J[i] + op->step.al2 * v[i];
+}
+
+/* ut += (h/2 - al1 alpha) J,  vt += (1 - al2 alpha) J, and so on: w_l = -alpha J goes into all but
+ * w itself, which is corrected when the substep is closed */
+void pma_struck_strike(pma_subdomain *s, const pma_substep *step, const double *f)
+{
+    const pma_struck *p = &s->parts.struck;
+    const pma_operator *op = &s->parts.single;
+    const pma_step *c = &op->step;
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    const size_t nb = s->parts.nb;
+    const double alpha = p->ptr ? 0.0 : p->alpha;
+    double *J = s->impulse, *force = s->impulse + nb;
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    double *u = pma_interface_of(s, to->u), *v = pma_interface_of(s, to->v);
+    double *a = pma_interface_of(s, to->a);
+    find_jump(s, f, J);
+    find_link(s, op, f, J, s->link);
+    for (size_t i = 0; i < nb; i++) {
+        vf[i] += (1.0 - c->al2 * alpha) * J[i] + c->al2 * s->link[i];
+        u[i] += (0.5 * c->h - c->al1 * alpha) * J[i];
+        v[i] += (1.0 - c->al2 * alpha) * J[i];
+        a[i] -= c->a_w1 * alpha * J[i];
+        force[i] = p->ptr ? 0.0 : -p->beta * f[i];
+    }
+    if (p->ptr && is_diagonal(op))
+        resist(p, nb, J, to->w);
+    for (size_t i = 0; p->ptr && !is_diagonal(op) && i < s->parts.n; i++)
+        to->w[i] += s->sweep[i];
+}
+
+pma_status pma_struck_close(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
+    const double *J = s->impulse, *force = s->impulse + s->parts.nb;
+    double *w = pma_interface_of(s, x->w);
+    pma_substep_load_interface(s, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->closing[i] += force[i];
+    if (!pma_substep_sweep_back(s, &s->parts.single, x))
+        return PMA_NOT_FINITE;
+    for (size_t i = 0; i < s->parts.nb; i++)
+        w[i] -= alpha * J[i];
+    if (s->balance)
+        pma_substep_balance(s, step);
+    return pma_substep_observe(s, step, lam);
+}
+
+/* v = vf + al2 S^-1 L_b^T lam,  u = ut + al1 (v - vt) / al2 */
+void pma_struck_approach(pma_subdomain *s, const pma_substep *step, const double *lam, double *u,
+                         double *v)
+{
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    const double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    const double *ut = pma_interface_of(s, to->u), *vt = pma_interface_of(s, to->v);
+    const bool tied = lam && s->parts.link.ptr[s->parts.nb] > 0;
+    if (tied)
+        pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++) {
+        v[i] = vf[i] + (tied ? op->step.al2 * s->link[i] : 0.0);
+        u[i] = ut[i] + op->step.al1 * ((v[i] - vt[i]) / op->step.al2);
+    }
+}

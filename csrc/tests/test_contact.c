@@ -1,0 +1,242 @@
+/* test_contact.c - impulses of contacts: which rows push, and how much. */
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "check.h"
+#include "coupling/complementarity.h"
+#include "coupling/contact.h"
+#include "matrices.h"
+#include "naive.h"
+#include "tests.h"
+
+enum { ROWS = 60 };
+
+/* Conditions below 1e4 and numbers of size 1. */
+static const double SOLVED = 1e-9;
+
+typedef struct {
+    size_t rows, contacts;
+    int64_t first[ROWS + 1];
+    double friction[ROWS], W[ROWS * ROWS], b[ROWS];
+    size_t closed[ROWS];
+} problem;
+
+/* W = B B^T / n + I, with `rank` columns in B and no unit matrix if it is singular; `skew` is added
+ * above the diagonal and subtracted below */
+static void make(problem *x, size_t contacts, size_t tangents, size_t rank, double skew,
+                 uint64_t *seed)
+{
+    double B[ROWS][ROWS];
+    const size_t n = contacts * (1 + tangents), columns = rank > 0 ? rank : n;
+    x->rows = n;
+    x->contacts = contacts;
+    for (size_t k = 0; k <= contacts; k++)
+        x->first[k] = (int64_t)(k * (1 + tangents));
+    for (size_t i = 0; i < n; i++) {
+        for (size_t k = 0; k < columns; k++)
+            B[i][k] = draw_eighth(seed);
+    }
+    for (size_t i = 0; i < n; i++) {
+        x->b[i] = draw_eighth(seed);
+        for (size_t j = 0; j < n; j++) {
+            double sum = rank == 0 && i == j ? 1.0 : 0.0;
+            for (size_t k = 0; k < columns; k++)
+                sum += B[i][k] * B[j][k] / (double)columns;
+            x->W[j * n + i] = sum + (i < j ? skew : i > j ? -skew : 0.0);
+        }
+    }
+    /* of a singular W: b in its range, so that there is a solution */
+    for (size_t i = 0; i < n && rank > 0; i++) {
+        x->b[i] = 0.0;
+        for (size_t k = 0; k < columns; k++)
+            x->b[i] += B[i][k] * (double)((int)(k % 3) - 1);
+    }
+    for (size_t k = 0; k < contacts; k++) {
+        x->friction[k] = 0.0;
+        x->closed[k] = k;
+    }
+}
+
+static void multiply(const problem *x, const double *P, double *y)
+{
+    for (size_t i = 0; i < x->rows; i++) {
+        y[i] = x->b[i];
+        for (size_t j = 0; j < x->rows; j++)
+            y[i] += x->W[j * x->rows + i] * P[j];
+    }
+}
+
+static pma_complementarity *create(const problem *x)
+{
+    const pma_complementarity_parts parts = {
+        .contacts = x->contacts, .first = x->first, .friction = x->friction, .blas = NAIVE_BLAS};
+    pma_complementarity *made;
+    CHECK_STATUS(pma_complementarity_create(&parts, &made), PMA_OK);
+    pma_complementarity_set(made, x->W);
+    return made;
+}
+
+/* (U5) in every row, from the data alone */
+static void check_frictionless(const problem *x, const double *P, double tolerance)
+{
+    double y[ROWS];
+    multiply(x, P, y);
+    for (size_t k = 0; k < x->rows; k++) {
+        CHECK(P[k] >= 0.0);
+        CHECK(y[k] >= -tolerance);
+        CHECK_NEAR(P[k] * y[k], 0.0, tolerance);
+    }
+}
+
+static void block_pivoting_solves_from_any_start(void)
+{
+    uint64_t seed = 1;
+    problem x;
+    for (size_t n = 1; n <= ROWS; n += n < 8 ? 1 : 13) {
+        make(&x, n, 0, 0, n % 2 ? 0.0 : 0.05, &seed);
+        pma_complementarity *solver = create(&x);
+        double cold[ROWS] = {0.0}, warm[ROWS];
+        size_t row;
+        CHECK_STATUS(pma_complementarity_solve(solver, n, x.closed, x.b, cold, &row), PMA_OK);
+        check_frictionless(&x, cold, SOLVED);
+        CHECK(pma_complementarity_turns(solver) <= 6);
+        memcpy(warm, cold, sizeof warm);
+        CHECK_STATUS(pma_complementarity_solve(solver, n, x.closed, x.b, warm, &row), PMA_OK);
+        CHECK_INT(pma_complementarity_turns(solver), 1);
+        CHECK_BITS(n, warm, cold);
+        for (size_t k = 0; k < n; k++)
+            warm[k] = 1.0;
+        CHECK_STATUS(pma_complementarity_solve(solver, n, x.closed, x.b, warm, &row), PMA_OK);
+        CHECK_BITS(n, warm, cold); /* the same rows push, whatever the start */
+        pma_complementarity_destroy(solver);
+    }
+}
+
+static void rows_that_are_open_have_no_impulse(void)
+{
+    uint64_t seed = 2;
+    problem x;
+    const size_t closed[2] = {1, 4};
+    make(&x, 6, 0, 0, 0.0, &seed);
+    x.b[1] = x.b[4] = -1.0;
+    pma_complementarity *solver = create(&x);
+    double P[ROWS] = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
+    size_t row;
+    CHECK_STATUS(pma_complementarity_solve(solver, 2, closed, x.b, P, &row), PMA_OK);
+    for (size_t k = 0; k < 6; k++)
+        CHECK((P[k] > 0.0) == (k == 1 || k == 4));
+    pma_complementarity_destroy(solver);
+}
+
+static void redundant_rows_have_right_sums(void)
+{
+    uint64_t seed = 3;
+    problem x;
+    for (size_t rank = 2; rank <= 20; rank += 6) {
+        make(&x, 40, 0, rank, 0.0, &seed);
+        pma_complementarity *solver = create(&x);
+        double P[ROWS] = {0.0};
+        size_t row;
+        CHECK_STATUS(pma_complementarity_solve(solver, 40, x.closed, x.b, P, &row), PMA_OK);
+        /* where pivoting goes round in circles sweeps end at changes of 1e-10, P is up to 60 */
+        check_frictionless(&x, P, 1e-7);
+        pma_complementarity_destroy(solver);
+    }
+}
+
+/* (U7) in every contact, from the data alone */
+static void check_rough(const problem *x, size_t tangents, const double *P)
+{
+    double y[ROWS];
+    multiply(x, P, y);
+    for (size_t k = 0; k < x->contacts; k++) {
+        const size_t n = (size_t)x->first[k];
+        double slid = 0.0, pull = 0.0, along = 0.0;
+        CHECK(P[n] >= 0.0 && y[n] >= -SOLVED);
+        CHECK_NEAR(P[n] * y[n], 0.0, SOLVED);
+        for (size_t t = 1; t <= tangents; t++) {
+            slid = hypot(slid, y[n + t]);
+            pull = hypot(pull, P[n + t]);
+            along += P[n + t] * y[n + t];
+        }
+        CHECK(pull <= x->friction[k] * P[n] + SOLVED);
+        CHECK_NEAR(along, -pull * slid, SOLVED);
+        if (pull < x->friction[k] * P[n] - 1e-6)
+            CHECK_NEAR(slid, 0.0, SOLVED);
+    }
+}
+
+static void sweeps_find_friction_on_a_cone(void)
+{
+    uint64_t seed = 4;
+    problem x;
+    for (size_t tangents = 1; tangents <= 2; tangents++) {
+        for (size_t n = 1; n <= 15; n += 7) {
+            make(&x, n, tangents, 0, 0.0, &seed);
+            for (size_t k = 0; k < n; k++)
+                x.friction[k] = 0.1 + 0.05 * (double)k;
+            pma_complementarity *solver = create(&x);
+            double P[ROWS] = {0.0};
+            size_t row;
+            CHECK_STATUS(pma_complementarity_solve(solver, n, x.closed, x.b, P, &row), PMA_OK);
+            check_rough(&x, tangents, P);
+            pma_complementarity_destroy(solver);
+        }
+    }
+}
+
+static void what_has_no_solution_names_a_row(void)
+{
+    /* a row that nothing moves, and that would have to: y = -1 whatever P */
+    uint64_t seed = 5;
+    problem x;
+    make(&x, 2, 1, 0, 0.0, &seed);
+    memset(x.W, 0, sizeof x.W);
+    for (size_t k = 0; k < 4; k++)
+        x.W[k * 4 + k] = k == 2 ? 1e-6 : 1.0;
+    x.W[2 * 4 + 0] = x.W[0 * 4 + 2] = -2.0; /* indefinite: each makes the other worse */
+    for (size_t k = 0; k < 4; k++)
+        x.b[k] = -1.0;
+    x.friction[0] = x.friction[1] = 0.5;
+    pma_complementarity *solver = create(&x);
+    double P[ROWS] = {0.0};
+    size_t row = 99;
+    CHECK_STATUS(pma_complementarity_solve(solver, 2, x.closed, x.b, P, &row), PMA_NO_IMPULSES);
+    CHECK(row == 0 || row == 2);
+    pma_complementarity_destroy(solver);
+}
+
+static void contacts_that_do_not_fit_are_refused(void)
+{
+    const int64_t first[3] = {0, 1, 3}, later[3] = {1, 2, 3}, wide[3] = {0, 1, 5}, ptr[2] = {0, 1};
+    const int32_t index = 2, outside = 3;
+    const double one = 1.0;
+    pma_contact_side side = {.member = 0,
+                             .N = {.p = 3, .nb = 1, .ptr = ptr, .index = &index, .values = &one}};
+    pma_contact_parts parts = {.contacts = 2, .first = first, .sides = 1, .side = &side};
+    CHECK_STATUS(pma_contact_check(&parts, 1), PMA_OK);
+    CHECK_STATUS(pma_contact_check(&parts, 0), PMA_BAD_INDEX);
+    parts.first = later;
+    CHECK_STATUS(pma_contact_check(&parts, 1), PMA_BAD_SIZE);
+    parts.first = wide;
+    CHECK_STATUS(pma_contact_check(&parts, 1), PMA_BAD_INDEX);
+    parts.first = first;
+    side.N.index = &outside;
+    CHECK_STATUS(pma_contact_check(&parts, 1), PMA_BAD_INDEX);
+    side.N.index = &index;
+    side.N.p = 2;
+    CHECK_STATUS(pma_contact_check(&parts, 1), PMA_BAD_SIZE);
+}
+
+const test CONTACT_TESTS[] = {
+    TEST(block_pivoting_solves_from_any_start),
+    TEST(rows_that_are_open_have_no_impulse),
+    TEST(redundant_rows_have_right_sums),
+    TEST(sweeps_find_friction_on_a_cone),
+    TEST(what_has_no_solution_names_a_row),
+    TEST(contacts_that_do_not_fit_are_refused),
+    END_OF_TESTS,
+};

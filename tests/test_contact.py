@@ -1,0 +1,354 @@
+"""Contact as constraints: the acceptance statements, against closed forms and a reference."""
+
+import numpy as np
+import pytest
+from contact_problems import (
+    GAP,
+    LENGTH,
+    SCHEMES,
+    SPEED,
+    WAVE,
+    bar,
+    bar_on_wall,
+    critical,
+    energy_star,
+)
+from contact_reference import run as reference_run
+
+import pmalpha as pm
+
+ALL = pytest.mark.parametrize("name", SCHEMES)
+
+
+def ball(scheme, e, t_end, h=1e-3, **options):
+    s = pm.Subdomain([2.0], [0.0], scheme=scheme, force=[-20.0], u0=[1.0], name="ball")
+    floor = pm.contact(s, [0], restitution=e, name="floor")
+    return pm.Coupler([s], floor, dt=h, **options).run(t_end)
+
+
+# ---- the equations ------------------------------------------------------------------------------
+
+
+def random_pair(schemes, h, seed=1, **damping):
+    """Two subdomains of four dofs; explicit ones at 0.6 of the limit of central difference."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for i, name in enumerate(schemes):
+        M, A = rng.uniform(0.5, 2.0, 4), rng.normal(size=(4, 4))
+        K, scheme = 3.0 * A @ A.T, SCHEMES[name]
+        if scheme.explicit:
+            fastest = np.linalg.eigvalsh(K / np.sqrt(np.outer(M, M))).max()
+            K *= (1.2 / h) ** 2 / fastest
+        B = rng.normal(size=(4, 4))
+        C = 0.02 * B @ B.T if damping.get("full") else None
+        u0, v0, force = 0.1 * rng.normal(size=4), rng.normal(size=4), rng.normal(size=4)
+        v0[3] = 0.3  # tied
+        rayleigh = (0.1, 0.01) if damping.get("rayleigh") else None
+        options = dict(scheme=scheme, u0=u0, v0=v0, force=force, name=f"s{i}")
+        made.append(pm.Subdomain(M, K, C, rayleigh=rayleigh, **options))
+    return made
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning", "ignore:.*tied and in contact")
+@pytest.mark.parametrize("damping", [{}, {"rayleigh": True}, {"full": True}], ids=str)
+@pytest.mark.parametrize("tied", [False, True])
+@pytest.mark.parametrize(
+    "schemes", [("TR", "CD"), ("rho 0.5", "CD"), ("rho 0.8", "explicit 0.5"), ("rho 0", "TR")]
+)
+def test_every_step_is_that_of_the_reference(schemes, tied, damping):
+    h = 0.05
+    a, b = random_pair(schemes, h, **damping)
+    N = [np.zeros((4, 4)), np.zeros((4, 4))]
+    for k in range(2):
+        N[0][k, k], N[1][k, k] = -1.0, 1.0
+    N[0][2, [0, 2]], N[1][3, 2] = 0.5, -1.0
+    L = [np.zeros((int(tied), 4)), np.zeros((int(tied), 4))]
+    if tied:
+        L[0][0, 3], L[1][0, 3] = 1.0, -1.0
+    gap, e = np.array([0.25, 0.25, 0.2, 0.3]), np.array([0.0, 0.5, 1.0, 0.2])
+    joint = pm.Contact({a: N[0], b: N[1]}, gap=gap, restitution=e)
+    ties = [pm.tie(a, [3], b, [3])] if tied else []
+    coupler = pm.Coupler([a, b], [*ties, joint], dt=h, coupling="gc", threads=1)
+    w0 = [coupler.state(0).a, coupler.state(1).a]
+    history = coupler.run(steps=120)
+    path = reference_run([a, b], L, N, gap, e, h, 120, w0)
+    impulses = np.array([P for _, _, P in path])
+    assert (impulses > 0.0).sum() > 2  # or nothing was compared
+    # rounding: two to three digits above that of a step, after 120 of them
+    np.testing.assert_allclose(history.contacts[joint].impulse, impulses, atol=1e-12)
+    for i in range(2):
+        u = np.array([u[i] for u, _, _ in path])
+        np.testing.assert_allclose(history[i].u, u, atol=1e-12 * np.abs(u).max())
+
+
+# ---- 1: a ball ----------------------------------------------------------------------------------
+
+
+@ALL
+def test_a_ball_that_is_thrown_back_keeps_its_height(name):
+    history = ball(SCHEMES[name], 1.0, 9.4)
+    impacts = np.flatnonzero(history.contacts["floor"].closed)
+    assert impacts.size >= 10
+    height = history["ball"].u[impacts[9] : impacts[9] + 890].max()
+    assert abs(height - 1.0) < 1e-11
+
+
+@ALL
+def test_restitution_takes_its_part_of_each_impact(name):
+    h = 1e-3
+    history = ball(SCHEMES[name], 0.8, 4.0, h)
+    u, impacts = history["ball"].u[:, 0], np.flatnonzero(history.contacts[0].closed)
+    fall = np.sqrt(2.0 / 10.0)
+    apex = impacts[2] + np.argmax(u[impacts[2] : impacts[3]])
+    exact = fall * (1.0 + 2.0 * (0.8 + 0.64) + 0.8**3)
+    assert abs(history["ball"].t[apex] - exact) < 8.0 * h
+    # each impact is found up to a step late: 3 h of the velocity in all, and of the height
+    assert abs(u[apex] - 0.8**6) < 0.01
+
+
+def test_all_schemes_agree_on_a_ball():
+    paths = [ball(scheme, 0.8, 2.0)["ball"].u for scheme in SCHEMES.values()]
+    for path in paths[1:]:
+        np.testing.assert_allclose(path, paths[0], atol=1e-12)
+
+
+@ALL
+def test_a_ball_at_rest_pushes_with_its_weight(name):
+    floor = ball(SCHEMES[name], 0.0, 2.0).contacts[0]
+    np.testing.assert_allclose(floor.force[-1000:], 20.0, rtol=1e-9)
+
+
+# ---- 2, 3: a bar on a wall ----------------------------------------------------------------------
+
+
+def rebound(s, history, h):
+    """Contact time, rms of the force on its plateau, momentum and E* after the rebound."""
+    wall = history.contacts["wall"]
+    on = np.flatnonzero(wall.closed[:, 0])
+    last = 2.0 * LENGTH / WAVE
+    first = GAP / SPEED
+    plateau = (wall.t > first + 0.2 * last) & (wall.t < first + 0.8 * last)
+    force = wall.force[plateau, 0] / (WAVE * SPEED)
+    motion = history["bar"]
+    start = 0.5 * LENGTH * SPEED**2
+    return (
+        (on[-1] - on[0] + 1) * h / last,
+        np.sqrt(np.mean((force - 1.0) ** 2)),
+        motion.v[-1] @ s.M / (LENGTH * SPEED),
+        energy_star(s, h, motion.u[-1:], motion.v[-1:], motion.a[-1:])[0] / start,
+    )
+
+
+def test_central_difference_finds_the_force_of_a_bar_on_a_wall():
+    time, rms, momentum, left = rebound(*bar_on_wall(pm.CentralDifference(), 100, 0.9))
+    assert abs(time - 1.0) < 0.01
+    assert rms < 0.005
+    assert abs(momentum - 0.988) < 0.005
+    assert abs(left - 0.992) < 0.003
+
+
+def test_the_energy_of_the_contact_node_is_lost_and_falls_with_the_mesh():
+    left = [rebound(*bar_on_wall(pm.CentralDifference(), n, 0.9))[3] for n in (100, 200)]
+    assert 1.0 - left[1] < 0.6 * (1.0 - left[0])
+
+
+def test_the_trapezoidal_rule_does_too():
+    _, rms, _, left = rebound(*bar_on_wall(pm.Newmark(), 100, 1.0))
+    assert rms < 0.005
+    assert left > 0.99
+
+
+@pytest.mark.parametrize(
+    ("name", "cfl"),
+    [(name, cfl) for name in ("TR", "rho 0.8", "rho 0.5", "rho 0") for cfl in (0.5, 3.0, 10.0)]
+    + [("CD", 0.7), ("CD", 0.99)]
+    + [(f"explicit {rho}", 0.5) for rho in ("0.8", "0.5", "0")],
+)
+def test_a_bar_on_a_wall_never_gains_energy(name, cfl):
+    s, history, h = bar_on_wall(SCHEMES[name], 40, cfl)
+    motion, start = history["bar"], 0.5 * LENGTH * SPEED**2
+    if s.scheme.explicit and name != "CD":  # E* is that of Newmark schemes
+        energy = history.energy.kinetic[:, 0] + history.energy.strain[:, 0]
+    elif name in ("TR", "CD"):
+        energy = energy_star(s, h, motion.u, motion.v, motion.a)
+    else:
+        energy = history.energy.kinetic[:, 0] + history.energy.strain[:, 0]
+    # strain energy by K u is exact to 1e-15 of the terms of u K u, which are 1e4 of the energy
+    assert energy.max() / start < 1.0 + 1e-10
+
+
+# ---- 4: energy ----------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_energy_changes_by_the_work_of_the_impulses_alone(seed, e):
+    h = 0.05
+    a, b = random_pair(("TR", "CD"), h, seed)
+    a, b = (pm.Subdomain(s.M, s.K, scheme=s.scheme, u0=s.u0, v0=s.v0, name=s.name) for s in (a, b))
+    joint = pm.contact(a, [0, 1, 2], b, [0, 1, 2], gap=0.5, restitution=e)
+    history = pm.Coupler([a, b], joint, dt=h, coupling="gc").run(steps=1000, energy=True)
+    total = sum(energy_star(s, h, x.u, x.v, x.a) for s, x in zip((a, b), history.subdomains))
+    work = history.energy.contact.sum(axis=1)
+    assert history.contacts[joint].closed.sum() > 10
+    np.testing.assert_allclose(total - total[0], work, atol=1e-12 * total[0])
+    assert np.diff(total).max() < 1e-13 * total[0] * (100.0 if e == 1.0 else 1.0)
+    if e == 1.0:
+        assert abs(total[-1] / total[0] - 1.0) < 1e-11
+
+
+def test_the_balance_closes_with_the_work_of_contact():
+    _, history, _ = bar_on_wall(pm.Newmark(), 20, 1.0)
+    start = 0.5 * LENGTH * SPEED**2
+    assert history.energy.contact.min() < -1e-3 * start
+    assert np.abs(history.energy.balance).max() < 1e-12 * start
+
+
+# ---- 5: two bars --------------------------------------------------------------------------------
+
+
+def two_bars(n, cfl, schemes, coupling="gc"):
+    M, K = bar(n)
+    h = cfl * critical(n)
+    options = [{"v0": np.full(n + 1, SPEED), "name": "A"}, {"name": "B"}]
+    a, b = (pm.Subdomain(M, K, scheme=SCHEMES[x], **o) for x, o in zip(schemes, options))
+    joint = pm.contact(a, [n], b, [0], gap=0.5, name="joint")
+    coupler = pm.Coupler([a, b], joint, dt=h, coupling=coupling)
+    return coupler.run(steps=round(1.0 / h))
+
+
+def test_two_bars_exchange_their_velocities():
+    history = two_bars(100, 0.9, ("TR", "CD"))
+    M, _ = bar(100)
+    assert history["B"].v[-1] @ M / (LENGTH * SPEED) > 0.99
+    momentum = sum(s.v @ M for s in history.subdomains)
+    np.testing.assert_allclose(momentum, LENGTH * SPEED, rtol=1e-12)
+
+
+def layered(coupling, substeps, scheme):
+    """A strikes B, whose front is a layer at the finest step, tied to the coarse rest."""
+    n, layer = 100, 10
+    M, K = bar(n)
+    h = 0.9 * critical(n)
+    first, second = np.arange(layer + 1), np.arange(layer, n + 1)
+    thin_M, thin_K = M[first].copy(), K[np.ix_(first, first)].copy()
+    thin_M[-1] /= 2.0
+    thin_K[-1, -1] /= 2.0
+    rest_M, rest_K = M[second].copy(), K[np.ix_(second, second)].copy()
+    rest_M[0] /= 2.0
+    rest_K[0, 0] /= 2.0
+    fine = {"scheme": pm.CentralDifference(), "substeps": substeps}
+    a = pm.Subdomain(M, K, v0=np.full(n + 1, SPEED), name="A", **fine)
+    thin = pm.Subdomain(thin_M, thin_K, name="layer", **fine)
+    rest = pm.Subdomain(rest_M, rest_K, scheme=scheme, name="rest")
+    joint = pm.contact(a, [n], thin, [0], gap=0.5, name="joint")
+    ties = pm.tie(thin, [layer], rest, [0])
+    coupler = pm.Coupler([a, thin, rest], [ties, joint], dt=substeps * h, coupling=coupling)
+    history = coupler.run(steps=round(1.0 / (substeps * h)), energy=True)
+    moved = history["layer"].v[-1] @ thin_M + history["rest"].v[-1] @ rest_M
+    return moved / (LENGTH * SPEED), history
+
+
+@pytest.mark.parametrize(("coupling", "least"), [("gc", 0.975), ("pm", 0.965)])
+def test_a_layer_at_the_finest_step_is_struck_with_subcycling_behind_it(coupling, least):
+    moved, history = layered(coupling, 5, pm.Newmark())
+    assert moved > least
+    energy = (history.energy.kinetic + history.energy.strain).sum(axis=1)
+    assert energy.max() < (1.0 + 1e-3) * energy[0]
+    assert history.contacts["joint"].t.size == history.multiplier_times.size
+
+
+# ---- 6, 7: lasting contact ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["TR", "rho 0.5", "CD"])
+def test_a_bar_on_the_floor_does_not_sink(name):
+    n = 10
+    M, K = bar(n)
+    h = (0.9 if name == "CD" else 3.0) * critical(n)
+    C = 0.5 * np.diag(M)  # so that it comes to rest
+    weight = -M
+    s = pm.Subdomain(M, K, C, scheme=SCHEMES[name], force=weight, name="bar")
+    floor = pm.contact(s, [0], gap=0.0)
+    history = pm.Coupler([s], floor, dt=h).run(steps=10_000, every=1)
+    gap, force = (getattr(history.contacts[0], x)[:, 0] for x in ("gap", "force"))
+    assert abs(gap[10_000] - gap[5_000]) < 1e-12
+    np.testing.assert_allclose(force[-1000:], LENGTH, rtol=1e-9)
+
+
+def test_lasting_contact_is_of_order_two():
+    rng = np.random.default_rng(4)
+    A = rng.normal(size=(3, 3))
+    K = A @ A.T + np.eye(3)
+
+    def end(steps, scheme):
+        h = 1.0 / steps
+        s = pm.Subdomain(
+            [1.0, 1.5, 0.5],
+            K,
+            scheme=scheme,
+            force=lambda t: [-5.0 - np.sin(3 * t), np.cos(2 * t), 0.0],
+        )
+        stop = pm.contact(s, [0])
+        history = pm.Coupler([s], stop, dt=h).run(1.0)
+        assert history.contacts[0].closed[1:].all()
+        return history[0].u[-1], history[0].v[-1]
+
+    for scheme in (pm.Newmark(), pm.CentralDifference(), pm.GeneralizedAlpha(0.5)):
+        u, v = zip(*(end(k, scheme) for k in (40, 80, 160)))
+        for x in (u, v):
+            order = np.log2(np.linalg.norm(x[0] - x[1]) / np.linalg.norm(x[1] - x[2]))
+            assert 1.9 < order < 2.1
+
+
+# ---- 8: friction --------------------------------------------------------------------------------
+
+
+def slope(h, mu=0.5, tangent=0.2, v0=2.0, t_end=1.0, scheme=None):
+    """A block slides up to its stop on a plane inclined by a small angle: g = 10."""
+    g, angle = 10.0, np.arctan(tangent)
+    load = g * np.array([np.sin(angle), -np.cos(angle)])
+    s = pm.Subdomain(
+        [1.0, 1.0],
+        [0.0, 0.0],
+        scheme=scheme or pm.Newmark(),
+        force=load,
+        v0=[v0, 0.0],
+        name="block",
+    )
+    plane = pm.contact(s, [1], friction=mu, tangents=[[0]], name="plane")
+    return pm.Coupler([s], plane, dt=h).run(t_end), g * np.cos(angle), mu, tangent
+
+
+@pytest.mark.parametrize("name", ["TR", "rho 0.5", "CD"])
+def test_a_block_on_a_slope_stops_where_coulomb_says(name):
+    h = 0.01
+    history, normal, mu, tangent = slope(h, scheme=SCHEMES[name])
+    slowing = normal * (mu - tangent)
+    u, plane = history["block"].u[:, 0], history.contacts["plane"]
+    assert abs(u[-1] - 2.0**2 / (2.0 * slowing)) < 2e-5
+    assert np.ptp(u[-20:]) < 1e-13  # no creep but for rounding of u
+    ratio = plane.friction[-20:, 0, 0] / plane.impulse[-20:, 0]
+    np.testing.assert_allclose(-ratio, tangent, rtol=1e-9)
+
+
+def test_a_spring_with_dry_friction_rests_where_its_half_cycles_end():
+    # mu N / k = 0.1: each half cycle takes 0.2 from u0 = 1.05; at -0.05 the spring is too weak
+    s = pm.Subdomain([1.0, 1.0], [1.0, 0.0], scheme=pm.Newmark(), force=[0.0, -1.0], u0=[1.05, 0.0])
+    plane = pm.contact(s, [1], friction=0.1, tangents=[[0]])
+    history = pm.Coupler([s], plane, dt=0.1).run(25.0)
+    assert abs(history[0].u[-1, 0] + 0.05) < 1e-3
+
+
+def test_two_tangents_slide_on_a_cone_in_the_direction_of_the_velocity():
+    v = np.array([1.2, 0.5])
+    s = pm.Subdomain(
+        np.ones(3), np.zeros(3), scheme=pm.Newmark(), force=[0.0, 0.0, -10.0], v0=[*v, 0.0]
+    )
+    plane = pm.contact(s, [2], friction=0.3, tangents=[[0], [1]])
+    history = pm.Coupler([s], plane, dt=0.01).run(1.0)
+    end = history[0].u[-1, :2]
+    assert abs(end[0] * v[1] - end[1] * v[0]) < 1e-12
+    assert abs(np.linalg.norm(end) - (v @ v) / 6.0) < 1e-4
+    assert history.contacts[0].friction.shape == (101, 1, 2)
