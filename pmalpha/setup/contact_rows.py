@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import cython_blas
 
 from .._checks import counted, numbered
 from ..errors import ConstraintError, StabilityWarning, warn
@@ -241,6 +240,8 @@ class Contacts:
 
     def core(self, parts: Sequence[Part]) -> tuple[Any, ...]:
         """The contacts in the form of the core."""
+        from scipy.linalg import cython_blas
+
         require(8.0 * 3.0 * self.rows**2, f"the contacts of {counted(self.rows, 'row')}")
         capsules = cython_blas.__pyx_capi__
         sides = []
