@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from threading import local
 from types import FrameType
-from typing import Any
+from typing import Any, TypeAlias
 
 __all__ = [
     "AccuracyWarning",
@@ -359,6 +360,43 @@ def noted() -> Iterator[list[str]]:
         _NOTED.reset(token)
 
 
+# A line of the user: file, number, name of the module.
+Line: TypeAlias = tuple[str, int, str]
+_registry: dict[Any, Any] = {}  # of warnings for lines of other threads
+
+
+class _Worker(local):
+    """For what line a worker works, and the frame in which its work for it begins."""
+
+    line: Line | None = None
+    begin: FrameType | None = None
+
+
+_worker = _Worker()
+
+
+def users_line() -> Line:
+    """The line outside of the package that made the call."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        if frame is _worker.begin and _worker.line is not None:
+            return _worker.line
+        frame = frame.f_back
+    if frame is None:
+        return "pmalpha", 1, "pmalpha"
+    return frame.f_code.co_filename, frame.f_lineno, frame.f_globals.get("__name__", "?")
+
+
+def for_line(line: Line, function: Callable[..., Any], *arguments: Any) -> Any:
+    """function(*arguments), perhaps in another thread or process; warnings point at the line."""
+    before = _worker.line, _worker.begin
+    _worker.line, _worker.begin = line, sys._getframe()
+    try:
+        return function(*arguments)
+    finally:
+        _worker.line, _worker.begin = before
+
+
 def warn(message: str, category: type[Warning]) -> None:
     """Warn with the line outside of the package that made the call."""
     messages = _NOTED.get()
@@ -367,5 +405,9 @@ def warn(message: str, category: type[Warning]) -> None:
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        if frame is _worker.begin and _worker.line is not None:
+            file, number, module = _worker.line
+            warnings.warn_explicit(message, category, file, number, module, _registry)
+            return
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level - 1 if frame is None else level)

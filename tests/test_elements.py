@@ -8,6 +8,7 @@ import scipy.sparse.linalg
 
 import pmalpha as pm
 from pmalpha import structures
+from pmalpha.structures.tangent_sums import Assembly
 
 E, NU = 7.0, 0.3
 EPS = np.finfo(float).eps
@@ -868,3 +869,15 @@ def test_a_tuple_of_counts_warns_and_makes_the_same_solid():
             assert (one.points == block.points).all() and (one.M != block.M).nnz == 0
     with pytest.raises(TypeError, match="nonlinear_solid needs nx, ny, h and a material"):
         structures.nonlinear_solid(2, 0.5, rho=1.0)
+
+
+def test_an_assembly_takes_nodes_before_components_in_forces_and_tangents():
+    """Element forces (E, a, d) like the rows of element tangents (E, a, d, a, d)."""
+    elements = np.array([[0, 2], [2, 1], [1, 3]])
+    assembly = Assembly(elements, 4, 2)
+    tangents = np.random.default_rng(3).normal(size=(3, 2, 2, 2, 2))
+    tangents += tangents.transpose(0, 3, 4, 1, 2)
+    u = np.random.default_rng(4).normal(size=8)
+    forces = np.einsum("eaibj,ebj->eai", tangents, u.reshape(4, 2)[elements])
+    # rounding of sums of a dozen products
+    np.testing.assert_allclose(assembly.force(forces), assembly.tangent(tangents) @ u, atol=1e-13)

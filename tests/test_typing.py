@@ -1,6 +1,7 @@
 """What a type checker says of a user's script, and where the package is found."""
 
 import importlib.util
+import inspect
 import json
 import re
 import subprocess
@@ -172,3 +173,11 @@ def test_a_folder_of_the_same_name_does_not_shadow_the_package(tmp_path):
 
 def test_the_package_has_the_marker_of_typed_packages():
     assert (Path(importlib.util.find_spec("pmalpha").origin).parent / "py.typed").exists()
+
+
+def test_editors_show_what_functions_a_subdomain_takes():
+    given = inspect.signature(pm.Subdomain).parameters
+    shown = {name: str(given[name].annotation) for name in ("force", "restoring", "internal")}
+    assert "Load" in shown["force"] and "MotionLoad" in shown["force"]
+    assert "RestoringForce" in shown["restoring"]
+    assert "InternalForceFunction" in shown["internal"]

@@ -287,7 +287,7 @@ def _sum(one: Any, other: Any) -> Any:
 
 
 def _parts_of(forces: Sequence[Any], number: np.ndarray, nodes: int) -> list[Any]:
-    parts = [force._of_nodes(number, nodes) for force in forces]
+    parts = [force.of_nodes(number, nodes) for force in forces]
     return [part for part in parts if part is not None]
 
 

@@ -16,11 +16,42 @@ __all__ = [
     "Damping",
     "DofsLike",
     "Drift",
+    "InternalForceFunction",
+    "Load",
     "MatrixLike",
+    "MotionLoad",
+    "RestoringForce",
     "Start",
     "TangentPolicy",
     "VectorLike",
 ]
+
+
+class Load(Protocol):
+    """``force=``: the load at time t, evaluated in advance at the end of each substep."""
+
+    def __call__(self, t: float, /) -> Any: ...
+
+
+class MotionLoad(Protocol):
+    """``force=``: a load that depends on the motion, evaluated like a restoring force."""
+
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray, /) -> Any: ...
+
+
+class RestoringForce(Protocol):
+    """``restoring=``: the force (n,), evaluated once for each substep, in the order of time."""
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float, /) -> Any: ...
+
+
+class InternalForceFunction(Protocol):
+    """``internal=``: (f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1), called any number of times."""
+
+    def __call__(
+        self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, /
+    ) -> tuple[Any, ...]: ...
+
 
 # Values of coupling=, start= and drift= of a Coupler, damping= of a Subdomain, tangent= of Newton.
 Coupling = Literal["pm", "gc", "macro", "mean"]

@@ -9,7 +9,16 @@ import numpy as np
 
 from .._checks import check_word, counted, flag, numbered, vector, whole_number
 from ..errors import FactorizationError
-from .argument_types import Damping, DofsLike, MatrixLike, VectorLike
+from .argument_types import (
+    Damping,
+    DofsLike,
+    InternalForceFunction,
+    Load,
+    MatrixLike,
+    MotionLoad,
+    RestoringForce,
+    VectorLike,
+)
 from .damping import checked_rayleigh, damping_matrix
 from .discrete_gradient import internal_for
 from .dofs import checked_names
@@ -141,11 +150,11 @@ class Subdomain(Frozen):
         scheme: Scheme,
         substeps: int = 1,
         double_step: bool | None = None,
-        force: Any = None,
-        restoring: Any = None,
+        force: VectorLike | Load | MotionLoad | Any = None,
+        restoring: RestoringForce | Sequence[Any] | Any = None,
         restoring_stiffness: MatrixLike | None = None,
         restoring_damping: MatrixLike | None = None,
-        internal: Any = None,
+        internal: InternalForceFunction | Sequence[Any] | Any = None,
         limits: Limits | None = None,
         damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,

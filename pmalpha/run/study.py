@@ -9,13 +9,14 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from .._checks import whole_number
-from ..errors import CasesError, PmalphaError
+from ..errors import CasesError, PmalphaError, for_line, users_line
 from ..files import HDF5, checked_path, package_version
 from ..results.history import History
 from ..results.history_file import hdf5_library
@@ -195,7 +196,8 @@ class Study:
         cases, found, n = list(cases), list[CaseResult](), self.together
         file = nullcontext(lambda k, case: case) if save_to is None else _file(save_to, len(cases))
         with reporting(progress, 0, len(cases)) as report, file as kept:
-            results = map(self._several, [cases[k : k + n] for k in range(0, len(cases), n)])
+            work = partial(for_line, users_line(), self._several)
+            results = map(work, [cases[k : k + n] for k in range(0, len(cases), n)])
             if not isinstance(results, Iterable):
                 raise TypeError(f"map must return an iterable of results, got {results!r}")
             for several in results:

@@ -189,7 +189,7 @@ class BarForce(Conservative):
                 s = N / length
                 k = (EA / self._rest - s) / length**2
         pull = s[:, None] * x
-        f = self._assembly.force(np.stack([-pull, pull], axis=2))
+        f = self._assembly.force(np.stack([-pull, pull], axis=1))
         if not tangent:
             return f, None, q
         block = k[:, None, None] * x[:, :, None] * x[:, None, :]

@@ -148,7 +148,7 @@ class ContactForce(Conservative):
         self._k = np.broadcast_to(k, chosen.size)
         super().__init__(self._assembly.pattern)
 
-    def _of_nodes(self, number: np.ndarray, nodes: int) -> ContactForce | None:
+    def of_nodes(self, number: np.ndarray, nodes: int) -> ContactForce | None:
         own = number[self._assembly.elements[:, 0]]
         kept = own >= 0
         if not kept.any():
@@ -176,9 +176,9 @@ class ContactForce(Conservative):
         gap, n, curvature = self._gaps(x)
         touching = gap < 0.0
         dim, d = x.shape[1], self._assembly.d
-        forces = np.zeros((len(x), d, 1))
+        forces = np.zeros((len(x), 1, d))
         push = np.where(touching, self._k * gap, 0.0)
-        forces[:, :dim, 0] = push[:, None] * n
+        forces[:, 0, :dim] = push[:, None] * n
         f = self._assembly.force(forces)
         if not tangent:
             return f, None, q

@@ -143,7 +143,7 @@ class BeamForce(Conservative):
         z[:, :, 0], z[:, :, 1] = -s[:, None] * ends, c[:, None] * ends
         forces = N[:, None, None] * r - shear[:, None, None] * z
         forces[:, :, 2] += moments
-        f = self._assembly.force(np.swapaxes(forces, 1, 2))
+        f = self._assembly.force(forces)
         if not tangent:
             return f, None, q
         return f, self._assembly.tangent(_tangents(r, z, length, N, shear, EA, EI)), q

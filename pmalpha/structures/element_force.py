@@ -168,9 +168,29 @@ class ElementForce:
         kind = _ReducedConservative if isinstance(self, Conservative) else _Reduced
         return kind(self, dofs)
 
-    def _of_nodes(self, number: np.ndarray, nodes: int) -> ElementForce | None:
-        """The force at some of the nodes, in their new numbers, -1 for the others; None if it has
-        none there."""
+    def of_nodes(self, number: np.ndarray, nodes: int) -> ElementForce | None:
+        """The force at some of the nodes, which `pmalpha.cut` gives to a subdomain.
+
+        Forces at nodes, such as contact, implement it; those of elements are made anew by the
+        `recipe` of their structure.
+
+        Parameters
+        ----------
+        number : (N,) array of int
+            The new number of each node, -1 for those that are left out.
+        nodes : int
+            How many have a number.
+
+        Returns
+        -------
+        ElementForce or None
+            On the dofs of these nodes in their new numbers; None if it has none there.
+
+        Raises
+        ------
+        TypeError
+            If the force does not know its nodes.
+        """
         raise TypeError(
             f"structure must have internal forces of its elements and contact only, got {self!r}"
         )

@@ -296,7 +296,7 @@ class SolidForce(ElementForce):
             forces[part] = stress.reshape(-1, d, points * d) @ flat
             if sums is not None and moduli is not None:
                 assembly.add(sums, number, _blocks(moduli, slopes, flat))
-        f = assembly.force(forces)
+        f = assembly.force(np.swapaxes(forces, 1, 2))
         return f, None if sums is None else assembly.matrix(sums), after.ravel()
 
     def _of(self, part: slice) -> tuple[np.ndarray, np.ndarray]:

@@ -40,10 +40,11 @@ class Assembly:
         self.pattern, self._order = _rows(pairs, self.components, d)
 
     def force(self, values: np.ndarray) -> np.ndarray:
-        """(n,): element forces (E, d, a), summed."""
+        """(n,): element forces (E, a, d), summed."""
         corners = self.elements.ravel()
         columns = [
-            np.bincount(corners, values[:, i].ravel(), minlength=self.nodes) for i in range(self.d)
+            np.bincount(corners, values[:, :, i].ravel(), minlength=self.nodes)
+            for i in range(self.d)
         ]
         return np.stack(columns, axis=1).ravel()
 
