@@ -10,14 +10,14 @@
 
 PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
-    PyTypeObject *type = Py_TYPE(self);
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
     if (self->of || !pma_cases_are_possible(self->core))
         return PyErr_Format(PyExc_ValueError, "the subdomain must be one without functions, and "
                                               "not in lanes");
     SubdomainObject *lanes = (SubdomainObject *)PyType_GenericAlloc(type, 0);
     if (!lanes)
         return NULL;
-    lanes->of = (SubdomainObject *)Py_NewRef(self);
+    lanes->of = (SubdomainObject *)Py_NewRef((PyObject *)self);
     const pma_status status = pma_cases_create(self->core, &lanes->core);
     if (status == PMA_OK)
         return (PyObject *)lanes;
@@ -149,7 +149,7 @@ static int fill_lanes(CouplerObject *of, CouplerObject *self)
 
 PyObject *pma_coupler_in_lanes(CouplerObject *self, PyObject *subdomains)
 {
-    PyTypeObject *type = Py_TYPE(self);
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
     if (!PyTuple_Check(subdomains))
         return PyErr_Format(PyExc_TypeError, "subdomains must be a tuple");
     if (check_lanes(self, subdomains) < 0)

@@ -174,7 +174,7 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
 
 static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
 {
-    Py_VISIT(Py_TYPE(self));
+    Py_VISIT(Py_TYPE((PyObject *)self));
     Py_VISIT(self->subdomains);
     Py_VISIT(self->arrays);
     Py_VISIT(self->motions);
@@ -186,7 +186,7 @@ static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
 
 static void coupler_dealloc(CouplerObject *self)
 {
-    PyTypeObject *type = Py_TYPE(self);
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
     PyObject_GC_UnTrack(self);
     pma_coupler_destroy(self->core);
     pma_release_processes(self->processes);

@@ -42,7 +42,7 @@ static PyObject *guard_turns(GuardObject *self, void *closure)
 
 static void guard_dealloc(GuardObject *self)
 {
-    PyTypeObject *type = Py_TYPE(self);
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
     PyObject_Free(self);
     Py_DECREF(type);
 }

@@ -110,7 +110,7 @@ failed:
 
 static int subdomain_traverse(SubdomainObject *self, visitproc visit, void *arg)
 {
-    Py_VISIT(Py_TYPE(self));
+    Py_VISIT(Py_TYPE((PyObject *)self));
     Py_VISIT(self->arrays);
     Py_VISIT(self->load);
     Py_VISIT(self->mass);
@@ -121,7 +121,7 @@ static int subdomain_traverse(SubdomainObject *self, visitproc visit, void *arg)
 
 static void subdomain_dealloc(SubdomainObject *self)
 {
-    PyTypeObject *type = Py_TYPE(self);
+    PyTypeObject *type = Py_TYPE((PyObject *)self);
     PyObject_GC_UnTrack(self);
     pma_subdomain_destroy(self->core);
     pma_team_destroy(self->team);
@@ -226,7 +226,7 @@ static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
 /* follow_energy(from): the works that another subdomain has summed up go on here */
 static PyObject *subdomain_follow_energy(SubdomainObject *self, PyObject *obj)
 {
-    if (!Py_IS_TYPE(obj, Py_TYPE(self)))
+    if (!Py_IS_TYPE(obj, Py_TYPE((PyObject *)self)))
         return PyErr_Format(PyExc_TypeError, "from must be a Subdomain, got %R", obj);
     SubdomainObject *from = (SubdomainObject *)obj;
     if (pma_subdomain_parts(from->core)->n != pma_subdomain_parts(self->core)->n ||
