@@ -84,6 +84,7 @@ class Pacing:
         Parameters
         ----------
         count : int, default 10
+            Their number.
 
         Returns
         -------
@@ -103,6 +104,7 @@ class Pacing:
         Returns
         -------
         matplotlib.axes.Axes
+            Those drawn in.
         """
         from matplotlib import pyplot
 

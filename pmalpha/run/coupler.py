@@ -386,12 +386,26 @@ class Coupler:
             special rights. Other threads do not inherit it. Default: that of the thread.
         lock_memory : bool, default False
             Lock all memory of the process during the steps, so that none is paged. Needs rights.
-        record, every, energy, record_springs, outputs, progress
-            As for `run`. A callable of `progress` takes the GIL every 50 ms.
-        record_to, append, overwrite
+        record : dict, optional
+            As for `run`.
+        every : int, optional
+            As for `run`.
+        energy : bool, default False
+            As for `run`.
+        record_to : str or path, optional
             As for `run`, but a thread of its own writes the file, from a ring of 16 MB. The steps
             never wait for it: macro steps that find the ring full are NaN in the file, and counted
             in ``pacing.lost``.
+        append : bool, default False
+            As for `run`.
+        overwrite : bool, default False
+            As for `run`.
+        record_springs : dict, optional
+            As for `run`.
+        outputs : dict, optional
+            As for `run`.
+        progress : True or callable, optional
+            As for `run`. It takes the GIL every 50 ms.
 
         Returns
         -------
