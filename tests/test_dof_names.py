@@ -150,3 +150,37 @@ def test_dofs_of_a_mesh_have_names_whatever_is_fixed():
     history = parts.coupler(dt=0.1, coupling="gc").run(steps=2)
     assert parts.gather(history)["ux 2"].name == "ux 2"
     assert history[1]["ux 2"].u.shape == (3,)
+
+
+def test_drifts_and_base_shear_of_a_frame_need_no_formula():
+    """Two storeys with two bays: the drifts and the force of the feet from all dofs."""
+    x, y = np.meshgrid([0.0, 4.0, 9.0], [0.0, 3.0, 6.0])
+    points = np.column_stack([x.ravel(), y.ravel()])
+    columns = [(i, i + 3) for i in range(6)]
+    beams = [(i, i + 1) for i in (3, 4, 6, 7)]
+    building = pm.structures.beam_frame(
+        points, columns + beams, EA=1e4, EI=50.0, rhoA=1.0, divisions=2
+    )
+    feet = building.dofs([0, 1, 2])
+    held = building.subdomain(
+        scheme=pm.GeneralizedAlpha(0.8),
+        fixed=feet,
+        name="held",
+        force=lambda t: np.full(building.n - feet.size, 0.1),
+    )
+    outputs = {"drift": building.storey_drifts(), "shear": building.base_shear()}
+    motion = pm.solve(held, dt=0.02, steps=20, outputs={"held": outputs})
+    whole = pm.reduce(building.M, building.K, fixed=feet).expand(motion.u)
+    mean = [whole[:, building.dofs(nodes, "ux")].mean(axis=1) for nodes in floors(building)]
+    np.testing.assert_allclose(
+        motion.outputs["drift"], np.diff(np.array(mean), axis=0).T, atol=1e-15
+    )
+    forces = (whole @ building.K)[:, building.dofs([0, 1, 2], "ux")].sum(axis=1)
+    np.testing.assert_allclose(motion.outputs["shear"][:, 0], forces, atol=1e-12)
+    with pytest.raises(ValueError, match="storey_drifts needs elements 'line'"):
+        pm.structures.plate(1, 1, 1.0, E=1.0, nu=0.2, rho=1.0).storey_drifts()
+
+
+def floors(building):
+    """Feet, and all nodes of the beams at each height, also those within a span."""
+    return [np.array([0, 1, 2]), building.nodes_at(y=3.0), building.nodes_at(y=6.0)]

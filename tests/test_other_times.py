@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
+from pmalpha.run.study import CaseResult
 
 
 def tower_and_rig(**options):
@@ -124,8 +125,22 @@ def test_reset_says_that_it_undoes_changed_steps():
 
 
 def test_results_of_cases_show_values():
-    assert repr(pm.CaseResult(0.25)) == "<CaseResult 0.25>"
-    assert repr(pm.CaseResult(np.arange(3.0))) == "<CaseResult [0. 1. 2.]>"
-    assert repr(pm.CaseResult(error=ValueError("too large"))) == (
+    assert repr(CaseResult(0.25)) == "<CaseResult 0.25>"
+    assert repr(CaseResult(np.arange(3.0))) == "<CaseResult [0. 1. 2.]>"
+    assert repr(CaseResult(error=ValueError("too large"))) == (
         "<CaseResult failed, ValueError: too large>"
     )
+
+
+def test_subdomains_structures_and_cuts_show_themselves_in_a_notebook():
+    mass = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), name="<m>", dof_names=["top"],
+                        restoring=pm.Gap(0, 1.0, 0.1), rayleigh=(0.1, 0.0))  # fmt: skip
+    shown = mass._repr_html_()
+    # the spring is open: 2 pi / sqrt(4)
+    for text in ("&lt;m&gt;", "of order 2", "top", "1 spring", "c_m = 0.1", "3.142"):
+        assert text in shown
+    assert "order 1" in pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(0.4, 0.6))._repr_html_()
+    chain = pm.structures.chain(4, 1.0, 2.0)
+    assert "3 line" in chain._repr_html_() and "0 .. 3" in chain._repr_html_()
+    shown = pm.cut(chain, [0, 0, 1], dt=0.1)._repr_html_()
+    assert "Cut into 2 subdomains, 1 constraint" in shown and "part 1" in shown

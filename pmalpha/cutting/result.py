@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._checks import counted, sampling_step
+from .._tables import html_table
 from ..export import write_series
 from ..gradients.parameters import Parameters
 from ..problem.constraints import Constraint
@@ -33,6 +35,9 @@ __all__ = ["Cut"]
 MOST_ROWS = 16
 # Up to this number of dofs repr makes the plan.
 QUICK = 100_000
+
+
+HEADINGS = ("subdomain", "dofs", "interface dofs", "scheme", "substeps")
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -82,6 +87,18 @@ class Cut:
     _uncut: tuple[Scheme, int] | None
     _division: Division
 
+    def _repr_html_(self) -> str:
+        what = f"Cut into {counted(len(self.subdomains), 'subdomain')}, "
+        rows = [
+            (str(s.name), str(s.n), str(int(own.sum())), repr(s.scheme), str(s.substeps))
+            for s, own in zip(self.subdomains, self._division.interface)
+        ]
+        left = len(rows) - MOST_ROWS
+        more = f"<p>... {left} more</p>" if left > 0 else ""
+        plan = f"<p>{escape(self.plan().summary)}</p>" if self._is_quick else ""
+        table = html_table(HEADINGS, rows[:MOST_ROWS], ("subdomain", "scheme"))
+        return f"<p>{what}{counted(self.p, 'constraint')}</p>{table}{more}{plan}"
+
     def __repr__(self) -> str:
         rows = [
             (
@@ -96,10 +113,15 @@ class Cut:
         lines = aligned(rows[:MOST_ROWS])
         if len(rows) > MOST_ROWS:
             lines.append(f"... ({len(rows)} in all)")
-        if self.dt is not None and self.n <= QUICK:
+        if self._is_quick:
             lines.append(self.plan().summary)
         what = f"<Cut into {counted(len(rows), 'subdomain')}, {counted(self.p, 'constraint')}"
         return "\n  ".join([what, *lines]) + ">"
+
+    @property
+    def _is_quick(self) -> bool:
+        """Whether a plan can be shown at once."""
+        return self.dt is not None and self.n <= QUICK
 
     @property
     def p(self) -> int:

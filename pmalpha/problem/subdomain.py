@@ -38,6 +38,7 @@ from .matrices import (
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme
 from .springs import Spring, stiffness
+from .subdomain_table import subdomain_html
 from .superelement import ReducedBasis, reduced_arguments
 
 __all__ = ["Subdomain"]
@@ -206,6 +207,9 @@ class Subdomain(Frozen):
         label = "" if self.name is None else f"{self.name!r}, "
         label += counted(self.n, "dof")
         return f"<Subdomain {label}, {self.scheme!r}, substeps={self.substeps}>"
+
+    def _repr_html_(self) -> str:
+        return subdomain_html(self)
 
     def reduced(
         self,

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, listing, real_number
+from .._tables import html_facts
 from ..problem.argument_types import DofsLike
 from ..problem.dofs import NodeNames, dof_list
 from ..problem.matrices import Matrix, combination, sparse_diagonal
@@ -20,6 +21,7 @@ from .elasticity import Moduli, stresses
 from .element_force import ElementForce
 from .line_forces import BAR, BEAM, line_forces
 from .recipe import Recipe, all_of
+from .storeys import base_shear, storey_drifts
 from .stress import nodal_stress
 from .vtk import grid_of
 
@@ -119,6 +121,23 @@ class Structure:
         points, dofs = counted(len(self.points), "point"), counted(self.n, "dof")
         forces = f", {counted(len(self.internal), 'internal force')}" if self.internal else ""
         return f"<Structure {points}, {counts}, {dofs}{forces}>"
+
+    def _repr_html_(self) -> str:
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        facts = [
+            ("nodes", str(len(self.points))),
+            ("elements", ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())),
+            ("dofs", f"{self.n}, of a node {', '.join(self.components)}"),
+            ("extent", " x ".join(f"{a:g} .. {b:g}" for a, b in zip(low, high))),
+        ]
+        if self.internal:
+            facts.append(("internal forces", str(len(self.internal))))
+        facts += [
+            (what, ", ".join(map(str, found)))
+            for what, found in (("groups", self.groups), ("sets", self.sets))
+            if found
+        ]
+        return html_facts("Structure", facts)
 
     @property
     def dofs_per_node(self) -> int:
@@ -528,15 +547,52 @@ class Structure:
         """
         return grid_of(self, motion, t)
 
-    def base_shear(self, nodes: Any, component: str = "ux") -> sp.csr_array:
-        """The matrix W from displacements of all dofs to the force of the supports at some nodes.
+    def storey_drifts(self, component: str = "ux") -> sp.csr_array:
+        """The matrix W from displacements of all dofs to the drifts of the storeys.
 
-        For ``run(outputs=)``, with the columns of the free dofs.
+        For ``run(outputs=)`` of a subdomain that `subdomain` made, whatever is fixed.
 
         Parameters
         ----------
-        nodes : int or (k,) array of int
-            Nodes that are fixed.
+        component : str, default "ux"
+            Direction of the drifts.
+
+        Returns
+        -------
+        (storeys, n) csr_array
+            Of frames of lines: mean displacement of the nodes of a level minus that of the level
+            below. The first level are the lowest nodes, the others those where horizontal members
+            end. Of chains and rods: the elongations of the elements, the spring to the ground
+            first if there is one.
+
+        Raises
+        ------
+        ValueError
+            For other elements, and fewer than two levels.
+
+        Examples
+        --------
+        >>> from pmalpha import GeneralizedAlpha, solve, structures
+        >>> frame = structures.chain(2, 1.0, [4.0], ground=(6.0, 0.0))
+        >>> frame.storey_drifts().toarray().tolist(), frame.base_shear().toarray().tolist()
+        ([[1.0, 0.0], [-1.0, 1.0]], [[-6.0, 0.0]])
+        >>> model = frame.subdomain(scheme=GeneralizedAlpha(0.5), v0=[0.0, 1.0], name="frame")
+        >>> outputs = {"frame": {"drift": frame.storey_drifts(), "shear": frame.base_shear()}}
+        >>> solve(model, dt=0.1, steps=5, outputs=outputs).outputs["drift"].shape
+        (6, 2)
+        """
+        return storey_drifts(self, component)
+
+    def base_shear(self, nodes: Any = None, component: str = "ux") -> sp.csr_array:
+        """The matrix W from displacements of all dofs to the force of the supports at some nodes.
+
+        For ``run(outputs=)`` of a subdomain that `subdomain` made, whatever is fixed.
+
+        Parameters
+        ----------
+        nodes : int or (k,) array of int, optional
+            Nodes that are fixed. Default: the springs to the ground where there are any, else the
+            lowest nodes.
         component : str, default "ux"
             Direction of the force; for "rz" the sum of the clamping moments.
 
@@ -566,8 +622,7 @@ class Structure:
         True
         """
         self._require_linear("base_shear")
-        rows = sp.csr_array(self.K)[self.dofs(nodes, component)]
-        return sp.csr_array(np.ones((1, rows.shape[0])) @ rows)
+        return base_shear(self, nodes, component)
 
     def _require_linear(self, what: str) -> None:
         if self.internal:
