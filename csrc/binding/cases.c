@@ -84,7 +84,7 @@ static int check_lanes(CouplerObject *self, PyObject *subdomains)
     bool all = PyTuple_Size(subdomains) == count;
     for (Py_ssize_t i = 0; all && i < count; i++) {
         PyObject *s = PyTuple_GetItem(subdomains, i);
-        all = Py_IS_TYPE(s, Py_TYPE(pma_subdomain_of(self, i))) &&
+        all = Py_IS_TYPE(s, Py_TYPE((PyObject *)pma_subdomain_of(self, i))) &&
               ((SubdomainObject *)s)->of == pma_subdomain_of(self, i);
     }
     if (!all)
