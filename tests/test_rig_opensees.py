@@ -130,6 +130,13 @@ def test_a_frame_with_the_interface_of_a_coupler_is_the_whole_frame(algorithm):
     assert np.abs(with_coupler - whole).max() < 1e-9 * np.abs(whole).max()
 
 
+def test_a_frame_with_the_interface_of_a_coupler_with_substeps_is_near_the_whole_frame():
+    whole = alone("column", "newmark", "Newton")
+    with_coupler = with_element(column_of_two("pm", 2), "column", "newmark", "Newton")
+    # double steps and substeps have other errors of the second order than the whole frame's steps
+    assert np.abs(with_coupler - whole).max() < 0.02 * np.abs(whole).max()
+
+
 def test_a_frame_with_springs_that_yield_is_the_one_with_the_material_of_opensees():
     spring = pm.Bilinear([0], k=2e6, fy=20e3, hardening=0.1)
     whole = alone("yielding", "newmark", "Newton")

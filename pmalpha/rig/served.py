@@ -21,11 +21,12 @@ from ..run.coupler import Coupler
 
 
 class Trial(NamedTuple):
-    """A trial state, of n dofs, and its time, None where the client sends none."""
+    """A trial state, of n dofs, its time and acceleration, None where the client sends none."""
 
     u: np.ndarray
     v: np.ndarray
     t: float | None
+    a: np.ndarray | None = None
 
 
 class Element(Protocol):
@@ -50,8 +51,9 @@ class Element(Protocol):
 class Command:
     """A prescribed velocity that another program commands, by `serve`.
 
-    Given as ``velocity`` of a `Constraint` on the interface of a coupler. Between two of its macro
-    steps the velocity is linear.
+    Given as ``velocity`` of a `Constraint` on the interface of a coupler. In a macro step the
+    velocity is a parabola from velocity and acceleration at the begin to the velocity at the end:
+    by straight lines substeps of the trapezoidal rule would keep their first acceleration.
 
     Parameters
     ----------
@@ -67,12 +69,15 @@ class Command:
 
     def __init__(self, p: int):
         self.p = whole_number(p, "p", low=1)
-        self.begin, self.end = np.zeros((2, self.p))
+        self.begin, self.slope, self.end = np.zeros((3, self.p))
         self.t0, self.t1 = 0.0, 1.0
 
     def __call__(self, t: float) -> np.ndarray:
-        share = (t - self.t0) / (self.t1 - self.t0)
-        return (1.0 - share) * self.begin + share * self.end
+        step = self.t1 - self.t0
+        share = (t - self.t0) / step
+        bend = self.end - self.begin - step * self.slope
+        result: np.ndarray = self.begin + share * (step * self.slope + share * bend)
+        return result
 
     def __repr__(self) -> str:
         return f"Command({self.p})"
@@ -255,14 +260,15 @@ class CouplerElement:
         self.command, self.rows = found[0]
         self.n = self.command.p
         self.last: tuple[Trial, np.ndarray] | None = None
-        self._begin_step(np.zeros(self.n))
+        self._begin_step(np.zeros(self.n), np.zeros(self.n))
         self.slopes: dict[int, np.ndarray] = {}
 
-    def _begin_step(self, v: np.ndarray) -> None:
-        """The macro step after the present begins with this velocity."""
+    def _begin_step(self, v: np.ndarray, a: np.ndarray) -> None:
+        """The macro step after the present begins with this velocity and acceleration."""
         command, coupler = self.command, self.coupler
         command.t0, command.t1 = coupler.time, coupler.time + coupler.dt
         command.begin[:] = command.end[:] = v
+        command.slope[:] = a
         self.present, self.last = coupler.snapshot(), None
 
     def force(self, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
@@ -301,7 +307,10 @@ class CouplerElement:
     def commit(self, trial: Trial) -> None:
         if not self._is_present(trial):
             self._step(trial)
-            self._begin_step(trial.v)
+            # as the trapezoidal rule has it, where the client does not say
+            mean = (trial.v - self.command.begin) / self.coupler.dt
+            a = 2.0 * mean - self.command.slope if trial.a is None else trial.a
+            self._begin_step(trial.v, a)
 
     def end(self) -> None:
         self._back()

@@ -195,7 +195,7 @@ class _Session:
                 raise ValueError(f"{kind} must be finite, got {values} from the client")
         u, v = (self.fields.get(x, np.zeros(self.sizes.n)) for x in ("displacement", "velocity"))
         t = float(self.fields["time"][0]) if "time" in self.fields else None
-        self.trial = Trial(u, v, t)
+        self.trial = Trial(u, v, t, self.fields.get("acceleration"))
 
     def _values(self) -> np.ndarray:
         """What the client has announced, in its order."""
