@@ -150,7 +150,7 @@ class Cut:
 
         Parameters
         ----------
-        labels, scales
+        labels, scales : optional
             As for `element_parameters`, for all elements of the structure.
 
         Returns

@@ -91,7 +91,20 @@ class Misfit(Frozen):
         }
 
     def check_sizes(self, sizes: Mapping[str, int], p: int) -> None:
-        """KeyError or ValueError unless it fits subdomains with so many dofs, and p constraints."""
+        """Check that dofs and weights fit the subdomains of a coupler.
+
+        Parameters
+        ----------
+        sizes : dict of int
+            Number of dofs by subdomain.
+        p : int
+            Number of constraints.
+
+        Raises
+        ------
+        KeyError, ValueError
+            For a subdomain that is not there, or dofs and weights that do not fit.
+        """
         for name, of in self._each():
             if name == MULTIPLIERS:
                 dof_list(of["sensors"], p, "rows of 'multipliers' in the Misfit")

@@ -80,13 +80,13 @@ class Subdomain(Frozen):
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of its stiffness and damping. An implicit subdomain is stable for any
         step if K_r is at least the tangent. Default: the initial tangent of springs.
-    limits : `pmalpha.rig.Limits`, optional
-        Of a test specimen: a command or a measured force beyond them ends the run with a
-        `LimitError`, before the command is given.
     internal : callable, `InternalForce`, springs, or a list of them, optional
         A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
         returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)``, a function of its
         arguments alone. Nonlinear elements of `structures` are such callables.
+    limits : `pmalpha.rig.Limits`, optional
+        Of a test specimen: a command or a measured force beyond them ends the run with a
+        `LimitError`, before the command is given.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, (R4), so that an explicit subdomain needs no
         factor, and its critical step is smaller, (C2).

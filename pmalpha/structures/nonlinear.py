@@ -78,7 +78,7 @@ def nonlinear_solid(
     Parameters
     ----------
     *arguments : int
-        nx, ny and nz, the number of elements along the axes, at least 1: two of quadrilaterals,
+        Numbers of elements nx, ny and nz along the axes, at least 1: two of quadrilaterals,
         three of hexahedra. Until version 0.4 also as one tuple, with a warning.
     h : float, or one for each axis
         Edge lengths of an element.
