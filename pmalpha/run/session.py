@@ -280,9 +280,16 @@ def require_alone(session: Session, what: str) -> None:
         raise ValueError(f"{what} needs a Coupler without comm")
 
 
+def require_no_contacts(session: Session, what: str) -> None:
+    """ValueError with contacts."""
+    if session.rows.contacts is not None:
+        raise ValueError(f"{what} needs a Coupler without contacts")
+
+
 def require_linear(session: Session, what: str) -> None:
-    """ValueError with `comm`, and for restoring and internal forces."""
+    """ValueError with `comm`, for restoring and internal forces, and with contacts."""
     require_alone(session, what)
+    require_no_contacts(session, what)
     for name, s in session.keys:
         if s.restoring is not None or s.internal is not None:
             kind = "a restoring force" if s.internal is None else "an internal force"

@@ -31,7 +31,7 @@ from .changes import advance_to, choose
 from .interrupts import HeldSignals
 from .progress import Report, reporting
 from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
-from .session import Session, begin, check_call, in_any, together
+from .session import Session, begin, check_call, in_any, require_no_contacts, together
 from .snapshot import restore_snapshot, snapshot_of
 
 # The most substeps that are chosen, a power of two.
@@ -55,6 +55,7 @@ def run(
     """`Coupler.run` with a tolerance; `end` is t_end and steps, `files` record_to, append and
     overwrite, and `chosen` what is recorded."""
     with together(session), HeldSignals(session.guard) as held:
+        require_no_contacts(session, "tolerance")
         tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
         path, first = checked_file(own_record(session, *files), *files[1:]), session.done
         last = session.clock.end(*end, first)

@@ -18,13 +18,14 @@ from ..setup.evaluated import matrices_at
 from ..setup.part import Part
 from ..setup.ranks import joined
 from ..setup.static import static_displacements
-from .session import Session, begin, check_call, require_alone, together
+from .session import Session, begin, check_call, require_alone, require_no_contacts, together
 
 
 def static(session: Session, steps: int) -> dict[str, np.ndarray]:
     """`Coupler.static`."""
     with together(session):
         check_call(session, "static", steps)
+        require_no_contacts(session, "static")
         steps = whole_number(steps, "steps", low=1)
         for name, s in session.keys:
             if s.has_functions:

@@ -1,0 +1,314 @@
+"""Runs with contact: refusals, records, state, threads, and problems with published figures."""
+
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from contact_problems import SPEED, bar, critical
+
+import pmalpha as pm
+
+
+def pounding(h, scheme=None, **options):
+    """Two masses on springs under a ground motion, with a clearance."""
+    chosen = {"scheme": scheme or pm.Newmark()}
+    a = pm.Subdomain(
+        [1.0], [40.0], v0=[1.0], force=lambda t: [-3.0 * np.sin(4 * t)], name="a", **chosen
+    )
+    b = pm.Subdomain(
+        [1.5], [20.0], v0=[-0.5], force=lambda t: [-4.5 * np.sin(4 * t)], name="b", **chosen
+    )
+    joint = pm.contact(a, [0], b, [0], gap=0.02, restitution=0.65, name="joint")
+    return pm.Coupler([a, b], joint, dt=h, coupling="gc", **options), joint
+
+
+def plate(**options):
+    """A rigid plate, three dofs (heave and two tilts), on 16 points: 13 of them are redundant."""
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, 4), np.linspace(-1.0, 1.0, 4))
+    N = np.column_stack([np.ones(16), x.ravel(), y.ravel()])
+    M = [2.0, 0.7, 0.5]
+    s = pm.Subdomain(M, np.zeros(3), scheme=pm.Newmark(), force=[-20.0, 3.0, -2.0], name="plate")
+    return pm.Coupler([s], pm.Contact({s: N}, name="ground"), dt=0.01, **options), N
+
+
+# ---- 9, 10 ---------------------------------------------------------------------------------------
+
+
+def test_two_masses_pound_as_by_their_exact_motion():
+    """Between impacts a mass moves by a matrix exponential; impacts are found by bisection."""
+
+    def path(h):
+        coupler, joint = pounding(h)
+        history = coupler.run(4.0)
+        return history["a"].u[:: round(4e-3 / h), 0], history.contacts[joint]
+
+    fine, joint = path(2.5e-4)
+    impacts = np.flatnonzero(joint.closed[:, 0])
+    assert sum(b - a > 1 for a, b in pairwise([-9, *impacts])) == 7
+    errors = [np.abs(path(h)[0] - fine).max() for h in (4e-3, 1e-3)]
+    assert errors[0] < 8e-3
+    assert errors[1] < 0.5 * errors[0]  # of order one: the instants of impacts
+
+
+def test_a_plate_on_redundant_contacts_is_held_by_their_sums():
+    coupler, N = plate()
+    force = coupler.run(1.0).contacts["ground"].force[-1]
+    np.testing.assert_allclose(N.T @ force, [20.0, -3.0, 2.0], rtol=1e-12)
+
+
+# its weight makes K indefinite, as it has to
+@pytest.mark.filterwarnings("ignore:K of subdomain 'block':pmalpha.StabilityWarning")
+def test_a_rocking_block_loses_what_housner_says():
+    """Small rotations; an impact keeps (I0 - 2 m b^2) / I0 of the rate."""
+    b, H, theta0 = 0.2, 1.0, 0.1  # half width, half height, and half of the angle b / H
+    m = 1.0
+    inertia = m * (b**2 + H**2) / 3.0
+    g = 9.81
+    # heave and sway of the centre, rotation; the weight acts at the lever (b - H theta)
+    K = np.diag([0.0, 0.0, -m * g * H])
+    corners = np.array([[1.0, 0.0, b], [1.0, 0.0, -b]])
+    base = np.array([[0.0, 1.0, H], [0.0, 1.0, H]])
+    lift = b * theta0
+    block = pm.Subdomain(
+        [m, m, inertia],
+        K,
+        scheme=pm.Newmark(),
+        symmetric=True,
+        force=[-m * g, 0.0, 0.0],
+        u0=[lift, -H * theta0, theta0],
+        name="block",
+    )
+    floor = pm.Contact({block: corners}, tangents=[{block: base}], friction=10.0, name="floor")
+
+    def rates(h):
+        history = pm.Coupler([block], floor, dt=h).run(steps=round(1.2 / h))
+        theta, rate = history["block"].u[:, 2], history["block"].v[:, 2]
+        k = int(np.flatnonzero(theta <= 0.0)[0])
+        return history["block"].t[k], rate[k + 2] / rate[k - 1]
+
+    about = inertia + m * (b**2 + H**2)
+    p = np.sqrt(m * g * H / about)
+    quarter = np.arccosh(1.0 / (1.0 - theta0 * H / b)) / p
+    expected = (about - 2.0 * m * b**2) / about
+    t, ratio = rates(2e-3)
+    assert abs(t - quarter) < 5e-3
+    assert abs(ratio / expected - 1.0) < 0.02
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_any_number_of_threads_and_a_second_run_are_bitwise_the_same(threads):
+    M, K = bar(30)
+    h = 0.9 * critical(30)
+    a = pm.Subdomain(M, K, scheme=pm.Newmark(), v0=np.full(31, SPEED), name="a")
+    b = pm.Subdomain(M, K, scheme=pm.CentralDifference(), name="b")
+
+    def run(threads):
+        joint = pm.contact(a, [30], b, [0], gap=0.1)
+        coupler = pm.Coupler([a, b], joint, dt=h, coupling="gc", threads=threads)
+        return coupler.run(steps=100)
+
+    first, second = run(1), run(threads)
+    assert first.contacts[0].closed.any()
+    assert np.array_equal(first["b"].u, second["b"].u)
+    assert np.array_equal(first.contact_impulses, second.contact_impulses)
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+def test_without_a_closed_row_a_run_is_bitwise_the_one_without_contacts(coupling):
+    M, K = bar(20)
+    h = 0.5 * critical(20)
+    fine = {"scheme": pm.CentralDifference(), "substeps": 4}
+    a = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.5), v0=np.full(21, 0.1), name="a")
+    b = pm.Subdomain(M, K, v0=np.full(21, 0.1), name="b", **fine)
+    ties = pm.tie(a, [20], b, [0])
+    far = pm.contact(b, [20], gap=1e3, sign=-1)
+    runs = [
+        pm.Coupler([a, b], c, dt=4 * h, coupling=coupling).run(steps=40)
+        for c in (ties, [ties, far])
+    ]
+    for name in ("a", "b"):
+        assert np.array_equal(runs[0][name].u, runs[1][name].u)
+    assert not runs[1].contacts[0].closed.any()
+
+
+def test_two_thousand_rows_take_few_turns():
+    rng = np.random.default_rng(1)
+    n = 2000
+    A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    s = pm.Subdomain(
+        np.ones(n), sp.csr_array(A), scheme=pm.CentralDifference(), force=rng.normal(size=n) - 0.5
+    )
+    coupler = pm.Coupler([s], pm.contact(s, np.arange(n)), dt=0.5)
+    coupler.step(1)
+    assert coupler._session.core.contact_turns() <= 6
+    coupler.step(20)
+    assert coupler._session.core.contact_turns() <= 3
+
+
+# ---- records and state ---------------------------------------------------------------------------
+
+
+def test_impulses_are_summed_where_levels_are_left_out():
+    every = pounding(4e-3)[0].run(4.0)
+    some = pounding(4e-3)[0].run(4.0, every=50)
+    np.testing.assert_allclose(
+        some.contacts[0].impulse.sum(), every.contacts[0].impulse.sum(), rtol=1e-13
+    )
+    assert some.contacts[0].t.size == 21
+    np.testing.assert_array_equal(some.contacts[0].gap, every.contacts[0].gap[::50])
+
+
+def test_contacts_are_found_by_object_name_and_index_also_from_files(tmp_path):
+    coupler, joint = pounding(4e-3)
+    history = coupler.run(2.0, energy=True)
+    assert history.contacts[joint] is not history.contacts  # a record of its own
+    for path in (tmp_path / "run.npz", tmp_path / "run.h5"):
+        history.save(path)
+        again = pm.History.load(path)
+        for key in ("joint", 0):
+            assert np.array_equal(again.contacts[key].impulse, history.contacts[joint].impulse)
+        assert np.array_equal(again.energy.contact, history.energy.contact)
+    with pytest.raises(KeyError, match="no contact 'wall'; there are 'joint'"):
+        history.contacts["wall"]
+    filed = pounding(4e-3)[0].run(2.0, record_to=tmp_path / "long.h5")
+    assert np.array_equal(filed.contacts["joint"].impulse, history.contacts["joint"].impulse)
+
+
+def test_a_run_goes_on_bitwise_from_a_checkpoint_a_snapshot_and_another_run(tmp_path):
+    whole = pounding(4e-3)[0].run(4.0)
+    coupler, _ = pounding(4e-3)
+    first = coupler.run(1.6)
+    coupler.save(tmp_path / "state.npz")
+    kept = coupler.snapshot()
+    second = coupler.run(4.0)
+    joined = pm.History.join([first, second])
+    assert np.array_equal(joined["a"].u, whole["a"].u)
+    assert np.array_equal(joined.contact_impulses, whole.contact_impulses)
+    coupler.restore(kept)
+    assert np.array_equal(coupler.run(4.0)["b"].u, second["b"].u)
+    other, _ = pounding(4e-3)
+    other.load(tmp_path / "state.npz")
+    assert np.array_equal(other.run(4.0)["b"].u, second["b"].u)
+    coupler.reset()
+    assert np.array_equal(coupler.run(4.0)["b"].u, whole["b"].u)
+
+
+def test_cases_run_each_by_itself():
+    coupler, _ = pounding(4e-3)
+    cases = [{"v0": {"a": [v]}} for v in (1.0, 1.1, 1.2, 1.3)]
+    histories = coupler.run_each(cases, 1.0)
+    coupler.reset(v0={"a": [1.2]})
+    assert np.array_equal(coupler.run(1.0)["a"].u, histories[2]["a"].u)
+
+
+def test_steps_change_while_a_ball_bounces():
+    s = pm.Subdomain([1.0], [0.0], scheme=pm.Newmark(), force=[-10.0], u0=[1.0], name="ball")
+    coupler = pm.Coupler([s], pm.contact(s, 0, restitution=1.0), dt=2e-3)
+    coupler.run(1.0)
+    coupler.change_steps(dt=1e-3)
+    history = coupler.run(3.0)
+    assert abs(history["ball"].u.max() - 1.0) < 1e-11
+
+
+def test_an_obstacle_that_moves_pushes():
+    """A plate that accelerates: what stands on it weighs m (g + a)."""
+    s = pm.Subdomain([2.0], [0.0], scheme=pm.Newmark(), force=[-20.0], name="box")
+    for motion in (lambda t: 1.5 * t**2, (lambda t: 1.5 * t**2, lambda t: 3.0 * t)):
+        lift = pm.contact(s, 0, motion=motion)
+        history = pm.Coupler([s], lift, dt=0.01).run(1.0)
+        np.testing.assert_allclose(history.contacts[0].force[1:, 0], 2.0 * 13.0, rtol=1e-9)
+        np.testing.assert_allclose(history["box"].v[-1], 3.0, rtol=1e-9)
+
+
+def test_a_contact_is_pickled_with_names():
+    _, joint = pounding(4e-3)
+    again = pickle.loads(pickle.dumps(joint))
+    assert set(again.matrices) == {"a", "b"} and repr(again) == repr(joint)
+
+
+def test_gaps_and_forces_are_drawn():
+    pytest.importorskip("matplotlib")
+    history = pounding(4e-3)[0].run(1.0)
+    for rows in (None, 0):
+        figure = history.contacts[0].plot(rows)
+        assert len(figure.axes) == 2
+
+
+# ---- refusals ------------------------------------------------------------------------------------
+
+
+def ball(name="ball", **options):
+    options = {"scheme": pm.Newmark()} | options
+    return pm.Subdomain(options.pop("M", [1.0]), [1.0], name=name, **options)
+
+
+@pytest.mark.parametrize("coupling", ["macro", "mean"])
+def test_macro_and_mean_coupling_are_refused(coupling):
+    a, b = ball("a"), ball("b")
+    with pytest.raises(ValueError, match='contacts need coupling "gc" or "pm", got'):
+        pm.Coupler([a, b], pm.contact(a, 0, b, 0), dt=0.1, coupling=coupling)
+
+
+def test_what_contacts_do_not_go_with_is_refused_with_the_row():
+    def refused(match, subdomains, constraints, **options):
+        with pytest.raises(ValueError, match=match):
+            pm.Coupler(subdomains, constraints, **{"dt": 0.1, "coupling": "gc", **options})
+
+    a, b = ball("a"), ball("b")
+    joint = pm.contact(a, 0, b, 0, name="joint")
+    refused('drift="kept"', [a, b], joint, drift="removed")
+    c = ball("c", substeps=4)
+    refused(
+        "finest step, 4 substeps, got 1 of 'a' .row 0 of 'joint'",
+        [a, b, c],
+        [joint, pm.tie(b, 0, c, 0)],
+    )
+    double = ball("a", double_step=True)
+    refused(
+        "single steps, got double steps of 'a' .row 0 of 'contact 0'",
+        [double, b],
+        pm.contact(double, 0, b, 0),
+        coupling="pm",
+    )
+    full = pm.Subdomain([[2.0, 1.0], [1.0, 2.0]], np.eye(2), scheme=pm.Newmark(), name="full")
+    refused("diagonal at their dofs .lump the mass., got others at dof 1 of 'full'",
+            [full], pm.contact(full, 1))  # fmt: skip
+    light = pm.Subdomain([0.0, 1.0], np.eye(2), scheme=pm.GeneralizedAlpha(0.5), name="light")
+    refused("dofs with mass, got none at dof 0 of 'light' .row 0", [light], pm.contact(light, 0))
+    soft = pm.Subdomain([1.0], None, scheme=pm.Newmark(), internal=pm.CubicSpring([0], 1.0, 1.0))
+    refused("without internal forces", [soft], pm.contact(soft, 0))
+    refused("row 0 of 'floor'", [ball(u0=[-0.1])], pm.contact("ball", 0, name="floor"))
+    held = ball("held")
+    driven = pm.Constraint({held: [[1.0]]})
+    refused("impulses must be able to change velocities", [held], [driven, pm.contact(held, 0)])
+    refused("names of contacts must be different", [a], [pm.contact(a, 0, name="x")] * 2)
+    fast = pm.Subdomain([1.0], [1e4], scheme=pm.CentralDifference(), name="fast")
+    refused("above the critical one", [fast], pm.contact(fast, 0), dt=0.1)
+
+
+def test_numbers_out_of_range_are_refused_with_the_row():
+    a = ball("a")
+    for wrong, match in (
+        ({"friction": -0.1, "tangents": [[0]]}, "friction must be at least 0, got -0.1 in row 0"),
+        ({"friction": 0.1}, "friction must come with one or two tangents"),
+        ({"restitution": 1.5}, r"restitution must lie in \[0, 1\], got 1.5 in row 0"),
+        ({"gap": [1.0, 2.0]}, "gap must be a number or of shape"),
+        ({"sign": 2}, "sign must be 1 or -1, got 2"),
+        ({"tangents": [[0], [0], [0]]}, "tangents must be at most 2, got 3"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            pm.contact(a, 0, **wrong)
+
+
+def test_what_does_not_know_contacts_says_so():
+    coupler, _ = pounding(4e-3)
+    for call in (
+        lambda: coupler.static(),
+        lambda: coupler.run(1.0, tolerance=1e-3),
+        lambda: coupler.gradient(pm.Misfit({"a": {"dofs": [0], "u": np.zeros((11, 1))}}), 0.04),
+        lambda: pm.analysis.amplification_matrix(coupler),
+    ):
+        with pytest.raises(ValueError, match="contacts"):
+            call()
