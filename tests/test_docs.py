@@ -42,6 +42,7 @@ def test_docstrings_of_public_names_have_examples():
     "page",
     [
         "README.md",
+        "docs/contact.md",
         "docs/diverges.md",
         "docs/experiments.md",
         "docs/gradients.md",

@@ -12,7 +12,7 @@ from .._checks import counted
 from ..problem.unilateral import Contact
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 __all__ = ["ContactHistory"]
 
@@ -72,7 +72,7 @@ class ContactHistory:
         result: np.ndarray = self.impulse > 0.0
         return result
 
-    def plot(self, rows: Any = None, *, title: str | None = None) -> Figure:
+    def plot(self, rows: Any = None, *, title: str | None = None, ax: Axes | None = None) -> Axes:
         """Plot gaps and mean forces of rows, one panel above the other.
 
         Parameters
@@ -81,21 +81,24 @@ class ContactHistory:
             Default: the sum of all forces and the smallest gap.
         title : str, optional
             Default: the name.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw the gaps into, without forces. Default: a new figure of pyplot.
 
         Returns
         -------
-        matplotlib.figure.Figure
+        matplotlib.axes.Axes
+            `ax`, or the panel of the gaps of the new figure.
 
         Examples
         --------
         >>> ball = Subdomain([1.0], [0.0], scheme=Newmark(), force=[-10.0], u0=[1.0])
         >>> history = Coupler([ball], contact(ball, 0), dt=1e-2).run(1.0)
-        >>> len(history.contacts[0].plot().axes)
+        >>> len(history.contacts[0].plot().figure.axes)
         2
         """
         from ..plot.gaps import gaps_and_forces
 
-        return gaps_and_forces(self, rows, title=title)
+        return gaps_and_forces(self, rows, title=title, ax=ax)
 
     def __repr__(self) -> str:
         k, rows = self.impulse.shape
