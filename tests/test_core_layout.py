@@ -54,6 +54,12 @@ def test_files_in_c_have_at_most_600_lines(path):
     assert len(path.read_text().splitlines()) <= 600
 
 
+def test_lines_of_c_have_at_most_100_columns():
+    for path in sorted(CSRC.rglob("*.[ch]")):
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            assert len(line) <= 100, f"{path.name}, line {number}"
+
+
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.name))
 def test_functions_in_c_have_at_most_60_lines(path):
     for begin, lines in functions(path.read_text()):

@@ -1,5 +1,5 @@
-/* Several load cases side by side: objects that are PMA_LANES times another one (member/cases.h).
- * */
+/* Several load cases side by side: objects that are PMA_LANES times another one
+ * (member/cases.h). */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 

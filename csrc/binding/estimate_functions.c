@@ -4,7 +4,7 @@
 
 #include "member/estimate.h"
 
-/* ---- errors ----------------------------------------------------------------------------------- */
+/* ---- errors ---------------------------------------------------------------------------------- */
 
 /* An array, levels x columns, converted only if it is one of a file of another program. */
 static int take_rows(PyObject *obj, PyObject *arrays, npy_intp *levels, pma_motion_rows *motion,
@@ -82,7 +82,7 @@ static PyObject *step_errors(PyObject *Py_UNUSED(module), PyObject *args)
     return errors;
 }
 
-/* ---- a small system --------------------------------------------------------------------------- */
+/* ---- a small system -------------------------------------------------------------------------- */
 
 static PyObject *follow_recursion(PyObject *Py_UNUSED(module), PyObject *args)
 {

@@ -2,8 +2,8 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* MPI_Allgatherv. Handles are passed as integers: an MPI whose handles are int takes the low half of
- * the register, one whose handles are pointers all of it. */
+/* MPI_Allgatherv. Handles are passed as integers: an MPI whose handles are int takes the low half
+ * of the register, one whose handles are pointers all of it. */
 typedef int (*allgatherv)(const void *send, int count, intptr_t type, void *receive,
                           const int *counts, const int *starts, intptr_t receive_type,
                           intptr_t communicator);

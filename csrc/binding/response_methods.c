@@ -97,8 +97,8 @@ static void copy_responses(const pma_unit_run *run, size_t n, npy_intp begin, np
     }
 }
 
-/* Several threads, each with a run of its own, which take PMA_LANES constraints one after another.
- * */
+/* Several threads, each with a run of its own, which take PMA_LANES constraints one after
+ * another. */
 typedef struct {
     const pma_subdomain *of;
     const responses *b;

@@ -6,8 +6,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* From now on; false without AddressSanitizer, where nothing is counted and a test shows nothing.
- * */
+/* From now on; false without AddressSanitizer, where nothing is counted and a test shows
+ * nothing. */
 bool count_allocations(void);
 
 /* Until now, by all threads. */

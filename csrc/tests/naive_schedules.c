@@ -87,8 +87,8 @@ static void naive_gap(const model *m, size_t k, double *d)
     }
 }
 
-/* Both multipliers at once, and the shift; right: g - sum L vf at the end of fine step k (V3) (V1)
- * */
+/* Both multipliers at once, and the shift; right: g - sum L vf at the end of fine step k (V3)
+ * (V1) */
 static void naive_tie(model *m, size_t k, const double *right)
 {
     const size_t p = m->p, size = 2 * p;

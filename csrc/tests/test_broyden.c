@@ -11,7 +11,7 @@
 
 enum { FEW = 6, DENSE = PMA_BROYDEN_DENSE, MANY = PMA_BROYDEN_DENSE + 1, RANK = 4 };
 
-/* ---- a diagonal matrix as the inverse that is known ------------------------------------------- */
+/* ---- a diagonal matrix as the inverse that is known ------------------------------------------ */
 
 typedef struct {
     size_t p;
@@ -71,7 +71,7 @@ static double norm(size_t n, const double *x)
     return sqrt(sum);
 }
 
-/* ---- what it has learned ---------------------------------------------------------------------- */
+/* ---- what it has learned --------------------------------------------------------------------- */
 
 /* With its state in memory of just the size that is required. */
 static pma_broyden take(const pma_interface *start)
@@ -183,7 +183,7 @@ static void a_change_that_says_nothing_is_left_out(void)
     }
 }
 
-/* ---- it solves -------------------------------------------------------------------------------- */
+/* ---- it solves ------------------------------------------------------------------------------- */
 
 /* Iterations of x += -B (A x - c) until |A x - c| is 1e-12 of |c|. */
 static size_t iterate(const nearly_diagonal *A, const pma_broyden *b, const double *c, double *x)
@@ -211,8 +211,8 @@ static size_t iterate(const nearly_diagonal *A, const pma_broyden *b, const doub
     return 100;
 }
 
-/* Broyden's method ends after 2 p steps, where the matrix departs from the known one by rank r after
- * 2 r (Gay, SIAM J. Numer. Anal. 16, 1979); one more for rounding. */
+/* Broyden's method ends after 2 p steps, where the matrix departs from the known one by rank r
+ * after 2 r (Gay, SIAM J. Numer. Anal. 16, 1979); one more for rounding. */
 static void linear_equations_are_solved_in_twice_the_rank_steps(void)
 {
     static nearly_diagonal A;

@@ -13,7 +13,7 @@
 #include "naive.h"
 #include "tests.h"
 
-/* ---- order ------------------------------------------------------------------------------------ */
+/* ---- order ----------------------------------------------------------------------------------- */
 
 typedef struct {
     size_t substeps[2];
@@ -92,7 +92,7 @@ static void duffing_pairs_converge_with_second_order(void)
     }
 }
 
-/* ---- the law in the middle of a substep --------------------------------------------------------- */
+/* ---- the law in the middle of a substep ------------------------------------------------------ */
 
 enum { RATIO = 4 }; /* substeps of B in one of A */
 
@@ -148,8 +148,8 @@ typedef struct {
     double o0, o1, stiffness;
 } open_mass;
 
-/* (N13) as written: its free solution under the multiplier lam of the last time level n, and the law
- * with the tangent there; a double step begins before n. */
+/* (N13) as written: its free solution under the multiplier lam of the last time level n, and the
+ * law with the tangent there; a double step begins before n. */
 static open_mass open_naively(const part *x, const level *n, bool twice, double lam)
 {
     open_mass a = {.step = begin_step(x, twice, n - twice)};
@@ -160,8 +160,8 @@ static open_mass open_naively(const part *x, const level *n, bool twice, double 
     return a;
 }
 
-/* Until its substep ends A contributes its law; then both are in equilibrium with the same velocity,
- * and Lam is the force on A. */
+/* Until its substep ends A contributes its law; then both are in equilibrium with the same
+ * velocity, and Lam is the force on A. */
 static void run_naively(model *m, size_t steps, double *lam)
 {
     level *A = m->levels[0], *B = m->levels[1];
@@ -222,7 +222,7 @@ static void between_its_time_levels_a_part_has_the_law_of_its_free_solution(void
     }
 }
 
-/* ---- shooting ----------------------------------------------------------------------------------- */
+/* ---- shooting -------------------------------------------------------------------------------- */
 
 /* Sum of v . M v at the present, and of the energy scales of the substeps. */
 static void read_scales(const model *m, double *kinetic, double *scales)
@@ -258,7 +258,7 @@ static void shooting_leaves_a_tie_within_its_tolerance_and_goes_no_further(void)
     destroy_model(&m);
 }
 
-/* ---- tangents that are singular ---------------------------------------------------------------- */
+/* ---- tangents that are singular -------------------------------------------------------------- */
 
 /* No part of the tangent is left: of A, or of B alone. */
 static void a_tangent_that_is_singular_is_named(void)
@@ -305,9 +305,11 @@ static void an_interface_matrix_that_has_no_factor_is_singular(void)
     destroy_model(&m);
 }
 
-/* ---- an iteration that fails --------------------------------------------------------------------- */
+/* ---- an iteration that fails
+ * --------------------------------------------------------------------- */
 
-/* One iteration is not enough; the time is that of the substep, and in it one correction was made. */
+/* One iteration is not enough; the time is that of the substep, and in it one correction was
+ * made. */
 static void a_failed_iteration_knows_where_it_was(void)
 {
     static model m;
@@ -331,7 +333,8 @@ static void a_failed_iteration_knows_where_it_was(void)
     }
 }
 
-/* ---- couplers and subdomains that cannot be ------------------------------------------------------ */
+/* ---- couplers and subdomains that cannot be
+ * ------------------------------------------------------ */
 
 static pma_status status_of(const pma_coupler_parts *parts)
 {

@@ -28,8 +28,8 @@ typedef struct {
 
 /* ---- problems ------------------------------------------------------------------------------- */
 
-/* The entries of m->A with ascending rows; `unsymmetric`: with half of what is above the diagonal.
- * */
+/* The entries of m->A with ascending rows; `unsymmetric`: with half of what is above the
+ * diagonal. */
 static void prepare(problem *q, bool unsymmetric)
 {
     structure *m = &q->m;

@@ -220,8 +220,8 @@ static void an_iterate_in_equilibrium_takes_one_correction(void)
     CHECK_INT(q.corrected, 2);
 }
 
-/* s is large, so that each correction is small: the residual decides, where the forces are small too
- * by one that is seen. */
+/* s is large, so that each correction is small: the residual decides, where the forces are small
+ * too by one that is seen. */
 static void a_residual_that_is_large_against_the_forces_is_not_accepted(void)
 {
     scalar q = equation(square, square_slope, 1.5);

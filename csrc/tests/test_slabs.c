@@ -7,8 +7,8 @@
 #include "algebra/kernel.h"
 #include "check.h"
 #include "member/cases.h"
-#include "member/inside.h"
 #include "member/subdomain.h"
+#include "member/subdomain_struct.h"
 #include "naive.h"
 #include "parts.h"
 #include "tests.h"
@@ -143,8 +143,8 @@ static void a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once(void)
 
 /* ---- several cases side by side ------------------------------------------------------------- */
 
-/* The load of a lane: constant, sampled in two columns or in all, or none, each times its number.
- * */
+/* The load of a lane: constant, sampled in two columns or in all, or none, each times its
+ * number. */
 static double samples[3][4 * LONG];
 
 static pma_load load_of_lane(size_t l)

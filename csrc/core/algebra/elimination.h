@@ -58,9 +58,9 @@ void pma_elimination_destroy(pma_elimination *e); /* NULL is allowed */
  * 0; done by the workers, all or some of them, each in a thread of its own; ended by one thread
  * when all have returned.
  *
- * Symmetric (p->Q is 0) and not `indefinite`: pivots are positive. Otherwise they have any sign, and
- * what is subtracted from a diagonal entry is bounded by `growth`: A is factored without a loss of
- * digits.                                                                                  (F11)
+ * Symmetric (p->Q is 0) and not `indefinite`: pivots are positive. Otherwise they have any sign,
+ * and what is subtracted from a diagonal entry is bounded by `growth`: A is factored without a loss
+ * of digits.                                                                                  (F11)
  * inverse (n): output. PMA_NOT_DEFINITE with the first such column in *column, PMA_BAD_INDEX for an
  * entry outside the pattern or across from none, PMA_STOPPED when stop returned true. */
 void pma_elimination_begin(pma_elimination *e, const pma_panels_input *input, double *inverse,

@@ -2,8 +2,9 @@
  *
  * Number i of lane l is at i * PMA_LANES + l (kernel.h): a vector register of numbers for each
  * unknown. A pass over a large factor takes about as long as for one vector, since it is the factor
- * that has to be read. Every lane is bitwise what one vector gets; no lane depends on another, so that
- * those that are not needed may hold zeros. Where one vector is updated element by element, as by pma_update, it may as well be n * PMA_LANES long. */
+ * that has to be read. Every lane is bitwise what one vector gets; no lane depends on another, so
+ * that those that are not needed may hold zeros. Where one vector is updated element by element, as
+ * by pma_update, it may as well be n * PMA_LANES long. */
 #ifndef PMA_LANES_H
 #define PMA_LANES_H
 

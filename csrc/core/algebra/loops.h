@@ -29,7 +29,7 @@ typedef struct {
 const pma_loops *pma_loops_best(void);
 const pma_loops *pma_loops_plain(void);
 
-/* ---- by any form; x (n) has n * PMA_LANES numbers, `work` as many times the scratch ----------- */
+/* ---- by any form; x (n) has n * PMA_LANES numbers, `work` as many times the scratch ---------- */
 
 /* y (n) -= A x                                                           pma_matrix_subtract */
 void pma_loops_subtract(const pma_matrix *A, const double *x, double *y);

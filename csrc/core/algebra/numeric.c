@@ -153,9 +153,9 @@ static pma_status invert(pma_numeric *f, size_t *column)
     return PMA_OK;
 }
 
-/* The lower triangle by columns, without the diagonal, which goes to `inverse`; the least pivots and
- * the most that may be subtracted from them to `limits`. Unsymmetric: the upper triangle by rows
- * too. Row j of a symmetric matrix is its column j. */
+/* The lower triangle by columns, without the diagonal, which goes to `inverse`; the least pivots
+ * and the most that may be subtracted from them to `limits`. Unsymmetric: the upper triangle by
+ * rows too. Row j of a symmetric matrix is its column j. */
 static void fill_band(pma_numeric *f)
 {
     const pma_numeric_parts *parts = &f->parts;
@@ -196,8 +196,8 @@ static size_t eliminate_column(double *column, double *diagonal, size_t rows, si
     return rows;
 }
 
-/* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot before
- * */
+/* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot
+ * before */
 static pma_status factor_chain(pma_numeric *f, size_t *column)
 {
     const size_t n = f->parts.n;

@@ -90,8 +90,8 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
  * there too, and the macro step that begins there is the first one of H_start. */
 void pma_coupler_set_origin(pma_coupler *c, int64_t number, double t);
 
-/* Fine steps ("pm", "gc") begin at times of a clock from now on, PMA_LATE as pace.h says, and the poll
- * is called before each; NULL: as soon as they can. The pace is the caller's. */
+/* Fine steps ("pm", "gc") begin at times of a clock from now on, PMA_LATE as pace.h says, and the
+ * poll is called before each; NULL: as soon as they can. The pace is the caller's. */
 void pma_coupler_set_pace(pma_coupler *c, pma_pace *pace);
 
 /* The present is macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
@@ -134,8 +134,8 @@ double *pma_coupler_gap(pma_coupler *c);
 /* After PMA_ELSEWHERE: the rank in which something failed; this one when the exchange did. */
 size_t pma_coupler_failed_rank(const pma_coupler *c);
 /* With members in other processes, in all of them: before pma_coupler_record_present, and in place
- * of pma_coupler_advance where that cannot be called. Another status than PMA_OK ends the others.
- * */
+ * of pma_coupler_advance where that cannot be called. Another status than PMA_OK ends the
+ * others. */
 pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
 /* Mean coupling: the multipliers at the present, from which accelerations are recorded, those
  * before the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was

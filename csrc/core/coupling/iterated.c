@@ -2,10 +2,10 @@
  *
  * To be read with section 14 of docs/method.md. A member without internal forces, or an explicit
  * one, makes its free and its link problem once, as in fine.c. An iterated one contributes an
- * affine law of its interface velocity, L v = o + G Lam, at its iterate: where its substep ends with
- * the fine step all such members are iterated together with the interface, so that the velocities
- * agree after every iteration and only equilibrium is left; in the middle of a longer substep the
- * law is that of its free solution, iterated alone when the substep was begun. */
+ * affine law of its interface velocity, L v = o + G Lam, at its iterate: where its substep ends
+ * with the fine step all such members are iterated together with the interface, so that the
+ * velocities agree after every iteration and only equilibrium is left; in the middle of a longer
+ * substep the law is that of its free solution, iterated alone when the substep was begun. */
 #include <string.h>
 
 #include "coupling/schedule.h"

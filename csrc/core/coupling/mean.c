@@ -2,9 +2,9 @@
  *
  * To be read with section 15 of docs/method.md. Every subdomain makes its substeps as if it were
  * free (free macro run), and from rest under the constant acceleration that the multipliers give
- * its interface (link response); a single implicit step is closed instead. This acceleration is no part of w, so that the work at the
- * interface is the multipliers times the displacements there, which are equal: no energy is made,
- * and nothing drifts. */
+ * its interface (link response); a single implicit step is closed instead. This acceleration is no
+ * part of w, so that the work at the interface is the multipliers times the displacements there,
+ * which are equal: no energy is made, and nothing drifts. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,8 +46,8 @@ static bool is_first(const pma_coupler *c)
 /* The multipliers of a macro step belong to its middle, and alternate about the force at the
  * interface with an impulse of constant size; the mean of two neighbours weighted by their lengths,
  * at the middle of both, does not. At the part `share` of the macro step: on the line through the
- * last two means; in the first macro steps those of the start, lam_before or lam_end, take the place
- * of the second. Lengths in macro steps of the present one. */
+ * last two means; in the first macro steps those of the start, lam_before or lam_end, take the
+ * place of the second. Lengths in macro steps of the present one. */
 static void multipliers_at(const pma_coupler *c, double share, double *lam)
 {
     const double *now = c->working.lam, *last = c->present.lam;
@@ -226,7 +226,8 @@ void pma_mean_record(pma_coupler *c)
     c->lengths[0] = c->parts.dt;
 }
 
-/* The displacement at the end of the free run, and where a velocity is prescribed the present one */
+/* The displacement at the end of the free run, and where a velocity is prescribed the present
+ * one */
 size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces)
 {
     (void)round;

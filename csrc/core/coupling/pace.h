@@ -1,7 +1,7 @@
 /* pace.h - fine steps that begin when a clock says so, for a specimen in a laboratory.
  *
- * Fine step k is due k periods after the first one, however late those before it were: the times are
- * absolute. Nothing allocates, and no lock is waited for. */
+ * Fine step k is due k periods after the first one, however late those before it were: the times
+ * are absolute. Nothing allocates, and no lock is waited for. */
 #ifndef PMA_PACE_H
 #define PMA_PACE_H
 

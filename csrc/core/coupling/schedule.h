@@ -1,10 +1,10 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
- * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the schedule with an interface problem in
- * every fine step ("pm", "gc"), tied.c the same without drift, macro.c and mean.c those with one in
- * a macro step; contact.c is the first with contacts, iterated.c and shooting.c are the first and
- * macro.c with internal forces; recorder.c what is recorded; teamwork.c and look_ahead.c are what
- * several threads do in them. */
+ * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
+ * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
+ * contacts, tied.c without drift, macro.c and mean.c those with one in a macro step; iterated.c and
+ * shooting.c are the first and macro.c with internal forces; recorder.c what is recorded;
+ * teamwork.c and look_ahead.c are what several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 

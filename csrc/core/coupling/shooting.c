@@ -232,8 +232,8 @@ static bool is_rounding(const pma_iteration *it, size_t p)
 }
 
 /* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough;
- * with a residual of displacements it is sqrt(|correction . r|). Or the residual is rounding, of the
- * work of all multipliers or in every row. */
+ * with a residual of displacements it is sqrt(|correction . r|). Or the residual is rounding, of
+ * the work of all multipliers or in every row. */
 static bool is_accepted(const pma_coupler *c, bool first, double scale)
 {
     const pma_iteration *it = c->iteration;

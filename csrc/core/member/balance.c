@@ -14,8 +14,8 @@ enum { LASTS = 4 };
 #define SHARE 0.01
 #define ROUNDING 1e-9
 
-/* From this gain on a motion has left all bounds: stable linear forces stay below it up to 0.9975 of
- * their critical step. */
+/* From this gain on a motion has left all bounds: stable linear forces stay below it up to 0.9975
+ * of their critical step. */
 #define BROKEN 200.0
 
 /* At a time level: where forces were evaluated and what they were, as they act, the velocity, the
@@ -144,8 +144,8 @@ static void correct_forces(pma_balance *b, const level *from, double al1, const 
     }
 }
 
-/* (B8)  s (r + r_a) . w / 2 with s from 0, where K_r has changed little of `whole` r . w, to 1 where it
- * has taken back half of it: `taken` (r - r_a) . w */
+/* (B8)  s (r + r_a) . w / 2 with s from 0, where K_r has changed little of `whole` r . w, to 1
+ * where it has taken back half of it: `taken` (r - r_a) . w */
 static double rest_of(double whole, double taken)
 {
     if (whole == 0.0)

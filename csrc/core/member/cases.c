@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "algebra/lanes.h"
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 bool pma_cases_are_possible(const pma_subdomain *s)
 {

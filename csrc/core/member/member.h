@@ -28,7 +28,7 @@ typedef enum {
     PMA_DISPLACEMENT,          /* u there; of a step that waits to be closed, its free solution */
     PMA_LINK_VELOCITY,         /* (c) al2 Mbar^-1 L^T lam: what lam adds to v (14), and for unit
                                   multipliers the block of H (F6) */
-    PMA_EXPECTED_DISPLACEMENT, /* (c) u that lam would give a substep that is open to time level j */
+    PMA_EXPECTED_DISPLACEMENT, /* (c) u that lam would give a substep that is open to level j */
 } pma_interface_kind;
 
 /* What recording may show of a member, see `record`. */
@@ -38,8 +38,8 @@ typedef enum {
     PMA_ACCELERATION /* the acceleration of lam, which no state has, added                 (K5) */
 } pma_recordable;
 
-/* Several workers who can share the work of one member: `share(ctx, work, self)` returns when all have done
- * work(self, worker), worker = 0..count-1; true if all of them returned true. */
+/* Several workers who can share the work of one member: `share(ctx, work, self)` returns when all
+ * have done work(self, worker), worker = 0..count-1; true if all of them returned true. */
 typedef struct {
     size_t count;
     void *ctx;
@@ -116,8 +116,8 @@ typedef struct {
     void (*hold_energy)(void *self, bool twice, const double *lam);
     void (*push)(void *self, const double *lam);
 
-    /* Displacements tied under gc: the predictor of an open substep, shifted by Mbar^-1 L^T mu (V1),
-     * with the free solution (V2). */
+    /* Displacements tied under gc: the predictor of an open substep, shifted by Mbar^-1 L^T mu
+     * (V1), with the free solution (V2). */
     void (*shift)(void *self, const pma_substep *step, const double *mu);
 
     /* Contacts. Impulses f (nb) on the interface at the end of an open substep: predictors, right-
@@ -172,8 +172,8 @@ static inline void pma_member_gather(const pma_member *m, pma_interface_kind kin
     pma_link_gather(m->link, scale, m->table->values(m->self, kind, j, false, NULL), sum);
 }
 
-/* sum (p) += scale L vf at time level j + theta, linear between j and j + 1; the substep to j + 1 is
- * open                                                                                    (15) */
+/* sum (p) += scale L vf at time level j + theta, linear between j and j + 1; the substep to j + 1
+ * is open                                                                                 (15) */
 static inline void pma_member_free_velocity(const pma_member *m, size_t j, double theta,
                                             double scale, double *sum)
 {

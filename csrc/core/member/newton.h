@@ -16,8 +16,8 @@ typedef struct {
     bool reuse;        /* a tangent is kept until convergence slows down */
 } pma_newton;
 
-/* What is measured of the residual at an iterate, and of a correction. Energies are squares: e^2 and
- * s^2 of (N5) and (N6); of several subdomains, sums. Parts are the largest of all rows. */
+/* What is measured of the residual at an iterate, and of a correction. Energies are squares: e^2
+ * and s^2 of (N5) and (N6); of several subdomains, sums. Parts are the largest of all rows. */
 typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
@@ -50,8 +50,8 @@ typedef struct {
     void (*raise)(void *ctx, double factor);
 } pma_equations;
 
-/* Iterates until residual and error are below the tolerance. PMA_NOT_CONVERGED, or what an operation comes
- * back with.
+/* Iterates until residual and error are below the tolerance. PMA_NOT_CONVERGED, or what an
+ * operation comes back with.
  *
  * has_factor: is there a factor that can be kept? */
 pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equations, void *ctx,

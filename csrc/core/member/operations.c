@@ -1,8 +1,8 @@
 /* operations.c - those of member.h, as a subdomain does them. */
 #include <string.h>
 
-#include "member/inside.h"
 #include "member/own_step.h"
+#include "member/subdomain_struct.h"
 
 /* ---- a substep ------------------------------------------------------------------------------ */
 
@@ -72,7 +72,8 @@ static void push(void *self, const double *lam)
 
 /* ---- values on the interface ---------------------------------------------------------------- */
 
-/* u_b at a time level; of an open step ut_b + al1 wf_b with wf_b = (vf_b - vt_b) / al2, in s->link */
+/* u_b at a time level; of an open step ut_b + al1 wf_b with wf_b = (vf_b - vt_b) / al2, in
+ * s->link */
 static const double *displacement(const pma_subdomain *s, size_t j)
 {
     const pma_state *x = pma_levels_at(&s->levels, j);

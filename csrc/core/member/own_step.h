@@ -3,7 +3,7 @@
 #define PMA_OWN_STEP_H
 
 #include "algebra/block.h"
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 struct pma_iterate {
     pma_subdomain *of;

@@ -3,7 +3,7 @@
  * With a diagonal Mbar no row waits for another, but K ut needs all of ut: two stages open a
  * substep, one closes it, and what concerns the interface is done by one worker. The ranges are
  * fixed, so that rows stay in the caches of one core. */
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 static size_t least(size_t a, size_t b)
 {

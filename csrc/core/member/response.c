@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 struct pma_response {
     const pma_subdomain *of;

@@ -18,7 +18,7 @@
  *   Bouc-Wen        k_hard, f_soft, 1/d_y, n, beta, gamma, rate  f = k_hard d + f_soft z     (H4)
  *   multilinear     k, then k_e, d_e of each element             f = k d + sum k_e (d - p_e) (H9)
  *   ... elastic     the same                                     and without memory          (H10)
- *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches          (H11) */
+ *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches         (H11) */
 typedef enum {
     PMA_CUBIC,
     PMA_GAP,
@@ -46,8 +46,8 @@ typedef struct {
 } pma_springs;
 
 /* What springs remember of a time level: `total` deformations, forces, and for each inner variable
- * of the law that has most of them, at least one, `total` numbers; springs in the order of the sets.
- * All zero: a spring that was never loaded. */
+ * of the law that has most of them, at least one, `total` numbers; springs in the order of the
+ * sets. All zero: a spring that was never loaded. */
 size_t pma_springs_fields(const pma_springs *springs);
 size_t pma_springs_numbers(const pma_springs *springs); /* fields x total */
 
@@ -80,7 +80,8 @@ double pma_springs_work(const pma_springs *springs, const double *from, const do
 /* r += what the springs pull with at a time level. */
 void pma_springs_add(const pma_springs *springs, const double *level, double *r);
 
-/* What they can give back of that work, less the work: what they dissipate, negative, and its error. */
+/* What they can give back of that work, less the work: what they dissipate, negative, and its
+ * error. */
 double pma_springs_excess(const pma_springs *springs, const double *from, const double *to);
 
 #endif

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb)
 {

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
 

@@ -118,7 +118,8 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r);
 
-/* sum (p) += L Z mu with Z of the single step (V2), of a subdomain whose predictors can be shifted */
+/* sum (p) += L Z mu with Z of the single step (V2), of a subdomain whose predictors can be
+ * shifted */
 void pma_subdomain_shift(pma_subdomain *s, const double *mu, double *sum);
 
 /* What the function that failed last returned. */
@@ -147,8 +148,8 @@ double pma_subdomain_gain(const pma_subdomain *s);
 
 /* ---- a specimen among the restoring forces (limits.h) ---------------------------------------- */
 
-/* What it may be commanded and may return; these arrays are the caller's. Allocates. Steps that would
- * leave the limits fail with PMA_LIMITED before the command is given. */
+/* What it may be commanded and may return; these arrays are the caller's. Allocates. Steps that
+ * would leave the limits fail with PMA_LIMITED before the command is given. */
 pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts);
 /* What was exceeded, after PMA_LIMITED; the dof is in elimination order. */
 pma_breach pma_subdomain_breach(const pma_subdomain *s);

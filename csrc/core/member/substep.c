@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 static size_t least(size_t a, size_t b)
 {

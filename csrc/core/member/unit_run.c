@@ -5,7 +5,7 @@
 
 #include "algebra/lanes.h"
 #include "algebra/loops.h"
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 struct pma_unit_run {
     const pma_subdomain *of;

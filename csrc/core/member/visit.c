@@ -7,7 +7,7 @@
  * workers, once what is above them was swept backward; it is swept forward when they are done. */
 #include <stdlib.h>
 
-#include "member/inside.h"
+#include "member/subdomain_struct.h"
 
 /* ---- which subdomains, and by how many workers ----------------------------------------------- */
 

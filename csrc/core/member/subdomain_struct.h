@@ -1,10 +1,10 @@
-/* inside.h - the subdomain from inside: what its files share.
+/* subdomain_struct.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
  * one with impulses, visit.c two of them at once, ranges.c one in ranges of rows, response.c what
  * macro coupling adds. */
-#ifndef PMA_INSIDE_H
-#define PMA_INSIDE_H
+#ifndef PMA_SUBDOMAIN_STRUCT_H
+#define PMA_SUBDOMAIN_STRUCT_H
 
 #include "algebra/branches.h"
 #include "member/balance.h"
@@ -96,8 +96,8 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
 
 /* Its stages, where they are the same for ranges of rows. */
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
-/* y -= r(ut, vs, t1); what the function remembers goes on from the level before, double step or not,
- * since it is evaluated at one level after the other */
+/* y -= r(ut, vs, t1); what the function remembers goes on from the level before, double step or
+ * not, since it is evaluated at one level after the other */
 pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const pma_state *to,
                                double *y);
 void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
