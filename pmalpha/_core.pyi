@@ -1,7 +1,7 @@
 """The C core. Private: arrays must be C-contiguous and of the exact type, in elimination order."""
 
 from collections.abc import Callable
-from typing import Any, final
+from typing import Any, Literal, final
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -15,9 +15,19 @@ _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int3
 _Band = tuple[np.ndarray]
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
+_Schedule = Literal[
+    "fine",
+    "distributed",
+    "iterated",
+    "tied",
+    "macro",
+    "shooting",
+    "mean",
+    "mean shooting",
+    "contact",
+]
 _Matrix = np.ndarray | _Band | _Compressed | _Strips | None
-_Paths = tuple[np.ndarray, ...]  # panels, position, supernodes: interface anywhere in the order
-_Operator = tuple[float, np.ndarray, _Matrix | _Panels | _Paths]  # h, reciprocals of D, R
+_Operator = tuple[float, np.ndarray, _Matrix | _Panels]  # h, reciprocals of D, R
 _Load = (
     np.ndarray  # constant
     | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
@@ -182,7 +192,7 @@ class Coupler:
         motions: tuple[np.ndarray, ...],
         threads: int = 1,
         worthwhile: bool = False,
-        macro: bool = False,
+        schedule: _Schedule = "fine",
         iteration: _Iteration | None = None,
         doubled: _Matrix = ...,  # mean coupling: the part of H of double steps
         gap: _LU | None = None,  # displacements tied under gc

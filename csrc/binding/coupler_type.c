@@ -74,24 +74,43 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
     return failed;
 }
 
-/* With internal forces another schedule does the same. */
-static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts, bool macro,
-                          pma_iteration_parts *iteration)
+static const struct {
+    const char *word;
+    const pma_schedule *schedule;
+} SCHEDULES[] = {
+    {"fine", &pma_fine_schedule},         {"distributed", &pma_distributed_schedule},
+    {"iterated", &pma_iterated_schedule}, {"tied", &pma_tied_schedule},
+    {"macro", &pma_macro_schedule},       {"shooting", &pma_shooting_schedule},
+    {"mean", &pma_mean_schedule},         {"mean shooting", &pma_mean_shooting_schedule},
+    {"contact", &pma_contact_schedule}};
+
+static const pma_schedule *schedule_of(const char *word)
 {
-    if (obj == Py_None)
-        return 0;
-    const bool shoots = macro || parts->schedule == &pma_mean_schedule;
-    if (pma_take_iteration(obj, (npy_intp)parts->p, shoots, self->arrays, iteration) < 0)
-        return -1;
-    if (parts->schedule == &pma_mean_schedule)
-        parts->schedule = &pma_mean_shooting_schedule;
-    else
-        parts->schedule = macro ? &pma_shooting_schedule : &pma_iterated_schedule;
-    parts->iteration = iteration;
-    return 0;
+    for (size_t i = 0; i < sizeof SCHEDULES / sizeof *SCHEDULES; i++) {
+        if (strcmp(word, SCHEDULES[i].word) == 0)
+            return SCHEDULES[i].schedule;
+    }
+    PyErr_Format(PyExc_ValueError, "schedule must be that of some coupling, got '%s'", word);
+    return NULL;
 }
 
-/* Displacements tied under gc if the factors of S_mu are given. */
+/* With a schedule that iterates, and no other */
+static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts,
+                          pma_iteration_parts *iteration)
+{
+    const bool shoots =
+        parts->schedule == &pma_shooting_schedule || parts->schedule == &pma_mean_shooting_schedule;
+    if ((obj != Py_None) != (shoots || parts->schedule == &pma_iterated_schedule)) {
+        PyErr_SetString(PyExc_ValueError, "iteration must be given to a schedule that iterates");
+        return -1;
+    }
+    if (obj == Py_None)
+        return 0;
+    parts->iteration = iteration;
+    return pma_take_iteration(obj, (npy_intp)parts->p, shoots, self->arrays, iteration);
+}
+
+/* The factors of S_mu, for displacements tied under gc */
 static int take_gap(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts)
 {
     pma_lu S;
@@ -104,25 +123,23 @@ static int take_gap(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts
         pma_raise(status, "gap");
         return -1;
     }
-    parts->schedule = &pma_tied_schedule;
     parts->gap = pma_gap_interface(&self->gap);
     return 0;
 }
 
-/* Mean coupling if the part of H of double steps is given, None if there are none. */
+/* Under mean coupling, the part of H of double steps; None if there are none */
 static int take_mean(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts)
 {
     if (!obj)
         return 0;
-    parts->schedule = &pma_mean_schedule;
     return pma_take_matrix(obj, (npy_intp)parts->p, "doubled", self->arrays, &parts->doubled);
 }
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {
-        "subdomains", "p",     "H_start",   "H",       "dt",  "rebased",   "motions", "threads",
-        "worthwhile", "macro", "iteration", "doubled", "gap", "processes", "contact", NULL};
+        "subdomains", "p",        "H_start",   "H",       "dt",  "rebased",   "motions", "threads",
+        "worthwhile", "schedule", "iteration", "doubled", "gap", "processes", "contact", NULL};
     PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None, *doubled = NULL,
                                                   *gap = Py_None, *processes = Py_None,
                                                   *contact = Py_None;
@@ -130,11 +147,12 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     pma_contact_side *sides = NULL;
     pma_iteration_parts iteration;
     Py_ssize_t p, threads = 1;
-    int rebased, worthwhile = 0, macro = 0;
+    int rebased, worthwhile = 0;
+    const char *schedule = "fine";
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppOOOOO", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|npsOOOOO", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
-                                     &PyTuple_Type, &motions, &threads, &worthwhile, &macro,
+                                     &PyTuple_Type, &motions, &threads, &worthwhile, &schedule,
                                      &iterated, &doubled, &gap, &processes, &contact) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
@@ -142,30 +160,26 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
         return PyErr_Format(PyExc_ValueError, "p must be at least 0 and subdomains not empty");
     if (threads < 1)
         return PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
-    CouplerObject *self = (CouplerObject *)PyType_GenericAlloc(type, 0);
+    parts.schedule = schedule_of(schedule);
+    if (parts.schedule && (contact != Py_None) != (parts.schedule == &pma_contact_schedule))
+        return PyErr_Format(PyExc_ValueError, "contact must be given to the schedule of contacts");
+    CouplerObject *self = parts.schedule ? (CouplerObject *)PyType_GenericAlloc(type, 0) : NULL;
     if (!self)
         return NULL;
     parts.p = (size_t)p;
     parts.rebased = rebased;
     parts.threads = (size_t)threads;
     parts.worthwhile = worthwhile;
-    parts.schedule = macro                  ? &pma_macro_schedule
-                     : processes != Py_None ? &pma_distributed_schedule
-                                            : &pma_fine_schedule;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
     if (!self->arrays || !self->motions ||
         pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
         take_mean(self, doubled, &parts) < 0 ||
-        take_iteration(self, iterated, &parts, macro, &iteration) < 0 ||
-        take_gap(self, gap, &parts) < 0 ||
+        take_iteration(self, iterated, &parts, &iteration) < 0 || take_gap(self, gap, &parts) < 0 ||
         (contact != Py_None && pma_take_contact(self, contact, &contacts, &sides) < 0))
         Py_CLEAR(self);
-    if (self && contact != Py_None) {
-        parts.schedule = &pma_contact_schedule;
-        parts.contact = &contacts;
-    }
+    parts.contact = contact != Py_None ? &contacts : NULL;
     if (self && take_parts(self, H_start, H, motions, &parts) < 0)
         Py_CLEAR(self);
     PyMem_Free(sides);
@@ -488,7 +502,7 @@ static PyGetSetDef coupler_getset[] = {
 };
 
 static PyType_Slot coupler_slots[] = {
-    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions, macro=False)\n\n"
+    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions, schedule=\"fine\")\n\n"
                 "The subdomains, the interface problem and the schedule."},
     {Py_tp_new, coupler_new},
     {Py_tp_traverse, coupler_traverse},

@@ -248,7 +248,7 @@ class Assemblies:
             self.start == "rebased",
             self.motions,
             *self.threads,
-            macro,
+            self._schedule(iterated=iteration is not None),
             iteration,
             **others,
         )
@@ -290,6 +290,20 @@ class Assemblies:
         are factored at the same time, and share them."""
         most = self.threads[0]
         return max(1, most // max(1, sum(part.tangent_threads(most) > 1 for part in parts)))
+
+    def _schedule(self, *, iterated: bool) -> _core._Schedule:
+        """The word of the core for what is done in a macro step."""
+        if self.contacts is not None:
+            return "contact"
+        if self.coupling == "macro":
+            return "shooting" if iterated else "macro"
+        if self.coupling == "mean":
+            return "mean shooting" if iterated else "mean"
+        if iterated:
+            return "iterated"
+        if self.tied:
+            return "tied"
+        return "fine" if self.ranks is None else "distributed"
 
     def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
         """What else the core needs where displacements are tied, and of other processes."""

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "algebra/processors.h"
+
 /* One register of AVX2, two of SSE2 or NEON. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
 
@@ -430,165 +432,69 @@ multiply_strip_lanes(const double *values, size_t rows, size_t columns, const in
     }
 }
 
-/* ---- for each kind of processor ------------------------------------------------------------- */
-
-static void eliminate_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    eliminate(panel, ld, height, width, x);
-}
-
-static void substitute_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    substitute(panel, ld, height, width, x);
-}
-
-static void subtract_plain(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
-                           double *y)
-{
-    subtract(A, ld, rows, columns, x, y);
-}
-
-static void subtract_strips_plain(const pma_strips *S, size_t begin, size_t end, const double *x,
-                                  double *y)
-{
-    subtract_strips(S, begin, end, x, y);
-}
-
-static void subtract_band_plain(const double *above, const double *below, size_t n, size_t width,
-                                size_t begin, size_t end, const double *x, double *y)
-{
-    subtract_band(above, below, n, width, begin, end, x, y);
-}
-
-static void eliminate_lanes_plain(const double *panel, size_t ld, size_t height, size_t width,
-                                  double *x)
-{
-    eliminate_lanes(panel, ld, height, width, x);
-}
-
-static void substitute_lanes_plain(const double *panel, size_t ld, size_t height, size_t width,
-                                   double *x)
-{
-    substitute_lanes(panel, ld, height, width, x);
-}
-
-static void subtract_lanes_plain(const double *A, size_t ld, size_t rows, size_t columns,
-                                 const double *x, double *y)
-{
-    subtract_lanes(A, ld, rows, columns, x, y);
-}
-
-static void multiply_strip_lanes_plain(const double *values, size_t rows, size_t columns,
-                                       const int32_t *index, const double *x, double *product)
-{
-    multiply_strip_lanes(values, rows, columns, index, x, product);
-}
-
 /* clang-format on */
 
-static const pma_kernel PLAIN = {
-    .eliminate = eliminate_plain,
-    .substitute = substitute_plain,
-    .subtract = subtract_plain,
-    .subtract_strips = subtract_strips_plain,
-    .subtract_band = subtract_band_plain,
-    .eliminate_lanes = eliminate_lanes_plain,
-    .substitute_lanes = substitute_lanes_plain,
-    .subtract_lanes = subtract_lanes_plain,
-    .multiply_strip_lanes = multiply_strip_lanes_plain,
-};
+/* ---- for each kind of processor ------------------------------------------------------------- */
+
+PMA_COMPILED(void, eliminate,
+             (const double *panel, size_t ld, size_t height, size_t width, double *x),
+             eliminate(panel, ld, height, width, x);)
+
+PMA_COMPILED(void, substitute,
+             (const double *panel, size_t ld, size_t height, size_t width, double *x),
+             substitute(panel, ld, height, width, x);)
+
+PMA_COMPILED(void, subtract,
+             (const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y),
+             subtract(A, ld, rows, columns, x, y);)
+
+PMA_COMPILED(void, subtract_strips,
+             (const pma_strips *S, size_t begin, size_t end, const double *x, double *y),
+             subtract_strips(S, begin, end, x, y);)
+
+PMA_COMPILED(void, subtract_band,
+             (const double *above, const double *below, size_t n, size_t width, size_t begin,
+              size_t end, const double *x, double *y),
+             subtract_band(above, below, n, width, begin, end, x, y);)
+
+PMA_COMPILED(void, eliminate_lanes,
+             (const double *panel, size_t ld, size_t height, size_t width, double *x),
+             eliminate_lanes(panel, ld, height, width, x);)
+
+PMA_COMPILED(void, substitute_lanes,
+             (const double *panel, size_t ld, size_t height, size_t width, double *x),
+             substitute_lanes(panel, ld, height, width, x);)
+
+PMA_COMPILED(void, subtract_lanes,
+             (const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y),
+             subtract_lanes(A, ld, rows, columns, x, y);)
+
+PMA_COMPILED(void, multiply_strip_lanes,
+             (const double *values, size_t rows, size_t columns, const int32_t *index,
+              const double *x, double *product),
+             multiply_strip_lanes(values, rows, columns, index, x, product);)
+
+#define TABLE(kind)                                          \
+    {                                                        \
+        .eliminate = eliminate_##kind,                       \
+        .substitute = substitute_##kind,                     \
+        .subtract = subtract_##kind,                         \
+        .subtract_strips = subtract_strips_##kind,           \
+        .subtract_band = subtract_band_##kind,               \
+        .eliminate_lanes = eliminate_lanes_##kind,           \
+        .substitute_lanes = substitute_lanes_##kind,         \
+        .subtract_lanes = subtract_lanes_##kind,             \
+        .multiply_strip_lanes = multiply_strip_lanes_##kind, \
+    }
+
+static const pma_kernel PLAIN = TABLE(plain), AVX2 = TABLE(avx2);
 
 const pma_kernel *pma_kernel_plain(void)
 {
     return &PLAIN;
 }
 
-#if defined(__x86_64__)
-
-/* clang-format off */
-
-/* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
-__attribute__((target("avx2"))) static void
-eliminate_avx2(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    eliminate(panel, ld, height, width, x);
-}
-
-__attribute__((target("avx2"))) static void
-substitute_avx2(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    substitute(panel, ld, height, width, x);
-}
-
-__attribute__((target("avx2"))) static void
-subtract_avx2(const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y)
-{
-    subtract(A, ld, rows, columns, x, y);
-}
-
-__attribute__((target("avx2"))) static void
-subtract_strips_avx2(const pma_strips *S, size_t begin, size_t end, const double *x, double *y)
-{
-    subtract_strips(S, begin, end, x, y);
-}
-
-__attribute__((target("avx2"))) static void
-subtract_band_avx2(const double *above, const double *below, size_t n, size_t width, size_t begin,
-                   size_t end, const double *x, double *y)
-{
-    subtract_band(above, below, n, width, begin, end, x, y);
-}
-
-__attribute__((target("avx2"))) static void
-eliminate_lanes_avx2(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    eliminate_lanes(panel, ld, height, width, x);
-}
-
-__attribute__((target("avx2"))) static void
-substitute_lanes_avx2(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    substitute_lanes(panel, ld, height, width, x);
-}
-
-__attribute__((target("avx2"))) static void
-subtract_lanes_avx2(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
-                    double *y)
-{
-    subtract_lanes(A, ld, rows, columns, x, y);
-}
-
-__attribute__((target("avx2"))) static void
-multiply_strip_lanes_avx2(const double *values, size_t rows, size_t columns,
-                          const int32_t *index, const double *x, double *product)
-{
-    multiply_strip_lanes(values, rows, columns, index, x, product);
-}
-
-/* clang-format on */
-
-static const pma_kernel AVX2 = {
-    .eliminate = eliminate_avx2,
-    .substitute = substitute_avx2,
-    .subtract = subtract_avx2,
-    .subtract_strips = subtract_strips_avx2,
-    .subtract_band = subtract_band_avx2,
-    .eliminate_lanes = eliminate_lanes_avx2,
-    .substitute_lanes = substitute_lanes_avx2,
-    .subtract_lanes = subtract_lanes_avx2,
-    .multiply_strip_lanes = multiply_strip_lanes_avx2,
-};
-
 const pma_kernel *pma_kernel_best(void)
 {
-    return __builtin_cpu_supports("avx2") ? &AVX2 : &PLAIN;
+    return pma_has_avx2() ? &AVX2 : &PLAIN;
 }
-
-#else
-
-const pma_kernel *pma_kernel_best(void)
-{
-    return &PLAIN;
-}
-
-#endif

@@ -1,6 +1,7 @@
 #include "algebra/loops.h"
 
 #include "algebra/kernel.h"
+#include "algebra/processors.h"
 
 /* One register of AVX2, two of SSE2 or NEON; PMA_LANES numbers are two of them. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
@@ -253,116 +254,49 @@ __attribute__((always_inline)) static inline void gather(const pma_link *L, doub
     }
 }
 
-/* ---- for each kind of processor ------------------------------------------------------------- */
-
-static void subtract_plain(const pma_matrix *A, size_t begin, size_t end, const double *x,
-                           double *y)
-{
-    subtract(A, begin, end, x, y);
-}
-
-static void eliminate_plain(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    eliminate(f, first, last, x);
-}
-
-static void substitute_plain(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    substitute(f, first, last, x);
-}
-
-static void scale_plain(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    scale(f, first, last, x);
-}
-
-static void add_plain(const pma_link *L, const double *lam, double *xb)
-{
-    add(L, lam, xb);
-}
-
-static void gather_plain(const pma_link *L, double scale, const double *xb, double *jump)
-{
-    gather(L, scale, xb, jump);
-}
-
 /* clang-format on */
 
-static const pma_loops PLAIN = {.subtract = subtract_plain,
-                                .eliminate = eliminate_plain,
-                                .substitute = substitute_plain,
-                                .scale = scale_plain,
-                                .add = add_plain,
-                                .gather = gather_plain};
+/* ---- for each kind of processor ------------------------------------------------------------- */
+
+PMA_COMPILED(void, subtract,
+             (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y),
+             subtract(A, begin, end, x, y);)
+
+PMA_COMPILED(void, eliminate, (const pma_factor *f, size_t first, size_t last, double *x),
+             eliminate(f, first, last, x);)
+
+PMA_COMPILED(void, substitute, (const pma_factor *f, size_t first, size_t last, double *x),
+             substitute(f, first, last, x);)
+
+PMA_COMPILED(void, scale, (const pma_factor *f, size_t first, size_t last, double *x),
+             scale(f, first, last, x);)
+
+PMA_COMPILED(void, add, (const pma_link *L, const double *lam, double *xb), add(L, lam, xb);)
+
+PMA_COMPILED(void, gather, (const pma_link *L, double scale, const double *xb, double *jump),
+             gather(L, scale, xb, jump);)
+
+#define TABLE(kind)                      \
+    {                                    \
+        .subtract = subtract_##kind,     \
+        .eliminate = eliminate_##kind,   \
+        .substitute = substitute_##kind, \
+        .scale = scale_##kind,           \
+        .add = add_##kind,               \
+        .gather = gather_##kind,         \
+    }
+
+static const pma_loops PLAIN = TABLE(plain), AVX2 = TABLE(avx2);
 
 const pma_loops *pma_loops_plain(void)
 {
     return &PLAIN;
 }
 
-#if defined(__x86_64__)
-
-/* clang-format off */
-
-/* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
-__attribute__((target("avx2"))) static void
-subtract_avx2(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
-{
-    subtract(A, begin, end, x, y);
-}
-
-__attribute__((target("avx2"))) static void
-eliminate_avx2(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    eliminate(f, first, last, x);
-}
-
-__attribute__((target("avx2"))) static void
-substitute_avx2(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    substitute(f, first, last, x);
-}
-
-__attribute__((target("avx2"))) static void scale_avx2(const pma_factor *f, size_t first,
-                                                       size_t last, double *x)
-{
-    scale(f, first, last, x);
-}
-
-__attribute__((target("avx2"))) static void add_avx2(const pma_link *L, const double *lam,
-                                                     double *xb)
-{
-    add(L, lam, xb);
-}
-
-__attribute__((target("avx2"))) static void gather_avx2(const pma_link *L, double scale,
-                                                        const double *xb, double *jump)
-{
-    gather(L, scale, xb, jump);
-}
-
-/* clang-format on */
-
-static const pma_loops AVX2 = {.subtract = subtract_avx2,
-                               .eliminate = eliminate_avx2,
-                               .substitute = substitute_avx2,
-                               .scale = scale_avx2,
-                               .add = add_avx2,
-                               .gather = gather_avx2};
-
 const pma_loops *pma_loops_best(void)
 {
-    return __builtin_cpu_supports("avx2") ? &AVX2 : &PLAIN;
+    return pma_has_avx2() ? &AVX2 : &PLAIN;
 }
-
-#else
-
-const pma_loops *pma_loops_best(void)
-{
-    return &PLAIN;
-}
-
-#endif
 
 /* ---- by any form ---------------------------------------------------------------------------- */
 

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <stdbool.h>
 
+#include "algebra/processors.h"
+
 #define INLINE __attribute__((always_inline)) static inline
 
 /* ---- (H1)  f = k d + k3 d^3 ----------------------------------------------------------------- */
@@ -379,26 +381,8 @@ static double ramberg_osgood_energy(const pma_law_end *e)
 
 /* ---- for each kind of processor ------------------------------------------------------------- */
 
-/* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
-#if defined(__x86_64__)
-#define COMPILED(law)                                                                \
-    static void law##_plain(const pma_law_path *path)                                \
-    {                                                                                \
-        go_##law(path);                                                              \
-    }                                                                                \
-    __attribute__((target("avx2"))) static void law##_avx2(const pma_law_path *path) \
-    {                                                                                \
-        go_##law(path);                                                              \
-    }
+#define COMPILED(law) PMA_COMPILED(void, law, (const pma_law_path *path), go_##law(path);)
 #define FORMS(law) .go = law##_avx2, .go_plain = law##_plain
-#else
-#define COMPILED(law)                                 \
-    static void law##_plain(const pma_law_path *path) \
-    {                                                 \
-        go_##law(path);                               \
-    }
-#define FORMS(law) .go = law##_plain, .go_plain = law##_plain
-#endif
 
 COMPILED(cubic)
 COMPILED(gap)

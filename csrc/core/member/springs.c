@@ -3,6 +3,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "algebra/processors.h"
 #include "member/laws.h"
 
 /* Springs at a time, so that their deformations and forces stay in the first cache. */
@@ -98,15 +99,6 @@ static void go(const chunk *at, size_t total, const double *d, const double *fro
     (best ? law->go : law->go_plain)(&path);
 }
 
-static bool has_avx2(void)
-{
-#if defined(__x86_64__)
-    return __builtin_cpu_supports("avx2");
-#else
-    return true;
-#endif
-}
-
 static void subtract(const pma_springs *springs, const double *u, const double *from, double *to,
                      double *y, bool best)
 {
@@ -129,7 +121,7 @@ static void subtract(const pma_springs *springs, const double *u, const double *
 void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
                           double *to, double *y)
 {
-    subtract(springs, u, from, to, y, has_avx2());
+    subtract(springs, u, from, to, y, pma_has_avx2());
 }
 
 void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *from,

@@ -1,5 +1,7 @@
 #include "member/update.h"
 
+#include "algebra/processors.h"
+
 /* clang-format off: attributes are long, and a name begins its line */
 
 /* Fewer rows than fill two registers are taken one after the other: what was stored as one number
@@ -79,92 +81,44 @@ __attribute__((always_inline)) static inline bool correct_few(const pma_step *c,
 
 /* ---- for each kind of processor ------------------------------------------------------------- */
 
-__attribute__((noinline)) static void predict_many_plain(const pma_step *c, size_t begin,
-                                                         size_t end, const pma_state *from,
-                                                         const pma_state *to)
-{
-    predict(c, begin, end, from, to);
-}
-
-__attribute__((noinline)) static bool correct_many_plain(const pma_step *c, size_t begin,
-                                                         size_t end, const pma_state *x)
-{
-    return correct(c, begin, end, x);
-}
-
-static void predict_plain(const pma_step *c, size_t begin, size_t end, const pma_state *from,
-                          const pma_state *to)
-{
-    if (end - begin < FEW)
-        predict_few(c, begin, end, from, to);
-    else
-        predict_many_plain(c, begin, end, from, to);
-}
-
-static bool correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
-{
-    if (end - begin < FEW)
-        return correct_few(c, begin, end, x);
-    return correct_many_plain(c, begin, end, x);
-}
-
 /* clang-format on */
 
-static const pma_update PLAIN = {.predict = predict_plain, .correct = correct_plain};
+/* noinline: so that what is few has no registers to save */
+PMA_COMPILED(__attribute__((noinline)) void, predict_many,
+             (const pma_step *c, size_t begin, size_t end, const pma_state *from,
+              const pma_state *to),
+             predict(c, begin, end, from, to);)
+
+PMA_COMPILED(__attribute__((noinline)) bool, correct_many,
+             (const pma_step *c, size_t begin, size_t end, const pma_state *x),
+             return correct(c, begin, end, x);)
+
+#define CHOOSING(kind)                                                                             \
+    static void predict_##kind(const pma_step *c, size_t begin, size_t end, const pma_state *from, \
+                               const pma_state *to)                                                \
+    {                                                                                              \
+        if (end - begin < FEW)                                                                     \
+            predict_few(c, begin, end, from, to);                                                  \
+        else                                                                                       \
+            predict_many_##kind(c, begin, end, from, to);                                          \
+    }                                                                                              \
+    static bool correct_##kind(const pma_step *c, size_t begin, size_t end, const pma_state *x)    \
+    {                                                                                              \
+        if (end - begin < FEW)                                                                     \
+            return correct_few(c, begin, end, x);                                                  \
+        return correct_many_##kind(c, begin, end, x);                                              \
+    }                                                                                              \
+    static const pma_update kind = {.predict = predict_##kind, .correct = correct_##kind};
+
+CHOOSING(plain)
+CHOOSING(avx2)
 
 const pma_update *pma_update_plain(void)
 {
-    return &PLAIN;
+    return &plain;
 }
-
-#if defined(__x86_64__)
-
-/* clang-format off */
-
-/* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
-__attribute__((target("avx2"), noinline)) static void
-predict_many_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *from,
-                  const pma_state *to)
-{
-    predict(c, begin, end, from, to);
-}
-
-__attribute__((target("avx2"), noinline)) static bool
-correct_many_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
-{
-    return correct(c, begin, end, x);
-}
-
-static void predict_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *from,
-                         const pma_state *to)
-{
-    if (end - begin < FEW)
-        predict_few(c, begin, end, from, to);
-    else
-        predict_many_avx2(c, begin, end, from, to);
-}
-
-static bool correct_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
-{
-    if (end - begin < FEW)
-        return correct_few(c, begin, end, x);
-    return correct_many_avx2(c, begin, end, x);
-}
-
-/* clang-format on */
-
-static const pma_update AVX2 = {.predict = predict_avx2, .correct = correct_avx2};
 
 const pma_update *pma_update_best(void)
 {
-    return __builtin_cpu_supports("avx2") ? &AVX2 : &PLAIN;
+    return pma_has_avx2() ? &avx2 : &plain;
 }
-
-#else
-
-const pma_update *pma_update_best(void)
-{
-    return &PLAIN;
-}
-
-#endif
