@@ -295,8 +295,9 @@ int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pm
 int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
                        pma_iteration_parts *out);
 
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None, contacts=None) with
- * all rows up to macro step `end`; record->selections is the caller's to free */
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None,
+ * contacts=None) with all rows up to macro step `end`; record->selections is the caller's to
+ * free */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
 
 /* (p, ptr, index, values): L_b with nb columns */

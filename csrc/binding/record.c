@@ -259,8 +259,8 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     return -1;
 }
 
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None, contacts=None);
- * the caller frees record->selections */
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None,
+ * contacts=None); the caller frees record->selections */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
     const Py_ssize_t count = PyTuple_Size(self->subdomains);

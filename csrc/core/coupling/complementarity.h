@@ -4,7 +4,8 @@
  *
  * in the rows of contacts that are closed; P is zero in all others. Without friction by block
  * principal pivoting, which is exact and begins with the set of rows that pushed last; with
- * friction by sweeps over the contacts in turn. Deterministic: one thread solves, in a fixed order. */
+ * friction by sweeps over the contacts in turn. Deterministic: one thread solves, in a fixed
+ * order. */
 #ifndef PMA_COMPLEMENTARITY_H
 #define PMA_COMPLEMENTARITY_H
 

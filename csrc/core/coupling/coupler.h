@@ -101,10 +101,10 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE, PMA_FORCE_FAILED, PMA_RESTORING_FAILED, PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC,
- * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_NO_IMPULSES (it is the row
- * of a contact), PMA_STOPPED (possibly with
- * all steps done), PMA_ELSEWHERE (all processes are at the same macro step), and PMA_NO_THREADS
- * before the first step. Does not allocate, but for the threads when they are not there yet. */
+ * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_NO_IMPULSES (it is the
+ * row of a contact), PMA_STOPPED (possibly with all steps done), PMA_ELSEWHERE (all processes are
+ * at the same macro step), and PMA_NO_THREADS before the first step. Does not allocate, but for the
+ * threads when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 

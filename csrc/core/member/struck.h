@@ -1,4 +1,5 @@
-/* struck.h - what impulses on the interface of a subdomain meet: its masses, and its forces. (U4) */
+/* struck.h - what impulses on the interface of a subdomain meet: its masses, and its forces.
+ * (U4) */
 #ifndef PMA_STRUCK_H
 #define PMA_STRUCK_H
 
