@@ -90,7 +90,7 @@ class Misfit(Frozen):
             if name != MULTIPLIERS
         }
 
-    def check_sizes(self, sizes: Mapping[str, int], p: int) -> None:
+    def _check_sizes(self, sizes: Mapping[str, int], p: int) -> None:
         """Check that dofs and weights fit the subdomains of a coupler.
 
         Parameters
