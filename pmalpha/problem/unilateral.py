@@ -142,17 +142,22 @@ def contact(
         Its dofs, one for each row.
     b, dofs_b : optional
         The other side; entry k of `dofs_a` meets entry k of `dofs_b`.
-    gap, friction, restitution, motion, name
+    gap : optional
         As of `Contact`.
     sign : {1, -1}, default 1
         With an obstacle alone.
+    friction : optional
+        As of `Contact`.
     tangents : sequence, optional
         One or two: the dofs in which rows slide, ``dofs`` with an obstacle, ``(dofs_a, dofs_b)``
         with another subdomain.
+    restitution, motion, name : optional
+        As of `Contact`.
 
     Returns
     -------
     Contact
+        For the constraints of a `Coupler`.
 
     Raises
     ------

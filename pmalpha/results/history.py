@@ -99,8 +99,10 @@ class History:
 
     @property
     def contacts(self) -> Contacts:
-        """What was recorded of contacts: ``contacts[joint]``, ``contacts["joint"]`` or
-        ``contacts[0]`` is a `ContactHistory`."""
+        """What was recorded of contacts.
+
+        ``contacts[joint]``, ``contacts["joint"]`` or ``contacts[0]`` is a `ContactHistory`.
+        """
         return recorded_contacts(self)
 
     def __len__(self) -> int:
