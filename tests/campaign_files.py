@@ -66,8 +66,11 @@ def recorded(path):
 
 def master(path):
     for rank in range(2):
-        coupler().run(steps=3, record_to=path.with_name(f"{path.name}.{rank}"))
-    history_file.write_master(path, [f"{path.name}.{rank}" for rank in range(2)], [0, 2, 4])
+        own = path.with_name(f"{rank}.h5")
+        coupler().run(steps=3, record_to=own)
+        own.rename(path.with_name(f"{path.name}.{rank}"))
+    names = [f"{path.name}.{rank}" for rank in range(2)]
+    history_file.write_master(path, names, [0, 2, 4], ["a", "b", "c", "d"])
 
 
 def of_ranks(path):

@@ -474,7 +474,7 @@ def of_cut(rng):
     schemes = {"left": pm.Newmark(), "right": pm.GeneralizedAlpha(0.5, explicit=True)}
     labels = ["left", "left", "right", "right"]
     cut = pm.cut(plate, labels, dt=0.01, scheme=schemes, fixed=[0, 1], u0=np.zeros(plate.n))
-    history = cut.coupler().run(steps=3)
+    history = cut.coupler(coupling="pm").run(steps=3)
     path = one(rng, "x.xdmf", "x.pvd")
     return *one(
         rng,

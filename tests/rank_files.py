@@ -17,7 +17,9 @@ def files(folder):
     folder = Path(folder)
 
     def make():
-        return pm.Coupler([chain(3, f"r{RANK}", force=np.ones(3))], ties(), dt=0.01, comm=WORLD)
+        return pm.Coupler(
+            [chain(3, f"r{RANK}", force=np.ones(3))], ties(), dt=0.01, coupling="pm", comm=WORLD
+        )
 
     coupler, other = make(), make()
     coupler.step(11)
@@ -75,7 +77,7 @@ def killed(folder):
         if RANK == SIZE - 1 and done > 2000:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    coupler = pm.Coupler([chain(3, f"r{RANK}")], ties(), dt=0.01, comm=WORLD)
+    coupler = pm.Coupler([chain(3, f"r{RANK}")], ties(), dt=0.01, coupling="pm", comm=WORLD)
     coupler.run(steps=10_000_000, record_to=Path(folder) / "run.h5", every=100, progress=progress)
 
 
