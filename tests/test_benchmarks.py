@@ -17,6 +17,7 @@ BENCHMARKS = ROOT / "benchmarks"
 # instructions.py carries Python under valgrind, which takes a minute at any size, and
 # step_profile.py needs perf; ranks.py is run by test_mpi.py
 SCRIPTS = [
+    "contact",
     "coupling_cost",
     "cut_plan",
     "cut_threads",
