@@ -8,13 +8,12 @@ from functools import cache
 from threading import Lock, local
 from typing import Any
 
-from threadpoolctl import ThreadpoolController
-
 
 @cache
-def _libraries() -> ThreadpoolController:
+def _libraries() -> Any:
     """The BLAS libraries that NumPy and SciPy have loaded; the search takes milliseconds."""
     import scipy.linalg  # noqa: F401  so that its library is loaded before the search
+    from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(user_api="blas")
 

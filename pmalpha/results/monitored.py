@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import mmap
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -74,6 +73,8 @@ class MonitorFile:
     """
 
     def __init__(self, path: str | os.PathLike[str], rows: int, about: Mapping[str, Any]):
+        import mmap
+
         columns = len(TIMES) + 2 * sum(map(len, about["dofs"].values()))
         header = {"format": FORMAT, "version": VERSION, "rows": rows, "columns": columns, **about}
         text = json.dumps(header).encode()
