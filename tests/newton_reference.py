@@ -356,7 +356,9 @@ class Shooting:
             step = -self.B @ r
             scale = max(self.scale, self.kinetic(ends))
             c = 0.1 if count == 1 else 10.0
-            limit = c * self.newton.tol * np.sqrt(scale + sum(x.scale for x in self.members))
+            motion = scale + sum(max(x.scale, 0.0) for x in self.members)
+            found = sum(max(-x.scale, 0.0) for x in self.members)  # rounding (N9)
+            limit = c * max(self.newton.tol * np.sqrt(motion), 100.0 * np.sqrt(found))
             # what the multipliers moved, and what is summed in r
             ties = zip(self.members, ends, strict=True)
             terms = abs(self.H) @ abs(Lam + d) + abs(g) + sum(abs(x.L @ y.v) for x, y in ties)

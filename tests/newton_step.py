@@ -119,7 +119,7 @@ class Trial:
         self.ut, self.vt, self.g = self.step.right_side(old, t1)
         self.guess = (old.v - self.vt) / self.al2  # (N4)  v_1 = v_n
         self.iterations = 0
-        self.seen, self.largest = False, 0.0
+        self.seen = False
         self.renews = True  # the tangent of the iterate is the one that will solve
         # the forces at the beginning, with the load at the end
         self.forces = abs(self.s.load(t1)) + abs(self.L.T) @ abs(Lam) + abs(self.s.M) @ abs(old.w)
@@ -157,11 +157,17 @@ class Trial:
         base = np.diag(mbar)
         tangent = self.fresh if self.renews else self.member.tangent
         root = np.sqrt(abs(base) + abs(np.diag(tangent) - base))
-        self.rounding = worst(self.R, 100.0 * EPS * root * max(terms / root))
+        s2 = self.member.scale / self.al1
+        found = np.sqrt(max(0.0, -s2))  # (N9)
+        self.rounding = root * max(100.0 * EPS * max(terms / root), found)
         self.forces = np.maximum(self.forces, terms) if not self.seen else self.forces
         self.seen = True
-        largest = max(max(self.forces / root), np.sqrt(self.member.scale / self.al1))
+        largest = max(max((self.forces - pull) / root), np.sqrt(max(0.0, s2)))
         self.scale = np.maximum(self.forces, SHARE * largest * root)
+
+    def part(self, R):
+        """The largest |R_j| in parts of its scale, of the rows in which it is not rounding."""
+        return worst(np.where(abs(R) <= self.rounding, 0.0, R), self.scale)
 
     def refresh(self):
         """Take the tangent of the iterate."""
@@ -181,9 +187,8 @@ class Trial:
         load = self.R + self.L.T @ (Lam - self.Lam)
         dw = self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
-        self.residual = worst(load, self.scale)
+        self.residual = self.part(load)
         energy = abs(self.al1 * dw @ load)
-        self.largest = max(self.largest, energy)
         return dw, energy, du @ self.member.tangent @ du / self.al1
 
     def closed(self):
@@ -233,6 +238,7 @@ class Iteration:
     def __init__(self, trials, newton, others=None):
         self.trials, self.newton, self.others = trials, newton, others
         self.first = [(x.w, x.Lam) for x in trials]
+        self.scales = [x.member.scale for x in trials]
         self.always = newton.tangent == "full"  # fresh tangents in every iteration
         self.begin()
 
@@ -253,7 +259,7 @@ class Iteration:
         """Iterate up to the accepted iterates."""
         for count in range(1, self.newton.iterations + 1):
             self.evaluate()
-            parts = [worst(x.R, x.scale) for x in self.trials]
+            parts = [x.part(x.R) for x in self.trials]
             if self.accepts(self.close and max(parts) <= self.newton.tol):
                 count -= 1
                 break
@@ -276,12 +282,12 @@ class Iteration:
         if self.last is None:
             return False
         ends = [(y.w, y.Lam) for y in self.trials]
-        # the slope does not follow the tangent over 2^-10 of the last correction, but over 2^20
-        if self.departure(2.0**-10) <= 0.5 or not self.departure(2.0**20) <= 0.1:
+        # the slope does not follow the tangent over 2^-10 of the last correction, but over 2^30
+        if self.departure(2.0**-10) <= 0.5 or not self.departure(2.0**30) <= 0.1:
             return False
         self.move(ends)
         self.scales = [
-            max(scale, 4e6 * y.largest / self.newton.tol**2)
+            -100.0 * abs(scale) if y.residual > 1e-6 else scale
             for y, scale in zip(self.trials, self.scales, strict=True)
         ]
         return True
@@ -353,7 +359,7 @@ class Iteration:
         if fresh:
             for x in trials:
                 x.refresh()
-        rounding = max(x.rounding for x in trials)
+        rounding = max(x.part(x.R) for x in trials) == 0.0
         Lam = self.multipliers()
         parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
@@ -373,14 +379,17 @@ class Iteration:
         self.last, self.tied = (last if self.tied else None), True
         self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
         self.e, self.due = e, theta is not None and theta > 0.2
-        scales = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
-        motion = np.sqrt(sum(scales))
+        motions = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
+        motion = np.sqrt(sum(motions))
+        self.scales = [  # what is found to be rounding stays so
+            new if new > -100.0 * x.member.scale else old
+            for x, old, new in zip(trials, self.scales, motions, strict=True)
+        ]
         residual = max(x.residual for x in trials)
         rate, tol = rate_of(theta), self.newton.tol
         self.close = rate * e <= tol * motion
         balanced = fresh and min(1.0, MARGIN * rate) * residual <= tol
-        self.scales = scales
-        return self.accepts((theta is not None and rounding <= 1.0) or (self.close and balanced))
+        return self.accepts((theta is not None and rounding) or (self.close and balanced))
 
 
 def rate_of(theta):

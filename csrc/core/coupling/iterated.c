@@ -211,17 +211,13 @@ static void restart(void *ctx)
     pma_share(c, restart_one, is_iterated);
 }
 
-static pma_status raise_one(pma_coupler *c, pma_coupled *m)
-{
-    table_of(m)->raise(m->member.self, c->iteration->by);
-    return PMA_OK;
-}
-
-static void raise(void *ctx, double factor)
+static void remember_rounding(void *ctx)
 {
     pma_coupler *c = ctx;
-    c->iteration->by = factor;
-    pma_share(c, raise_one, is_iterated);
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is_iterated(&c->coupled[i]))
+            table_of(&c->coupled[i])->remember_rounding(c->coupled[i].member.self);
+    }
 }
 
 /* The member whose last correction was the largest. */
@@ -257,8 +253,11 @@ static pma_status find_factors(pma_coupler *c, bool *all)
 
 static pma_status iterate(pma_coupler *c)
 {
-    static const pma_equations EQUATIONS = {
-        .evaluate = evaluate, .correct = correct, .move = move, .restart = restart, .raise = raise};
+    static const pma_equations EQUATIONS = {.evaluate = evaluate,
+                                            .correct = correct,
+                                            .move = move,
+                                            .restart = restart,
+                                            .remember_rounding = remember_rounding};
     pma_iteration *it = c->iteration;
     bool have_factors;
     pma_status status = find_factors(c, &have_factors);

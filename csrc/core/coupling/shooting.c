@@ -11,6 +11,9 @@
 
 #include "coupling/schedule.h"
 
+/* Motions that are rounding magnify that of the substeps by less than this.              (N16) */
+#define FOUND 100.0
+
 /* The parts of the tolerance of a substep that are enough in the first run and in later
  * ones.                                                                                   (N16) */
 #define FIRST_PASS 0.1
@@ -211,13 +214,18 @@ static double scale_of_energies(const pma_coupler *c)
     return fmax(fmax(c->iteration->working[0], before), now);
 }
 
-/* The substeps are not more accurate than their own scales allow. */
-static double scales(const pma_coupler *c)
+/* The substeps are not more accurate than their own scales allow, which are less than zero where
+ * they are rounding (N9). */
+static double accuracy(const pma_coupler *c, double energies)
 {
-    double sum = 0.0;
-    for (size_t i = 0; i < c->parts.count; i++)
-        sum += c->iteration->members[i].scale;
-    return sum;
+    const double tolerance = c->iteration->parts.newton.tolerance;
+    double rounding = 0.0;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const double scale = c->iteration->members[i].scale;
+        energies += fmax(0.0, scale);
+        rounding += fmax(0.0, -scale);
+    }
+    return fmax(tolerance * sqrt(energies), FOUND * sqrt(rounding));
 }
 
 /* ---- shooting (N14) ------------------------------------------------------------------------- */
@@ -234,7 +242,7 @@ static bool is_rounding(const pma_iteration *it, size_t p)
 /* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough;
  * with a residual of displacements it is sqrt(|correction . r|). Or the residual is rounding, of
  * the work of all multipliers or in every row. */
-static bool is_accepted(const pma_coupler *c, bool first, double scale)
+static bool is_accepted(const pma_coupler *c, bool first, double accurate)
 {
     const pma_iteration *it = c->iteration;
     double work = 0.0;
@@ -242,8 +250,8 @@ static bool is_accepted(const pma_coupler *c, bool first, double scale)
         work += it->correction[row] * it->residual[row];
     const double time = is_mean(c) ? 1.0 : c->parts.dt;
     const double e = sqrt(fabs(work) * time), part = first ? FIRST_PASS : LATER_PASSES;
-    return e <= part * it->parts.newton.tolerance * sqrt(scale) ||
-           e <= ROUNDING * sqrt(time * it->moved) || is_rounding(it, c->parts.p);
+    return e <= part * accurate || e <= ROUNDING * sqrt(time * it->moved) ||
+           is_rounding(it, c->parts.p);
 }
 
 /* dLam += -B r, after B has learned from the last correction */
@@ -284,7 +292,7 @@ static pma_status shoot(pma_coupler *c, const double *known)
         residual(c, known, it->residual);
         const double scale = scale_of_energies(c);
         correct(c, pass == 0);
-        if (is_accepted(c, pass == 0, scale + scales(c))) {
+        if (is_accepted(c, pass == 0, accuracy(c, scale))) {
             it->working[0] = scale;
             return PMA_OK;
         }

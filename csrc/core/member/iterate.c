@@ -86,7 +86,7 @@ static pma_status allocate(pma_iterate *it)
     const size_t history = p->internal.history, functions = pma_internal_scratch(&p->internal);
     const size_t kept = it->parts.keeps ? (size_t)it->parts.tangent.ptr[n] : 0;
     const size_t size =
-        14 * n + 2 * p->nb + 2 * p->link.p + springs + total + history + functions + kept;
+        15 * n + 2 * p->nb + 2 * p->link.p + springs + total + history + functions + kept;
     it->block = calloc(size + 1, sizeof(double));
     it->rows = calloc(p->link.p + 1, sizeof *it->rows);
     it->column = calloc(entries_of_link(&p->link) + 1, sizeof *it->column);
@@ -95,10 +95,10 @@ static pma_status allocate(pma_iterate *it)
     if (!it->block || !it->rows || !it->column || !it->spring_entries || !it->diagonal)
         return PMA_NO_MEMORY;
     double *next = it->block;
-    double **const vectors[14] = {&it->u_n,  &it->v_n,     &it->held,   &it->guess, &it->u,
+    double **const vectors[15] = {&it->u_n,  &it->v_n,     &it->held,   &it->guess, &it->u,
                                   &it->v,    &it->f,       &it->force,  &it->R,     &it->dw,
-                                  &it->size, &it->product, &it->forces, &it->limit};
-    for (size_t i = 0; i < 14; i++)
+                                  &it->size, &it->product, &it->forces, &it->limit, &it->rounding};
+    for (size_t i = 0; i < 15; i++)
         *vectors[i] = take(&next, n);
     it->pull = take(&next, p->nb);
     it->pull_size = take(&next, p->nb);

@@ -32,7 +32,7 @@ typedef struct {
     void (*correct)(void *self, const double *lam, pma_measure *measure);
     void (*move)(void *self, double by);
     void (*restart)(void *self, const double *lam);
-    void (*raise)(void *self, double factor);
+    void (*remember_rounding)(void *self);
 
     /* The law in the middle of a substep that ends later (N13): the stored free velocity of its
      * beginning, time level j, follows the new tangent. */

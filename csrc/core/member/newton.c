@@ -17,7 +17,7 @@
 
 /* Parts of a correction over which rounding shows, and over which it does not.             (N9) */
 #define NEAR 0x1p-10
-#define FAR 0x1p20
+#define FAR 0x1p30
 
 /* Shorter corrections tried at most. */
 enum { MOST_TRIALS = 8 };
@@ -45,7 +45,7 @@ static bool is_accepted(iteration *it, const pma_measure *m, double theta, bool 
     const double tolerance = it->newton->tolerance;
     const double rate = theta < 1.0 ? fmin(theta / (1.0 - theta), UNKNOWN) : UNKNOWN;
     it->close = rate * sqrt(m->correction) <= tolerance * sqrt(m->motion);
-    if (it->e > 0.0 && it->at.rounding <= 1.0)
+    if (it->e > 0.0 && it->at.residual == 0.0)
         return true; /* (N8) */
     return it->close && fresh && fmin(1.0, MARGIN * rate) * m->residual <= tolerance;
 }
@@ -151,25 +151,18 @@ static pma_status evaluate(iteration *it, bool *fresh)
 
 /* ---- (N9)  corrections that do not fall because they are rounding --------------------------- */
 
-/* By how much the slope at the part x of the last correction departs from that of the tangent. */
-static double departure(const iteration *it, double *x, double to)
-{
-    double s;
-    if (slope_at(it, x, to, &s) != PMA_OK)
-        return NAN;
-    return fabs(s - (1.0 - to) * it->slope) / fabs(to * it->slope);
-}
-
-/* They are, if the slope does not follow the tangent over a small part of the last correction but
- * does over a large multiple. */
+/* The slope does not follow the tangent over a small part of the last correction, but does over a
+ * large multiple. */
 static bool is_rounding(const iteration *it)
 {
-    if (it->count < 2)
-        return false;
-    double x = 1.0;
-    const bool noise = !(departure(it, &x, NEAR) <= 0.5) && departure(it, &x, FAR) <= 0.1;
+    double x = 1.0, off[2] = {0.0, 0.0};
+    for (size_t k = 0; k < 2 && it->count >= 2; k++) {
+        double s, to = k == 0 ? NEAR : FAR;
+        const pma_status status = slope_at(it, &x, to, &s);
+        off[k] = status == PMA_OK ? fabs(s / it->slope - (1.0 - to)) / to : NAN;
+    }
     it->equations->move(it->ctx, 1.0 - x);
-    return noise;
+    return !(off[0] <= 0.5) && off[1] <= 0.1;
 }
 
 pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equations, void *ctx,
@@ -207,6 +200,6 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
     }
     if (!is_rounding(&it))
         return PMA_NOT_CONVERGED;
-    equations->raise(ctx, 4e6 / (newton->tolerance * newton->tolerance));
+    equations->remember_rounding(ctx);
     return PMA_OK;
 }

@@ -22,8 +22,8 @@ typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
     double slope; /* al2 dw . R: of the last correction at the iterate, of one at its beginning */
-    double residual; /* |R| in parts of the forces in its row, before a correction with L^T dLam */
-    double rounding; /* |R| in parts of its rounding                                      (N8) */
+    double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8);
+                        before a correction with L^T dLam */
 } pma_measure;
 
 static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
@@ -32,7 +32,6 @@ static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
     sum->motion += m->motion;
     sum->slope += m->slope;
     sum->residual = m->residual > sum->residual ? m->residual : sum->residual;
-    sum->rounding = m->rounding > sum->rounding ? m->rounding : sum->rounding;
 }
 
 /* Operations on the iterate. Those that return a status end the iteration with it, but that a value
@@ -46,8 +45,8 @@ typedef struct {
     void (*move)(void *ctx, double by);
     /* The iterate is the first guess again. */
     void (*restart)(void *ctx);
-    /* The motion so far counts as at least this many times the largest energy of a correction. */
-    void (*raise)(void *ctx, double factor);
+    /* The residuals of this substep are rounding, and such of their size are from now on. (N9) */
+    void (*remember_rounding)(void *ctx);
 } pma_equations;
 
 /* Iterates until residual and error are below the tolerance. PMA_NOT_CONVERGED, or what an

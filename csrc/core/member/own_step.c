@@ -10,8 +10,12 @@
 /* Residuals are exact up to this many units in the last place of their terms.              (N8) */
 #define ROUNDING (100.0 * DBL_EPSILON)
 
-/* No row has to be nearer to balance than this part of the largest force asks for.          (N7) */
+/* No row has to be nearer to balance than this part of the largest own force asks for.      (N7) */
 #define SHARE 0.1
+
+/* Rounding to come in its energy, and the part of the forces below which none is seen.      (N9) */
+#define MARGIN 100.0
+#define BALANCED 1e-6
 
 static const pma_operator *operator_of(const pma_iterate *it)
 {
@@ -107,7 +111,6 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     it->motion = it->scale;
     it->singular = SIZE_MAX;
     it->linearized = it->begun = false;
-    it->largest = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
     memcpy(it->springs_n, from->springs, pma_iterate_spring_numbers(it) * sizeof(double));
@@ -206,48 +209,42 @@ static double dot(size_t n, const double *x, const double *y)
     return sum;
 }
 
-/* max |R_i| / limit_i, where 0 / 0 is 0 */
-static double largest_part(const pma_iterate *it, const double *limit)
+/* max |R_i| / T_i of the rows in which R is more than rounding                       (N7) (N8) */
+static double largest_part(const pma_iterate *it)
 {
     double largest = 0.0;
-    for (size_t i = 0; i < it->of->parts.n; i++)
-        largest = fmax(largest, fabs(it->R[i]) / limit[i]);
+    for (size_t i = 0; i < it->of->parts.n; i++) {
+        const double R = fabs(it->R[i]);
+        largest = R <= it->rounding[i] ? largest : fmax(largest, R / it->limit[i]);
+    }
     return largest;
 }
 
-/* The root of a diagonal entry of Mbar_t, by whose multiple rows are compared; its parts do not
- * cancel. */
-static double root_of_row(const pma_iterate *it, size_t i)
-{
-    const double *base = it->step.twice ? it->parts.base_twice : it->parts.base;
-    const int64_t k = it->diagonal[i];
-    return sqrt(fabs(base[k]) + fabs(it->numeric.values[k] - base[k]));
-}
-
-/* (N7)  |R| in parts of the forces at the beginning, of the first guess too
- * (N8)  ... and of its rounding, 100 eps of the largest terms of all rows */
+/* (N7)  T: the forces at the beginning, and at the first guess; rows by the root of D
+ * (N8)  rounding: 100 eps of the largest terms t of all rows, or as large as it was found (N9) */
 static void measure_residual(pma_iterate *it)
 {
     const pma_parts *p = &it->of->parts;
     const size_t n = p->n, inner = n - p->nb;
-    double *root = it->size, *terms = it->product, largest = 0.0;
-    double begun = sqrt(it->scale / operator_of(it)->step.al1);
+    const double s2 = it->scale / operator_of(it)->step.al1;
+    const double *base = it->step.twice ? it->parts.base_twice : it->parts.base;
+    double *root = it->rounding, *terms = it->product, largest = 0.0, own = sqrt(fmax(0.0, s2));
     find_inertia(it, iterate_of(it)->w);
     for (size_t i = 0; i < n; i++) {
-        const double given = fabs(it->held[i]) + (i < inner ? 0.0 : it->pull_size[i - inner]);
-        terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + given;
-        root[i] = root_of_row(it, i);
+        const int64_t k = it->diagonal[i];
+        const double pull = i < inner ? 0.0 : it->pull_size[i - inner];
+        root[i] = sqrt(fabs(base[k]) + fabs(it->numeric.values[k] - base[k]));
+        terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + fabs(it->held[i]) + pull;
         largest = fmax(largest, terms[i] / root[i]);
         it->forces[i] = it->begun ? it->forces[i] : fmax(it->forces[i], terms[i]);
-        begun = fmax(begun, it->forces[i] / root[i]);
+        own = fmax(own, (it->forces[i] - pull) / root[i]);
     }
     for (size_t i = 0; i < n; i++) {
-        it->limit[i] = fmax(it->forces[i], SHARE * begun * root[i]);
-        root[i] *= ROUNDING * largest;
+        it->limit[i] = fmax(it->forces[i], SHARE * own * root[i]);
+        root[i] *= fmax(ROUNDING * largest, sqrt(fmax(0.0, -s2)));
     }
     it->begun = true;
-    it->measure.residual = largest_part(it, it->limit);
-    it->measure.rounding = largest_part(it, root);
+    it->measure.residual = largest_part(it);
 }
 
 /* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
@@ -371,22 +368,23 @@ static void correct(void *self, const double *lam, pma_measure *m)
         x->w[i] += it->dw[i];
         it->u[i] = x->u[i] + c->al1 * x->w[i];
     }
-    const double step = dot(n, it->dw, it->R);
-    it->motion = fmax(it->scale, motion(it, c->al1));
+    const double step = dot(n, it->dw, it->R), s2 = motion(it, c->al1);
+    it->left = it->measure.residual = largest_part(it);
+    if (s2 > MARGIN * -it->scale)
+        it->motion = fmax(it->scale, s2);
     it->measure.correction = fabs(c->al1 * step);
-    it->measure.motion = it->motion;
+    it->measure.motion = fmax(it->scale, s2);
     it->measure.slope = c->al2 * step;
-    it->measure.residual = largest_part(it, it->limit);
     *m = it->measure;
-    it->largest = fmax(it->largest, m->correction);
     it->corrections++;
     it->linearized = false;
 }
 
-static void raise(void *self, double factor)
+static void remember_rounding(void *self)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
-    it->motion = fmax(it->motion, factor * it->largest);
+    if (it->left > BALANCED)
+        it->motion = -MARGIN * fabs(it->motion);
 }
 
 /* ---- in interface space --------------------------------------------------------------------- */
@@ -477,9 +475,9 @@ static void own_restart(void *ctx)
     restart(own->s, own->lam);
 }
 
-static void own_raise(void *ctx, double factor)
+static void own_remember_rounding(void *ctx)
 {
-    raise(((own_step *)ctx)->s, factor);
+    remember_rounding(((own_step *)ctx)->s);
 }
 
 static pma_status converge(void *self, const pma_newton *newton, const double *lam,
@@ -489,7 +487,7 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
                                             .correct = own_correct,
                                             .move = own_move,
                                             .restart = own_restart,
-                                            .raise = own_raise};
+                                            .remember_rounding = own_remember_rounding};
     pma_subdomain *s = self;
     own_step own = {.s = s, .lam = lam, .stop = stop, .ctx = ctx};
     const pma_status status = pma_newton_solve(newton, &EQUATIONS, &own, has_factor(s));
@@ -547,7 +545,7 @@ static const pma_iterated_table TABLE = {.begin = begin,
                                          .block = block,
                                          .finish = finish,
                                          .has_factor = has_factor,
-                                         .raise = raise,
+                                         .remember_rounding = remember_rounding,
                                          .corrections = corrections,
                                          .scale = scale};
 

@@ -19,8 +19,9 @@ struct pma_iterate {
     bool factored, factored_twice; /* there is a factor, and of which step */
     size_t singular;               /* dof of a pivot that is lost */
 
-    double scale, motion;  /* energy of the largest motion so far; with the iterate */
-    double largest;        /* energy of a correction of this substep */
+    double scale, motion;  /* energy of the largest motion so far, or less that of rounding (N9);
+                              with the iterate */
+    double left;           /* measure.residual of the last correction */
     pma_measure measure;   /* of the residual at the iterate, and of the last correction */
     bool begun;            /* the substep has a residual: its forces are those of the first */
     double scale_present;  /* the same at the present */
@@ -29,15 +30,15 @@ struct pma_iterate {
     bool refactored; /* the tangent was written since the present */
     bool linearized; /* with a fresh tangent at the iterate where it is */
 
-    double *u_n, *v_n;             /* state in which the substep begins */
-    double *springs_n, *history_n; /* what springs and functions remember of it */
-    double *held;                  /* F(t1) and what else is evaluated once */
-    double *guess;                 /* first guess of w */
-    double *u, *v, *f, *force;     /* iterate, C v + K u + f, f of the functions */
-    double *R, *dw;                /* residual, last correction */
-    double *pull, *pull_size;      /* nb: L_b^T Lam that R contains, |L_b^T| |Lam| */
-    double *forces, *limit;        /* of each row at the beginning; |R| is a part of the latter */
-    int64_t *diagonal;             /* entries of Mbar */
+    double *u_n, *v_n;                  /* state in which the substep begins */
+    double *springs_n, *history_n;      /* what springs and functions remember of it */
+    double *held;                       /* F(t1) and what else is evaluated once */
+    double *guess;                      /* first guess of w */
+    double *u, *v, *f, *force;          /* iterate, C v + K u + f, f of the functions */
+    double *R, *dw;                     /* residual, last correction */
+    double *pull, *pull_size;           /* nb: L_b^T Lam that R contains, |L_b^T| |Lam| */
+    double *forces, *limit, *rounding;  /* of each row: at the beginning, of the terms of R */
+    int64_t *diagonal;                  /* entries of Mbar */
     double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
     double *lam;                        /* 2 p: scratch, the first half zero */
     double *many;                       /* scratch of pma_block_compliance */
