@@ -37,7 +37,7 @@ def plate(**options):
 
 
 def test_two_masses_pound_as_by_their_exact_motion():
-    """Between impacts a mass moves by a matrix exponential; impacts are found by bisection."""
+    """Seven impacts; the path approaches that of a step of 0.25 ms with order one."""
 
     def path(h):
         coupler, joint = pounding(h)

@@ -10,6 +10,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from drawn_matrices import definite_matrix
 from problems import random_problem
+from scipy.linalg import cython_blas
 
 import pmalpha as pm
 from pmalpha import _core, structures
@@ -279,7 +280,7 @@ def test_a_structure_that_is_not_of_the_matrix_is_refused():
     ptr, index, values = core_sparse(A)
     structure = _core.supernodes(*core_sparse(sp.eye_array(20, format="csr"))[:2], 0)
     panel_values, inverse = np.empty(structure[3][-1]), np.empty(20)
-    capsules = factors.cython_blas.__pyx_capi__
+    capsules = cython_blas.__pyx_capi__
     with pytest.raises(ValueError, match="out of range"):
         _core.factor_panels(
             (ptr, index, values),

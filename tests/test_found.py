@@ -333,12 +333,12 @@ REFUSED = {
     "a picture that moves of no history": (
         lambda: pm.plot.animation(None, {}),
         TypeError,
-        "history must be a History, got None",
+        "history must be a History or the motion of a mesh, got None",
     ),
     "a picture that moves of values that are no function": (
         lambda: moving(values=1.5),
         TypeError,
-        "values must be callable, got 1.5",
+        "values must be callable or the name of a stress, got 1.5",
     ),
     "a picture that moves without text": (
         lambda: moving(value_label="\udcff"),

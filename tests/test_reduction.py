@@ -5,7 +5,8 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import Reduction, reduce
+from pmalpha import reduce
+from pmalpha.problem.reduction import Reduction
 
 RANDOM = np.random.default_rng(0)
 HALF = RANDOM.normal(size=(6, 6))

@@ -25,12 +25,15 @@ def spring_dofs(dofs: Any) -> np.ndarray:
             f"springs to the ground, got {pair}"
         )
     array = np.array(array)  # one without memory of its own may claim to be of any size
+    if array.dtype != object and array.size and int(array.max()) >= MOST:
+        raise ValueError(f"dofs must be below {MOST}, got {array.max()}")
     if array.ndim < 2:
         array = _to_ground(np.atleast_1d(array))
     if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
         raise ValueError(f"dofs must be of shape (m,) or (m, 2), m > 0, got {np.shape(dofs)}")
     if array.dtype != object:
-        _require_range(array)
+        if array.min() < GROUND:
+            raise ValueError(f"dofs must not be below -1, the ground, got {array.min()}")
         array = array.astype(np.int64)
     same = np.flatnonzero(array[:, 0] == array[:, 1])
     if same.size:
@@ -54,10 +57,3 @@ def _to_ground(first: np.ndarray) -> np.ndarray:
     if first.dtype == object or first.size and first.min() < 0:
         return np.column_stack([first.astype(object), np.full(first.shape, None)])
     return np.column_stack([first, np.full_like(first, GROUND, dtype=np.int64)])
-
-
-def _require_range(array: np.ndarray) -> None:
-    if array.size and not GROUND <= int(array.min()) <= int(array.max()) < MOST:
-        rule = "not be below -1, the ground" if array.min() < GROUND else f"be below {MOST}"
-        wrong = array.min() if array.min() < GROUND else array.max()
-        raise ValueError(f"dofs must {rule}, got {wrong}")

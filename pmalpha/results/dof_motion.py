@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .._checks import counted, listing
+from .._checks import counted, listing, plain_array
 from ..problem.dofs import dof_list
 
 __all__ = ["DofMotion", "State"]
@@ -106,7 +106,7 @@ def columns_of(
     """
     if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
         raise TypeError(f"{what} must be a name or a number, got {given!r}")
-    if isinstance(given, str) or np.asarray(given).dtype.kind in "UO":
+    if isinstance(given, str) or plain_array(given, what).dtype.kind in "UO":
         every = [given] if isinstance(given, str) else list(given)
         return [j for x in every for j in _columns_of_one(x, dofs, n, names, what)]
     numbers = dof_list(given, np.iinfo(np.int64).max if n is None else n, what)
