@@ -24,6 +24,7 @@ from .errors import (
     StabilityWarning,
 )
 from .problem.coincident import tie_coincident
+from .problem.coincident_contact import contact_coincident
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
 from .problem.forces import BaseAcceleration, SampledForce
@@ -97,6 +98,7 @@ __all__ = [
     "SupportMotion",
     "analysis",
     "contact",
+    "contact_coincident",
     "cut",
     "element_parameters",
     "export",

@@ -352,3 +352,111 @@ def test_two_tangents_slide_on_a_cone_in_the_direction_of_the_velocity():
     assert abs(end[0] * v[1] - end[1] * v[0]) < 1e-12
     assert abs(np.linalg.norm(end) - (v @ v) / 6.0) < 1e-4
     assert history.contacts[0].friction.shape == (101, 1, 2)
+
+
+# ---- meshes face to face -------------------------------------------------------------------------
+
+
+def stacked(d=2, lift=0.0, scheme=None, **kind):
+    """Two blocks of elements, one above the other, and their contact; the lower one is held."""
+    make = {2: pm.structures.plate, 3: pm.structures.solid}[d]
+    up = np.eye(d)[-1]
+    counts, moduli = (2,) * d, dict(E=100.0, nu=0.2, rho=1.0, mass="lumped")
+    low, top = make(*counts, 0.5, **moduli), make(*counts, 0.5, **moduli, origin=up)
+    foot = low.dofs(low.nodes_at(**{"xyz"[d - 1]: 0.0}))
+    held = pm.reduce(low.M, low.K, fixed=foot)
+    scheme = scheme or pm.CentralDifference()
+    below = pm.Subdomain(held.M, held.K, scheme=scheme, name="below")
+    weight = np.tile(-up, len(top.points)) * top.M.diagonal()
+    above = pm.Subdomain(
+        top.M.diagonal(),
+        top.K,
+        scheme=scheme,
+        force=weight,
+        u0=np.tile(lift * up, top.n // d),
+        name="above",
+    )
+    joint = pm.contact_coincident(
+        {below: low.points, above: top.points}, 3.0 * up, gap=0.0, reduced={below: held}, **kind
+    )
+    return below, above, joint, low, top, held
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_coincident_nodes_have_a_row_each_along_the_normal(d):
+    below, above, joint, low, top, held = stacked(d, friction=0.3, name="joint")
+    face = low.nodes_at(**{"xyz"[d - 1]: 1.0})
+    assert joint.rows == len(face) == 3 ** (d - 1) and joint.name == "joint"
+    rng = np.random.default_rng(0)
+    ua, ub = rng.normal(size=(len(low.points), d)), rng.normal(size=(len(top.points), d))
+    ua[low.nodes_at(**{"xyz"[d - 1]: 0.0})] = 0.0
+    other = top.nodes_at(**{"xyz"[d - 1]: 1.0})
+    jump = ub[other] - ua[face]
+
+    def of(matrices):
+        return matrices[below] @ ua.ravel()[held.free] + matrices[above] @ ub.ravel()
+
+    assert np.allclose(of(joint.matrices), jump[:, -1], rtol=1e-14)
+    along = np.transpose([of(T) for T in joint.tangents])
+    assert along.shape == (joint.rows, d - 1)
+    assert np.allclose(np.sum(along**2, axis=1), np.sum(jump[:, :-1] ** 2, axis=1), rtol=1e-13)
+
+
+def test_a_block_that_lands_on_another_never_gains_energy():
+    def work(friction):
+        below, above, joint, *_ = stacked(lift=0.01, scheme=pm.Newmark(), friction=friction)
+        history = pm.Coupler([below, above], joint, dt=0.01, coupling="gc").run(2.0, energy=True)
+        energy = history.energy
+        assert history.contacts[joint].closed.any(axis=0).all()
+        assert np.max(np.abs(energy.balance.sum(axis=1))) < 1e-9 * energy.kinetic.max()
+        return energy.contact.sum(axis=1)
+
+    smooth, rough = work(0.0), work(0.3)
+    assert np.all(np.diff(smooth) <= 1e-15) and smooth[-1] < 0.0
+    assert rough[-1] < 1.1 * smooth[-1]  # friction takes a fifth more
+
+
+def test_what_does_not_fit_face_to_face_is_refused_by_name():
+    below, above, _, low, top, held = stacked()
+    points = {below: low.points, above: top.points}
+    for arguments, message in (
+        (({below: low.points}, [0.0, 1.0]), "two subdomains"),
+        ((points, [0.0, 0.0]), "length 0"),
+        ((points, [0.0, 0.0, 1.0]), "normal must have shape"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            pm.contact_coincident(*arguments, reduced={below: held})
+
+
+def test_rows_of_interpolate_are_gaps_of_meshes_that_do_not_match():
+    """Three nodes on the face of two elements, one of them between its nodes; pressed together."""
+    low = pm.structures.plate(2, 1, 1.0, E=100.0, nu=0.0, rho=1.0, mass="lumped")
+    top = pm.structures.plate(3, 1, [2.0 / 3.0, 1.0], E=100.0, nu=0.0, rho=1.0, mass="lumped")
+    shift = np.array([0.0, 1.0])
+    face, other = low.nodes_at(y=1.0), top.nodes_at(y=0.0)
+    foot = low.dofs(low.nodes_at(y=0.0))
+    held = pm.reduce(low.M, low.K, fixed=foot)
+    below = pm.Subdomain(held.M, held.K, scheme=pm.Newmark(), name="below")
+    push = np.zeros(top.n)
+    push[top.dofs(top.nodes_at(y=1.0), "uy")] = [-1.0, -2.0, -2.0, -1.0]
+    above = pm.Subdomain(
+        top.M.diagonal(), top.K, 0.5 * top.M, scheme=pm.Newmark(), force=push, name="above"
+    )
+    rows = pm.interpolate(
+        above,
+        top.points + shift,
+        below,
+        low.points,
+        np.column_stack([face[:-1], face[1:]]),
+        nodes_a=other,
+        components=2,
+        reduced={below: held},
+    )
+    gap = pm.Contact({s: L[1::2] for s, L in rows.matrices.items()}, name="face")
+    assert gap.rows == 4
+    u = np.zeros((len(top.points), 2))
+    u[other, 1] = [1.0, 2.0, 3.0, 4.0]
+    assert np.allclose(gap.matrices[above] @ u.ravel(), [1.0, 2.0, 3.0, 4.0])
+    found = pm.Coupler([below, above], gap, dt=0.01, coupling="gc").run(5.0).contacts["face"]
+    assert found.gap.min() > -1e-3
+    assert abs(found.impulse.sum() - 6.0 * 5.0) < 0.05 * 30.0  # the load's, less what still moves

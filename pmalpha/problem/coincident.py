@@ -96,6 +96,13 @@ def tie_coincident(
     return constraint_of(sides, rows, p)
 
 
+def coincident_nodes(sides: Sequence[Side], tol: float | None) -> np.ndarray:
+    """Pairs (k, 2) of the coincident nodes of two sides, in rising order of the first."""
+    nodes, _ = _coincident(sides, tol)
+    pairs = nodes.reshape(-1, 2) - _starts(sides)[:2]
+    return pairs[np.argsort(pairs[:, 0])]
+
+
 def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Nodes that meet one of another side, and the group of each, sorted by group and node.
 
