@@ -143,8 +143,8 @@ class History:
         --------
         >>> one = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0], dof_names=["top"])
         >>> history = Coupler([one], dt=0.01).run(1.0)
-        >>> round(float(history.at(0.5037)[0]["top"].u), 4)  # cos(2 t)
-        0.5339
+        >>> round(float(history.at(0.5037)[0]["top"].u), 3)  # cos(2 t)
+        0.534
         """
         return at(self, t)
 
