@@ -1,6 +1,7 @@
 """A structure that is cut and put together again is the uncut one."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -456,6 +457,56 @@ def test_names_are_labels_and_schemes_can_differ():
     assert parts.scatter(np.arange(5.0))["b"].tolist() == [0.0, 1.0, 2.0]
 
 
+def test_a_layer_is_the_elements_around_nodes():
+    block = structures.plate(4, 5, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    low = block.nodes_at(y=0.0)
+    rows = np.round((block.points[block.elements["quad"]].mean(axis=1)[:, 1] - 0.25) / 0.5)
+    mask = np.zeros(len(block.points), dtype=bool)
+    mask[low] = True
+    for given, depth in [(low, 1), (mask, 1), ((low, 1), 1), ((low.tolist(), 3), 3)]:
+        parts = pm.cut(block, layer_of=given)
+        assert [s.name for s in parts.subdomains] == ["bulk", "layer"]
+        assert [s.scheme.explicit for s in parts.subdomains] == [False, True]
+        assert np.array_equal(parts.labels, rows < depth)
+        assert not np.isin(block.dofs(low), parts.dofs["bulk"]).any()
+    assert pm.cut(block, layer_of=(low[0], 2)).labels.sum() == 4
+    named = replace(block, sets={"foot": low})
+    assert np.array_equal(pm.cut(named, layer_of="foot").labels, rows < 1)
+
+
+def test_a_layer_has_the_finest_step_whatever_the_schemes_are():
+    rod = structures.rod(6, 6.0, EA=[1.0, 1.0, 1.0, 1.0, 1.0, 16.0], rhoA=1.0, mass="lumped")
+    one = pm.cut(rod, layer_of=0, dt=0.9)
+    assert [s.substeps for s in one.subdomains] == [1, 2]
+    # the bulk has the stiffest element
+    both = pm.cut(rod, layer_of=(0, 2), dt=0.9, scheme=pm.CentralDifference(), u0=np.ones(7))
+    assert [s.substeps for s in both.subdomains] == [4, 4]
+    other = {"layer": pm.CentralDifference(), "bulk": pm.Newmark()}
+    parts = pm.cut(rod, layer_of=0, dt=0.9, scheme=other)
+    assert [(s.scheme, s.substeps) for s in parts.subdomains] == [
+        (pm.Newmark(), 1),
+        (pm.CentralDifference(), 1),
+    ]
+
+
+def test_contact_at_a_layer_is_subcycled_and_never_gains_energy():
+    block = structures.plate(4, 5, 0.5, E=100.0, nu=0.3, rho=1.0, mass="lumped")
+    low = block.nodes_at(y=0.0)
+    v0 = np.zeros(block.n)
+    v0[block.dofs(np.arange(len(block.points)), "uy")] = -1.0
+    parts = pm.cut(block, layer_of=low, dt=0.1, v0=v0)
+    bulk, layer = parts.subdomains
+    assert layer.substeps == 4 and bulk.substeps == 1
+    floor = pm.contact(layer, [f"uy {node}" for node in low], gap=0.1)
+    coupler = pm.Coupler([bulk, layer], [*parts.constraints, floor], dt=0.1, coupling="gc")
+    history = coupler.run(4.0, energy=True)
+    assert history.contacts[floor].closed.any(axis=0).all()
+    energy = history.energy.kinetic.sum(axis=1) + history.energy.strain.sum(axis=1)
+    assert energy.max() == energy[0]
+    last = parts.gather(history).v[-1]
+    assert block.M @ last @ np.tile([0.0, 1.0], last.size // 2) > 0.0  # it flies back
+
+
 @pytest.mark.parametrize(
     "labels",
     [[7, 3, 3, 11], np.array([0, -2, -2, 10**12]), np.array([2, 1, 1, 250], dtype=np.uint8)],
@@ -752,6 +803,28 @@ CHAIN = structures.chain(4, 1.0, 1.0)
             "structure must be a Structure, pm.Elements",
         ),
         ({"structure": [], "labels": [0]}, ValueError, "structure must have elements"),
+        (
+            {"layer_of": 0, "labels": [0, 0, 1]},
+            TypeError,
+            "labels and parts must not be given with layer_of",
+        ),
+        ({"layer_of": 0, "parts": "auto"}, TypeError, "labels and parts must not be given with"),
+        ({"layer_of": 4}, ValueError, r"layer_of must lie in 0..3, got 4"),
+        ({"layer_of": [0.0]}, TypeError, "layer_of must be a 1-D array of whole numbers"),
+        ({"layer_of": []}, ValueError, "layer_of must have a node, got none"),
+        ({"layer_of": "foot"}, ValueError, "layer_of must be a set of nodes, of none, got 'foot'"),
+        ({"layer_of": (0, 0)}, ValueError, "depth of layer_of must be at least 1, got 0"),
+        ({"layer_of": (0, 1.5)}, TypeError, "depth of layer_of must be a whole number"),
+        (
+            {"layer_of": (0, 10**9)},
+            ValueError,
+            "layer_of must leave elements for the bulk, got all 3 up to depth",
+        ),
+        (
+            {"structure": pm.Elements([[0, 1]], [[1.0, 1.0]], K2), "layer_of": 0},
+            TypeError,
+            "layer_of must be nodes of a Structure",
+        ),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments, error, message):

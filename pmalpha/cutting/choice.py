@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._checks import counted, listing, plain_array
+from .._checks import counted, listing, plain_array, whole_number
 from ..problem.schemes import GeneralizedAlpha, Scheme
 from ..setup.stability import critical_product
 from .partition import partition
@@ -161,6 +161,31 @@ def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: A
             2 ** int(levels_of(omega[numbers == i], dt, own).max()) for i, own in enumerate(schemes)
         ]
     return _choice(numbers, names, schemes, substeps)
+
+
+def by_layer(
+    whole: Whole, layer_of: Any, labels: Any, parts: Any, dt: float | None, scheme: Any
+) -> Choice:
+    """A layer of elements around nodes, at the finest step, and the bulk."""
+    if labels is not None or parts is not None:
+        raise TypeError("labels and parts must not be given with layer_of")
+    nodes, depth = layer_of if isinstance(layer_of, tuple) and len(layer_of) == 2 else (layer_of, 1)
+    depth = whole_number(depth, "depth of layer_of", low=1)
+    chosen = whole.around(whole.nodes(nodes, "layer_of"), depth)
+    if chosen.all():
+        raise ValueError(
+            f"layer_of must leave elements for the bulk, got all {whole.count} up to depth {depth}"
+        )
+    if scheme is None:
+        scheme = {
+            "layer": GeneralizedAlpha(RHO, explicit=True),
+            "bulk": GeneralizedAlpha(RHO),
+        }
+    choice = by_labels(whole, np.where(chosen, "layer", "bulk"), None, dt, scheme)
+    # what contact requires, should the bulk have smaller elements
+    bulk, layer = choice.parts
+    layer = layer._replace(substeps=max(layer.substeps, bulk.substeps))
+    return Choice(choice.labels, [bulk, layer])
 
 
 def _any_limit(scheme: Any) -> bool:

@@ -18,7 +18,7 @@ from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..structures.structure import Structure
-from .choice import Candidates, Choice, Part, automatic, by_labels, by_steps
+from .choice import Candidates, Choice, Part, automatic, by_labels, by_layer, by_steps
 from .division import Division, checked_motion
 from .elements import Elements
 from .result import Cut
@@ -32,6 +32,7 @@ def cut(
     labels: Any = None,
     *,
     parts: int | str | None = None,
+    layer_of: Any = None,
     dt: float | None = None,
     scheme: Scheme | Sequence[Scheme] | Mapping[str, Scheme] | None = None,
     force: Any = None,
@@ -65,13 +66,18 @@ def cut(
         "auto": the cheapest of a few cuts for this dt, by their plans: explicit as by "steps"; the
         same with the elements of the finest steps in one implicit subdomain, from two levels on;
         all implicit. `Cut.choices` has the plans. For linear structures.
+    layer_of : (k,) array of int, str or (nodes, depth), optional
+        In place of labels, nodes of a Structure or the name of a set of them: the elements at these
+        nodes are the subdomain "layer", the others "bulk"; with a pair, `depth` elements deep. With
+        `dt` the layer has at least as many substeps as the bulk: for contact at these nodes.
     dt : float, optional
         The macro step. With it, subdomains of explicit and conditionally stable schemes have
         1, 2, 4, ... substeps, so that these are no longer than 0.95 times the critical step of each
         of their elements at rest. Default: one substep.
     scheme : Scheme, or one for each subdomain: a sequence, or a dict by name
         Default: ``GeneralizedAlpha(0.5)``, with "steps" ``GeneralizedAlpha(0.5, explicit=True)``.
-        With "auto" an explicit one and an implicit one, by default these two.
+        With "auto" an explicit one and an implicit one, by default these two; with `layer_of` the
+        explicit one for the layer, the implicit one for the bulk.
     force : (n,) array, callable, `SampledForce` or `BaseAcceleration`, optional
         Load of the uncut structure, as for `Subdomain`. On a dof of several subdomains it is
         divided in proportion to their masses. A callable is evaluated for each subdomain.
@@ -94,7 +100,8 @@ def cut(
     Raises
     ------
     TypeError, ValueError
-        For labels of another number or kind, a subdomain without an element or without a free dof,
+        For labels of another number or kind, more than one of labels, parts and layer_of, a layer
+        that leaves no element for the bulk, a subdomain without an element or without a free dof,
         a structure that does not know the matrices of its elements, dofs without an element, and
         what `Subdomain` refuses.
     FactorizationError
@@ -129,6 +136,9 @@ def cut(
     step = None if dt is None else time_step(dt, "dt")
     _check_centres(whole)
     values = Values(force, *motion, damping)
+    if layer_of is not None:
+        layer = by_layer(whole, layer_of, labels, parts, step, scheme)
+        return _divided(structure, whole, layer, step, values)
     if isinstance(parts, str):
         return _cheapest(structure, whole, automatic(whole, labels, parts, step, scheme), values)
     choose = by_steps if isinstance(labels, str) else by_labels

@@ -91,6 +91,22 @@ class Whole:
         """The matrices of the single elements, tangents at rest included, up to `chunk` at once."""
         raise NotImplementedError
 
+    def nodes(self, value: Any, name: str) -> np.ndarray:
+        """Numbers of nodes that are given by these, by a mask or by the name of a set."""
+        raise TypeError(f"{name} must be nodes of a Structure, which pm.Elements do not have")
+
+    def around(self, nodes: np.ndarray, depth: int) -> np.ndarray:
+        """(elements,) array of bool: those at most `depth` elements away from nodes."""
+        reached = np.zeros(self.link_count, dtype=bool)
+        reached[nodes] = True
+        for _ in range(min(depth, self.count)):
+            groups = [reached[links].any(axis=1) for links in self.links]
+            for links, own in zip(self.links, groups):
+                reached[links[own]] = True
+            if reached.all():
+                break
+        return np.concatenate(groups)
+
     @property
     def link_count(self) -> int:
         return 1 + max(int(links.max()) for links in self.links)
@@ -121,6 +137,18 @@ class WholeStructure(Whole):
         if not used.all():
             unused = listing(np.flatnonzero(~used))
             raise ValueError(f"structure must have an element at every node, not at {unused}")
+
+    def nodes(self, value: Any, name: str) -> np.ndarray:
+        sets = self._structure.sets
+        if isinstance(value, str):
+            if value not in sets:
+                known = listing(list(sets)) if sets else "none"
+                raise ValueError(f"{name} must be a set of nodes, of {known}, got {value!r}")
+            value = sets[value]
+        numbers = dof_array(value, len(self._structure.points), name)
+        if not numbers.size:
+            raise ValueError(f"{name} must have a node, got none")
+        return numbers
 
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         picked, d = self._picked(chosen), self._d

@@ -198,7 +198,7 @@ class Contacts:
                     f"subdomains of contacts must be at the finest step, {fine} substeps, got "
                     f"{substeps[i]} of {names[i]!r} ({row}): a coarser one is unstable in lasting "
                     "contact; give it as many, or cut a thin layer at the contact that has them "
-                    "and is tied to the rest"
+                    "and is tied to the rest, such as by pm.cut with layer_of"
                 )
             if doubles[i]:
                 raise ValueError(
