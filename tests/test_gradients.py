@@ -357,6 +357,32 @@ def test_differences_know_springs(kind):
     )
 
 
+def test_differences_know_contacts_and_begin_with_the_first_steps():
+    """A mass that strikes a wall twice, after change_steps, which does not matter from t = 0 on."""
+
+    def bouncing(k):
+        mass = pm.Subdomain([1.0], [k], scheme=pm.Newmark(), v0=[1.0])
+        walls = [pm.contact(mass, [0], gap=0.1, sign=s, restitution=0.8) for s in (1, -1)]
+        return pm.Coupler([mass], walls, dt=0.01)
+
+    def runs(k):
+        return bouncing(k).run(0.5)[0].u
+
+    coupler, h = bouncing(4.0), 1e-4
+    coupler.step(2)
+    coupler.change_steps(dt=0.005)
+    data = pm.Misfit({"subdomain 0": dict(dofs=[0], u=np.zeros((51, 1)))})
+    arguments = dict(parameters=pm.Parameters("subdomain 0", K=[[[1.0]]]), differences=h)
+    slopes = (runs(4.0 + h) - runs(4.0 - h)) / (2.0 * h)
+    S = coupler.jacobian({"subdomain 0": [0]}, 0.5, what="u", **arguments)
+    assert np.array_equal(S["subdomain 0"][:, :, 0], slopes)
+    gradient = coupler.gradient(data, 0.5, **arguments)
+    assert np.allclose(gradient.parameters[0], np.sum(runs(4.0) * slopes), rtol=1e-6)
+    assert (coupler.dt, coupler.step_count) == (0.005, 2)
+    with pytest.warns(UserWarning, match="those of change_steps are undone"):
+        coupler.reset()
+
+
 def refused(message, call, *arguments, error=ValueError, **named):
     with pytest.raises(error, match=message):
         call(*arguments, **named)

@@ -1,6 +1,6 @@
 """Derivatives by differences of whole runs, for what has no adjoint.
 
-That are springs, restoring and internal forces, "mean" coupling and drift removed.
+That are springs, restoring and internal forces, contacts, "mean" coupling and drift removed.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from .._checks import real_number
 from ..problem.constraints import Constraint
 from ..problem.matrices import combination
 from ..problem.subdomain import Subdomain
+from ..problem.unilateral import Contact
 from .parameters import Parameters
 
 # The smallest step: above it parameters of any size keep some digits of their change.
@@ -83,8 +84,8 @@ def remade(
                     [(1.0, own[kind]), (step, p._matrix(kind, j, np.arange(s.n)))]
                 )
         subdomains.append(Subdomain(**own))
-    options = session.options._replace(dt=session.steps.layout.dt)
-    return make(subdomains, list(_constraints(session)), **options._asdict())
+    constraints = [*_constraints(session), *_contacts(session)]
+    return make(subdomains, constraints, **session.options._asdict())
 
 
 def _constraints(session: Any) -> Iterator[Constraint]:
@@ -94,3 +95,14 @@ def _constraints(session: Any) -> Iterator[Constraint]:
         matrices = {name: sp.csr_array(L)[first:last] for name, L in zip(names, rows.matrices)}
         held: Mapping[str, Any] = {name: L for name, L in matrices.items() if L.nnz}
         yield Constraint(held, motions.get(int(first)))
+
+
+def _contacts(session: Any) -> Iterator[Contact]:
+    names = {s: name for name, s in session.keys}
+    known = session.rows.contacts
+    for c in () if known is None else known.contacts:
+        matrices, *tangents = (
+            {names.get(s, s): N for s, N in x.items()} for x in (c.matrices, *c.tangents)
+        )
+        own = {x: getattr(c, x) for x in ("gap", "friction", "restitution", "motion", "name")}
+        yield Contact(matrices, tangents=tangents, **own)
