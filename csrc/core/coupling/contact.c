@@ -113,7 +113,7 @@ static pma_status allocate(pma_contact *x, size_t members, bool twice)
     for (size_t i = 0; i < x->parts.sides; i++)
         values += 4 * x->parts.side[i].N.nb;
     x->sides = calloc(x->parts.sides + 1, sizeof *x->sides);
-    x->of = calloc(members + 1, sizeof(side *));
+    x->of = (side **)calloc(members + 1, sizeof(side *));
     x->closed = calloc(n + 1, sizeof *x->closed);
     x->block =
         calloc(2 * x->numbers + 3 * q + n + values + (twice ? 2 : 1) * matrix + 1, sizeof(double));
@@ -226,7 +226,7 @@ void pma_contact_destroy(pma_contact *x)
         return;
     pma_complementarity_destroy(x->problem);
     free(x->sides);
-    free(x->of);
+    free((void *)x->of);
     free(x->closed);
     free(x->block);
     free(x);

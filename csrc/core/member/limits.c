@@ -5,7 +5,7 @@
 #include <string.h>
 
 /* Commands of the last substeps, and those before a macro step that may be taken again. */
-enum { RING = 4, KEPT = 2 };
+enum { RING = 4, KEPT = 2, VECTORS = 2 * (RING + KEPT) };
 
 typedef struct {
     int64_t number; /* of the substep, or NONE */
@@ -31,13 +31,13 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
     *out = NULL;
     if (!(parts->h > 0.0))
         return PMA_BAD_STEP;
-    if (n > SIZE_MAX / (2 * (RING + KEPT) * sizeof(double)))
+    if (n > SIZE_MAX / (VECTORS * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_limits *l = calloc(1, sizeof *l);
     if (!l)
         return PMA_NO_MEMORY;
     l->parts = *parts;
-    l->block = calloc(2 * (RING + KEPT) * n + 1, sizeof(double));
+    l->block = calloc(VECTORS * n + 1, sizeof(double));
     if (!l->block) {
         free(l);
         return PMA_NO_MEMORY;

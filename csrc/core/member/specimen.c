@@ -48,7 +48,7 @@ static double normal(uint64_t seed, uint64_t number)
 /* z := phi z + before c0 + after c1                                                        (Y2) */
 static void advance(const pma_actuator *a, double c0, double c1, double *z)
 {
-    double next[PMA_ACTUATOR_ORDER];
+    double next[PMA_ACTUATOR_ORDER] = {0.0};
     for (size_t i = 0; i < a->order; i++) {
         next[i] = a->before[i] * c0 + a->after[i] * c1;
         for (size_t j = 0; j < a->order; j++)
@@ -112,15 +112,16 @@ static size_t adaptive_numbers(const pma_adaptive *p)
 
 static adapting adapting_at(const pma_adaptive *p, double *own)
 {
+    double *d = own + TERMS, *v = d + TERMS, *x = v + TERMS, *sent = x + TERMS, *low = sent + 3;
     return (adapting){.a = own,
-                      .d = own + TERMS,
-                      .v = own + 2 * TERMS,
-                      .x = own + 3 * TERMS,
-                      .sent = own + 4 * TERMS,
-                      .begin = own + 4 * TERMS + 1,
-                      .largest = own + 4 * TERMS + 2,
-                      .low = own + 4 * TERMS + 3,
-                      .window = own + 4 * TERMS + 3 + 4 * p->sections};
+                      .d = d,
+                      .v = v,
+                      .x = x,
+                      .sent = sent,
+                      .begin = sent + 1,
+                      .largest = sent + 2,
+                      .low = low,
+                      .window = low + 4 * p->sections};
 }
 
 static void push(double *last, double value)
