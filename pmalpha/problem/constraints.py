@@ -164,7 +164,7 @@ class Chosen:
 def selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
     """Rows with one entry each, (dofs, n)."""
     p = dofs.size
-    return sp.csr_array((np.full(p, entry), (np.arange(p), dofs)), shape=(p, n))
+    return sp.csr_array((np.full(p, entry), dofs, np.arange(p + 1)), shape=(p, n))
 
 
 def row_counts(L: sp.csr_array | Chosen) -> np.ndarray:

@@ -124,6 +124,14 @@ def of_columns(table: Mapping[str, Quantity], columns: str) -> Iterator[str]:
     return (name for name, x in table.items() if x.columns == columns)
 
 
+def by_columns(table: Mapping[str, Quantity]) -> dict[str, list[str]]:
+    """The names of the quantities, by their columns."""
+    names: dict[str, list[str]] = {}
+    for name, x in table.items():
+        names.setdefault(x.columns, []).append(name)
+    return names
+
+
 def table_of(record: Any) -> dict[str, Quantity]:
     """The table of a `History` or a `SubdomainHistory`."""
     return OF_SUBDOMAIN if hasattr(record, "dofs") else OF_INTERFACE

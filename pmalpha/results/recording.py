@@ -29,11 +29,13 @@ from .history_file import HistoryFile, hdf5_library, output_array, row_count
 from .joining import WORKS
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
-from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, column_counts, of_columns
+from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, by_columns, column_counts
 from .stored import contents_of
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
+# Names of what is recorded, by columns.
+IN_SUBDOMAIN, IN_INTERFACE = by_columns(OF_SUBDOMAIN), by_columns(OF_INTERFACE)
 
 
 class Recording:
@@ -93,6 +95,7 @@ class Recording:
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.columns = [recorded_columns(*own) for own in zip(parts, self.dofs, self.springs)]
         self.contacts = rows.contacts
+        self.interface_columns = self._interface_columns()
         self.has_energy = energy
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.steps_in_memory = self._steps_in_memory()
@@ -130,24 +133,23 @@ class Recording:
         ]
         self.interface = {
             name: self._allocate(self._levels_of(name), count)
-            for name, count in self._interface_columns.items()
+            for name, count in self.interface_columns.items()
         }
         self.energy = self._allocate(1, self.energy_columns)
         assert self.used == self.block.size
+        self.in_core = self._in_core()
 
     @property
     def numbers_kept(self) -> float:
         """Numbers that the History keeps in memory."""
         return self._numbers(self._rows_in_memory)
 
-    @property
     def _interface_columns(self) -> dict[str, int]:
         """The number of columns of each array of the interface; contacts where there are any."""
         counts = {"constraints": self.core_rows.p}
         if self.contacts is not None:
             counts |= {"contact rows": self.contacts.rows, "contacts": self.contacts.count}
-        found = ((name, counts.get(x.columns)) for name, x in OF_INTERFACE.items())
-        return {name: count for name, count in found if count is not None}
+        return {name: count for x, count in counts.items() for name in IN_INTERFACE[x]}
 
     def _levels_of(self, name: str) -> int:
         """Time levels per macro step of an array of the interface."""
@@ -178,7 +180,7 @@ class Recording:
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
         numbers = 2.0 * rows(1) * self.energy_columns  # also as a History has them
-        for name, count in self._interface_columns.items():
+        for name, count in self.interface_columns.items():
             numbers += rows(self._levels_of(name)) * count
         for part, columns, own in zip(self.parts, self.columns, self.outputs):
             outputs = 0 if own is None else own.rows
@@ -226,29 +228,34 @@ class Recording:
 
     def core_record(self) -> tuple[Any, ...]:
         """The record in the form of the core."""
+        return (self.begin, self.every or 0, *self.in_core)
+
+    def _in_core(self) -> tuple[Any, ...]:
+        """The arrays in the form of the core."""
         selections: list[tuple[Any, ...] | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             arrays, springs, outputs = self.arrays[i], self.springs[i], self.outputs[i]
             if dofs is not None:
                 selections[i] = (
                     part.position[dofs],
-                    *(arrays[name] for name in of_columns(OF_SUBDOMAIN, "dofs")),
+                    *(arrays[name] for name in IN_SUBDOMAIN["dofs"]),
                     springs
                     if springs is None
-                    else (springs, *(arrays[x] for x in of_columns(OF_SUBDOMAIN, "springs"))),
+                    else (springs, *(arrays[x] for x in IN_SUBDOMAIN["springs"])),
                     None if outputs is None else (self.output_values[i], *self.weights[i]),
                     tuple(
                         arrays.get(name)
-                        for name, x in OF_SUBDOMAIN.items()
-                        if x.columns not in APART
+                        for x, names in IN_SUBDOMAIN.items()
+                        if x not in APART
+                        for name in names
                     ),
                 )
         energy = self._energies(self.energy) if self.has_energy else None
-        interface = (self.interface[name] for name in of_columns(OF_INTERFACE, "constraints"))
+        interface = (self.interface[name] for name in IN_INTERFACE["constraints"])
         contacts = None
         if self.contacts is not None:
             contacts = self.interface["contact_impulses"], self.interface["contact_gaps"]
-        return (self.begin, self.every or 0, tuple(selections), *interface, energy, contacts)
+        return (tuple(selections), *interface, energy, contacts)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro time level, subdomain and kind."""
@@ -392,7 +399,7 @@ class FiledRecording(Recording):
 
     def _levels(self) -> dict[str, int]:
         """Time levels per macro step of all growing arrays, by name."""
-        columns = self._interface_columns
+        columns = self.interface_columns
         levels = {
             name: self._levels_of(name)
             for name, x in OF_INTERFACE.items()
@@ -491,5 +498,5 @@ def recorded_columns(
     if dofs is None:
         return {}
     counts = column_counts(part, dofs, springs)
-    found = ((name, counts.get(x.columns)) for name, x in OF_SUBDOMAIN.items())
-    return {name: count for name, count in found if count is not None}
+    known = ((x, count) for x, count in counts.items() if count is not None)
+    return {name: count for x, count in known for name in IN_SUBDOMAIN[x]}

@@ -17,6 +17,8 @@ SUSPICIOUS = 1e-6
 # Largest number of connected rows that are factored as a dense matrix; there, a row at a distance
 # below DEPENDENT from the others is dependent.
 FEW, DEPENDENT = 1500, 1e-9
+# Up to this number of entries all rows are: sparse matrices take longer.
+AT_ONCE = 100
 
 
 def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
@@ -28,7 +30,8 @@ def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
     unit = rows_of_size_one(L)
     shared = np.bincount(L.indices, minlength=L.shape[1]).astype(float)
     require(16.0 * np.sum(shared**2), f"the rank of {p} constraints that share dofs")
-    unit = sp.csr_array(sp.diags_array(1.0 / np.sqrt(unit.power(2).sum(axis=1))) @ unit)
+    rows = row_of_entries(unit)
+    unit.data /= np.sqrt(np.bincount(rows, unit.data**2))[rows]
     dependent = _dependent_rows(unit)
     if not dependent.size:
         return
@@ -54,6 +57,8 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
     from scipy.sparse.linalg import splu
 
     p = unit.shape[0]
+    if unit.nnz <= AT_ONCE:
+        return np.sort(_dependent_of_few(unit))
     shift, threshold = 1e-14, 1e-13 * (p + 100)
     gram = sp.csc_array(unit @ unit.T) + shift * sp.eye_array(p, format="csc")
     lu = splu(
@@ -68,7 +73,7 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
     members = np.split(order, np.cumsum(sizes)[:-1])
     for g in np.unique(group[closer]):
         if sizes[g] <= FEW:
-            dependent.append(_dependent_of_few(unit, members[g]))
+            dependent.append(members[g][_dependent_of_few(unit[members[g]])])
     return np.sort(np.concatenate(dependent))
 
 
@@ -79,15 +84,16 @@ def _is_tie(unit: sp.csr_array) -> np.ndarray:
     return result
 
 
-def _dependent_of_few(unit: sp.csr_array, rows: np.ndarray) -> np.ndarray:
+def _dependent_of_few(unit: sp.csr_array) -> np.ndarray:
     """Dependent rows by a rank-revealing QR factorization with pivoting."""
     from scipy.linalg import qr
 
-    block = sp.csc_array(unit[rows])
-    touched = np.flatnonzero(np.diff(block.indptr))
-    R, order = qr(block[:, touched].toarray().T, mode="r", pivoting=True)
+    touched, place = np.unique(unit.indices, return_inverse=True)
+    columns = np.zeros((touched.size, unit.shape[0]))
+    columns[place.reshape(-1), row_of_entries(unit)] = unit.data
+    R, order = qr(columns, mode="r", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(R)) > DEPENDENT))
-    result: np.ndarray = rows[order[rank:]]
+    result: np.ndarray = order[rank:]
     return result
 
 
