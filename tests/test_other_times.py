@@ -117,11 +117,19 @@ def test_a_run_to_the_present_time_warns_and_keeps_the_run_before():
 
 def test_reset_says_that_it_undoes_changed_steps():
     coupler = tower_and_rig()
+    first = coupler.snapshot()
     coupler.change_steps(dt=0.01)
+    changed = coupler.snapshot()
     with pytest.warns(UserWarning, match="those of change_steps are undone"):
         coupler.reset()
     assert coupler.dt == 0.02
     coupler.reset()  # no step is changed: no warning
+    coupler.restore(changed)
+    with pytest.warns(UserWarning, match="those of change_steps are undone"):
+        coupler.reset()
+    coupler.restore(changed)
+    coupler.restore(first)
+    coupler.reset()
 
 
 def test_results_of_cases_show_values():

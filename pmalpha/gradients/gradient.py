@@ -113,7 +113,7 @@ def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
     Runs in between are not judged by warnings.
     """
     present, last = coupler.snapshot(), session.last_history
-    changed, session.changed = session.changed, False  # the steps are not lost: nothing to warn of
+    session.changed = False  # steps are not lost: nothing to warn of
     names = [name for name, _ in session.keys]
     u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
     session.judges = False
@@ -123,7 +123,6 @@ def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
     finally:
         session.judges = True
         coupler.restore(present)
-        session.changed = changed
         session.last_history = last
 
 

@@ -25,6 +25,7 @@ class _Contents(NamedTuple):
     assemblies: Any
     step: int
     steps: Steps
+    changed: bool
     assembly: Assembly
     state: CoreState
     initial: InitialValues
@@ -85,6 +86,7 @@ def snapshot_of(session: Session) -> Snapshot:
         session.assemblies,
         core.step_count,
         session.steps,
+        session.changed,
         session.assembly,
         _present(session.parts, core),
         session.initial,
@@ -105,7 +107,7 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     session.initial, session.started = kept.initial, True
     restore_state(kept.state, assembly.parts, assembly.core, kept.steps.clock, kept.step)
     take(session, kept.steps, assembly)
-    session.loads = loads
+    session.loads, session.changed = loads, kept.changed
 
 
 def _present(parts: Sequence[Part], core: Any) -> CoreState:
