@@ -5,11 +5,16 @@ import sys
 import sysconfig
 from concurrent.futures import ThreadPoolExecutor
 from glob import glob
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import numpy
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+
+spec = spec_from_file_location("stale", Path("pmalpha", "stale.py"))
+stale = module_from_spec(spec)
+spec.loader.exec_module(stale)
 
 if sys.platform not in ("linux", "darwin"):
     sys.exit(f"pmalpha builds on Linux and macOS only, not on {sys.platform}.")
@@ -21,7 +26,7 @@ STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED")
 class Build(build_ext):
     """With all processors, and without earlier libraries for one version of Python.
 
-    Those would be imported.
+    Those would be imported. In place a stamp says of which sources it is.
     """
 
     def build_extension(self, ext):
@@ -39,6 +44,8 @@ class Build(build_ext):
         if self.inplace and STABLE:
             for path in Path("pmalpha").glob("_core.cpython-*"):
                 path.unlink()
+        if self.inplace:
+            stale.write_stamp(Path("."))
 
 
 setup(

@@ -3,9 +3,15 @@
 Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md.
 """
 
+# ruff: noqa: E402 - before anything imports the extension it is compared with its sources
+
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
+
+from .stale import require_present_build as _require_present_build
+
+_require_present_build()
 
 from .errors import (
     AccuracyWarning,

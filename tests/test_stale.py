@@ -1,0 +1,46 @@
+"""An extension built in place of other sources than the present ones is not imported."""
+
+import os
+
+import pytest
+
+from pmalpha import stale
+
+
+@pytest.fixture
+def root(tmp_path):
+    for folder in ("core/algebra", "binding"):
+        (tmp_path / "csrc" / folder).mkdir(parents=True)
+    (tmp_path / "csrc/core/algebra/lu.c").write_text("int a;\n")
+    (tmp_path / "csrc/binding/module.c").write_text("int b;\n")
+    stale.write_stamp(tmp_path)
+    return tmp_path
+
+
+def later(path, text):
+    path.write_text(text)
+    ahead = (path.parent.stat().st_mtime_ns) + 10**9
+    os.utime(path, ns=(ahead, ahead))
+
+
+def test_sources_that_changed_are_noticed(root):
+    stale.require_present_build(root)
+    lu = root / "csrc/core/algebra/lu.c"
+    later(lu, "int c;\n")
+    with pytest.raises(ImportError, match="built of other sources.*make test"):
+        stale.require_present_build(root)
+    later(lu, "int a;\n")  # as they were, with another time
+    stale.require_present_build(root)
+
+
+def test_a_file_that_is_new_is_noticed(root):
+    later(root / "csrc/core/new.h", "")
+    with pytest.raises(ImportError):
+        stale.require_present_build(root)
+
+
+def test_without_sources_or_stamp_nothing_is_compared(root, tmp_path):
+    (root / stale.STAMP).unlink()
+    later(root / "csrc/core/new.h", "")
+    stale.require_present_build(root)
+    stale.require_present_build(tmp_path / "elsewhere")
