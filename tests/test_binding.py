@@ -420,6 +420,16 @@ def test_a_matrix_is_permuted_by_a_permutation_of_its_size():
     )
 
 
+def test_filters_that_remember_too_much_are_refused():
+    """Their numbers would overflow to few: what is beyond them was written."""
+    none, one = np.zeros(0), np.ones(1)
+    late = (np.array([2**63 - 1]), one, np.inf, np.zeros((0, 0)), none, none, one, 0.0, 0.0, 0)
+    adaptive = (0.01, np.zeros((4, 3)), 0.05, 1, 2**62, np.zeros((1, 5)))
+    for own, message in ((late, "lag is out of range"), (adaptive, "not too large")):
+        with pytest.raises(ValueError, match=message):
+            _core.follow_specimen(((own,), (), None), np.zeros(9), *np.zeros((2, 9, 1)))
+
+
 def test_lanes_are_split_into_arrays_of_their_shape():
     lanes = np.arange(6.0 * _core.LANES).reshape(2, 3 * _core.LANES)
     vectors = tuple(np.zeros((2, 3)) for _ in range(2))

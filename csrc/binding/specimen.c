@@ -4,6 +4,9 @@
 
 #include "member/specimen.h"
 
+/* Lags and samples of a filter: numbers of what it remembers do not overflow. */
+enum { MOST = 1 << 30 };
+
 /* A specimen, what it points into, and where its memory begins in that of the restoring force. */
 typedef struct {
     pma_specimen core;
@@ -60,7 +63,7 @@ static int take_actuator(PyObject *obj, PyObject *arrays, pma_actuator *out)
     out->length = 1;
     bool fits = order <= PMA_ACTUATOR_ORDER && order == PyArray_DIM(square, 1);
     for (npy_intp i = 0; i < taps; i++) {
-        fits = fits && out->lag[i] >= 0;
+        fits = fits && out->lag[i] >= 0 && out->lag[i] < MOST;
         out->length = (size_t)out->lag[i] + 1 > out->length ? (size_t)out->lag[i] + 1 : out->length;
     }
     if (!fits) {
@@ -86,8 +89,8 @@ static int take_adaptive(PyObject *obj, PyObject *arrays, pma_adaptive *out)
         pma_take_array(limits, NPY_DOUBLE, 2, four, "limits", NULL, &limit) < 0 ||
         pma_take_array(section, NPY_DOUBLE, 2, five, "section", arrays, &sections) < 0)
         return -1;
-    if (every < 1 || window < 1) {
-        PyErr_SetString(PyExc_ValueError, "every and window must be positive");
+    if (every < 1 || window < 1 || window > MOST) {
+        PyErr_SetString(PyExc_ValueError, "every and window must be positive, and not too large");
         return -1;
     }
     const double *values = PyArray_DATA(limit);
