@@ -328,6 +328,7 @@ def test_numbers_out_of_range_are_refused_with_the_row():
         ({"restitution": 1.5}, r"restitution must lie in \[0, 1\], got 1.5 in row 0"),
         ({"gap": [1.0, 2.0]}, "gap must be a number or of shape"),
         ({"sign": 2}, "sign must be 1 or -1, got 2"),
+        ({"sign": np.ones(2)}, "sign must be 1 or -1, got array"),
         ({"tangents": [[0], [0], [0]]}, "tangents must be at most 2, got 3"),
     ):
         with pytest.raises(ValueError, match=match):

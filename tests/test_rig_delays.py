@@ -362,6 +362,7 @@ def test_a_specimen_may_return_what_was_measured():
         (dict(delay=np.nan), ValueError, "delay must be finite"),
         (dict(order=4), ValueError, "order must be at most 3, got 4"),
         (dict(frequency=0.0), ValueError, "frequency must be positive"),
+        (dict(frequency=1e-300), ValueError, "frequency must be at least 1e-50"),
         (dict(damping=-1.0), ValueError, "damping must be positive"),
         (dict(noise=-1.0), ValueError, "noise must be"),
         (dict(saturation=0.0), ValueError, "saturation must be positive"),
@@ -372,6 +373,13 @@ def test_a_specimen_may_return_what_was_measured():
 def test_bad_actuators_are_refused(options, error, message):
     with pytest.raises(error, match=message):
         rig.SimulatedActuator(spring(), **options)
+
+
+def test_dynamics_that_are_far_faster_than_the_step_are_refused():
+    quick = rig.SimulatedActuator(spring(), frequency=1e8)
+    mass = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), restoring=quick, name="rig")
+    with pytest.raises(ValueError, match="at most 10000 in a step of 0.01, got 1e\\+08"):
+        pm.Coupler([mass], dt=0.01)
 
 
 def test_bad_specimens_and_methods_are_refused():

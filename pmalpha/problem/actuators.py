@@ -34,6 +34,9 @@ LEAST, MOST = np.array([0.7, 0.0, 0.0]), np.array([1.3, 0.06, 0.0032])
 CHANGE = np.array([2.0, 0.05, 0.001])
 # It rests while the motion of the last second is below this share of the largest one.
 THRESHOLD = 0.05
+# Periods of an actuator in a step: above it rounding exceeds what the dynamics do in a step.
+FASTEST = 1e4
+LOWEST = 1e-50
 
 
 @dataclass(frozen=True)
@@ -207,6 +210,8 @@ class SimulatedActuator(Device):
         self.delay = real_number(delay, "delay", low=0.0)
         self.order = whole_number(order, "order", low=1, high=3)
         self.frequency = None if frequency is None else positive_number(frequency, "frequency")
+        if self.frequency is not None and self.frequency < LOWEST:
+            raise ValueError(f"frequency must be at least {LOWEST:g}, got {self.frequency:g}")
         self.damping = positive_number(damping, "damping")
         self.noise = real_number(noise, "noise", low=0.0)
         self.saturation = None if saturation is None else positive_number(saturation, "saturation")
@@ -330,6 +335,11 @@ def held_dynamics(
 
     if frequency is None:
         return np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(1)
+    if frequency * h > FASTEST:
+        raise ValueError(
+            f"frequency of an actuator must be at most {FASTEST:g} in a step of {h:g}, got "
+            f"{frequency:g}; without dynamics leave it out"
+        )
     w = 2.0 * np.pi * frequency
     # coefficients of x', x'', ... in w^-order x^(order) + ... + x = c
     of_lag, of_pair = np.array([1.0 / w, 1.0]), np.array([1.0 / w**2, 2.0 * damping / w, 1.0])

@@ -180,7 +180,7 @@ def contact(
     >>> contact(left, [0], right, [0], gap=0.02, restitution=0.65)
     <Contact of 1 row on 'l' and 'r'>
     """
-    if sign not in (1, -1):
+    if not isinstance(sign, (int, float, np.integer, np.floating)) or sign not in (1, -1):
         raise ValueError(f"sign must be 1 or -1, got {sign!r}")
     if (b is None) != (dofs_b is None):
         raise TypeError("b and dofs_b must be given together")
