@@ -637,6 +637,16 @@ def test_blocks_of_any_length_have_the_same_gradient():
         assert np.max(abs(other - first)) < 1e-10 * np.max(abs(first))
 
 
+def test_blocks_are_as_long_as_memory_allows(monkeypatch):
+    from pmalpha.gradients import gradient
+
+    members = problem("macro", (1, 5), (half, explicit)).subdomains
+    level = 8 * sum(s.n * s.substeps for s in members)
+    for left, expected in ((None, 100), (10**9, 100), (1000 * level + 240 * level, 10), (1, 1)):
+        monkeypatch.setattr(gradient, "available", lambda left=left: left)
+        assert gradient.fitting(members, 1000) == expected
+
+
 def test_with_algorithmic_damping_mean_coupling_is_not_reciprocal(monkeypatch):
     """What is refused would be wrong."""
     from pmalpha.gradients import problem as of_problem

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import whole_number
+from ..memory import available, require
 from ..results.history import History
 from .adjoint import Adjoint, Member, Sources
 from .differences import by_differences
@@ -19,6 +20,8 @@ from .problem import Problem, require_adjoint, subdomain_of
 
 # Macro steps in a block: rounding grows with it, and the memory of a block.
 BLOCK = 100
+# Numbers for each dof and level of a block: motion of both runs, loads, filters.
+ARRAYS = 12
 # Bytes of the motion that the gradient needs, up to which the run keeps it; else it is run again.
 KEPT = 2**27
 
@@ -70,7 +73,7 @@ def gradient(
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
     if isinstance(objective, Misfit):
         objective._check_sizes({name: s.n for name, s in session.keys}, session.rows.p)
-    block = BLOCK if block is None else whole_number(block, "block", low=1)
+    block = None if block is None else whole_number(block, "block", low=1)
     if differences is not None:
         return _by_differences(coupler, session, objective, end, parameters, differences, reporting)
     require_adjoint(session, "gradient without differences=")
@@ -78,6 +81,7 @@ def gradient(
         problem = Problem(coupler, session)
         names = [subdomain_of(session.keys, p) for p in parameters]
         steps = steps_of(session, end)
+        block = fitting(problem.single.members, steps) if block is None else block
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
             result = blocks.gradient(objective, parameters, names)
@@ -132,6 +136,19 @@ def steps_of(session: Any, end: tuple[float | None, int | None]) -> int:
     if steps == 0:
         raise ValueError("a gradient needs a run of at least one macro step, got none")
     return steps
+
+
+def fitting(members: Sequence[Member], steps: int) -> int:
+    """Macro steps of a block that fit into half of the memory beside the gradient of the loads.
+
+    MemoryError where that alone does not fit.
+    """
+    level = 8 * sum(x.n * x.substeps for x in members)
+    require(steps * level, "the gradient with respect to the loads", "take fewer macro steps")
+    left = available()
+    if left is None or level == 0:
+        return BLOCK
+    return min(max(int(0.5 * (left - steps * level) / (ARRAYS * level)), 1), BLOCK)
 
 
 class Blocks:

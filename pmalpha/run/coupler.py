@@ -710,7 +710,7 @@ class Coupler:
             are always computed.
         block : int, optional
             Macro steps between two states that are kept. The memory is that of the states, and of
-            the motion in one block. Default: 100. Rounding grows with it.
+            the motion in one block. Default: what fits, at most 100. Rounding grows with it.
         differences : float, optional
             For problems without such an adjoint, see Raises: parameters only, by central
             differences of whole runs with each one changed by this step to both sides, two runs
