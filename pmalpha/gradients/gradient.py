@@ -174,8 +174,9 @@ class Blocks:
         if kept and record is not None:
             record = {**record, **dict.fromkeys(names)}
         blocks, pieces, borders = [], [], []
+        self.coupler.step(0)  # the initial accelerations
         for first, last in zip(self.borders, self.borders[1:]):
-            snapshot = self.coupler.snapshot()
+            snapshot = None if kept else self.coupler.snapshot()
             borders.append(self.problem.accelerations())
             pieces.append(self.coupler.run(steps=last - first, record=record))
             blocks.append(pieces[-1] if kept else snapshot)

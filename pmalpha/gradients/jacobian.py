@@ -57,7 +57,7 @@ def jacobian(
         for histories in runs:
             a, b = (_recorded(x, sensors, what) for x in histories[:2])
             columns.append({name: (b[name] - a[name]) / histories[2] for name in sensors})
-        return {name: np.stack([x[name] for x in columns], axis=-1) for name in sensors}
+        return _stacked(columns)
     require_adjoint(session, "jacobian without differences=")
     with from_beginning(coupler, session):
         problem = Problem(coupler, session)
@@ -100,7 +100,12 @@ def _by_forward_runs(
         columns += [_recorded(history, sensors, what) for history in runs]
         if report is not None:
             report(len(columns))
-    return {name: np.stack([x[name] for x in columns], axis=-1) for name in sensors}
+    return _stacked(columns)
+
+
+def _stacked(columns: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """(levels, sensors, m) by name, of the columns of all parameters."""
+    return {name: np.stack([x[name] for x in columns], axis=-1) for name in columns[0]}
 
 
 def _by_reversed_runs(
@@ -132,6 +137,7 @@ def _by_reversed_runs(
         for column, dof in enumerate(dofs)
         for before in range(members[name].substeps)
     ]
+    done = 0
     for chunk in _chunks(each):
         cases = [
             problem.unit_loads(name, dof, before, what, steps) for name, _, dof, before in chunk
@@ -146,8 +152,9 @@ def _by_reversed_runs(
                 series = sfft.irfft(p._spectrum(mus[own], motion), lengths[own], axis=0)
                 out[name][level, column, first : first + p.m] = series[q - 1 : steps * q : q]
                 first += p.m
+        done += len(chunk)
         if report is not None:
-            report(each.index(chunk[-1]) + 1)
+            report(done)
     return out
 
 

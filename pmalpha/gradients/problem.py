@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -93,12 +94,9 @@ class Problem:
 
     def sensitive(self, cases: Sequence[Mapping[str, Any]], steps: int, record: Any) -> list[Any]:
         """Runs from rest, each under loads on one subdomain by name."""
-        rest = {name: np.zeros(s.n) for name, s in self.keys}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # their loads are not those of a structure
-            coupler = self.coupler if not self.prescribed else self._copy(None, True, False)
-            runs = [{"u0": rest, "v0": rest, "force": {**rest, **case}} for case in cases]
-            return list(coupler.run_each(runs, steps=steps, record=record))
+            return self._from_rest(self._unmoved, cases, steps, record)
 
     def _adjoint(self, doubles: Sequence[bool]) -> Adjoint:
         of_member, of_all = (MeanMember, MeanAdjoint) if self.mean else (Member, Adjoint)
@@ -123,15 +121,27 @@ class Problem:
         double: bool = False,
     ) -> list[Any]:
         """Runs with the transposed matrices from rest, each under loads by name."""
-        rest = {name: np.zeros(s.n) for name, s in self.keys}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # their loads are not those of a structure
-            if g is None and self.symmetric and not self.prescribed:
-                coupler = self.coupler
-            else:
-                coupler = self._copy(g, double, True)
-            runs = [{"u0": rest, "v0": rest, "force": forces} for forces in cases]
-            return list(coupler.run_each(runs, steps=steps, record=record))
+            coupler = self._transposed if g is None else self._copy(g, double, True)
+            return self._from_rest(coupler, cases, steps, record)
+
+    def _from_rest(
+        self, coupler: Any, cases: Sequence[Mapping[str, Any]], steps: int, record: Any
+    ) -> list[Any]:
+        rest = {name: np.zeros(s.n) for name, s in self.keys}
+        runs = [{"u0": rest, "v0": rest, "force": {**rest, **forces}} for forces in cases]
+        return list(coupler.run_each(runs, steps=steps, record=record))
+
+    @cached_property
+    def _unmoved(self) -> Any:
+        """The coupler, or one like it without prescribed velocities."""
+        return self._copy(None, True, False) if self.prescribed else self.coupler
+
+    @cached_property
+    def _transposed(self) -> Any:
+        """The same of the transposed matrices."""
+        return self._unmoved if self.symmetric else self._copy(None, True, True)
 
     def _copy(self, g: np.ndarray | None, double: bool, transposed: bool) -> Any:
         """A coupler of the same matrices, or the transposed ones, without loads."""
