@@ -184,3 +184,12 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
         pma_matrix_subtract_rows(A, begin, end, x, y);
     }
 }
+
+bool pma_is_finite(size_t n, const double *x)
+{
+    double zero = 0.0;
+#pragma omp simd reduction(+ : zero)
+    for (size_t i = 0; i < n; i++)
+        zero += 0.0 * x[i];
+    return zero == 0.0;
+}

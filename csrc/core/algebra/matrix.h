@@ -53,4 +53,7 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y);
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y);
 
+/* no inf and no NaN among n numbers */
+bool pma_is_finite(size_t n, const double *x);
+
 #endif

@@ -347,14 +347,6 @@ static void approach(pma_coupler *c, pma_contact *x)
     }
 }
 
-static bool is_finite(size_t n, const double *x)
-{
-    double zero = 0.0;
-    for (size_t i = 0; i < n; i++)
-        zero += 0.0 * x[i];
-    return zero == 0.0;
-}
-
 /* P of (U5), or zero. PMA_NOT_FINITE when a velocity is not. */
 static pma_status find_impulses(pma_coupler *c, pma_contact *x)
 {
@@ -368,7 +360,7 @@ static pma_status find_impulses(pma_coupler *c, pma_contact *x)
         const pma_coupled *m = &c->coupled[x->sides[i].of.member];
         const double *vf =
             m->member.table->values(m->member.self, PMA_FREE_VELOCITY, m->now.j + 1, false, NULL);
-        if (!is_finite(x->sides[i].of.N.nb, vf)) {
+        if (!pma_is_finite(x->sides[i].of.N.nb, vf)) {
             c->failed = x->sides[i].of.member;
             return PMA_NOT_FINITE;
         }

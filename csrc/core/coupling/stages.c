@@ -1,5 +1,4 @@
 /* stages.c - what the schedules share: where members are, the interface problem, the commit. */
-#include <math.h>
 
 #include "coupling/schedule.h"
 
@@ -21,22 +20,14 @@ void pma_coupler_prescribe(pma_coupler *c)
     pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch, c->working.g);
 }
 
-static bool is_finite(size_t count, const double *x)
-{
-    for (size_t i = 0; i < count; i++) {
-        if (!isfinite(x[i]))
-            return false;
-    }
-    return true;
-}
-
 /* The member whose free velocity made the multipliers infinite. */
 static size_t find_unstable(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *m = &c->coupled[i].member;
         const size_t j = c->coupled[i].now.j + 1;
-        if (!is_finite(m->link->nb, m->table->values(m->self, PMA_FREE_VELOCITY, j, false, NULL)))
+        if (!pma_is_finite(m->link->nb,
+                           m->table->values(m->self, PMA_FREE_VELOCITY, j, false, NULL)))
             return i;
     }
     return PMA_INTERFACE;
@@ -47,7 +38,7 @@ pma_status pma_coupler_solve(pma_coupler *c)
     const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
     H->table->solve(H->self, c->working.lam);
     c->unpolled += H->entries;
-    if (is_finite(c->parts.p, c->working.lam))
+    if (pma_is_finite(c->parts.p, c->working.lam))
         return PMA_OK;
     c->failed = find_unstable(c);
     return PMA_NOT_FINITE;

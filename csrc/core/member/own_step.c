@@ -193,14 +193,6 @@ static pma_status evaluate_forces(pma_iterate *it, const double *u, const double
     return PMA_OK;
 }
 
-static bool is_finite(size_t n, const double *x)
-{
-    double zero = 0.0;
-    for (size_t i = 0; i < n; i++)
-        zero += 0.0 * x[i];
-    return zero == 0.0;
-}
-
 static double dot(size_t n, const double *x, const double *y)
 {
     double sum = 0.0;
@@ -282,7 +274,7 @@ static pma_status evaluate(void *self, bool tangent, pma_measure *m)
             it->size[i] = c->al1 * x->w[i];
         pma_matrix_subtract(&s->parts.K_r, it->size, it->R); /* K_r (u - ut) */
     }
-    if (!is_finite(n, it->R))
+    if (!pma_is_finite(n, it->R))
         return PMA_NOT_FINITE;
     measure_residual(it);
     it->measure.slope = c->al2 * dot(n, it->dw, it->R);
@@ -302,8 +294,8 @@ static pma_status factor(pma_iterate *it, bool *changed)
     const pma_status status = pma_numeric_factor(&it->numeric, &column);
     if (status == PMA_NOT_DEFINITE) {
         it->singular = column;
-        return is_finite(pma_iterate_entries(it), it->numeric.values) ? PMA_SINGULAR
-                                                                      : PMA_NOT_FINITE;
+        return pma_is_finite(pma_iterate_entries(it), it->numeric.values) ? PMA_SINGULAR
+                                                                          : PMA_NOT_FINITE;
     }
     it->factored = status == PMA_OK;
     it->factored_twice = it->step.twice;
@@ -522,7 +514,7 @@ static pma_status finish(void *self, const double *lam)
         const pma_status status = evaluate_forces(it, x->u, x->v, NULL);
         if (status != PMA_OK)
             return status;
-        if (!is_finite(s->parts.n, it->f) || !is_finite(history, x->history))
+        if (!pma_is_finite(s->parts.n, it->f) || !pma_is_finite(history, x->history))
             return PMA_NOT_FINITE;
     }
     x->history[history] = (double)it->corrections;

@@ -196,15 +196,6 @@ static bool add_stored(const pma_response *r, size_t field, const double *lam, d
     return finite;
 }
 
-static bool is_finite(size_t n, const double *x)
-{
-    double zero = 0.0;
-#pragma omp simd reduction(+ : zero)
-    for (size_t i = 0; i < n; i++)
-        zero += 0.0 * x[i];
-    return zero == 0.0;
-}
-
 /* x += scale U for one unit response, side by side */
 static void add_lanes(size_t n, const double *restrict scale, const double *U, double *restrict x)
 {
@@ -226,7 +217,7 @@ static bool add_stored_lanes(const pma_response *r, size_t field, const double *
             add_lanes(size, lam + (size_t)U->rows[k] * PMA_LANES,
                       U->values + (4 * k + field) * n + i, x + i * PMA_LANES);
     }
-    return is_finite(n * PMA_LANES, x);
+    return pma_is_finite(n * PMA_LANES, x);
 }
 
 static bool add_unit_responses(const pma_response *r, size_t field, const double *lam, double *x)
