@@ -93,6 +93,22 @@ def test_the_velocity_that_is_given_is_limited_too():
     assert error.quantity == "velocity" and np.abs(specimen.table[2]).max() <= 1.5
 
 
+@pytest.mark.parametrize("others", [[], [pm.CubicSpring([0], 1.0, 0.0)]], ids=["alone", "beside"])
+@pytest.mark.parametrize("scheme", [pm.CentralDifference(), pm.Newmark()])
+@pytest.mark.parametrize(("name", "order"), [("displacement", 0), ("velocity", 1)])
+def test_what_a_compensator_makes_of_a_command_is_limited(scheme, name, order, others):
+    # u = sin(2 t) / 2 grows: 0.1 ahead a command is larger by the motion in that time
+    specimen = Specimen()
+    compensated = [pm.rig.Compensated(specimen, 0.1, order=1), *others]
+    limit = (0.4, 1.1)[order]
+    options = dict(v0=[1.0]) if order == 0 else dict(u0=[0.65])
+    error = ended(made(compensated, Limits(**{name: limit}), scheme=scheme, **options))
+    sent = np.abs(np.diff(specimen.table[1], order)) / H**order
+    assert error.quantity == name and abs(error.value) > limit
+    assert 0.9 * limit < sent.max() <= limit * (1.0 + 1e-9)
+    assert error.time == pytest.approx(specimen.table[0][-1] + H)
+
+
 def test_a_force_beyond_its_limit_ends_the_run():
     specimen = Specimen()
     coupler = made(specimen, Limits(force=1.0))

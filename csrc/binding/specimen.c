@@ -11,7 +11,6 @@ enum { MOST = 1 << 30 };
 typedef struct {
     pma_specimen core;
     pma_spring_set *sets;
-    double **place;
     size_t offset;
     pma_filter filters[];
 } specimen;
@@ -123,13 +122,18 @@ static int take_filter(PyObject *obj, PyObject *arrays, pma_filter *out)
     return take_adaptive(obj, arrays, adaptive);
 }
 
-/* (filters, springs, function or None) */
+/* (filters, springs, function or None, number of compensators) */
 static specimen *take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, bool *by_caller)
 {
     PyObject *filters, *springs, *function;
-    if (!PyArg_ParseTuple(obj, "O!O!O", &PyTuple_Type, &filters, &PyTuple_Type, &springs,
-                          &function))
+    Py_ssize_t compensators;
+    if (!PyArg_ParseTuple(obj, "O!O!On", &PyTuple_Type, &filters, &PyTuple_Type, &springs,
+                          &function, &compensators))
         return NULL;
+    if (compensators < 0 || compensators > PyTuple_Size(filters)) {
+        PyErr_SetString(PyExc_ValueError, "compensators must be among the filters");
+        return NULL;
+    }
     specimen *own = add_specimen(PyTuple_Size(filters), n, arrays);
     if (!own || pma_take_springs(springs, arrays, &own->sets, &own->core.springs) < 0)
         return NULL;
@@ -143,6 +147,7 @@ static specimen *take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, bool
     pma_callback inner = {NULL, NULL};
     if (function != Py_None && pma_take_callback(function, &inner, by_caller) < 0)
         return NULL;
+    own->core.compensators = (size_t)compensators;
     own->core.function = inner.function;
     own->core.user = inner.user;
     return own;
@@ -152,7 +157,7 @@ static int call_specimen(double t, intptr_t n, double *u, double *v, double *r, 
 {
     const specimen *own = user;
     (void)n;
-    return pma_specimen_evaluate(&own->core, t, u, v, r, *own->place + own->offset);
+    return pma_specimen_evaluate(&own->core, t, u, v, r, own->core.place->memory + own->offset);
 }
 
 int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *restoring,
@@ -161,7 +166,9 @@ int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring
     specimen *own = take_specimen(obj, n, arrays, &restoring->by_caller);
     if (!own)
         return -1;
-    own->place = restoring->place;
+    own->core.place = restoring->place;
+    own->core.number = restoring->compensators;
+    restoring->compensators += own->core.compensators > 0;
     own->offset = restoring->memory;
     restoring->memory += pma_specimen_numbers(&own->core);
     *out = (pma_callback){call_specimen, own};

@@ -403,7 +403,7 @@ def divided(value: Any, n: int) -> tuple[Any, Any]:
 
 
 def core_specimen(device: Device, n: int, h: float, what: str) -> tuple[Any, ...]:
-    """A device with its specimen in the form of the core: filters, springs, function."""
+    """A device with its specimen for the core: filters, springs, function, compensators."""
     devices = [device]
     while isinstance(devices[-1].specimen, Device):
         devices.append(devices[-1].specimen)
@@ -415,4 +415,6 @@ def core_specimen(device: Device, n: int, h: float, what: str) -> tuple[Any, ...
     else:
         needs = isinstance(last, Compensated) and last.method == "adaptive"
         springs, function = (), CheckedSpecimen(inner, n, what, needs_measured=needs)
-    return tuple(one._filter(h) for one in devices), springs, function
+    outermost = [isinstance(one, Compensated) for one in devices]
+    compensators = [*outermost, False].index(False)
+    return tuple(one._filter(h) for one in devices), springs, function, compensators

@@ -19,9 +19,10 @@ class Limits(Frozen):
     """Limits of a specimen, for ``limits=`` of a `Subdomain` with a restoring force.
 
     A command is the displacement at which the restoring force is evaluated, once in a substep of
-    length h. It is checked before it is given, and the force when it has come; the first one beyond
-    its limit ends the run with a `LimitError`. So the specimen stays at the last command, which was
-    within the limits, and the coupler at its last whole macro step.
+    length h, and what a `Compensated` specimen makes of it. Both are checked before it is given,
+    and the force when it has come; the first one beyond its limit ends the run with a `LimitError`.
+    So the specimen stays at the last command, which was within the limits, and the coupler at its
+    last whole macro step.
 
     Parameters
     ----------

@@ -13,6 +13,16 @@
 typedef int (*pma_restoring_function)(double t, intptr_t n, double *u, double *v, double *r,
                                       void *user);
 
+/* What functions share with the subdomain that evaluates them. */
+typedef struct {
+    double *memory; /* what they remember, set for each evaluation */
+    /* May compensator i give the command u, v (n each, in the user's order)? NULL: any. One that
+     * may not makes its function return at once. */
+    bool (*allows)(void *self, size_t i, const double *u, const double *v);
+    void *self;
+    bool refused; /* has the last evaluation ended so? */
+} pma_place;
+
 /* The arrays are the caller's and have to outlive it. */
 typedef struct {
     pma_restoring_function function; /* NULL: there is no such force */
@@ -24,7 +34,8 @@ typedef struct {
     const double *load;   /* n, in the user's order: an external load f(t, u, v) that the last r
                              contains as - f, for its work; or NULL */
     size_t memory;        /* numbers that the function remembers from one evaluation to the next */
-    double **place;       /* where it finds them, set for each evaluation; NULL without */
+    size_t compensators;  /* of commands, among the functions */
+    pma_place *place;     /* NULL without memory and compensators */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */
@@ -32,7 +43,8 @@ pma_status pma_restoring_check(const pma_restoring *restoring);
 
 /* y (n) -= r(u, v, t), all in elimination order; `to` (memory) is what the function remembers
  * after it, `from` before it, which may be the same. PMA_RESTORING_FAILED when the function returns
- * other than 0, which goes to *code; y is then as it was. Does not allocate. */
+ * other than 0, which goes to *code, PMA_LIMITED when it gives no command since `place` refuses it;
+ * y is then as it was. Does not allocate. */
 pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
                                   const double *v, const double *from, double *to, double *y,
                                   int *code);

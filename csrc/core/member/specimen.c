@@ -306,6 +306,15 @@ static void adapt(const pma_filter *f, size_t n, const double *measured, double 
     *memory += 1.0;
 }
 
+static bool is_allowed(const pma_specimen *s, const double *u, const double *v)
+{
+    pma_place *place = s->place;
+    if (!place || !place->allows)
+        return true;
+    place->refused = !place->allows(place->self, s->number, u, v);
+    return !place->refused;
+}
+
 int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v, double *r,
                           double *memory)
 {
@@ -314,6 +323,8 @@ int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v,
     for (size_t k = 0; k < s->count; k++) {
         pass(&s->filters[k], n, u, v, own);
         own += pma_filter_numbers(&s->filters[k], n);
+        if (k + 1 == s->compensators && !is_allowed(s, u, v))
+            return 1;
     }
     memset(s->work, 0, n * sizeof(double));
     pma_springs_subtract(&s->springs, u, own, own, s->work);

@@ -48,8 +48,10 @@ typedef struct {
 
 /* Arrays of the caller, which have to outlive it. */
 typedef struct {
-    size_t n, count;
-    const pma_filter *filters; /* count */
+    size_t n, count, compensators; /* filters that are compensators, before all others */
+    const pma_filter *filters;     /* count */
+    pma_place *place;              /* asked what they may give, as compensator `number`; or NULL */
+    size_t number;
     pma_springs springs;
     pma_restoring_function function; /* or NULL; may write the measured displacement into u */
     void *user;
@@ -64,7 +66,8 @@ size_t pma_specimen_numbers(const pma_specimen *s);
 size_t pma_filter_numbers(const pma_filter *f, size_t n);
 
 /* r (n) += r(u, v, t); u and v (n) are used up, u is what was measured. Returns what the function
- * returns. Once a step, in the order of time. Does not allocate. */
+ * returns, or 1 when `place` refuses what compensators make of the command. Once a step, in the
+ * order of time. Does not allocate. */
 int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v, double *r,
                           double *memory);
 

@@ -232,13 +232,25 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     return PMA_OK;
 }
 
+static void release_limits(pma_subdomain *s)
+{
+    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
+        pma_limits_destroy(s->sent[i]);
+    free(s->sent);
+    free(s->given);
+    pma_limits_destroy(s->limits);
+    s->sent = NULL;
+    s->given = NULL;
+    s->limits = NULL;
+}
+
 void pma_subdomain_destroy(pma_subdomain *s)
 {
     if (!s)
         return;
     pma_energy_destroy(s->energy);
     pma_balance_destroy(s->balance);
-    pma_limits_destroy(s->limits);
+    release_limits(s);
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
@@ -411,6 +423,8 @@ void pma_subdomain_watch_again(pma_subdomain *s)
         pma_balance_begin(s->balance, s->levels.present.v);
     if (s->limits)
         pma_limits_begin(s->limits);
+    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
+        pma_limits_begin(s->sent[i]);
 }
 
 double pma_subdomain_gain(const pma_subdomain *s)
@@ -422,20 +436,33 @@ double pma_subdomain_gain(const pma_subdomain *s)
 
 pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
 {
-    pma_limits *limits;
+    const pma_restoring *restoring = &s->parts.restoring;
+    const size_t compensators = restoring->compensators;
     if (parts->n != s->parts.n)
         return PMA_BAD_SIZE;
-    const pma_status status = pma_limits_create(parts, &limits);
-    if (status != PMA_OK)
+    release_limits(s);
+    pma_status status = pma_limits_create(parts, &s->limits);
+    if (status == PMA_OK && compensators > 0) {
+        s->sent = calloc(compensators, sizeof *s->sent);
+        s->given = calloc(2 * parts->n, sizeof *s->given);
+        status = s->sent && s->given ? PMA_OK : PMA_NO_MEMORY;
+    }
+    for (size_t i = 0; i < compensators && status == PMA_OK; i++)
+        status = pma_limits_create(parts, &s->sent[i]);
+    if (status != PMA_OK) {
+        release_limits(s);
         return status;
-    pma_limits_destroy(s->limits);
-    s->limits = limits;
+    }
+    if (compensators > 0) {
+        restoring->place->self = s;
+        restoring->place->allows = pma_substep_allows;
+    }
     return PMA_OK;
 }
 
 pma_breach pma_subdomain_breach(const pma_subdomain *s)
 {
-    return *pma_limits_breach(s->limits);
+    return *pma_limits_breach(s->breached);
 }
 
 void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp)

@@ -83,13 +83,36 @@ pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const 
     const pma_parts *p = &s->parts;
     const size_t springs = pma_springs_numbers(&p->springs);
     const pma_state *last = pma_levels_at(&s->levels, step->j);
-    return pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
-                                  to->springs + springs, y, &s->code);
+    s->evaluated = step;
+    const pma_status status =
+        pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                               to->springs + springs, y, &s->code);
+    s->evaluated = NULL;
+    return status;
+}
+
+bool pma_substep_allows(void *subdomain, size_t i, const double *u, const double *v)
+{
+    pma_subdomain *s = subdomain;
+    const pma_substep *step = s->evaluated;
+    if (!step || !s->sent)
+        return true; /* the first command, which is that of the structure */
+    const size_t n = s->parts.n;
+    const int64_t *order = s->parts.restoring.order;
+    const pma_state *from = pma_levels_at(&s->levels, step->j);
+    for (size_t k = 0; k < n; k++) {
+        s->given[k] = u[order[k]];
+        s->given[n + k] = v[order[k]];
+    }
+    s->breached = s->sent[i];
+    return pma_limits_command(s->sent[i], step->number, step->j % s->parts.substeps == 0, step->t1,
+                              from->u, from->v, s->given, s->given + n);
 }
 
 pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to)
 {
     const pma_state *from = pma_levels_at(&s->levels, step->j);
+    s->breached = s->limits;
     if (s->limits &&
         !pma_limits_command(s->limits, step->number, step->j % s->parts.substeps == 0, step->t1,
                             from->u, from->v, to->u, s->parts.restoring.function ? s->vs : NULL))
@@ -110,6 +133,7 @@ pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to)
         s->stamp->returned = stamp->now(stamp->ctx);
     for (size_t k = 0; stamp && k < stamp->count; k++)
         stamp->force[k] = pma_restoring_force(&p->restoring, (size_t)stamp->position[k]);
+    s->breached = s->limits;
     if (!s->limits)
         return PMA_OK;
     double *r = pma_limits_force(s->limits);
