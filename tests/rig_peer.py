@@ -1,7 +1,13 @@
-"""The other side of a rig, by the standard library alone: a program that dies or misbehaves.
+"""The other side of a rig: a program that dies or misbehaves.
+
+By the standard library alone:
 
 serve BEHAVIOUR K      prints its port; replies r = 4 u, x = u, and at request K what it is told
 drive PORT BEHAVIOUR K sends K steps of one dof, and then what it is told
+
+By pmalpha:
+serve-own K            prints its port; a specimen r = 4 u that dies in its evaluation K
+couple PORT K          a mass on the specimen there, which dies in step K
 """
 
 import os
@@ -87,8 +93,40 @@ def drive(port, behaviour, k):
     exactly(connection, 1)  # until the server has gone
 
 
+def serve_own(k):
+    from pmalpha import rig
+
+    calls = []
+
+    def specimen(u, v, t):
+        calls.append(t)
+        if len(calls) == k:
+            die()
+        return 4.0 * u
+
+    rig.serve(specimen, announce=lambda port: print(port, flush=True))
+
+
+def couple(port, k):
+    import pmalpha as pm
+
+    def load(t, u, v):
+        if t > (k - 0.5) * 0.01:
+            die()
+        return 0.0 * u
+
+    there = pm.rig.connect(("127.0.0.1", port))
+    scheme = pm.CentralDifference()
+    mass = pm.Subdomain([1.0], None, scheme=scheme, v0=[1.0], force=load, restoring=there)
+    pm.Coupler([mass], dt=0.01).run(1.0)
+
+
 if __name__ == "__main__":
-    if sys.argv[1] == "serve":
+    if sys.argv[1] == "serve-own":
+        serve_own(int(sys.argv[2]))
+    elif sys.argv[1] == "couple":
+        couple(int(sys.argv[2]), int(sys.argv[3]))
+    elif sys.argv[1] == "serve":
         serve(sys.argv[2], int(sys.argv[3]))
     else:
         drive(sys.argv[2], sys.argv[3], int(sys.argv[4]))

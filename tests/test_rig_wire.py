@@ -1,5 +1,6 @@
 """Elements and specimens of other processes, by the protocol of OpenSees and OpenFresco."""
 
+import signal
 import socket
 import struct
 import subprocess
@@ -59,8 +60,8 @@ def peer(*words):
 
 
 @contextmanager
-def serving_peer(*words):
-    with peer("serve", *words) as process:
+def serving_peer(*words, mode="serve"):
+    with peer(mode, *words) as process:
         yield (LOCAL, int(process.stdout.readline()))
 
 
@@ -465,6 +466,35 @@ def test_a_client_that_is_killed_is_named(k):
             waits.until(lambda: results)
     with pytest.raises(ConnectionError, match="closed the connection|was lost"):
         raise results[0]
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("k", range(1, 11))
+def test_a_coupler_that_is_killed_is_named_by_the_server_of_its_specimen(k):
+    commands = []
+
+    def specimen(u, v, t):
+        commands.append(t)
+        return 4.0 * u
+
+    with served(specimen) as (address, results):
+        with peer("couple", address[1], k) as process:
+            assert process.wait(waits.LIMIT) == -signal.SIGKILL
+            waits.until(lambda: results)
+    with pytest.raises(ConnectionError, match="closed the connection|was lost"):
+        raise results[0]
+    # an evaluation at the start and in each step before, and in this one if it comes first
+    assert len(commands) in (k, k + 1)
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("k", range(1, 11))
+def test_a_served_specimen_that_is_killed_leaves_the_coupler_at_its_last_macro_step(k):
+    with serving_peer(k, mode="serve-own") as address:
+        coupler = pm.Coupler([mass(connected(address))], dt=0.01)
+        with pytest.raises(ConnectionError, match="the rig (closed the connection|was lost)"):
+            coupler.run(2.0)
+        assert coupler.step_count == max(0, k - 2)
 
 
 def test_a_client_that_ends_is_no_error():
