@@ -26,7 +26,7 @@ import pmalpha as pm
 from pmalpha import _core, models, structures
 from pmalpha.problem.matrices import core_sparse
 from pmalpha.setup.factors import GROWTH, LOST
-from pmalpha.setup.tangent_pattern import tangent_pattern
+from pmalpha.setup.internal_forces import tangent_pattern
 
 DAMPING = 0.1  # C = DAMPING M of the frames
 SAMPLE = 0.02  # of the record of El Centro

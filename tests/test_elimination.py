@@ -8,7 +8,7 @@ import pmalpha as pm
 from pmalpha import structures
 from pmalpha.problem.ordering import graph_of
 from pmalpha.setup import factors
-from pmalpha.setup.elimination import Eliminations, elimination
+from pmalpha.setup.factors import Eliminations, elimination
 
 
 def box(faces):

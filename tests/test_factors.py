@@ -26,9 +26,8 @@ from pmalpha.problem.ordering import (
     with_full_nodes,
 )
 from pmalpha.setup import factors
-from pmalpha.setup.compliance import compliance
 from pmalpha.setup.inertia import inertia
-from pmalpha.setup.link import Link
+from pmalpha.setup.link import Link, compliance
 
 DEFINITE = pm.FactorizationError
 

@@ -156,7 +156,7 @@ def test_an_upward_import_and_a_cycle_would_be_detected():
     assert upward(graph) == EXCEPTIONS | {arrow}
     assert set(arrow) <= set(cycle_in(graph))
     inside = graph_of_imports()
-    inside["pmalpha.setup.factors"].add("pmalpha.setup.elimination")  # which imports factors
+    inside["pmalpha.setup.factors"].add("pmalpha.setup.part")  # which imports factors
     assert upward(inside) == EXCEPTIONS and cycle_in(inside) is not None
 
 

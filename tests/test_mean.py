@@ -182,7 +182,7 @@ def test_runs_in_pieces_and_from_a_file_are_bitwise_the_same(tmp_path, double, t
 def test_stored_and_repeated_responses_agree(monkeypatch):
     """1e-12: two orders of the same sums."""
     stored = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)
-    monkeypatch.setattr("pmalpha.setup.mean.is_stored", lambda part: False)
+    monkeypatch.setattr("pmalpha.setup.macro.is_stored", lambda part: False)
     repeated = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)
     for name in "012":
         for x in "uva":

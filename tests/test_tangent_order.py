@@ -6,7 +6,7 @@ import scipy.sparse as sp
 
 from pmalpha.problem.ordering import elimination_order, graph_of
 from pmalpha.problem.tangents import symmetric_union
-from pmalpha.setup.tangent_pattern import narrow_order, tangent_pattern
+from pmalpha.setup.internal_forces import narrow_order, tangent_pattern
 
 NONE = np.zeros(0, dtype=int)
 

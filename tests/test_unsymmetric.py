@@ -14,8 +14,7 @@ import pmalpha as pm
 from pmalpha.problem.matrices import permuted
 from pmalpha.problem.ordering import elimination_order, graph_of
 from pmalpha.setup import factors
-from pmalpha.setup.compliance import compliance
-from pmalpha.setup.link import Link
+from pmalpha.setup.link import Link, compliance
 
 # ---- against the reference -----------------------------------------------------------------------
 

@@ -14,10 +14,9 @@ from ..problem.matrices import Matrix
 from ..problem.ordering import graph_of
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from ..setup.compliance import Block, diagonal_compliances
-from ..setup.elimination import elimination
+from ..setup.factors import elimination
 from ..setup.interface import DENSE_SHARE, total
-from ..setup.link import Link
+from ..setup.link import Block, Link, diagonal_compliances
 from ..setup.part import STEP_NUMBERS
 from ..setup.stability import step_ratio
 

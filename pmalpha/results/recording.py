@@ -18,7 +18,7 @@ from ..files import check_replaceable, checked_path
 from ..memory import require
 from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
-from ..setup.core_rows import CoreRows
+from ..setup.constraint_rows import CoreRows
 from ..setup.part import Part
 from .appending import EarlierRows, check_new
 from .clock import Clock

@@ -10,7 +10,7 @@ from ..errors import StabilityWarning, warn
 from ..problem.matrices import canonical, combination
 from ..problem.springs import assembled
 from ..problem.subdomain import Subdomain
-from ..setup.evaluated import springs_at
+from ..setup.internal_forces import springs_at
 from ..setup.part import Part
 from ..setup.stability import at_springs, largest_eigenvalue, predicted_product
 

@@ -29,7 +29,7 @@ from ..problem.forces import SampledForce, depends_on_motion
 from ..problem.springs import Spring
 from ..results.clock import Clock
 from ..setup.assembly import Assembly
-from ..setup.core_rows import CoreRows
+from ..setup.constraint_rows import CoreRows
 from ..setup.part import Part
 from ..setup.schedule import Options
 from .motion import Motion

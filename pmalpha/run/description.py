@@ -10,8 +10,8 @@ from .._checks import counted
 from .._tables import html_table, text_table
 from ..problem.matrices import combination
 from ..problem.schemes import CentralDifference, Scheme
-from ..setup.evaluated import closing_tangent
 from ..setup.factors import Factor
+from ..setup.internal_forces import closing_tangent
 from ..setup.part import Part
 from ..setup.stability import SMALL, limit_of
 from .session import Session

@@ -12,8 +12,7 @@ from ..errors import InstabilityError
 from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
 from ..results.keys import by_index
-from ..setup.constraint_rows import ConstraintRows
-from ..setup.core_rows import CoreRows
+from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.part import Part
 from ..setup.start import InitialAccelerations
 from .loads import Loads, force_at

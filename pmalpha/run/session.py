@@ -22,9 +22,8 @@ from ..problem.unilateral import Contact
 from ..results.clock import Clock
 from ..results.history import History
 from ..setup.assembly import Assemblies, Assembly, Layout
-from ..setup.constraint_rows import ConstraintRows
+from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.contact_rows import Contacts
-from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (

@@ -13,11 +13,10 @@ from ..problem.eigenmodes import modes as modes_of
 from ..problem.matrices import Matrix, is_symmetric
 from ..setup.eliminated_rows import Assembled
 from ..setup.eliminated_rows import assembled as assemble
-from ..setup.equilibrium import Equilibrium
-from ..setup.evaluated import matrices_at
+from ..setup.equilibrium import Equilibrium, static_displacements
+from ..setup.internal_forces import matrices_at
 from ..setup.part import Part
 from ..setup.ranks import joined
-from ..setup.static import static_displacements
 from .session import Session, begin, check_call, require_alone, require_no_contacts, together
 
 

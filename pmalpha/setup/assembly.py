@@ -14,22 +14,26 @@ from ..blas import one_thread
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .bounce import warn_of_bounces
+from .constraint_rows import CoreRows
 from .contact_rows import Contacts
-from .core_rows import CoreRows
-from .elimination import Eliminations
-from .evaluated import closing_tangent
-from .factors import Factor
-from .floating import warn_of_loose
-from .growth import warn_of_growth
-from .indefinite import warn_of_growing
+from .factors import Eliminations, Factor
+from .floating import warn_of_growing, warn_of_loose
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
+from .internal_forces import closing_tangent
 from .iteration import iteration_of, prepare_iterated
 from .link import Link
-from .macro import prepare, warn_of_resonance
-from .mean import check_mean, doubled_part, doubts_of_damping, mass_of_interface, prepare_mean
+from .macro import (
+    check_mean,
+    doubled_part,
+    doubts_of_damping,
+    mass_of_interface,
+    prepare,
+    prepare_mean,
+    warn_of_resonance,
+)
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
-from .processes import processes, remote_of
-from .ranks import Ranks, joined
+from .propagation import warn_of_growth
+from .ranks import Ranks, joined, processes, remote_of
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
 from .tied import UNSTABLE, check_tied, doubts_of_schemes, gap_factors

@@ -248,8 +248,7 @@ class Contacts:
         for i in self.N:
             part = parts[i]
             assert part.N is not None
-            N = part.N.of_dofs(part.n - part.nb, part.n)
-            sides.append((i, (self.rows, N.ptr, N.index, N.values)))
+            sides.append((i, part.N.core(part.n - part.nb)))
         numbers = (self.numbers(x) for x in ("gap", "restitution", "friction"))
         return (self.first, *numbers, tuple(sides), capsules["dgemm"], capsules["dtrsm"])
 

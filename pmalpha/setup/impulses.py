@@ -30,8 +30,7 @@ def struck(part: Any) -> tuple[Any, ...] | None:
         return inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None
     stiffness = combination([(1.0, part.K), (1.0, part.K_r)])
     B = combination([(1.0, part.damping), (0.5 * part.h, stiffness)])
-    columns = Link.of(_columns(B, part.n)).of_dofs(begin, part.n)
-    return inverse, 0.0, 0.0, (part.n, columns.ptr, columns.index, columns.values)
+    return inverse, 0.0, 0.0, Link.of(_columns(B, part.n)).core(begin)
 
 
 def _columns(A: Matrix | None, n: int) -> sp.csc_array:

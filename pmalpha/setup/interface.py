@@ -11,8 +11,8 @@ from .._checks import counted
 from ..memory import require
 from ..problem.matrices import Matrix, dense, row_of_entries
 from ..problem.ordering import elimination_order, graph_of
-from .compliance import Block, diagonal_compliances
 from .factors import Factor, Names, factorize
+from .link import Block, diagonal_compliances
 from .part import Part
 from .ranks import Ranks, joined
 

@@ -19,13 +19,12 @@ from ..errors import FactorizationError
 from ..memory import require
 from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
-from .compliance import Block
 from .interface import is_symmetric_sum, summed, total
-from .macro import compute_unit_responses
-from .mean import mass_of_interface, mean_blocks
+from .internal_forces import core_size, numeric, structure
+from .link import Block
+from .macro import compute_unit_responses, mass_of_interface, mean_blocks
 from .part import Part, core_subdomain
 from .ranks import Ranks, joined
-from .tangent_pattern import core_size, numeric, structure
 
 
 def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:

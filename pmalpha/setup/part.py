@@ -25,14 +25,9 @@ from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
-from .compliance import Block, compliance, diagonal_compliances
-from .elimination import Elimination, Eliminations
-from .factors import Factor, Names
+from .factors import Elimination, Eliminations, Factor, Names
 from .impulses import struck
-from .link import Link
-from .stability import StepRatio
-from .stiff_restoring import StiffnessWatch
-from .tangent_pattern import (
+from .internal_forces import (
     InternalForces,
     TangentPattern,
     core_internal,
@@ -40,6 +35,9 @@ from .tangent_pattern import (
     internal_forces,
     tangent_pattern,
 )
+from .link import Block, Link, compliance, diagonal_compliances
+from .stability import StepRatio
+from .stiff_restoring import StiffnessWatch
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
@@ -377,7 +375,7 @@ def core_subdomain(
         scheme=(scheme.am, scheme.af, scheme.beta, scheme.gamma),
         single=single,
         twice=twice,
-        link=link_of(part, L),
+        link=L.core(part.n - part.nb),
         restoring=restoring,
         D_r=core_matrix(D_r, symmetric=own),
         lagged=lagged,
@@ -386,11 +384,6 @@ def core_subdomain(
         springs=springs,
         **internal,
     )
-
-
-def link_of(part: Part, L: Link) -> tuple[Any, ...]:
-    """The constraints on the interface dofs, the only ones with entries: p and L_b of the core."""
-    return L.p, L.ptr[part.n - part.nb :], L.index, L.values
 
 
 def warn_of_factors(parts: Sequence[Part]) -> None:

@@ -27,8 +27,7 @@ from ..problem.matrices import (
 )
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .evaluated import present_tangent
-from .tangent_pattern import InternalForces, internal_forces
+from .internal_forces import InternalForces, internal_forces, present_tangent
 
 # Below this size the eigenvalues of the dense matrices take less time than Lanczos.
 SMALL = 200

@@ -26,12 +26,10 @@ from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
 from ..problem.matrices import EXPORTED, combination, diagonal
 from ..problem.schemes import Scheme
-from .compliance import Block, compliance, diagonal_compliances
 from .interface import interface_factor, summed, total
-from .link import Link
+from .link import Block, Link, compliance, diagonal_compliances
 from .part import Part, core_subdomain
-from .processes import processes, remote_of
-from .ranks import Elsewhere, Ranks, joined
+from .ranks import Elsewhere, Ranks, joined, processes, remote_of
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)

@@ -20,12 +20,12 @@ from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, dense
 from ..problem.positive import scales_to_one
 from ..problem.schemes import Scheme
-from .compliance import Block
+from .constraint_rows import row_sizes
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
+from .link import Block
 from .macro import ABSURD, LONG, RATE
 from .part import Part
-from .rank import row_sizes
 from .ranks import Ranks, joined
 
 # The largest spectral radius at infinity of implicit schemes beside any explicit scheme, and the
