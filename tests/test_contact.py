@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from agreement import assert_close, largest
 from contact_problems import (
     GAP,
     LENGTH,
@@ -75,10 +76,12 @@ def test_every_step_is_that_of_the_reference(schemes, tied, damping):
     impulses = np.array([P for _, _, P in path])
     assert (impulses > 0.0).sum() > 2  # or nothing was compared
     # rounding: two to three digits above that of a step, after 120 of them
-    np.testing.assert_allclose(history.contacts[joint].impulse, impulses, atol=1e-12)
+    size, at = largest(impulses), {"times": history.macro_times[1:]}
+    got = history.contacts[joint].impulse
+    assert_close(got, impulses, 1e-12, "impulse", size=max(1.0, size), column="contact", **at)
     for i in range(2):
-        u = np.array([u[i] for u, _, _ in path])
-        np.testing.assert_allclose(history[i].u, u, atol=1e-12 * np.abs(u).max())
+        u, what = np.array([u[i] for u, _, _ in path]), f"displacement of subdomain {i}"
+        assert_close(history[i].u, u, 1e-12, what, size=largest(u), times=history.macro_times)
 
 
 # ---- 1: a ball ----------------------------------------------------------------------------------

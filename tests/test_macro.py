@@ -8,6 +8,7 @@ import pytest
 import reference
 import scipy.sparse as sp
 import waits
+from agreement import assert_run_agrees, largest
 from pairwise import pairwise
 from problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
@@ -20,10 +21,6 @@ from pmalpha.setup import macro
 SECOND = pm.GeneralizedAlpha(0.5)
 FAST = pm.GeneralizedAlpha(0.5, explicit=True)
 STEPS = 17
-
-
-def largest(x):
-    return np.max(np.abs(x), initial=0.0)
 
 
 @pytest.fixture
@@ -63,19 +60,8 @@ def check_against_reference(seed, draw=random_problem):
     history = made(problem).run(steps=STEPS)
     subdomains = [reference_subdomain(s, s.double) for s in problem.subdomains]
     expected = reference.run_macro(subdomains, problem.L, problem.dt, STEPS)
-    scale = {x: max(largest(getattr(s, x)) for s in expected.subdomains) for x in "uvw"}
-    for i, s in enumerate(expected.subdomains):
-        np.testing.assert_array_equal(history[i].t, s.t)
-        for ours, x in ((history[i].u, "u"), (history[i].v, "v"), (history[i].a, "w")):
-            assert largest(ours - getattr(s, x)) <= AGREEMENT * scale[x], (i, x)
-    np.testing.assert_array_equal(history.multiplier_times, expected.multiplier_times)
-    inertia = [largest(x.w @ s.M) for x, s in zip(expected.subdomains, problem.subdomains)]
-    force = max(largest(expected.multipliers), *inertia)
-    assert largest(history.multipliers - expected.multipliers) <= AGREEMENT * force
-    drift = largest(history.displacement_jump - expected.displacement_jump)
-    assert drift <= AGREEMENT * scale["u"]
-    for jump in (history.velocity_jump, expected.velocity_jump):
-        assert largest(jump) <= AGREEMENT * scale["v"]
+    inertia = largest(*(x.w @ s.M for x, s in zip(expected.subdomains, problem.subdomains)))
+    assert_run_agrees(history, expected, AGREEMENT, force=inertia)
 
 
 @pytest.mark.parametrize("seed", range(40))

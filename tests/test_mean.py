@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from agreement import assert_close, assert_constant, assert_small, largest
 from scipy.linalg import expm
 
 import pmalpha as pm
@@ -63,9 +64,11 @@ def test_energy_is_exact(substeps, sparse):
     """1e-12: the rounding of a thousand macro steps."""
     history = loop(substeps, TRAPEZOIDAL, 0.05, sparse=sparse).run(steps=1000, energy=True)
     total = (history.energy.kinetic + history.energy.strain).sum(axis=1)
-    assert np.max(np.abs(total / total[0] - 1.0)) < 1e-12
-    assert np.max(np.abs(history.energy.balance.sum(axis=1))) < 1e-12 * total[0]
-    assert np.max(np.abs(history.energy.interface.sum(axis=1))) < 1e-12 * total[0]
+    at = {"times": history.energy.t}
+    assert_constant(total, 1e-12, "energy", **at)
+    for name in ("balance", "interface"):
+        work = getattr(history.energy, name).sum(axis=1)
+        assert_small(work, 1e-12, f"{name} of all subdomains", size=total[0], **at)
 
 
 @pytest.mark.parametrize("schemes", [TRAPEZOIDAL, MIXED, DAMPED])
@@ -73,8 +76,9 @@ def test_energy_is_exact(substeps, sparse):
 def test_nothing_drifts(schemes, double):
     substeps = (1, 1, 1) if double else (1, 3, 7)
     history = loop(substeps, schemes, 0.05, double=double).run(steps=1000)
-    size = max(np.max(np.abs(s.u)) for s in history.subdomains)
-    assert np.max(np.abs(history.displacement_jump)) < 1e-14 * size
+    at = {"times": history.macro_times, "column": "constraint"}
+    size = largest(*(s.u for s in history.subdomains))
+    assert_small(history.displacement_jump, 1e-14, "displacement jump", size=size, **at)
 
 
 @pytest.mark.parametrize("schemes", [TRAPEZOIDAL, MIXED, DAMPED])
@@ -187,7 +191,7 @@ def test_stored_and_repeated_responses_agree(monkeypatch):
     for name in "012":
         for x in "uva":
             one, two = getattr(stored[name], x), getattr(repeated[name], x)
-            assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(one))
+            assert_close(two, one, 1e-12, f"{x} of {name!r}", size=largest(one))
 
 
 @pytest.mark.parametrize("double", [False, True])
@@ -227,9 +231,10 @@ def test_a_single_step_is_closed_as_it_would_respond(
     for name in "ab":
         for x in "uva":
             one, two = getattr(closed[name], x), getattr(responded[name], x)
-            assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(two))
+            assert_close(one, two, 1e-12, f"{x} of {name!r}", size=largest(two))
     one, two = closed.energy.interface, responded.energy.interface
-    assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(two))
+    what, named = "work at the interface", {"size": largest(two), "column": "subdomain"}
+    assert_close(one, two, 1e-12, what, **named)
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # grows, as meant below

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from agreement import assert_motion_agrees
 from newton_coupled import same_bits
 from newton_problems import bilinear, chain, contact, cubic
 from newton_reference import Newton, run, run_macro
@@ -73,9 +74,7 @@ def test_springs_move_as_in_the_reference_and_record_their_loops(law, tangent, s
     theirs = oracle(subdomains, L, 0.02, 20, Newton(tangent=tangent))
     # rounding, in another order of sums, magnified by contacts and Broyden's updates
     limit = 1e-8 if coupling == "macro" else 1e-10
-    for x, y in zip(history, theirs.subdomains):
-        for ours, other in ((x.u, y.u), (x.v, y.v), (x.a, y.w)):
-            assert abs(ours - other).max() < limit * abs(other).max()
+    assert_motion_agrees(history, theirs, limit)
     # the recorded loops: deformation from u, force from the law and the plastic deformation
     x, y = history["0"], theirs.subdomains[0]
     d = np.diff(x.u, axis=1, prepend=0.0)
