@@ -15,6 +15,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "algebra/elimination.h"
 #include "coupling/coupler.h"
 #include "member/remote.h"
 #include "member/subdomain.h"

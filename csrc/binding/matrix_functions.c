@@ -2,8 +2,8 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "algebra/columns.h"
-#include "algebra/permute.h"
+#include "algebra/lu.h"
+#include "algebra/matrix.h"
 
 /* A new array of this type; its data in *data. */
 static PyObject *new_array(npy_intp length, int type, void *data)
@@ -117,8 +117,8 @@ static PyObject *new_permuted(const pma_matrix *A, const int64_t *order, const i
     PyObject *i = new_array(entries, NPY_INT32, &index);
     PyObject *v = new_array(entries, NPY_DOUBLE, &values);
     if (p && i && v) {
-        Py_BEGIN_ALLOW_THREADS pma_permute(A->n, A->ptr, A->index, A->values, order, position, ptr,
-                                           index, values);
+        Py_BEGIN_ALLOW_THREADS pma_matrix_permute(A->n, A->ptr, A->index, A->values, order,
+                                                  position, ptr, index, values);
         Py_END_ALLOW_THREADS tuple = PyTuple_Pack(3, p, i, v);
     }
     Py_XDECREF(p);
@@ -153,12 +153,12 @@ static PyObject *new_columns(const pma_matrix *L, const pma_matrix *U, double *s
     PyObject *d = new_array((npy_intp)L->n, NPY_DOUBLE, &D), *i = NULL, *v = NULL, *result = NULL;
     PyObject *p = new_array((npy_intp)L->n + 1, NPY_INT64, &ptr);
     if (p) {
-        pma_columns_count(L, ptr);
+        pma_lu_count(L, ptr);
         i = new_array((npy_intp)ptr[L->n], NPY_INT32, &index);
         v = new_array((npy_intp)ptr[L->n], NPY_DOUBLE, &values);
     }
     if (d && i && v) {
-        const bool right = pma_columns_take(L, U, ptr, index, values, D, scratch);
+        const bool right = pma_lu_take(L, U, ptr, index, values, D, scratch);
         result = Py_BuildValue("(O(OOO)O)", d, p, i, v, right ? Py_True : Py_False);
     }
     Py_XDECREF(d);

@@ -1,5 +1,5 @@
 /* test_columns.c - the factor that is taken from the triangles of another program. */
-#include "algebra/columns.h"
+#include "algebra/lu.h"
 
 #include <stdint.h>
 
@@ -57,8 +57,8 @@ static void triangles_of_a_symmetric_matrix_are_its_factor(void)
         reverse(n, &lower);
         reverse(n, &upper);
         const pma_matrix of_L = by_columns(n, &lower), of_U = by_columns(n, &upper);
-        pma_columns_count(&of_L, ptr);
-        CHECK(pma_columns_take(&of_L, &of_U, ptr, index, values, found, scratch));
+        pma_lu_count(&of_L, ptr);
+        CHECK(pma_lu_take(&of_L, &of_U, ptr, index, values, found, scratch));
         for (size_t j = 0; j <= n; j++)
             CHECK_INT(ptr[j], R.ptr[j]);
         for (int64_t e = 0; e < R.ptr[n]; e++)
@@ -77,8 +77,8 @@ static bool are_symmetric(double r, double entry)
     int64_t ptr[3];
     int32_t index[1];
     double values[1], D[2], scratch[4];
-    pma_columns_count(&L, ptr);
-    return pma_columns_take(&L, &U, ptr, index, values, D, scratch);
+    pma_lu_count(&L, ptr);
+    return pma_lu_take(&L, &U, ptr, index, values, D, scratch);
 }
 
 static void triangles_of_an_unsymmetric_matrix_are_noticed(void)

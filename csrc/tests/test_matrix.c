@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "algebra/matrix.h"
-#include "algebra/permute.h"
 #include "check.h"
 #include "matrices.h"
 #include "naive.h"
@@ -181,7 +180,7 @@ static void a_permuted_matrix_is_that_with_its_rows_and_columns_in_the_order(voi
                 expected[k * n + l] = rows[(size_t)order[k] * n + (size_t)order[l]];
         }
         const compressed A = compress(n, rows), B = compress(n, expected);
-        pma_permute(n, A.ptr, A.index, A.values, order, position, ptr, index, values);
+        pma_matrix_permute(n, A.ptr, A.index, A.values, order, position, ptr, index, values);
         for (size_t k = 0; k <= n; k++)
             CHECK_INT(ptr[k], B.ptr[k]);
         for (int64_t e = 0; e < B.ptr[n]; e++)

@@ -2,10 +2,9 @@
  * nothing is left. The other objects are in tests/campaign_memory.py. */
 #include <stdint.h>
 
-#include "algebra/agenda.h"
-#include "algebra/branches.h"
 #include "algebra/elimination.h"
 #include "algebra/numeric.h"
+#include "algebra/symbolic.h"
 #include "algebra/tree.h"
 #include "allocations.h"
 #include "check.h"

@@ -56,4 +56,17 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
 /* no inf and no NaN among n numbers */
 bool pma_is_finite(size_t n, const double *x);
 
+/* ---- in another order ------------------------------------------------------------------------ */
+
+/* B with B_kl = A_ij, i = order[k] and j = order[l]; ascending in each row, whatever A is.
+ *
+ * A by rows: ptr (n+1), index and values (ptr[n]). order (n): a permutation, and position (n) its
+ * inverse. B_ptr (n+1), B_index, B_values (ptr[n]): output. Does not allocate. */
+void pma_matrix_permute(size_t n, const int64_t *ptr, const int32_t *index, const double *values,
+                        const int64_t *order, const int32_t *position, int64_t *B_ptr,
+                        int32_t *B_index, double *B_values);
+
+/* The entries of one row in ascending order of their indices, which differ. */
+void pma_matrix_sort_row(int64_t count, int32_t *index, double *values);
+
 #endif

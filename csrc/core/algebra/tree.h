@@ -60,4 +60,21 @@ void pma_tree_substitute(const pma_tree *T, const pma_panels *p, const double *i
 /* The updates of all roots, added to the border of x. */
 void pma_tree_add_to_border(const pma_tree *T, size_t lanes, const double *updates, double *x);
 
+/* ---- the nodes divided among workers: subtrees, and the trunk above them --------------------- */
+
+/* Worker w has the subtrees of the nodes root[begin[w]]..root[begin[w+1]-1], ascending. The nodes
+ * above all of them are the trunk, which one worker has to sweep while the others wait. */
+typedef struct {
+    size_t workers;
+    size_t *root, *begin;
+    size_t *trunk; /* trunk_count, ascending */
+    size_t trunk_count;
+    size_t trunk_entries;
+} pma_branches;
+
+/* The division with the least entries in the trunk and the fullest worker together. Nothing but
+ * the time of a sweep depends on it. Allocates: PMA_NO_MEMORY. */
+pma_status pma_branches_create(const pma_tree *T, size_t workers, pma_branches *out);
+void pma_branches_destroy(pma_branches *b); /* a zeroed one is allowed */
+
 #endif

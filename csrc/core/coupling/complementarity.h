@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "algebra/blas.h"
+#include "algebra/elimination.h"
 #include "status.h"
 
 /* Arrays of the caller, which have to outlive it. */

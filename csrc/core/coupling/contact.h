@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "algebra/blas.h"
+#include "algebra/elimination.h"
 #include "algebra/link.h"
 #include "member/load.h"
 #include "status.h"

@@ -132,7 +132,8 @@ pma_status pma_iterate_create(pma_subdomain *s, const pma_iterate_parts *parts, 
         status = find_spring_entries(it);
     }
     if (status == PMA_OK) {
-        it->many = calloc(pma_block_scratch(&it->numeric, it->count) + 1, sizeof *it->many);
+        it->many =
+            calloc(pma_numeric_compliance_scratch(&it->numeric, it->count) + 1, sizeof *it->many);
         status = it->many ? PMA_OK : PMA_NO_MEMORY;
     }
     if (status != PMA_OK) {

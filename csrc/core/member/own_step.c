@@ -396,9 +396,9 @@ static void block(void *self, double *out)
     pma_subdomain *s = self;
     const pma_iterate *it = s->iterate;
     const double al2 = operator_of(it)->step.al2;
-    if (pma_block_scratch(&it->numeric, it->count) > 0) {
-        pma_block_compliance(&it->numeric, &s->parts.link, it->column, it->count, al2, out,
-                             it->many);
+    if (pma_numeric_compliance_scratch(&it->numeric, it->count) > 0) {
+        pma_numeric_compliance(&it->numeric, &s->parts.link, it->column, it->count, al2, out,
+                               it->many);
         return;
     }
     double *lam = it->lam, *sum = it->lam + s->parts.link.p;

@@ -2,7 +2,7 @@
 #ifndef PMA_OWN_STEP_H
 #define PMA_OWN_STEP_H
 
-#include "algebra/block.h"
+#include "algebra/numeric.h"
 #include "member/subdomain_struct.h"
 
 struct pma_iterate {
@@ -41,7 +41,7 @@ struct pma_iterate {
     int64_t *diagonal;                  /* entries of Mbar */
     double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
     double *lam;                        /* 2 p: scratch, the first half zero */
-    double *many;                       /* scratch of pma_block_compliance */
+    double *many;                       /* scratch of pma_numeric_compliance */
     double *size, *product;             /* n: scratch */
     double *block;
 };

@@ -6,7 +6,7 @@
 #ifndef PMA_SUBDOMAIN_STRUCT_H
 #define PMA_SUBDOMAIN_STRUCT_H
 
-#include "algebra/branches.h"
+#include "algebra/tree.h"
 #include "member/balance.h"
 #include "member/levels.h"
 #include "member/subdomain.h"
