@@ -61,5 +61,6 @@ extern const test ITERATED_TESTS[];
 extern const test DUFFING_TESTS[];
 extern const test ITERATED_RUNS_TESTS[];
 extern const test CONTACT_TESTS[];
+extern const test SPECIMEN_TESTS[];
 
 #endif

@@ -1,0 +1,219 @@
+/* test_specimen.c - actuators and compensators before a specimen, against closed forms. */
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "check.h"
+#include "member/specimen.h"
+#include "tests.h"
+
+enum { MEMORY = 4096 };
+
+/* r = 3 x, in a call that counts */
+static int spring(double t, intptr_t n, double *u, double *v, double *r, void *user)
+{
+    (void)t, (void)v;
+    ++*(size_t *)user;
+    for (intptr_t i = 0; i < n; i++)
+        r[i] = 3.0 * u[i];
+    return 0;
+}
+
+typedef struct {
+    size_t calls;
+    double work, memory[MEMORY];
+    pma_specimen s;
+} rig;
+
+/* One dof behind `count` filters, which remember nothing yet. */
+static void set_up(rig *x, size_t count, const pma_filter *filters)
+{
+    *x = (rig){0};
+    x->s = (pma_specimen){.n = 1,
+                          .count = count,
+                          .filters = filters,
+                          .function = spring,
+                          .user = &x->calls,
+                          .work = &x->work};
+    CHECK(pma_specimen_numbers(&x->s) <= MEMORY);
+}
+
+/* The displacement measured under the command u at velocity v, of which r = 3 x. */
+static double follow(rig *x, double u, double v)
+{
+    double r = 0.0;
+    CHECK_INT(pma_specimen_evaluate(&x->s, 0.0, &u, &v, &r, x->memory), 0);
+    CHECK(r == 3.0 * u);
+    CHECK(x->memory[0] == u);
+    return u;
+}
+
+static const int64_t TWO_STEPS = 2;
+static const double ONE = 1.0, NO_SLOPE = 0.0;
+
+/* Follows two steps late, and nothing else. */
+static pma_actuator late(void)
+{
+    return (pma_actuator){.taps = 1,
+                          .length = 3,
+                          .lag = &TWO_STEPS,
+                          .weight = &ONE,
+                          .largest = INFINITY,
+                          .slope = &NO_SLOPE};
+}
+
+static double command(size_t k)
+{
+    return cos(0.3 * (double)k) + 0.1 * (double)k;
+}
+
+static void an_actuator_follows_late_and_was_at_rest_before(void)
+{
+    const pma_filter filter = {.actuator = late()};
+    rig x;
+    set_up(&x, 1, &filter);
+    for (size_t k = 0; k < 10; k++)
+        CHECK(follow(&x, command(k), 0.0) == command(k < 2 ? 0 : k - 2));
+    CHECK_INT(x.calls, 10);
+}
+
+static void a_command_is_held_within_the_saturation_and_rounded_to_the_quantum(void)
+{
+    pma_filter filter = {.actuator = late()};
+    rig x;
+    filter.actuator.largest = 0.7;
+    filter.actuator.quantum = 0.25;
+    set_up(&x, 1, &filter);
+    const double commands[5] = {0.3, -2.0, 0.6, 0.0, 0.0},
+                 expected[5] = {0.25, 0.25, 0.25, -0.75, 0.5};
+    for (size_t k = 0; k < 5; k++)
+        CHECK(follow(&x, commands[k], 0.0) == expected[k]);
+}
+
+/* x' = w (c - x) with commands that are linear in a step: on the ramp c = t from rest
+ * x = t - (1 - exp(- w t)) / w. */
+static void a_lag_of_the_first_order_is_exact_on_a_ramp(void)
+{
+    const double w = 3.0, h = 0.1, e = exp(-w * h), slope[2] = {-w, w};
+    const double after = 1.0 - (1.0 - e) / (w * h), before = 1.0 - e - after;
+    const int64_t now = 0;
+    const pma_filter filter = {.actuator = {.taps = 1,
+                                            .length = 1,
+                                            .lag = &now,
+                                            .weight = &ONE,
+                                            .largest = INFINITY,
+                                            .order = 1,
+                                            .phi = &e,
+                                            .before = &before,
+                                            .after = &after,
+                                            .slope = slope}};
+    rig x;
+    set_up(&x, 1, &filter);
+    for (size_t k = 0; k < 20; k++) {
+        const double t = h * (double)k;
+        CHECK_NEAR(follow(&x, t, 1.0), t - (1.0 - exp(-w * t)) / w, 1e-14); /* rounding */
+    }
+}
+
+/* A parabola goes through three commands, two steps apart. */
+static void the_extrapolation_of_a_parabola_is_two_steps_ahead(void)
+{
+    const int64_t lags[3] = {0, 2, 4};
+    const double weights[3] = {3.0, -3.0, 1.0};
+    const pma_filter filters[2] = {{.actuator = {.taps = 3,
+                                                 .length = 5,
+                                                 .lag = lags,
+                                                 .weight = weights,
+                                                 .largest = INFINITY,
+                                                 .slope = &NO_SLOPE}},
+                                   {.actuator = late()}};
+    rig x;
+    set_up(&x, 2, filters);
+    x.s.compensators = 1;
+    for (size_t k = 0; k < 12; k++) {
+        const double u = 2.0 - (double)k + 0.5 * (double)(k * k), reached = follow(&x, u, 0.0);
+        CHECK(k < 6 || reached == u);
+    }
+}
+
+/* Behind a delay of two steps the coefficients become those of a motion that far ahead: a sine
+ * knows (a0, a2) as a0 - w^2 a2 only, and a1. */
+static void an_adaptive_compensation_finds_the_delay(void)
+{
+    const double h = 0.01, w = 6.0, tau = 2.0 * h;
+    const double through[5] = {1.0, 0.0, 0.0, 0.0, 0.0}; /* a low-pass filter that lets all pass */
+    const pma_adaptive adaptive = {.h = h,
+                                   .start = {1.0, 0.0, 0.0},
+                                   .least = {0.5, 0.0, 0.0},
+                                   .most = {1.5, 0.1, 0.01},
+                                   .change = {1.0, 1.0, 1.0},
+                                   .threshold = 0.05,
+                                   .every = 2,
+                                   .window = 64,
+                                   .sections = 1,
+                                   .section = through};
+    const pma_filter filters[2] = {{.adaptive = &adaptive}, {.actuator = late()}};
+    rig x;
+    double error = 0.0;
+    set_up(&x, 2, filters);
+    x.s.compensators = 1;
+    for (size_t k = 0; k < 1000; k++) {
+        const double t = h * (double)k;
+        const double reached = follow(&x, sin(w * t), w * cos(w * t));
+        if (k >= 900)
+            error = fmax(error, fabs(reached - sin(w * t)));
+    }
+    const double *a = x.memory + 2; /* after the displacement and the number of evaluations */
+    /* a0 and a2 take what the backward differences are late: (w h)^2 of a1, and less */
+    CHECK_NEAR(a[1], sin(w * tau) / w, 0.0036 * tau);
+    /* without compensation w tau = 0.12; each window of 1.28 s that has passed leaves a tenth */
+    CHECK(error < 1e-3);
+}
+
+typedef struct {
+    double largest, seen;
+} gate;
+
+static bool allows(void *self, size_t i, const double *u, const double *v)
+{
+    gate *g = self;
+    (void)v;
+    CHECK_INT(i, 7);
+    g->seen = u[0];
+    return fabs(u[0]) <= g->largest;
+}
+
+static void a_command_that_is_refused_after_the_compensator_does_not_reach_the_specimen(void)
+{
+    const int64_t lags[2] = {0, 1};
+    const double weights[2] = {2.0, -1.0};
+    const pma_filter filter = {.actuator = {.taps = 2,
+                                            .length = 2,
+                                            .lag = lags,
+                                            .weight = weights,
+                                            .largest = INFINITY,
+                                            .slope = &NO_SLOPE}};
+    gate g = {.largest = 1.0};
+    pma_place place = {.allows = allows, .self = &g};
+    rig x;
+    set_up(&x, 1, &filter);
+    x.s.compensators = 1;
+    x.s.place = &place;
+    x.s.number = 7;
+    CHECK(follow(&x, 0.5, 0.0) == 0.5);
+    double u = 0.8, v = 0.0, r = 0.0;
+    CHECK(pma_specimen_evaluate(&x.s, 0.0, &u, &v, &r, x.memory) != 0);
+    CHECK(g.seen == 2.0 * 0.8 - 0.5);
+    CHECK(place.refused && x.calls == 1 && r == 0.0);
+}
+
+const test SPECIMEN_TESTS[] = {
+    TEST(an_actuator_follows_late_and_was_at_rest_before),
+    TEST(a_command_is_held_within_the_saturation_and_rounded_to_the_quantum),
+    TEST(a_lag_of_the_first_order_is_exact_on_a_ramp),
+    TEST(the_extrapolation_of_a_parabola_is_two_steps_ahead),
+    TEST(an_adaptive_compensation_finds_the_delay),
+    TEST(a_command_that_is_refused_after_the_compensator_does_not_reach_the_specimen),
+    END_OF_TESTS,
+};
