@@ -44,8 +44,7 @@ from .problem.subdomain import Subdomain
 from .problem.supports import SupportMotion
 from .problem.unilateral import Contact, contact
 from .results.history import History, SubdomainHistory
-from .run.coupler import Coupler
-from .run.uncoupled import solve
+from .run.coupler import Coupler, solve
 
 if _TYPE_CHECKING:
     __version__: str

@@ -13,8 +13,8 @@ import pmalpha as pm
 from pmalpha._core import Guard
 from pmalpha.blas import one_thread
 from pmalpha.results.clock import Clock
-from pmalpha.run.callback import CallbackLoad
-from pmalpha.run.interrupts import HeldSignals
+from pmalpha.run.motion import CallbackLoad
+from pmalpha.run.progress import HeldSignals
 
 STEPS = 100
 

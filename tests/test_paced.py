@@ -14,7 +14,7 @@ import waits
 
 import pmalpha as pm
 from pmalpha.results import history_file, recording, ring
-from pmalpha.run import paced, realtime
+from pmalpha.run import paced
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FAST = 1e12  # a period of less than a nanosecond: every fine step is late
@@ -209,7 +209,7 @@ def test_without_the_right_to_a_priority_nothing_moves(monkeypatch):
     def refuse(*args):
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr(realtime.os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(paced.os, "sched_setscheduler", refuse)
     coupler = made()
     with pytest.raises(PermissionError, match="priority=5 needs the right to SCHED_FIFO.*rtprio"):
         coupler.run_paced(0.2, rate=FAST, priority=5)

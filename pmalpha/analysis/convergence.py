@@ -10,7 +10,7 @@ import numpy as np
 
 from .._checks import positive_number, real_array, real_number, vector, whole_number
 from ..errors import ConstraintWarning
-from ..run.changes import advance_to
+from ..run.advance import advance_to
 from ..run.coupler import Coupler
 from ..run.session import begin, require_linear
 from ..setup.part import Part, core_subdomain

@@ -1,4 +1,4 @@
-"""Why the motion of a subdomain with evaluated forces grew, as far as it can be found."""
+"""Steps too long for evaluated forces: warnings, and why a motion grew as far as it is found."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from ..problem.springs import assembled
 from ..problem.subdomain import Subdomain
 from ..setup.internal_forces import springs_at
 from ..setup.part import Part
-from ..setup.stability import at_springs, largest_eigenvalue, predicted_product
+from ..setup.stability import (
+    StepRatio,
+    at_springs,
+    largest_eigenvalue,
+    predicted_product,
+    present_ratio,
+    warn_of_steps,
+)
 
 # Gain of energy that is reported: stable forces evaluated once a step reach the first one at 0.976
 # of their critical step, and smooth ones that are iterated 1.
@@ -88,3 +95,20 @@ def _frequency_of_springs(part: Part) -> float:
         K = canonical(assembled(s.springs, larger, s.n), "springs", s.n)[0]
         A, M = at_springs(s, combination([(1.0, K)]))
         return float(np.sqrt(largest_eigenvalue(A, M)[0]))
+
+
+def warn_of_present_steps(parts: Sequence[Part], t: float) -> None:
+    """StabilityWarning where an explicit step is above the critical one of the present state.
+
+    Evaluates the internal forces of each explicit subdomain once, with their tangents.
+    """
+    explicit = [p for p in parts if p.internal is not None and p.subdomain.scheme.explicit]
+    warn_of_steps((p.name, p.subdomain, p.step, _ratio(p, t)) for p in explicit)
+
+
+def _ratio(part: Part, t: float) -> StepRatio:
+    assert part.internal is not None
+    levels = part.core.levels()
+    u, v = (levels[i][part.position] for i in (0, 1))
+    remembered, q = part.core.springs(), levels[6][: part.internal.initial.size]
+    return present_ratio(part.subdomain, part.internal, part.step, t, (u, v, q, remembered))

@@ -15,29 +15,26 @@ from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
-from ..results.history import History
+from ..results.history import History, SubdomainHistory
 from ..setup.eliminated_rows import Assembled
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
+from . import advance, paced, recorded_run, session, whole_structure
 from . import cases as load_cases
-from . import changes, paced, recorded_run, saving, whole_structure
-from . import monitor as monitoring
-from . import reset as beginning
 from . import snapshot as snapshots
 from . import state as present
 from . import tolerance as tolerance_run
-from .description import html_of, text_of
 from .progress import reporting
 from .session import begin, made, require_alone, require_linear
 from .snapshot import Snapshot
-from .state import State
+from .state import State, html_of, text_of
 
 if TYPE_CHECKING:
     from ..gradients.gradient import Gradient
     from ..gradients.misfit import Misfit
     from ..gradients.parameters import Parameters
 
-__all__ = ["Coupler"]
+__all__ = ["Coupler", "solve"]
 
 
 class Coupler:
@@ -479,7 +476,7 @@ class Coupler:
         TypeError, ValueError, KeyError
             For arguments of the wrong kind.
         """
-        monitoring.monitor(self._session, path, dofs, rows)
+        paced.monitor(self._session, path, dofs, rows)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.
@@ -618,7 +615,7 @@ class Coupler:
         TypeError, ValueError, ConstraintError, InstabilityError
             As when the coupler was made. The coupler is then unchanged.
         """
-        beginning.reset(self._session, u0, v0, force)
+        session.reset(self._session, u0, v0, force)
 
     def change_steps(
         self, dt: float | None = None, substeps: Mapping[Any, int] | None = None
@@ -675,7 +672,7 @@ class Coupler:
         >>> coupler.run(1.5)["B"].t.size
         101
         """
-        changes.change_steps(self._session, dt, substeps)
+        advance.change_steps(self._session, dt, substeps)
 
     def gradient(
         self,
@@ -933,7 +930,7 @@ class Coupler:
         >>> other.step_count, bool(other.state("A").u == coupler.state("A").u)
         (8, True)
         """
-        saving.save(self._session, path)
+        snapshots.save(self._session, path)
 
     def load(self, path: str | PathLike[str]) -> None:
         """Restore the state that a coupler of the same problem saved.
@@ -958,7 +955,7 @@ class Coupler:
             For another problem, with a list of what differs, for any other file, or a damaged one.
             The coupler is then unchanged.
         """
-        saving.load(self._session, path)
+        snapshots.load(self._session, path)
 
     # ---- the whole structure --------------------------------------------------------------------
 
@@ -1123,3 +1120,40 @@ class Coupler:
         [3.605551]
         """
         return whole_structure.modes(self._session, k)
+
+
+def solve(
+    subdomain: Subdomain,
+    dt: float,
+    t_end: float | None = None,
+    *,
+    threads: int | None = None,
+    **as_run: Any,
+) -> SubdomainHistory:
+    """Solve one uncoupled subdomain, with the same schemes and the same core.
+
+    Parameters
+    ----------
+    subdomain : Subdomain
+        Its step is dt / substeps.
+    dt : float
+        As for `Coupler`.
+    t_end : float, optional
+        As for `Coupler.run`.
+    threads : int, optional
+        As for `Coupler`.
+    **as_run
+        Further arguments of `Coupler.run`.
+
+    Returns
+    -------
+    SubdomainHistory
+        With methods `plot`, `save`, `to_xarray` and `to_pandas`.
+
+    Examples
+    --------
+    >>> oscillator = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0])
+    >>> float(np.round(solve(oscillator, dt=0.001, t_end=1.0).u[-1, 0], 4))
+    -0.4161
+    """
+    return Coupler([subdomain], dt=dt, threads=threads).run(t_end, **as_run)[0]

@@ -1,29 +1,257 @@
-"""Runs whose fine steps begin at times of a clock: `Coupler.run_paced`."""
+"""Runs whose fine steps begin at times of a clock: `Coupler.run_paced`, `Coupler.monitor`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+import ctypes
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from functools import partial
+from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._checks import check_word, flag, positive_number, whole_number
+from ..files import checked_path
+from ..problem.dofs import dof_list
 from ..results.history import History
+from ..results.keys import by_index
+from ..results.monitored import MonitorFile
 from ..results.pacing import Pacing, due_times
 from ..results.recording import Recording, recording_class
 from ..results.ring import RingRecording
-from .interrupts import HeldSignals
-from .monitor import Watched
-from .progress import reporting
-from .realtime import check_priority, on_time, signals_written
+from .progress import HeldSignals, reporting
 from .recorded_run import recorded, recording_of
 from .session import Session, require_alone
 
+# of sys/mman.h and linux/prctl.h
+MCL_CURRENT, MCL_FUTURE = 1, 2
+PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 29, 30
+# Seconds between two writes.
+INTERVAL = 0.05
+# Fine steps in one write.
+MOST_ROWS = 100_000
+# Dofs of each subdomain, unless they are chosen.
+MOST = 8
 # Numbers of the largest period and the largest number of periods, in ns: below 2^63.
 LONGEST = 1e18
+
+
+@contextmanager
+def on_time(priority: int | None, lock_memory: bool) -> Iterator[None]:
+    """SCHED_FIFO and the shortest timer slack for this thread, memory of the process locked.
+
+    All is as before afterwards. Threads made meanwhile do not inherit the priority.
+
+    Raises
+    ------
+    OSError
+        Where the system does not allow it, with what it needs; nothing is changed then.
+    """
+    with _locked(lock_memory), _scheduled(priority), _without_slack():
+        yield
+
+
+def check_priority(priority: int | None) -> None:
+    """ValueError for a priority that SCHED_FIFO does not have."""
+    if priority is None or not hasattr(os, "sched_setscheduler"):
+        return
+    low, high = (f(os.SCHED_FIFO) for f in (os.sched_get_priority_min, os.sched_get_priority_max))
+    if not low <= priority <= high:
+        raise ValueError(f"priority must be in {low}..{high} or None, got {priority!r}")
+
+
+@contextmanager
+def _scheduled(priority: int | None) -> Iterator[None]:
+    if priority is None:
+        yield
+        return
+    if not hasattr(os, "sched_setscheduler"):
+        raise OSError(f"priority must be None on {sys.platform}, which has no sched_setscheduler")
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:  # 0 is this thread, not the process
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError as error:
+        raise _refused(
+            error,
+            f"priority={priority} needs the right to SCHED_FIFO, which this process has not "
+            "(root, CAP_SYS_NICE, or a limit 'rtprio' of at least that)",
+        ) from None
+    try:
+        yield
+    finally:
+        policy, parameter = before
+        with suppress(OSError):  # without the right to clear the flag the policy remains normal
+            os.sched_setscheduler(0, policy & ~os.SCHED_RESET_ON_FORK, parameter)
+
+
+@contextmanager
+def _locked(lock_memory: bool) -> Iterator[None]:
+    if not lock_memory:
+        yield
+        return
+    library = ctypes.CDLL(None, use_errno=True)
+    if not hasattr(library, "mlockall"):
+        raise OSError(f"lock_memory must be False on {sys.platform}, which has no mlockall")
+    if library.mlockall(MCL_CURRENT | MCL_FUTURE) != 0:
+        number = ctypes.get_errno()
+        library.munlockall()
+        raise _refused(
+            OSError(number, os.strerror(number)),
+            "lock_memory=True needs the right to lock all memory of this process "
+            "(root, CAP_IPC_LOCK, or a limit 'memlock' above its size)",
+        )
+    try:
+        yield
+    finally:
+        library.munlockall()
+
+
+def _refused(error: OSError, rule: str) -> OSError:
+    """The same class, as PermissionError, with what would be needed."""
+    return type(error)(error.errno, f"{rule}: {error.strerror}")
+
+
+@contextmanager
+def _without_slack() -> Iterator[None]:
+    """Linux lets a sleep end up to 50 us late to join others, unless a thread has another slack."""
+    if sys.platform != "linux":
+        yield
+        return
+    prctl = ctypes.CDLL(None).prctl
+    before = prctl(PR_GET_TIMERSLACK, 0, 0, 0, 0)
+    prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+    try:
+        yield
+    finally:
+        if before > 0:
+            prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(before), 0, 0, 0)
+
+
+@contextmanager
+def signals_written() -> Iterator[int]:
+    """A file to which signals are written, so that they are seen without the GIL.
+
+    -1 where this thread runs no handlers of signals.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield -1
+        return
+    read, write = os.pipe()
+    try:
+        os.set_blocking(read, False)
+        os.set_blocking(write, False)
+        before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+        try:
+            yield read
+        finally:
+            signal.set_wakeup_fd(before)
+    finally:
+        os.close(read)
+        os.close(write)
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """What later paced runs write: where, how many fine steps, and of which dofs.
+
+    Attributes
+    ----------
+    path : path
+    rows : int
+    dofs : dict of (dofs,) arrays by index of the subdomain
+    """
+
+    path: Any
+    rows: int
+    dofs: Mapping[int, np.ndarray]
+
+
+def monitor(
+    session: Session, path: str | PathLike[str] | None, dofs: Mapping[Any, Any] | None, rows: int
+) -> None:
+    """`Coupler.monitor`."""
+    with session.guard:
+        if path is None:
+            session.monitor = None
+            return
+        with_functions = {i: s for i, (_, s) in enumerate(session.keys) if s.has_functions}
+        if dofs is None:
+            chosen = {i: np.arange(min(s.n, MOST)) for i, s in with_functions.items()}
+        else:
+            chosen = {}
+            for i, own in by_index(dofs, session.keys, "dofs").items():
+                name, s = session.keys[i]
+                if i not in with_functions:
+                    raise ValueError(f"dofs[{name!r}] must be of a specimen, a restoring function")
+                every = np.arange(s.n)
+                chosen[i] = every if own is None else dof_list(own, s.n, f"dofs[{name!r}]")
+        rows = whole_number(rows, "rows", low=1)
+        session.monitor = Monitor(checked_path(path, "path"), rows, chosen)
+
+
+class Watched:
+    """The commands and forces of a paced run, and the thread that writes them."""
+
+    def __init__(self, session: Session, period: float, times: np.ndarray):
+        chosen: Monitor | None = session.monitor
+        dofs = {} if chosen is None else chosen.dofs
+        self.monitored = tuple(
+            (part.position[dofs[i]].astype(np.int64), np.zeros((2, len(dofs[i]))))
+            if i in dofs
+            else None
+            for i, part in enumerate(session.parts)
+        )
+        columns = sum(last.size for _, last in filter(None, self.monitored))
+        self.values = np.full((times.shape[1], columns), np.nan)
+        self.times, self.period, self.done = times, period, 0
+        self.session, self.chosen = session, chosen
+
+    @contextmanager
+    def written(self) -> Iterator[None]:
+        """A context in which the thread writes what the core has done."""
+        if self.chosen is None:
+            yield
+            return
+        clock, names = self.session.clock, [part.name for part in self.session.parts]
+        about = {
+            "period": 1e-9 * self.period,
+            "t0": clock.time(self.session.core.step_count),
+            "h": clock.dt / self.session.fine,
+            "dofs": {names[i]: own.tolist() for i, own in sorted(self.chosen.dofs.items())},
+        }
+        file, over = MonitorFile(self.chosen.path, self.chosen.rows, about), threading.Event()
+        due = due_times(self.period, self.times.shape[1])
+
+        def write() -> None:
+            while not over.wait(INTERVAL):
+                self._write(file, due)
+
+        writer = threading.Thread(target=write, name="pmalpha monitor")
+        writer.start()
+        try:
+            yield
+        finally:
+            over.set()
+            writer.join()
+            self._write(file, due)
+            file.close()
+
+    def _write(self, file: MonitorFile, due: np.ndarray) -> None:
+        # when they ended is written last
+        left = np.isnan(self.times[3, self.done : self.done + MOST_ROWS])
+        end = self.done + (int(np.argmax(left)) if left.any() else left.size)
+        new = slice(self.done, end)
+        if end > self.done:
+            file.write(
+                self.done, np.column_stack([due[new], *self.times[:, new], self.values[new]])
+            )
+            self.done = end
 
 
 class Pace(NamedTuple):

@@ -21,13 +21,11 @@ from ..results.history_file import write_master
 from ..results.recording import FiledRecording, Recording, recording_class
 from ..setup.ranks import Elsewhere, file_of
 from .accuracy import estimated_error, warn_if_coarse
-from .cause import warn_of_gains
-from .changes import advance_to
+from .advance import advance_to
+from .cause import warn_of_gains, warn_of_present_steps
 from .drift import warn_if_drifting
-from .interrupts import HeldSignals
-from .progress import Report, reporting
+from .progress import HeldSignals, Report, reporting
 from .session import Session, begin, check_call, together
-from .stiffening import warn_of_present_steps
 
 
 def run(

@@ -1,26 +1,28 @@
-"""The state of a coupler, and what all of its calls begin with.
+"""The state of a coupler, what all of its calls begin with, and the way back to t = 0.
 
 `Coupler` has one `Session`; the functions of this folder take it as their first argument.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import ref
 
 import numpy as np
 
 from .._core import Guard
+from ..errors import warn
 from ..problem.argument_types import Coupling
-from ..problem.forces import Force
+from ..problem.forces import Force, checked_force, depends_on_motion
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from ..results.clock import Clock
 from ..results.history import History
+from ..results.keys import by_index
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.contact_rows import Contacts
@@ -41,10 +43,8 @@ from ..setup.schedule import (
 )
 from ..setup.start import InitialAccelerations
 from .initial import InitialValues
-from .loads import Loads
-from .motion import Motion, motions_of
-from .obstacles import Obstacles
-from .sampled import warn_of_skipped
+from .loads import Loads, warn_of_skipped
+from .motion import Motion, Obstacles, motions_of
 from .transfer import Steps
 
 
@@ -334,3 +334,91 @@ def begin(session: Session) -> None:
     session.started = True
     # only a reset needs the factor of M again: kept from the first reset on
     session.accelerations = solver if session.was_reset else None
+
+
+class Case(NamedTuple):
+    """Initial values and the force on each subdomain."""
+
+    initial: InitialValues
+    forces: list[Force]
+
+
+def checked_case(
+    keys: Sequence[tuple[str, Subdomain]],
+    rows: ConstraintRows,
+    u0: Any = None,
+    v0: Any = None,
+    force: Any = None,
+) -> Case:
+    """The arguments of `Coupler.reset`, with those of the `Subdomain` where none is given."""
+    return Case(InitialValues(keys, rows, u0, v0), checked_forces(keys, force))
+
+
+def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Force]:
+    """The force on each subdomain, that of the `Subdomain` where none is given."""
+    given = by_index(force, keys, "force")
+    return [
+        _checked_force(given[i], s, name) if i in given else s.force
+        for i, (name, s) in enumerate(keys)
+    ]
+
+
+def _checked_force(force: Any, s: Subdomain, name: str) -> Force:
+    checked = checked_force(force, s.n)
+    if depends_on_motion(checked) and not s.has_feedback:
+        raise ValueError(
+            f"force of {name!r} can only be a function of t, u and v where that of the Subdomain "
+            "is one"
+        )
+    return checked
+
+
+def reset(
+    session: Session,
+    u0: Mapping[Any, Any] | None,
+    v0: Mapping[Any, Any] | None,
+    force: Mapping[Any, Any] | None,
+) -> None:
+    """`Coupler.reset`."""
+    with together(session):
+        check_call(session, "reset")
+        case = checked_case(session.keys, session.rows, u0, v0, force)
+        case.initial.check(session.loads.motions, tied=session.coupling == "mean")
+        warn_of_records(session, [case])
+        kept = session.initial, session.loads, session.started, session.steps, session.assembly
+        session.was_reset = True
+        try:
+            return_to_start(session, case)
+        except BaseException:
+            session.initial, session.loads, session.started, steps, assembly = kept
+            take(session, steps, assembly)
+            session.core.set_origin(steps.clock.origin, steps.clock.t0)
+            session.loads.to_core()
+            raise
+        session.last_history = None
+        if session.changed:
+            session.changed = False
+            warn(
+                "reset() returns to the steps with which the coupler was made: those of "
+                "change_steps are undone; call it again for them",
+                UserWarning,
+            )
+
+
+def warn_of_records(session: Session, cases: Sequence[Case]) -> None:
+    """Warn of loads of which steps skip samples, but for those of the `Subdomain`, of which
+    the set-up has warned."""
+    parts = session.assemblies.first.parts
+    for case in cases:
+        forces = [
+            None if force is part.subdomain.force else force
+            for part, force in zip(parts, case.forces)
+        ]
+        warn_of_skipped(parts, forces)
+
+
+def return_to_start(session: Session, case: Case) -> None:
+    take_first_steps(session)
+    session.initial, session.started = case.initial, False
+    session.loads = session.loads.renewed(case.forces)
+    take_loads(session)  # changes the core in its last lines only

@@ -1,14 +1,39 @@
-"""The present motion of a subdomain: `Coupler.state` and `Coupler.springs`."""
+"""What a coupler shows: the motion of a subdomain, its springs, and a table of all subdomains."""
 
 from __future__ import annotations
 
+from html import escape
+
+import numpy as np
+
+from .._checks import counted
+from .._tables import html_table, text_table
+from ..problem.matrices import combination
+from ..problem.schemes import CentralDifference, Scheme
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..results.dof_motion import State
 from ..results.keys import position
+from ..setup.factors import Factor
+from ..setup.internal_forces import closing_tangent
+from ..setup.part import Part
+from ..setup.stability import SMALL, limit_of
 from .session import Session, begin
 
 __all__ = ["State"]
+HEADINGS = (
+    "subdomain",
+    "dofs",
+    "scheme",
+    "rho",
+    "step",
+    "double",
+    "substeps",
+    "step / critical",
+    "factor",
+    "thread",
+)
+LEFT = ("subdomain", "scheme", "factor")  # columns of words
 
 
 def state(session: Session, key: str | int | Subdomain) -> State:
@@ -32,3 +57,103 @@ def springs(session: Session, key: str | int | Subdomain) -> SpringState:
         begin(session)
         deformation, force = session.parts[i].core.springs()[:2]
     return SpringState(deformation, force)
+
+
+def title(session: Session) -> str:
+    """What a coupler is, in a line."""
+    options, threads = session.options, counted(session.core.threads, "thread")
+    drift = "" if options.drift == "kept" else ", drift removed"
+    start = f"Coupler: coupling = {session.coupling!r}{drift}, dt = {session.steps.layout.dt:g}"
+    return f"{start}, {counted(session.rows.p, 'constraint')}, {threads}"
+
+
+def table(session: Session) -> list[tuple[str, ...]]:
+    """The rows below `HEADINGS`, made once for the present steps."""
+    if session.table is None:
+        session.table = [row_of(*x) for x in zip(session.parts, session.core.workers)]
+    return session.table
+
+
+def text_of(session: Session) -> str:
+    """The repr of a coupler."""
+    return f"<{title(session)}>\n{text_table(HEADINGS, table(session), LEFT)}"
+
+
+def html_of(session: Session) -> str:
+    """The same for notebooks."""
+    return f"<p>{escape(title(session))}</p>{html_table(HEADINGS, table(session), LEFT)}"
+
+
+def row_of(part: Part, thread: int | None) -> tuple[str, ...]:
+    """The entries of a subdomain in the order of `HEADINGS`."""
+    s = part.subdomain
+    return (
+        part.name,
+        str(part.n),
+        word_of(s.scheme),
+        radius_of(s.scheme),
+        f"{part.step:g}",
+        "yes" if part.double else "no",
+        str(part.substeps),
+        step_ratio(part),
+        factor_of(part),
+        "all" if thread is None else str(thread),
+    )
+
+
+def word_of(scheme: Scheme) -> str:
+    """The family of a scheme and its kind; a CentralDifference is explicit by its name."""
+    name = type(scheme).__name__
+    return name if name == "CentralDifference" else f"{name}, {kind_of(scheme)}"
+
+
+def kind_of(scheme: Scheme) -> str:
+    return "explicit" if scheme.explicit else "implicit"
+
+
+def radius_of(scheme: Scheme) -> str:
+    """rho as given, or the spectral radius at infinite frequency; "-" for other explicit ones."""
+    rho = 1.0 if type(scheme) is CentralDifference else getattr(scheme, "rho", None)
+    if rho is None and not scheme.explicit:
+        rho = scheme.radius_at_infinity()
+    return "-" if rho is None else f"{rho:.3g}"
+
+
+def step_ratio(part: Part) -> str:
+    """Step divided by critical step; "-" for a restoring function without estimated stiffness.
+
+    Above `SMALL` dofs it is an upper bound, "<= 0.7", unless set-up needed the exact one.
+    """
+    s = part.subdomain
+    if part.step_ratio is None or s.has_unknown_stiffness:
+        return "-"
+    ratio, is_bound = part.step_ratio.value, part.step_ratio.is_bound
+    if ratio == 0.0:
+        return "no limit"
+    if is_bound and part.n <= SMALL:
+        internal = None if part.internal is None else part.internal.K
+        K = combination([(1.0, internal), (1.0, closing_tangent(s))])
+        ratio, is_bound = part.step / limit_of(s, K), False
+    return f"<= {ratio:.3g}" if is_bound else f"{ratio:.3g}"
+
+
+def factor_of(part: Part) -> str:
+    """The form of the factor of a substep; of one that is iterated, that of its tangents."""
+    if part.tangent is not None:
+        return f"of each tangent, {part.tangent.entries}"
+    return factor_form(part.factors[-1])
+
+
+def factor_form(factor: Factor) -> str:
+    """The form of a factor and the number of its entries, the diagonal included."""
+    inverse, R = factor
+    n = inverse.size
+    if R is None:
+        return f"diagonal, {n}"
+    if isinstance(R, np.ndarray):
+        return f"dense, {n * (n + 1) // 2}"
+    if len(R) == 1:
+        return f"band, {n + R[0].size}"
+    if len(R) == 3:
+        return f"columns, {n + R[2].size}"
+    return f"panels, {R[4].size}"

@@ -27,9 +27,8 @@ from ..results.quantities import OF_SUBDOMAIN, of_columns, with_rows
 from ..results.recording import Recording, chosen_dofs
 from ..results.stored import contents_of
 from ..setup.part import Part
-from .changes import advance_to, choose
-from .interrupts import HeldSignals
-from .progress import Report, reporting
+from .advance import advance_to, choose
+from .progress import HeldSignals, Report, reporting
 from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
 from .session import Session, begin, check_call, in_any, require_no_contacts, together
 from .snapshot import restore_snapshot, snapshot_of
