@@ -1,14 +1,15 @@
 """How late the steps of paced runs are, and the largest frame beside a specimen that keeps 1 kHz.
 
 Four dofs and a compiled specimen at 1 and 10 kHz, with and without SCHED_FIFO (where it is allowed)
-and a busy neighbour on each processor; times are of the clock, so the load of the machine is in
-them. For frames the median over the macro steps of the slowest of their ten fine steps counts,
-which a busy machine changes less.
+and a busy neighbour on each processor, the four at the same time, ten minutes; times are of the
+clock, so the load of the machine is in them. For frames the median over the macro steps of the
+slowest of their ten fine steps counts, which a busy machine changes less.
 """
 
 import multiprocessing
 import os
 import warnings
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,7 +17,7 @@ from timing import run
 
 import pmalpha as pm
 
-SECONDS = 10.0
+SECONDS, FRAME_SECONDS = 600.0, 3.0
 PRIORITY = 80
 RATIO = 10  # fine steps in a macro step of the frame
 PERIOD = 1e-3
@@ -140,18 +141,22 @@ def row(what, coupling, frequency, neighbours, priority, pacing, slowest):
     }
 
 
+def lateness_row(seconds, frequency, neighbours, priority):
+    period = 1e-3 / frequency
+    macro = round(seconds / (RATIO * period))
+    pacing = paced(four_dofs(period), macro * RATIO * period, priority)
+    if pacing is None:
+        return None
+    slowest = float(np.median(pacing.duration))
+    return row("4 dofs", "pm", frequency, neighbours, priority, pacing, slowest)
+
+
 def lateness_rows(seconds):
-    for frequency in (1, 10):
-        for neighbours in (0, os.cpu_count()):
-            for priority in (None, PRIORITY):
-                period = 1e-3 / frequency
-                coupler = four_dofs(period)
-                macro = round(seconds / (RATIO * period))
-                with Neighbours(neighbours):
-                    pacing = paced(coupler, macro * RATIO * period, priority)
-                if pacing is not None:
-                    slowest = float(np.median(pacing.duration))
-                    yield row("4 dofs", "pm", frequency, neighbours, priority, pacing, slowest)
+    cases = [(frequency, priority) for frequency in (1, 10) for priority in (None, PRIORITY)]
+    for neighbours in (0, os.cpu_count()):
+        with Neighbours(neighbours), ProcessPoolExecutor(len(cases)) as pool:
+            running = [pool.submit(lateness_row, seconds, f, neighbours, p) for f, p in cases]
+            yield from filter(None, [each.result() for each in running])
 
 
 def frame_rows(seconds, sizes):
@@ -173,7 +178,7 @@ def frame_rows(seconds, sizes):
 
 def measure(quick):
     seconds, sizes = (0.05, SIZES[:1]) if quick else (SECONDS, SIZES)
-    return [*lateness_rows(seconds), *frame_rows(min(seconds, 3.0), sizes)]
+    return [*lateness_rows(seconds), *frame_rows(min(seconds, FRAME_SECONDS), sizes)]
 
 
 if __name__ == "__main__":
