@@ -1,20 +1,19 @@
-"""Random coupled problems of all kinds, and relations between runs that hold whatever the numbers.
+"""Relations between runs of random problems (wholes.py) that hold whatever the numbers.
 
-A problem is plain data (`Whole`), so that it can be given in another order, in other units or in
-another form. Runs that make the same operations are bitwise identical. Others agree to rounding:
-every problem is also run with its numbers changed by parts of `SHIFT`, and what that changes, per
-part, is what rounding may change (`Spread`). test_relations.py tries a few problems,
-campaign_relations.py any number.
+A problem is given in another order, in other units, in another form. Runs that make the same
+operations are bitwise identical. Others agree to rounding: every problem is also run with its
+numbers changed by parts of `SHIFT`, and what that changes, per part, is what rounding may change
+(`Spread`). test_relations.py tries a few problems, campaign_relations.py any number.
 """
 
 import tempfile
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from problems import EXPLICIT, FORMATS, IMPLICIT, _random_constraints, _semidefinite
+from wholes import TOL, Linear, Springs, _at_start, _forms, _pairs, _with_step, drawn, spring_matrix
 
 import pmalpha as pm
 
@@ -24,344 +23,10 @@ SHIFT = 2.0**-36
 # Relative errors of the operations of a run that are magnified like changes of its numbers: sums of
 # some tens of terms. Iterated forces are converged to the tolerance `TOL` of an energy, the passes
 # of macro and mean coupling to ten times that in each macro step.
-ROUNDING, TOL = 200.0 * np.finfo(float).eps, 1e-12
+ROUNDING = 200.0 * np.finfo(float).eps
 ITERATED = 100.0 * TOL
 # A spread beyond this is an unstable problem, or one near a stop of a spring: it shows nothing.
 WILD = 1e6
-COUPLINGS = ["pm", "gc", "removed", "macro", "mean"]
-
-
-# ---- a problem ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Load:
-    """direction times a function of time: 1, cos(omega t), or samples; or a base acceleration."""
-
-    kind: str
-    direction: np.ndarray
-    omega: float
-    samples: np.ndarray
-    step: float
-
-    def given(self, M):
-        if self.kind == "none":
-            return None
-        if self.kind == "constant":
-            return self.direction
-        if self.kind == "called":
-            return lambda t: self.direction * np.cos(self.omega * t)
-        if self.kind == "base":
-            return pm.BaseAcceleration(self.samples, self.step, self.direction, M)
-        return pm.SampledForce(self.samples, self.step, shape=self.direction)
-
-
-@dataclass(frozen=True)
-class Springs:
-    """Springs of one law, by pairs of dofs, -1 for the ground: stiffness, force and length."""
-
-    law: str
-    pairs: np.ndarray
-    k: float
-    fy: float
-    gap: float
-    k3: float
-
-    def given(self):
-        return {
-            "cubic": lambda: pm.CubicSpring(self.pairs, self.k, self.k3),
-            "gap": lambda: pm.Gap(self.pairs, self.k, self.gap),
-            "bilinear": lambda: pm.Bilinear(self.pairs, self.k, self.fy, 0.1),
-            "boucwen": lambda: pm.BoucWen(self.pairs, self.k, self.fy, 0.05, n=1.5),
-        }[self.law]()
-
-
-@dataclass(frozen=True)
-class Function:
-    """G (force tanh(G^T u / length) + c G^T v + pulse sin(omega t)), as a function."""
-
-    G: np.ndarray
-    force: float
-    length: float
-    c: float
-    pulse: float
-    omega: float
-
-    def value(self, u, v, t):
-        x = self.G.T @ u / self.length
-        along = self.force * np.tanh(x) + self.c * (self.G.T @ v)
-        return self.G @ (along + self.pulse * np.sin(self.omega * t))
-
-    def iterated(self, u, v, t, q):
-        slope = self.force / self.length / np.cosh(self.G.T @ u / self.length) ** 2
-        return self.value(u, v, t), (self.G * slope) @ self.G.T, self.c * self.G @ self.G.T
-
-    @property
-    def stiffness(self):
-        return self.force / self.length * self.G @ self.G.T
-
-    @property
-    def damping(self):
-        return self.c * self.G @ self.G.T
-
-
-@dataclass(frozen=True)
-class Linear:
-    """A u, as a function."""
-
-    A: np.ndarray
-    damping = None
-
-    def value(self, u, v, t):
-        return self.A @ u
-
-    def iterated(self, u, v, t, q):
-        return self.A @ u, self.A
-
-    @property
-    def stiffness(self):
-        return self.A
-
-
-@dataclass(frozen=True)
-class Part:
-    """A subdomain. `role`: what springs and function are, "restoring" or "internal"."""
-
-    name: str
-    M: np.ndarray
-    K: np.ndarray
-    C: np.ndarray | None
-    scheme: pm.Scheme
-    substeps: int
-    double: bool
-    forms: tuple
-    load: Load
-    u0: np.ndarray
-    v0: np.ndarray
-    lagged: bool = False
-    role: str = "restoring"
-    springs: tuple = ()
-    function: Function | Linear | None = None
-    estimated: bool = False
-
-    @property
-    def n(self):
-        return len(self.M)
-
-    def given(self):
-        M, C, K = (
-            None if A is None else f(A) for A, f in zip((self.M, self.C, self.K), self.forms)
-        )
-        options = dict(scheme=self.scheme, substeps=self.substeps, double_step=self.double)
-        options |= dict(u0=self.u0, v0=self.v0, name=self.name, force=self.load.given(self.M))
-        options["damping"] = "lagged" if self.lagged else "implicit"
-        forces = [springs.given() for springs in self.springs]
-        if self.function is not None:
-            function = self.function
-            forces = [function.value if self.role == "restoring" else function.iterated]
-            if self.role == "restoring" and self.estimated:
-                options["restoring_stiffness"] = function.stiffness
-                options["restoring_damping"] = function.damping
-        if forces:
-            options[self.role] = forces if self.springs else forces[0]
-        return pm.Subdomain(M, K, C, **options)
-
-    @property
-    def stiffness(self):
-        """K with the largest tangents of everything else."""
-        K = self.K if self.function is None else self.K + self.function.stiffness
-        return K + sum((spring_matrix(s.pairs, s.k, self.n) for s in self.springs), 0.0 * self.K)
-
-
-def spring_matrix(pairs, k, n):
-    B = np.zeros((len(pairs), n + 1))
-    B[np.arange(len(pairs)), pairs[:, 0]] = 1.0
-    B[np.arange(len(pairs)), pairs[:, 1]] -= 1.0  # the last column is the ground
-    return k * B[:, :n].T @ B[:, :n]
-
-
-@dataclass(frozen=True)
-class Whole:
-    """Subdomains, rows L (p, all dofs), and velocities g sin(omega t) of the rows."""
-
-    parts: tuple
-    L: np.ndarray
-    dt: float
-    coupling: str
-    start: str
-    g: np.ndarray | None = None
-    omega: float = 1.0
-
-    @property
-    def columns(self):
-        """L of each subdomain."""
-        return np.split(self.L, np.cumsum([p.n for p in self.parts])[:-1], axis=1)
-
-    @property
-    def is_iterated(self):
-        return any(p.role == "internal" and (p.springs or p.function) for p in self.parts)
-
-    def coupler(self, threads=1):
-        made = [p.given() for p in self.parts]
-        rows = {s: L for s, L in zip(made, self.columns) if L.any()}
-        velocity = None
-        if self.g is not None:
-            velocity = lambda t: self.g * np.sin(self.omega * t)  # noqa: E731
-        removed = self.coupling == "removed"
-        return pm.Coupler(
-            made,
-            pm.Constraint(rows, velocity=velocity),
-            dt=self.dt,
-            coupling="gc" if removed else self.coupling,
-            drift="removed" if removed else "kept",
-            start=self.start,
-            newton=pm.Newton(tol=TOL),
-            threads=threads,
-        )
-
-    def results(self):
-        return results_of(self.coupler().run(steps=STEPS))
-
-    def each(self, change):
-        """The same with each subdomain changed."""
-        return replace(self, parts=tuple(change(p) for p in self.parts))
-
-
-# ---- random problems ----------------------------------------------------------------------------
-
-
-def drawn(seed):
-    """2 to 4 subdomains of 1 to 7 dofs, of all kinds that the coupling takes."""
-    rng = np.random.default_rng([seed, 11])
-    coupling = COUPLINGS[seed % len(COUPLINGS)]
-    count = int(rng.integers(2, 5))
-    sizes = [int(rng.integers(1, 8)) for _ in range(count)]
-    L = np.hstack(_random_constraints(rng, sizes))
-    steps = _substeps(rng, count, coupling)
-    parts = []
-    for i, (n, (substeps, double)) in enumerate(zip(sizes, steps)):
-        tied = np.split(L, np.cumsum(sizes)[:-1], axis=1)[i].any(axis=0)
-        parts.append(_part(rng, f"s{i}", n, substeps, double, tied, coupling))
-    g = rng.normal(size=len(L)) if rng.random() < 0.3 else None
-    start = "plain" if rng.random() < 0.2 else "rebased"
-    whole = Whole(tuple(parts), L, 1.0, coupling, start, g)
-    if whole.is_iterated:
-        whole = replace(whole, start="rebased")
-    return _at_start(rng, _with_step(rng, whole))
-
-
-def _substeps(rng, count, coupling):
-    """(substeps, double step) of each subdomain."""
-    fine = int(rng.choice([1, 2, 3, 4, 6]))
-    free = [1, 2, 3, 5] if coupling in ("macro", "mean") else []
-    choices = free or [d for d in range(1, fine + 1) if fine % d == 0]
-    steps = [int(rng.choice(choices)) for _ in range(count)]
-    steps[0] = fine
-    doubles = [bool(rng.random() < 0.4) for _ in range(count)]
-    if coupling in ("gc", "removed"):
-        doubles = [False] * count
-    if free:
-        doubles = [double and s == 1 for double, s in zip(doubles, steps)]
-    doubles[0] = False
-    return list(zip(steps, doubles))
-
-
-def _part(rng, name, n, substeps, double, tied, coupling):
-    explicit = rng.random() < 0.4
-    schemes = EXPLICIT if explicit else IMPLICIT
-    if coupling == "mean":
-        schemes = [s for s in schemes if not explicit or getattr(s, "rho", 1.0) >= 0.5]
-    scheme = schemes[int(rng.integers(len(schemes)))]
-    M = np.diag(rng.uniform(1.0, 3.0, n))
-    if rng.random() < 0.5:
-        M += 0.3 * _semidefinite(rng, n)
-    K = 20.0 * _semidefinite(rng, n) + np.eye(n)
-    C = 0.2 * M + 0.003 * K if rng.random() < 0.5 else None
-    if coupling == "mean" and 2.0 * scheme.beta > (1.0 + 1e-9) * scheme.gamma:
-        C = None  # it grows
-    light = _massless(rng, scheme, tied if coupling == "mean" else np.zeros(n, bool))
-    M[light, :] = M[:, light] = 0.0
-    if C is not None and light.any():
-        C = 0.2 * M
-    lagged = bool(C is not None and not light.any() and rng.random() < 0.2)
-    part = Part(
-        name, M, K, C, scheme, substeps, double, _forms(rng, M), _load(rng, light),
-        np.zeros(n), np.zeros(n), lagged,
-    )  # fmt: skip
-    return _with_forces(rng, part, ~light, coupling)
-
-
-def _massless(rng, scheme, kept):
-    light = np.zeros(kept.size, bool)
-    if not scheme.explicit and scheme.radius_at_infinity() < 0.9 and rng.random() < 0.2:
-        light[int(rng.integers(kept.size))] = True
-    return light & ~kept
-
-
-def _forms(rng, M):
-    forms = [FORMATS[int(rng.integers(len(FORMATS)))] for _ in range(3)]
-    if np.count_nonzero(M - np.diag(np.diag(M))) == 0 and rng.random() < 0.5:
-        forms[0] = np.diag
-    return tuple(forms)
-
-
-def _load(rng, light):
-    kinds = ["none", "constant", "called", "sampled", "base"]
-    direction = np.where(light, 0.0, rng.normal(size=light.size))
-    samples = rng.normal(size=9)
-    return Load(kinds[int(rng.integers(5))], direction, 3.0, samples, rng.uniform(0.05, 0.2))
-
-
-def _with_forces(rng, part, moving, coupling):
-    """With springs or a function in some of the subdomains."""
-    if rng.random() < 0.5 or not moving.any():
-        return part
-    roles = {"mean": ["internal"], "removed": ["restoring"]}.get(
-        coupling, ["restoring", "internal"]
-    )
-    role = roles[int(rng.integers(len(roles)))]
-    if rng.random() < 0.4:
-        G = np.where(moving[:, None], rng.normal(size=(part.n, 2)), 0.0)
-        function = Function(G, 2.0, 0.5, 0.1 * rng.random(), 0.5, 2.0)
-        return replace(part, role=role, function=function, estimated=bool(rng.random() < 0.7))
-    laws = ["cubic"] if role == "internal" else ["cubic", "gap", "bilinear", "boucwen"]
-    chosen = rng.permutation(laws)[: int(rng.integers(1, 3))]
-    springs = [
-        Springs(law, _pairs(rng, np.flatnonzero(moving)), 3.0, 0.6, 0.05, 5.0) for law in chosen
-    ]
-    return replace(part, role=role, springs=tuple(springs))
-
-
-def _pairs(rng, dofs):
-    first = rng.choice(dofs, int(rng.integers(1, 4)))
-    second = rng.choice(np.append(dofs, -1), first.size)
-    return np.column_stack([first, np.where(second == first, -1, second)])
-
-
-def _with_step(rng, whole):
-    """A macro step that resolves explicit subdomains and what is not known as K."""
-    most = 0.1 * max(p.substeps for p in whole.parts)
-    for p in whole.parts:
-        if not p.scheme.explicit and not (p.springs or p.function):
-            continue
-        inverse = np.diag(1.0 / np.where(np.diag(p.M) > 0.0, np.diag(p.M), np.inf))
-        omega = np.sqrt(np.max(np.abs(np.linalg.eigvals(inverse @ p.stiffness))))
-        length = 1.0 / (omega * (1.0 + p.double))  # half the limit of most schemes
-        most = min(most, p.substeps * length)
-    return replace(whole, dt=float(most * rng.uniform(0.3, 1.0)))
-
-
-def _at_start(rng, whole):
-    """Random motions that satisfy the constraints, unless dofs have no mass."""
-    if any(np.any(np.diag(p.M) == 0.0) for p in whole.parts):
-        return replace(whole, g=None)
-    ends = np.cumsum([p.n for p in whole.parts])[:-1]
-    states = []
-    for size in (0.3, 1.0):
-        x = size * rng.normal(size=whole.L.shape[1])
-        states.append(np.split(x - np.linalg.pinv(whole.L) @ (whole.L @ x), ends))
-    parts = [replace(p, u0=u, v0=v) for p, u, v in zip(whole.parts, *states)]
-    return replace(whole, parts=tuple(parts))
 
 
 # ---- results and their comparison ---------------------------------------------------------------
@@ -373,6 +38,10 @@ def results_of(history):
     for name in ("multipliers", "velocity_jump", "displacement_jump"):
         found[name, "interface"] = getattr(history, name)
     return found
+
+
+def computed(whole):
+    return results_of(whole.coupler().run(steps=STEPS))
 
 
 LIKE = {"velocity_jump": "v", "displacement_jump": "u"}
@@ -405,7 +74,7 @@ class Spread:
         self.unit = ROUNDING + ITERATED * whole.is_iterated
         self.factors = {quantity: 10.0 for quantity in self.sizes}
         for _ in range(2):
-            other = shifted(whole, rng).results()
+            other = computed(shifted(whole, rng))
             for (quantity, name), x in results.items():
                 size = SHIFT * max(self.sizes[quantity], 1e-300)
                 off = float(np.max(np.abs(other[quantity, name] - x), initial=0.0)) / size
@@ -483,7 +152,7 @@ class Run:
         self.seed = seed
         self.begin("spread")
         self.whole = drawn(seed)
-        self.results = self.whole.results()
+        self.results = computed(self.whole)
         self.spread = Spread(self.whole, self.results, self.rng)
 
     def begin(self, name):
@@ -513,7 +182,7 @@ def order(run):
         L=mix @ np.hstack([columns[i] for i in chosen]),
         g=g,
     )
-    found = other.results()
+    found = computed(other)
     for part, own in zip(whole.parts, dofs):
         for q in "uva":
             back = np.empty_like(found[q, part.name])
@@ -570,14 +239,14 @@ def units(run):
     speed = length / time
     factors = {"t": time, "u": length, "v": speed, "a": speed / time, "multipliers": force}
     factors |= {"velocity_jump": speed, "displacement_jump": length}
-    found = {key: x / factors[key[0]] for key, x in other.results().items()}
+    found = {key: x / factors[key[0]] for key, x in computed(other).items()}
     require_equal("units", run.results, found, run.spread)
 
 
 def forms(run):
     """Matrices in another format."""
     other = run.whole.each(lambda p: replace(p, forms=_forms(run.rng, p.M)))
-    require_equal("forms", run.results, other.results(), run.spread)
+    require_equal("forms", run.results, computed(other), run.spread)
 
 
 def linear_force(run):
@@ -598,7 +267,7 @@ def linear_force(run):
         return replace(whole, parts=tuple(parts), start="rebased")
 
     one = with_part(inside)
-    first = one.results()
+    first = computed(one)
     spread = Spread(one, first, rng)
     if spread.is_wild:
         return
@@ -611,7 +280,7 @@ def linear_force(run):
             if as_function:
                 given = replace(part, role=role, function=Linear(A), estimated=True)
             kind = f"a linear force as {role} {'function' if as_function else 'springs'}"
-            require_equal(f"{kind} of {part.name}", first, with_part(given).results(), spread)
+            require_equal(f"{kind} of {part.name}", first, computed(with_part(given)), spread)
 
 
 def pieces(run):
@@ -739,7 +408,7 @@ def rest(run):
     whole = _with_step(rng, whole.each(change))
     u = whole.coupler().static()
     whole = whole.each(lambda p: replace(p, u0=u[p.name]))
-    first = whole.results()
+    first = computed(whole)
     spread = Spread(whole, first, rng, still=True)
     if spread.is_wild:
         return

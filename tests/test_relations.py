@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import relations
+import wholes
 
 # Five couplings in turn, and forces of all kinds.
 SEEDS = range(5, 15)
@@ -27,15 +28,15 @@ def test_it_holds_for_random_problems(name):
 
 
 def test_the_problems_are_of_all_kinds():
-    wholes = [relations.drawn(seed) for seed in SEEDS]
-    parts = [p for whole in wholes for p in whole.parts]
-    assert {whole.coupling for whole in wholes} == set(relations.COUPLINGS)
+    drawn = [wholes.drawn(seed) for seed in SEEDS]
+    parts = [p for whole in drawn for p in whole.parts]
+    assert {whole.coupling for whole in drawn} == set(wholes.COUPLINGS)
     assert {p.load.kind for p in parts} == {"none", "constant", "called", "sampled", "base"}
     assert {p.role for p in parts if p.springs or p.function} == {"restoring", "internal"}
     assert any(p.function for p in parts) and any(p.springs for p in parts)
     assert any(p.double for p in parts) and any(p.substeps > 1 for p in parts)
     assert any(p.scheme.explicit for p in parts) and any(p.lagged for p in parts)
-    assert any(whole.g is not None for whole in wholes)
+    assert any(whole.g is not None for whole in drawn)
     assert any(np.any(np.diag(p.M) == 0.0) for p in parts)
 
 
@@ -57,6 +58,6 @@ def test_a_problem_that_differs_by_a_millionth_of_one_number_is_another():
     run = relations.run_of(1)
     first, *others = run.whole.parts
     heavier = replace(first, M=first.M * (1.0 + 1e-6))
-    other = replace(run.whole, parts=(heavier, *others)).results()
+    other = relations.computed(replace(run.whole, parts=(heavier, *others)))
     with pytest.raises(AssertionError, match="heavier"):
         relations.require_equal("heavier", run.results, other, run.spread)
