@@ -1056,3 +1056,15 @@ def test_named_groups_of_a_mesh_with_beams_are_cut_at_any_mass():
             warnings.simplefilter("ignore", pm.ConstraintWarning)
             compare(parts, one, expand, 0.05, 40)
         assert len(pm.cut(whole, "steps", dt=0.1, fixed=fixed).subdomains) >= 1
+
+
+def test_fixed_dofs_have_the_names_of_the_structure():
+    bar = structures.rod(6, 3.0, EA=2.0, rhoA=1.0)
+    by_number, by_name = (
+        pm.cut(bar, [0, 0, 0, 1, 1, 1], scheme=pm.Newmark(), fixed=fixed)
+        for fixed in ([0, 6], ["ux 0", "ux 6"])
+    )
+    for one, other in zip(by_number.subdomains, by_name.subdomains):
+        np.testing.assert_array_equal(one.K.toarray(), other.K.toarray())
+    with pytest.raises(ValueError, match="fixed must be names of dofs, got 'uy 0'"):
+        pm.cut(bar, [0, 0, 0, 1, 1, 1], scheme=pm.Newmark(), fixed="uy 0")

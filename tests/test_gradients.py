@@ -400,6 +400,41 @@ def test_runs_without_such_an_adjoint_are_refused_with_the_reason():
     refused("equal substeps", staggered.jacobian, {"s0": [0]}, 0.1, parameters=CHANGED)
 
 
+def test_dofs_of_a_misfit_and_of_parameters_have_names_and_count_from_the_end():
+    def bar():
+        return pm.Subdomain(
+            [1.0, 1.0, 1.0],
+            np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1),
+            scheme=pm.Newmark(),
+            u0=[0.0, 0.0, 1.0],
+            dof_names=["base", "middle", "top"],
+            name="bar",
+        )
+
+    data = np.random.default_rng(0).normal(size=(11, 2))
+    k = [[1.0, -1.0], [-1.0, 1.0]]
+    found = []
+    for dofs, of in [
+        ([0, 2], [[0, 1], [1, 2]]),
+        (["base", "top"], [["base", "middle"], ["middle", "top"]]),
+        ([0, -1], [[0, 1], [-2, -1]]),
+    ]:
+        own, misfit = bar(), pm.Misfit({"bar": dict(dofs=dofs, u=data)})
+        coupler = pm.Coupler([own], dt=0.1)
+        gradient = coupler.gradient(misfit, 1.0, parameters=pm.Parameters(own, dofs=of, K=k))
+        found.append((misfit(coupler.run(1.0))[0], *gradient.parameters[0], gradient.value))
+        assert repr(misfit) == "<Misfit of 'bar': u of 2 dofs, 11 levels>"
+        coupler.reset()
+    assert found[0] == found[1] == found[2] and found[0][0] == found[0][-1] > 0.0
+    with pytest.raises(ValueError, match="the nearest is 'top'"):
+        pm.Parameters(bar(), dofs=[["base", "topp"]], K=k)
+    coupler = pm.Coupler([bar()], dt=0.1)
+    with pytest.raises(ValueError, match="dofs of 'bar' in the Misfit must be names of dofs"):
+        coupler.gradient(pm.Misfit({"bar": dict(dofs=["side"], u=data[:, :1])}), 1.0)
+    with pytest.raises(TypeError, match="there are no dof_names"):
+        pm.Parameters("bar", dofs=[["base", "top"]], K=k)
+
+
 def test_bad_arguments_are_refused_and_the_coupler_stays_as_it_was():
     coupler = problem("macro", (1, 2), (half, fine))
     coupler.step(2)
@@ -416,9 +451,8 @@ def test_bad_arguments_are_refused_and_the_coupler_stays_as_it_was():
         error=KeyError,
         parameters=pm.Parameters("x", dofs=[[0]], K=[[1.0]]),
     )
-    refused(
-        "below 4", call, squares, steps=3, parameters=pm.Parameters("s1", dofs=[[4]], K=[[1.0]])
-    )
+    outside = pm.Parameters("s1", dofs=[[4]], K=[[1.0]])
+    refused("lie in 0..3, got 4", call, squares, steps=3, parameters=outside)
     refused("at least one macro step", call, squares, steps=0)
     far = {"s0": [3]}
     refused(r"sensors\['s0'\]", coupler.jacobian, far, steps=2, parameters=CHANGED)

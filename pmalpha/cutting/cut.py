@@ -89,7 +89,7 @@ def cut(
         In place of `rayleigh`, damping ratios at two periods, as for `Subdomain`.
     points : (elements, dim) array, optional
         Centres of the elements of `Elements`, for `parts` without METIS; a Structure has them.
-    fixed : array of int, or (n,) array of bool, optional
+    fixed : int, str, array of them, or (n,) array of bool, optional
         Dofs that do not move. They remain in u0, v0, loads and what `Cut.gather` returns.
 
     Returns

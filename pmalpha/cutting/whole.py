@@ -127,7 +127,7 @@ class WholeStructure(Whole):
         self._kinds = tuple(structure.elements)
         self.links = [structure.elements[kind] for kind in self._kinds]
         self.entries = [(links.shape[1] * self._d) ** 2 for links in self.links]
-        self.free = _free(fixed, self.n)
+        self.free = _free(fixed, self.n, structure.dof_names)
         means = [structure.points[links].mean(axis=1) for links in self.links]
         self.centroids = np.concatenate(means)
         self._used = ~idle_dofs(structure.M, structure.K, structure.internal)

@@ -72,7 +72,7 @@ def gradient(
     if not callable(objective):
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
     if isinstance(objective, Misfit):
-        objective._check_sizes({name: s.n for name, s in session.keys}, session.rows.p)
+        objective = objective._placed(dict(session.keys), session.rows.p)
     block = None if block is None else whole_number(block, "block", low=1)
     if differences is not None:
         return _by_differences(coupler, session, objective, end, parameters, differences, reporting)

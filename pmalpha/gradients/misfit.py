@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, real_array
+from .._checks import counted, plain_array, real_array
 from ..problem.dofs import dof_list
 from ..problem.frozen import Frozen
 from ..problem.matrices import rectangular
+from ..problem.subdomain import Subdomain
+from ..results.dof_motion import columns_of
 
 __all__ = ["Misfit"]
 
@@ -25,15 +28,15 @@ class Misfit(Frozen):
     Parameters
     ----------
     measured : dict
-        By name of the subdomain ``dict(dofs=..., u=data, v=data, a=data, weight=1.0)``: one or
-        several of u, v, a with data (levels, dofs) at all time levels of the subdomain from t = 0
-        on; nan where nothing was measured. `weight`: a number or (dofs,), such as one over the
-        square of the standard deviation of the noise. In place of `dofs` a matrix ``W``, (rows, n)
-        dense or sparse, for combinations W u, W v or W a, such as strains, drifts of storeys or
-        what is measured in another direction; data are then (levels, rows). A list of such dicts
-        where dofs are measured in several ways. ``"multipliers"``: ``dict(rows=..., data=...,
-        weight=1.0)``, the rows of the multipliers at the interface levels, such as forces of a load
-        cell.
+        By name of the subdomain ``dict(dofs=..., u=data, v=data, a=data, weight=1.0)``: dofs by
+        number or name, one or several of u, v, a with data (levels, dofs) at all time levels of the
+        subdomain from t = 0 on; nan where nothing was measured. `weight`: a number or (dofs,), such
+        as one over the square of the standard deviation of the noise. In place of `dofs` a matrix
+        ``W``, (rows, n) dense or sparse, for combinations W u, W v or W a, such as strains, drifts
+        of storeys or what is measured in another direction; data are then (levels, rows). A list of
+        such dicts where dofs are measured in several ways. ``"multipliers"``: ``dict(rows=...,
+        data=..., weight=1.0)``, the rows of the multipliers at the interface levels, such as forces
+        of a load cell.
 
     Raises
     ------
@@ -90,13 +93,13 @@ class Misfit(Frozen):
             if name != MULTIPLIERS
         }
 
-    def _check_sizes(self, sizes: Mapping[str, int], p: int) -> None:
-        """Check that dofs and weights fit the subdomains of a coupler.
+    def _placed(self, subdomains: Mapping[str, Subdomain], p: int) -> Misfit:
+        """The same with numbers of dofs that fit the subdomains of a coupler.
 
         Parameters
         ----------
-        sizes : dict of int
-            Number of dofs by subdomain.
+        subdomains : dict
+            By name.
         p : int
             Number of constraints.
 
@@ -105,18 +108,13 @@ class Misfit(Frozen):
         KeyError, ValueError
             For a subdomain that is not there, or dofs and weights that do not fit.
         """
-        for name, of in self._each():
-            if name == MULTIPLIERS:
-                dof_list(of["sensors"], p, "rows of 'multipliers' in the Misfit")
-            elif name not in sizes:
-                raise KeyError(f"the Misfit must be of {sorted(sizes)}, got {name!r}")
-            elif of.get("n", sizes[name]) != sizes[name]:
-                raise ValueError(
-                    f"W of {name!r} in the Misfit must have {counted(sizes[name], 'column')}, got "
-                    f"{of['n']}"
-                )
-            else:
-                dof_list(_dofs(of), sizes[name], f"dofs of {name!r} in the Misfit")
+        placed = copy(self)
+        measured = {
+            name: [_placed(name, of, subdomains, p) for of in several]
+            for name, several in self.measured.items()
+        }
+        object.__setattr__(placed, "measured", measured)
+        return placed
 
     def __call__(self, history: Any) -> tuple[float, dict[str, Any]]:
         """The value, and its derivatives with respect to what `record` names and multipliers."""
@@ -128,13 +126,41 @@ class Misfit(Frozen):
                 value += _added(name, MULTIPLIERS, of, history.multipliers, of["sensors"], source)
                 continue
             run = history[name]
-            columns = places(run.dofs, _dofs(of))
+            if "dofs" in of:
+                what = f"dofs of {name!r} in the Misfit"
+                columns: Any = columns_of(of["dofs"], run.dofs, run.n, run.dof_names, what)
+            else:
+                columns = places(run.dofs, of["columns"])
             own = sources.setdefault(name, {})
             for kind in of["data"]:
                 motion = getattr(run, kind)
                 source = own.setdefault(kind, np.zeros((len(motion), len(run.dofs))))
                 value += _added(name, kind, of, motion, columns, source)
         return value, sources
+
+
+def _placed(
+    name: str, of: dict[str, Any], subdomains: Mapping[str, Subdomain], p: int
+) -> dict[str, Any]:
+    """What was measured in one way, with numbers of dofs or rows."""
+    if name == MULTIPLIERS:
+        return of | {"sensors": dof_list(of["sensors"], p, "rows of 'multipliers' in the Misfit")}
+    if name not in subdomains:
+        raise KeyError(f"the Misfit must be of {sorted(subdomains)}, got {name!r}")
+    n, names = subdomains[name].n, subdomains[name].dof_names
+    if "dofs" in of:
+        dofs = dof_list(of["dofs"], n, f"dofs of {name!r} in the Misfit", names)
+        if dofs.size != len(of["sensors"]):
+            raise ValueError(
+                f"dofs of {name!r} in the Misfit must be {len(of['sensors'])}, as the columns of "
+                f"its data, got {dofs.size}"
+            )
+        return of | {"dofs": dofs}
+    if of["n"] != n:
+        raise ValueError(
+            f"W of {name!r} in the Misfit must have {counted(n, 'column')}, got {of['n']}"
+        )
+    return of
 
 
 def _added(
@@ -173,7 +199,8 @@ def _of_motion(name: str, of: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"measured[{name!r}] must have dofs or W, one of them")
     out: dict[str, Any] = {}
     if "dofs" in of:
-        out["dofs"] = out["sensors"] = dof_list(of["dofs"], None, f"dofs of {name!r}")
+        out["dofs"] = _given_dofs(of["dofs"], f"dofs of {name!r}")
+        out["sensors"] = np.arange(len(out["dofs"]))
     else:
         W = rectangular(of["W"], None, f"W of {name!r}")
         out["sensors"], out["columns"] = np.arange(W.shape[0]), np.unique(W.indices)
@@ -184,6 +211,16 @@ def _of_motion(name: str, of: dict[str, Any]) -> dict[str, Any]:
     if not given:
         raise ValueError(f"measured[{name!r}] must have data of u, v or a")
     return _with_data(name, out, given, of)
+
+
+def _given_dofs(value: Any, what: str) -> Any:
+    """As they are where they are names or count from the end: what they are of is not known."""
+    given = np.atleast_1d(plain_array(value, what))
+    if given.ndim == 1 and (
+        given.dtype.kind in "UO" or (given.dtype.kind == "i" and given.min(initial=0) < 0)
+    ):
+        return [value] if isinstance(value, str) else list(value)
+    return dof_list(value, None, what)
 
 
 def _of_multipliers(name: str, of: dict[str, Any]) -> dict[str, Any]:

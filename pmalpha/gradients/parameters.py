@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, real_array
+from ..problem.dofs import dof_array
 from ..problem.frozen import Frozen
 from ..problem.subdomain import Subdomain
 
@@ -25,8 +26,9 @@ class Parameters(Frozen):
     ----------
     subdomain : Subdomain or str
         The subdomain, or its name.
-    dofs : (e, k) array of int, optional
-        Dofs of the element that belongs to each parameter. Then K, C and M are element matrices.
+    dofs : (e, k) array of int or str, optional
+        Dofs of the element that belongs to each parameter, by name where `subdomain` is a
+        Subdomain that has names. Then K, C and M are element matrices.
     K, C, M : (k, k) or (e, k, k) array, or list of m (n, n) matrices
         Derivatives of these matrices: with `dofs` one element matrix for all parameters or one
         for each; without, m dense or sparse matrices. With Rayleigh damping a stiffness
@@ -89,7 +91,7 @@ class Parameters(Frozen):
                 raise ValueError(f"K, C and M must be lists of one length, got {counts}")
             self.labels = np.arange(next(iter(counts.values())))
         else:
-            self.dofs = _whole(dofs)
+            self.dofs = _elements(subdomain, dofs)
             self.matrices = {x: _element(value, x, self.dofs) for x, value in given.items()}
             self.labels, self._of = labelled(labels, len(self.dofs))
         self.m = len(self.labels)
@@ -106,11 +108,7 @@ class Parameters(Frozen):
     def _check_size(self, n: int, name: str) -> None:
         """ValueError unless the dofs and matrices are those of a subdomain with n dofs."""
         if self.dofs is not None:
-            if self.dofs.max(initial=-1) >= n:
-                raise ValueError(
-                    f"dofs of Parameters must be below {n}, the number of dofs of {name!r}, got "
-                    f"{self.dofs.max()}"
-                )
+            dof_array(self.dofs, n, f"dofs of {name!r} in Parameters")
             return
         for kind, matrices in self.matrices.items():
             for j, matrix in enumerate(matrices):
@@ -214,15 +212,15 @@ class Parameters(Frozen):
         return self._summed(total)
 
 
-def _whole(dofs: Any) -> np.ndarray:
-    array = np.asarray(dofs)
-    if array.ndim != 2 or array.size == 0 or not np.issubdtype(array.dtype, np.integer):
+def _elements(subdomain: Subdomain | str, dofs: Any) -> np.ndarray:
+    if isinstance(subdomain, Subdomain):
+        array = dof_array(dofs, subdomain.n, "dofs", subdomain.dof_names)
+    else:
+        array = dof_array(dofs, None, "dofs")
+    if array.ndim != 2 or array.size == 0:
         raise ValueError(
-            "dofs must be an (e, k) array of whole numbers, a row for each element, got "
-            f"shape {array.shape} of {array.dtype}"
+            f"dofs must be an (e, k) array, a row for each element, got shape {array.shape}"
         )
-    if array.min() < 0:
-        raise ValueError(f"dofs must be 0 or more, got {array.min()}")
     return array
 
 
