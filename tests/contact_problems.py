@@ -39,8 +39,10 @@ def strain_energy(K, u):
 
 
 def energy_star(s, h, u, v, w):
-    """E* of (U10), which Newmark schemes with gamma = 1/2 change by the works alone."""
+    """E* of (U10), which Newmark schemes with gamma = 1/2 change by the works alone, evaluated in
+    long double."""
     M = np.diag(s.M) if s.M.ndim == 1 else s.M
+    u, v, w = (np.asarray(x, dtype=np.longdouble) for x in (u, v, w))
     beta = s.scheme.beta
     kinetic = 0.5 * np.einsum("ij,ij->i", v, v @ M)
     inertia = 0.5 * h**2 * (beta - 0.25) * np.einsum("ij,ij->i", w, w @ M)

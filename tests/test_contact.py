@@ -9,6 +9,7 @@ from contact_problems import (
     SCHEMES,
     SPEED,
     WAVE,
+    E,
     bar,
     bar_on_wall,
     critical,
@@ -97,16 +98,16 @@ def test_a_ball_that_is_thrown_back_keeps_its_height(name):
 
 
 @ALL
-def test_restitution_takes_its_part_of_each_impact(name):
-    h = 1e-3
-    history = ball(SCHEMES[name], 0.8, 4.0, h)
+@pytest.mark.parametrize("h", [4e-3, 1e-3])
+def test_restitution_takes_its_part_of_each_of_ten_impacts(name, h):
+    history = ball(SCHEMES[name], 0.8, 3.96, h)
     u, impacts = history["ball"].u[:, 0], np.flatnonzero(history.contacts[0].closed)
     fall = np.sqrt(2.0 / 10.0)
-    apex = impacts[2] + np.argmax(u[impacts[2] : impacts[3]])
-    exact = fall * (1.0 + 2.0 * (0.8 + 0.64) + 0.8**3)
+    apex = impacts[9] + np.argmax(u[impacts[9] : impacts[10]])
+    exact = fall * (1.0 + 2.0 * sum(0.8**k for k in range(1, 10)) + 0.8**10)
+    # each impact is found up to a step late
     assert abs(history["ball"].t[apex] - exact) < 8.0 * h
-    # each impact is found up to a step late: 3 h of the velocity in all, and of the height
-    assert abs(u[apex] - 0.8**6) < 0.01
+    assert abs(u[apex] - 0.8**20) < 1e-3
 
 
 def test_all_schemes_agree_on_a_ball():
@@ -151,8 +152,9 @@ def test_central_difference_finds_the_force_of_a_bar_on_a_wall():
 
 
 def test_the_energy_of_the_contact_node_is_lost_and_falls_with_the_mesh():
-    left = [rebound(*bar_on_wall(pm.CentralDifference(), n, 0.9))[3] for n in (100, 200)]
+    left = [rebound(*bar_on_wall(pm.CentralDifference(), n, 0.9))[3] for n in (100, 200, 400)]
     assert 1.0 - left[1] < 0.6 * (1.0 - left[0])
+    assert 1.0 - left[2] < 0.0025
 
 
 def test_the_trapezoidal_rule_does_too():
@@ -163,28 +165,27 @@ def test_the_trapezoidal_rule_does_too():
 
 @pytest.mark.parametrize(
     ("name", "cfl"),
-    [(name, cfl) for name in ("TR", "rho 0.8", "rho 0.5", "rho 0") for cfl in (0.5, 3.0, 10.0)]
-    + [("CD", 0.7), ("CD", 0.99)]
+    [(name, cfl) for name in ("TR", "rho 0.8", "rho 0.5", "rho 0") for cfl in (0.5, 1.0, 3.0, 10.0)]
+    + [("CD", cfl) for cfl in (0.5, 0.7, 0.9, 0.99)]
     + [(f"explicit {rho}", 0.5) for rho in ("0.8", "0.5", "0")],
 )
 def test_a_bar_on_a_wall_never_gains_energy(name, cfl):
-    s, history, h = bar_on_wall(SCHEMES[name], 40, cfl)
+    n = 100
+    s, history, h = bar_on_wall(SCHEMES[name], n, cfl)
     motion, start = history["bar"], 0.5 * LENGTH * SPEED**2
-    if s.scheme.explicit and name != "CD":  # E* is that of Newmark schemes
-        energy = history.energy.kinetic[:, 0] + history.energy.strain[:, 0]
-    elif name in ("TR", "CD"):
-        energy = energy_star(s, h, motion.u, motion.v, motion.a)
-    else:
-        energy = history.energy.kinetic[:, 0] + history.energy.strain[:, 0]
-    # strain energy by K u is exact to 1e-15 of the terms of u K u, which are 1e4 of the energy
-    assert energy.max() / start < 1.0 + 1e-10
+    # by elongations: u K u of a bar that has moved by 5 rounds by 1e-11 of the energy
+    energy = 0.5 * E * n / LENGTH * np.sum(np.diff(motion.u, axis=1) ** 2, axis=1)
+    energy += 0.5 * motion.v**2 @ s.M
+    if name == "CD":  # E*
+        energy += 0.5 * h**2 * (s.scheme.beta - 0.25) * motion.a**2 @ s.M
+    assert energy.max() / start < 1.0 + 1e-12
 
 
 # ---- 4: energy ----------------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", range(1, 7))
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_energy_changes_by_the_work_of_the_impulses_alone(seed, e):
     h = 0.05
@@ -192,13 +193,20 @@ def test_energy_changes_by_the_work_of_the_impulses_alone(seed, e):
     a, b = (pm.Subdomain(s.M, s.K, scheme=s.scheme, u0=s.u0, v0=s.v0, name=s.name) for s in (a, b))
     joint = pm.contact(a, [0, 1, 2], b, [0, 1, 2], gap=0.5, restitution=e)
     history = pm.Coupler([a, b], joint, dt=h, coupling="gc").run(steps=1000, energy=True)
+    # in long double, since u K u cancels where a soft mode has moved far
     total = sum(energy_star(s, h, x.u, x.v, x.a) for s, x in zip((a, b), history.subdomains))
-    work = history.energy.contact.sum(axis=1)
-    assert history.contacts[joint].closed.sum() > 10
-    np.testing.assert_allclose(total - total[0], work, atol=1e-12 * total[0])
-    assert np.diff(total).max() < 1e-13 * total[0] * (100.0 if e == 1.0 else 1.0)
+    P = history.contacts[joint].impulse
+    y = history["s1"].v[:, :3] - history["s0"].v[:, :3]
+    work = np.sum(P[1:] * (y[1:] + y[:-1]) / 2.0, axis=1)
+    assert np.count_nonzero(P) > 10
+    assert np.abs(np.diff(total) - work).max() < 1e-13 * total[0]
+    np.testing.assert_allclose(
+        np.diff(history.energy.contact.sum(axis=1)), work, atol=1e-13 * float(total[0])
+    )
     if e == 1.0:
         assert abs(total[-1] / total[0] - 1.0) < 1e-11
+    else:
+        assert np.diff(total).max() < 1e-13 * total[0]
 
 
 def test_the_balance_closes_with_the_work_of_contact():
@@ -258,7 +266,7 @@ def test_a_layer_at_the_finest_step_is_struck_with_subcycling_behind_it(coupling
     moved, history = layered(coupling, 5, pm.Newmark())
     assert moved > least
     energy = (history.energy.kinetic + history.energy.strain).sum(axis=1)
-    assert energy.max() < (1.0 + 1e-3) * energy[0]
+    assert energy.max() <= (1.0 + 1e-12) * energy[0]
     assert history.contacts["joint"].t.size == history.multiplier_times.size
 
 
@@ -267,17 +275,19 @@ def test_a_layer_at_the_finest_step_is_struck_with_subcycling_behind_it(coupling
 
 @pytest.mark.parametrize("name", ["TR", "rho 0.5", "CD"])
 def test_a_bar_on_the_floor_does_not_sink(name):
-    n = 10
+    n, drop = 10, 0.05
     M, K = bar(n)
     h = (0.9 if name == "CD" else 3.0) * critical(n)
     C = 0.5 * np.diag(M)  # so that it comes to rest
     weight = -M
     s = pm.Subdomain(M, K, C, scheme=SCHEMES[name], force=weight, name="bar")
-    floor = pm.contact(s, [0], gap=0.0)
+    floor = pm.contact(s, [0], gap=drop)
     history = pm.Coupler([s], floor, dt=h).run(steps=10_000, every=1)
     gap, force = (getattr(history.contacts[0], x)[:, 0] for x in ("gap", "force"))
     assert abs(gap[10_000] - gap[5_000]) < 1e-12
     np.testing.assert_allclose(force[-1000:], LENGTH, rtol=1e-9)
+    impact = np.sqrt(2.0 * drop)  # the damping of the fall takes 5 per cent
+    assert gap.min() > -5.0 * h * impact
 
 
 def test_lasting_contact_is_of_order_two():
@@ -327,11 +337,15 @@ def slope(h, mu=0.5, tangent=0.2, v0=2.0, t_end=1.0, scheme=None):
 @pytest.mark.parametrize("name", ["TR", "rho 0.5", "CD"])
 def test_a_block_on_a_slope_stops_where_coulomb_says(name):
     h = 0.01
-    history, normal, mu, tangent = slope(h, scheme=SCHEMES[name])
+    history, normal, mu, tangent = slope(h, t_end=11.0, scheme=SCHEMES[name])
     slowing = normal * (mu - tangent)
     u, plane = history["block"].u[:, 0], history.contacts["plane"]
-    assert abs(u[-1] - 2.0**2 / (2.0 * slowing)) < 2e-5
-    assert np.ptp(u[-20:]) < 1e-13  # no creep but for rounding of u
+    assert abs(u[-1] - 2.0**2 / (2.0 * slowing)) < 3e-6
+    creep = np.abs(np.diff(u[-1000:])).max()
+    if name == "rho 0.5":  # u is a sum of three numbers that are not zero: its last digit
+        assert creep <= np.spacing(u[-1])
+    else:
+        assert creep == 0.0
     ratio = plane.friction[-20:, 0, 0] / plane.impulse[-20:, 0]
     np.testing.assert_allclose(-ratio, tangent, rtol=1e-9)
 

@@ -71,22 +71,19 @@ def closed_steps(coupler):
     return forth, back, row @ end
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
-@pytest.mark.parametrize(("coupling", "substeps"), [("gc", 1), ("gc", 2), ("gc", 5), ("pm", 5)])
-@pytest.mark.parametrize(
-    "schemes",
-    [
-        ("TR", "CD"),
-        ("CD", "TR"),
-        ("TR", "TR"),
-        ("rho 0.5", "CD"),
-        ("rho 0.8", "explicit 0.5"),
-        ("rho 0", "rho 0.8"),
-    ],
-    ids=" beside ".join,
-)
-def test_no_mode_grows_while_contact_lasts(schemes, coupling, substeps):
-    for seed in range(2):
+PAIRS = [
+    ("TR", "CD"),
+    ("CD", "TR"),
+    ("TR", "TR"),
+    ("rho 0.5", "CD"),
+    ("rho 0.8", "explicit 0.5"),
+    ("rho 0", "rho 0.8"),
+]
+BESIDE = pytest.mark.parametrize("schemes", PAIRS, ids=" beside ".join)
+
+
+def require_that_no_mode_grows(seeds, schemes, substeps, coupling):
+    for seed in seeds:
         for between in (False, True):
             coupler = problem(seed, schemes, substeps, coupling, between)
             forth, back, y = closed_steps(coupler)
@@ -94,3 +91,19 @@ def test_no_mode_grows_while_contact_lasts(schemes, coupling, substeps):
             assert abs(y) < 1e-10
             np.testing.assert_allclose(forth, back, atol=1e-11 * np.abs(forth).max())
             assert np.abs(np.linalg.eigvals(forth)).max() < 1.0 + 1e-9
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+@pytest.mark.parametrize(("coupling", "substeps"), [("gc", 1), ("gc", 5), ("pm", 5)])
+@BESIDE
+def test_no_mode_grows_while_contact_lasts(schemes, coupling, substeps):
+    require_that_no_mode_grows(range(2), schemes, substeps, coupling)
+
+
+@pytest.mark.gate
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+@pytest.mark.parametrize("substeps", [1, 2, 5, 20])
+@BESIDE
+def test_no_mode_of_48_problems_each_grows(schemes, substeps, coupling):
+    require_that_no_mode_grows(range(2, 26), schemes, substeps, coupling)

@@ -78,8 +78,8 @@ def test_two_masses_pound_as_by_their_exact_motion():
         assert sum(b - a > 1 for a, b in pairwise([-9, *closed])) == impacts
         return np.abs(history["a"].u[:: round(4e-3 / h), 0][1:] - exact).max()
 
-    errors = [error(h) for h in (4e-3, 1e-3, 2.5e-4)]
-    assert errors[0] < 8e-3 and errors[2] < 6e-4
+    errors = [error(h) for h in (4e-3, 5e-4, 2.5e-4)]
+    assert errors[0] < 8e-3 and errors[1] < 2e-3 and errors[2] < 6e-4
     assert errors[2] < errors[0] / 8.0  # of order one: the instants of impacts
 
 
@@ -92,7 +92,8 @@ def test_a_plate_on_redundant_contacts_is_held_by_their_sums():
 # its weight makes K indefinite, as it has to
 @pytest.mark.filterwarnings("ignore:K of subdomain 'block':pmalpha.StabilityWarning")
 def test_a_rocking_block_loses_what_housner_says():
-    """Small rotations; an impact keeps (I0 - 2 m b^2) / I0 of the rate."""
+    """Rows are linear, so rotations are small: a quarter period of 0.4951 s; an impact keeps
+    (I0 - 2 m b^2) / I0 = 0.9423 of the rate."""
     b, H, theta0 = 0.2, 1.0, 0.1  # half width, half height, and half of the angle b / H
     m = 1.0
     inertia = m * (b**2 + H**2) / 3.0
@@ -114,18 +115,22 @@ def test_a_rocking_block_loses_what_housner_says():
     floor = pm.Contact({block: corners}, tangents=[{block: base}], friction=10.0, name="floor")
 
     def rates(h):
+        """When it stands upright, and the rate of the first level after the impact over that of the
+        last before."""
         history = pm.Coupler([block], floor, dt=h).run(steps=round(1.2 / h))
         theta, rate = history["block"].u[:, 2], history["block"].v[:, 2]
         k = int(np.flatnonzero(theta <= 0.0)[0])
-        return history["block"].t[k], rate[k + 2] / rate[k - 1]
+        rest = h * theta[k] / (theta[k - 1] - theta[k])
+        return history["block"].t[k] + rest, rate[k] / rate[k - 1]
 
     about = inertia + m * (b**2 + H**2)
     p = np.sqrt(m * g * H / about)
     quarter = np.arccosh(1.0 / (1.0 - theta0 * H / b)) / p
     expected = (about - 2.0 * m * b**2) / about
-    t, ratio = rates(2e-3)
-    assert abs(t - quarter) < 5e-3
-    assert abs(ratio / expected - 1.0) < 0.02
+    for h, share in ((2e-3, 1e-2), (5e-4, 2.5e-3)):
+        t, ratio = rates(h)
+        assert abs(t - quarter) < 1e-4
+        assert abs(ratio / expected - 1.0) < share
 
 
 @pytest.mark.parametrize("threads", [1, 2])
