@@ -433,6 +433,18 @@ def test_a_block_that_lands_on_another_never_gains_energy():
     assert rough[-1] < 1.1 * smooth[-1]  # friction takes a fifth more
 
 
+def test_friction_returns_energy_only_where_sliding_ends_against_its_direction():
+    below, above, joint, *_ = stacked(lift=0.01, scheme=pm.Newmark(), friction=0.3)
+    history = pm.Coupler([below, above], joint, dt=0.01, coupling="gc").run(2.0, energy=True)
+    rise = np.diff(history.energy.contact.sum(axis=1))
+    sliding = sum(T @ history[s.name].v.T for s, T in joint.tangents[0].items()).T
+    friction = history.contacts[joint].friction[1:, :, 0]
+    returned = np.maximum(friction * sliding[:-1], 0.0).sum(axis=1) / 2.0
+    assert 1e-8 < returned.max() and np.count_nonzero(rise > 1e-16) == 1
+    # P_n y_n and P_t y_t at the end of a step: rounding of the largest impulse and velocity
+    assert np.all(rise <= returned + 1e-16)
+
+
 def test_what_does_not_fit_face_to_face_is_refused_by_name():
     below, above, _, low, top, held = stacked()
     points = {below: low.points, above: top.points}

@@ -5,17 +5,18 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "coupling/cone.h"
+
 /* Columns of the factor made before what is right of them is updated. */
 enum { BLOCK = 48 };
 
 /* Pivoting in blocks for so many turns without fewer rows that are wrong, then one row at a time,
  * at most so often as there are rows, and some more; then sweeps. */
 enum { PATIENCE = 8, MORE_TURNS = 100 };
-enum { MOST_SWEEPS = 5000 };
 
-/* Parts of the largest b: the rounding of a solution; where sweeps end. A pivot below this part of
- * its diagonal entry is that of a row which follows from the others. */
-static const double ROUNDING = 1e-12, SHARE = 1e-2, TOLERANCE = 1e-10, LOST = 1e-11;
+/* Part of the largest b: the rounding of a solution. A pivot below this part of its diagonal entry
+ * is that of a row which follows from the others. */
+static const double ROUNDING = 1e-12, SHARE = 1e-2, LOST = 1e-11;
 
 struct pma_complementarity {
     pma_complementarity_parts parts;
@@ -29,6 +30,10 @@ struct pma_complementarity {
     bool *pushes;   /* rows */
     bool *follows;  /* rows of the factor: it follows from those before */
     double *y, *z;  /* rows */
+    pma_cone *cone;
+    size_t coned, *seen; /* closed rows of its last problem */
+    size_t *at;          /* contacts+1: in the closed rows */
+    double *mu, *load;   /* contacts, rows: of the closed ones */
     double *block;
 };
 
@@ -42,11 +47,11 @@ pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
     const size_t rows = (size_t)parts->first[parts->contacts];
     x->parts = *parts;
     x->rows = rows;
-    x->block = calloc(rows * rows + 2 * rows + 1, sizeof(double));
-    x->in = calloc(3 * rows + 1, sizeof *x->in);
+    x->block = calloc(rows * rows + 4 * rows + 1, sizeof(double));
+    x->in = calloc(5 * rows + 2, sizeof *x->in);
     x->pushes = calloc(2 * rows + 1, sizeof *x->pushes);
     *out = x;
-    if (!x->block || !x->in || !x->pushes) {
+    if (!x->block || !x->in || !x->pushes || pma_cone_create(rows, &x->cone) != PMA_OK) {
         pma_complementarity_destroy(x);
         *out = NULL;
         return PMA_NO_MEMORY;
@@ -56,7 +61,11 @@ pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
     x->follows = x->pushes + rows;
     x->y = x->block;
     x->z = x->y + rows;
-    x->factor = x->z + rows;
+    x->mu = x->z + rows;
+    x->load = x->mu + rows;
+    x->factor = x->load + rows;
+    x->seen = x->active + rows;
+    x->at = x->seen + rows;
     return PMA_OK;
 }
 
@@ -66,6 +75,7 @@ void pma_complementarity_destroy(pma_complementarity *x)
         free(x->block);
         free(x->in);
         free(x->pushes);
+        pma_cone_destroy(x->cone);
     }
     free(x);
 }
@@ -74,6 +84,7 @@ void pma_complementarity_set(pma_complementarity *x, const double *W)
 {
     x->W = W;
     x->held = 0;
+    pma_cone_forget(x->cone);
 }
 
 static double entry(const pma_complementarity *x, size_t i, size_t j)
@@ -252,83 +263,50 @@ static bool pivot(pma_complementarity *x, size_t count, const double *b, double 
     return wrong == 0;
 }
 
-/* ---- with friction: projected sweeps over the contacts --------------------------------------- */
+/* ---- with friction --------------------------------------------------------------------------- */
 
-/* P_k += by, y += W_k by */
-static void change(pma_complementarity *x, size_t count, size_t column, double by)
+/* b, P and W in the closed rows, for cones */
+static pma_cone_problem gather(pma_complementarity *x, size_t count, size_t contacts,
+                               const size_t *closed, const double *b, const double *P)
 {
-    const double *W = x->factor + column * count;
-    for (size_t i = 0; i < count; i++)
-        x->y[i] += W[i] * by;
-}
-
-/* One contact, whose rows begin at `at` of the closed ones: z is P there. The largest change, in
- * units of energy.                                                                         (U8) */
-static double sweep_contact(pma_complementarity *x, size_t count, size_t at, size_t tangents,
-                            double mu)
-{
-    double *z = x->z, stiffest = 0.0, slip[2], length = 0.0;
-    const double *W = x->factor;
-    const double normal = W[at * count + at];
-    double by = fmax(0.0, z[at] - x->y[at] / normal) - z[at];
-    double largest = fabs(by) * sqrt(normal);
-    if (by != 0.0)
-        change(x, count, at, by);
-    z[at] += by;
-    /* trace of W in the tangents, which is above its eigenvalues */
-    for (size_t t = 1; t <= tangents; t++)
-        stiffest += W[(at + t) * count + at + t];
-    for (size_t t = 0; t < tangents; t++) {
-        slip[t] = z[at + 1 + t] - x->y[at + 1 + t] / stiffest;
-        length = hypot(length, slip[t]);
+    size_t at = 0;
+    for (size_t i = 0; i < contacts; i++) {
+        x->at[i] = at;
+        x->mu[i] = x->parts.friction[closed[i]];
+        at += (size_t)(x->parts.first[closed[i] + 1] - x->parts.first[closed[i]]);
     }
-    const double most = mu * z[at], share = length > most ? most / length : 1.0;
-    for (size_t t = 0; t < tangents; t++) {
-        by = share * slip[t] - z[at + 1 + t];
-        largest = fmax(largest, fabs(by) * sqrt(stiffest));
-        if (by != 0.0)
-            change(x, count, at + 1 + t, by);
-        z[at + 1 + t] += by;
-    }
-    return largest;
-}
-
-static void gather(pma_complementarity *x, size_t count, const double *b, const double *P)
-{
+    x->at[contacts] = at;
     for (size_t j = 0; j < count; j++) {
-        x->y[j] = b[x->active[j]];
+        x->load[j] = b[x->active[j]];
         x->z[j] = P[x->active[j]];
         for (size_t i = 0; i < count; i++)
             x->factor[j * count + i] = entry(x, x->active[i], x->active[j]);
     }
-    for (size_t j = 0; j < count; j++)
-        change(x, count, j, x->z[j]);
     x->held = 0; /* the factor was overwritten */
+    if (count != x->coned || memcmp(x->active, x->seen, count * sizeof *x->seen) != 0)
+        pma_cone_forget(x->cone);
+    memcpy(x->seen, x->active, count * sizeof *x->seen);
+    x->coned = count;
+    return (pma_cone_problem){.contacts = contacts,
+                              .rows = count,
+                              .at = x->at,
+                              .mu = x->mu,
+                              .W = x->factor,
+                              .b = x->load,
+                              .z = x->z,
+                              .y = x->y};
 }
 
-static pma_status sweep(pma_complementarity *x, size_t count, size_t contacts, const size_t *closed,
-                        const double *b, double *P, size_t *row)
+static pma_status solve_cones(pma_complementarity *x, size_t count, size_t contacts,
+                              const size_t *closed, const double *b, double *P, size_t *row)
 {
-    const double tolerance = TOLERANCE * size_of(x, count, b);
-    double largest = INFINITY;
-    gather(x, count, b, P);
-    for (size_t turn = 0; turn < MOST_SWEEPS && largest > tolerance; turn++) {
-        size_t at = 0;
-        largest = 0.0;
-        for (size_t i = 0; i < contacts; i++) {
-            const size_t k = closed[i];
-            const size_t tangents = (size_t)(x->parts.first[k + 1] - x->parts.first[k]) - 1;
-            const double by = sweep_contact(x, count, at, tangents, x->parts.friction[k]);
-            if (!(by <= largest)) {
-                largest = by;
-                *row = x->active[at];
-            }
-            at += tangents + 1;
-        }
-    }
+    const pma_cone_problem problem = gather(x, count, contacts, closed, b, P);
+    const pma_status status = pma_cone_solve(x->cone, &problem, row);
+    if (status != PMA_OK)
+        *row = x->active[*row];
     for (size_t i = 0; i < count; i++)
         P[x->active[i]] = x->z[i];
-    return largest <= tolerance ? PMA_OK : PMA_NO_IMPULSES;
+    return status;
 }
 
 /* ---- both ----------------------------------------------------------------------------------- */
@@ -369,7 +347,7 @@ pma_status pma_complementarity_solve(pma_complementarity *x, size_t count, const
     if (!rough && pivot(x, activate(x, count, closed, false), b, P))
         return PMA_OK;
     rows = activate(x, count, closed, true);
-    return sweep(x, rows, count, closed, b, P, row);
+    return solve_cones(x, rows, count, closed, b, P, row);
 }
 
 size_t pma_complementarity_turns(const pma_complementarity *x)
