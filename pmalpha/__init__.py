@@ -29,8 +29,7 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
-from .problem.coincident import tie_coincident
-from .problem.coincident_contact import contact_coincident
+from .problem.coincident import contact_coincident, tie_coincident
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
 from .problem.forces import BaseAcceleration, SampledForce

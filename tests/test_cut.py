@@ -11,8 +11,8 @@ from test_export import read_xdmf
 
 import pmalpha as pm
 from pmalpha import structures
+from pmalpha.cutting.choice import frequencies
 from pmalpha.cutting.division import Division
-from pmalpha.cutting.steps import frequencies
 from pmalpha.cutting.whole import whole_of
 from pmalpha.problem.kinds import KINDS
 
@@ -434,7 +434,7 @@ def test_parts_of_equal_cost_are_balanced_with_small_interfaces():
 
 
 def test_without_metis_coordinates_are_bisected(monkeypatch):
-    monkeypatch.setattr("pmalpha.cutting.partition.has_nested_dissection", lambda: False)
+    monkeypatch.setattr("pmalpha.cutting.choice.has_nested_dissection", lambda: False)
     structure = structures.plate(12, 4, 1.0, E=1.0, nu=0.3, rho=1.0)
     parts = pm.cut(structure, parts=3)
     assert np.bincount(parts.labels).tolist() == [16, 16, 16]

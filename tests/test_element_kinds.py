@@ -8,8 +8,7 @@ from scipy.sparse.linalg import spsolve
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.problem.kinds import KINDS
-from pmalpha.problem.shapes import SHAPES
+from pmalpha.problem.kinds import KINDS, SHAPES
 
 KIND = pytest.mark.parametrize("kind", PLANE + SOLID)
 MATERIAL = {"E": 7.0, "nu": 0.3, "rho": 3.0}

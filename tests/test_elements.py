@@ -8,7 +8,7 @@ import scipy.sparse.linalg
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.structures.tangent_sums import Assembly
+from pmalpha.structures.pattern import Assembly
 
 E, NU = 7.0, 0.3
 EPS = np.finfo(float).eps

@@ -8,8 +8,7 @@ from meshes import PLANE, SOLID, box, distorted
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.problem.kinds import KINDS
-from pmalpha.problem.shapes import SHAPES
+from pmalpha.problem.kinds import KINDS, SHAPES
 
 meshio = pytest.importorskip("meshio")
 

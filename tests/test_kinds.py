@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pmalpha.problem.cells import _CELLS
+from pmalpha.problem.interpolation import _CELLS
 from pmalpha.problem.kinds import BY_COLUMNS, KINDS
 from pmalpha.structures.mesh import Block, Mesh, checked_mesh, edges, lines, outer_faces
 

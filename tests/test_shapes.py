@@ -6,9 +6,8 @@ from math import factorial, prod
 import numpy as np
 import pytest
 
-from pmalpha.problem.kinds import KINDS
-from pmalpha.problem.shapes import SHAPES
-from pmalpha.structures.quadrature import RULES
+from pmalpha.problem.kinds import KINDS, SHAPES
+from pmalpha.structures.elasticity import RULES
 
 NAMES = list(SHAPES)
 ROUNDING = 1e-14  # of sums of up to 20 terms of size up to 7

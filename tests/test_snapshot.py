@@ -10,7 +10,7 @@ from test_checkpoint import coupler, require_same_history, snapshot
 
 import pmalpha as pm
 from pmalpha import analysis
-from pmalpha.analysis.kept_state import state_kept
+from pmalpha.analysis.amplification import state_kept
 from pmalpha.run.snapshot import Snapshot
 
 DAMPED = pm.GeneralizedAlpha(0.5)

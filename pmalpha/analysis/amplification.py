@@ -2,17 +2,57 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
 
+from ..results.clock import Clock
 from ..run.coupler import Coupler
-from ..run.session import require_linear
+from ..run.session import require_linear, take
+from ..run.snapshot import restore_snapshot, snapshot_of
+from ..run.transfer import Steps
 from ..setup.propagation import Layout, propagation
-from .kept_state import checked_coupler, state_kept, unloaded
 
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
+
+
+def checked_coupler(coupler: Any) -> Coupler:
+    if not isinstance(coupler, Coupler):
+        raise TypeError(f"coupler must be a Coupler, got {coupler!r}")
+    return coupler
+
+
+@contextmanager
+def state_kept(coupler: Coupler) -> Iterator[None]:
+    """Restore the state of the coupler afterwards, bitwise identical.
+
+    Meanwhile its steps are its present ones as if there had been no others.
+    """
+    session = coupler._session
+    snapshot = snapshot_of(session)
+    try:
+        layout = session.steps.layout
+        take(session, Steps(layout, Clock(layout.dt)), session.assemblies.of(layout))
+        session.core.set_origin(0, 0.0)
+        yield
+    finally:
+        restore_snapshot(session, snapshot)
+
+
+@contextmanager
+def unloaded(coupler: Coupler) -> Iterator[None]:
+    """Without loads and prescribed motion within the block."""
+    session = coupler._session
+    for part in session.parts:
+        part.core.set_load(None)
+    for i in range(len(session.loads.motions)):
+        session.core.set_motion(i, None)
+    try:
+        yield
+    finally:
+        session.loads.to_core()
 
 
 class AmplificationMatrix(np.ndarray):

@@ -14,8 +14,8 @@ from ..run.advance import advance_to
 from ..run.coupler import Coupler
 from ..run.session import begin, require_linear
 from ..setup.part import Part, core_subdomain
+from .amplification import checked_coupler, state_kept
 from .exact import Instant
-from .kept_state import checked_coupler, state_kept
 
 __all__ = ["global_error", "local_error", "observed_order", "start_error"]
 

@@ -11,7 +11,7 @@ import scipy
 from ..problem.matrices import dense
 from ..run.coupler import Coupler
 from ..run.session import require_linear
-from .kept_state import checked_coupler
+from .amplification import checked_coupler
 
 __all__ = ["exact_solution"]
 

@@ -14,8 +14,7 @@ from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..run.coupler import Coupler
-from .amplification import amplification_matrix, layout_of, propagated
-from .kept_state import checked_coupler
+from .amplification import amplification_matrix, checked_coupler, layout_of, propagated
 
 __all__ = ["period_and_damping", "spectral_radius", "stability_limit", "zero_stability"]
 

@@ -19,8 +19,8 @@ from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..results.history import History, SubdomainHistory
 from ..run.coupler import Coupler
+from ..structures.mesh_files import grid_of
 from ..structures.structure import Structure
-from ..structures.vtk import grid_of
 from .division import Division, checked_levels
 from .element_factors import factors
 from .plan import Plan, plan_of

@@ -13,8 +13,7 @@ from ..problem.constraints import Constraint
 from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
 from ..problem.subdomain import Subdomain
-from .adjoint import Adjoint, Member, Sources, reversed_load
-from .mean_adjoint import MeanAdjoint, MeanMember
+from .adjoint import Adjoint, MeanAdjoint, MeanMember, Member, Sources, reversed_load
 from .parameters import Parameters
 
 TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma

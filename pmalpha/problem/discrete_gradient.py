@@ -9,10 +9,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted
+from .dofs import GROUND
 from .frozen import Frozen
 from .internal import Internal, checked_internal
 from .schemes import Scheme
-from .spring_dofs import GROUND
 from .springs import CubicSpring, Gap, Spring
 
 __all__ = ["DiscreteGradient"]

@@ -12,9 +12,8 @@ from scipy import LowLevelCallable
 
 from .._checks import counted, positive_number, real_array, real_number, vector
 from .argument_types import SparseLike, VectorLike
-from .compiled import evaluate_compiled
 from .frozen import Frozen
-from .lowlevel import check_signature
+from .lowlevel import check_signature, evaluate_compiled
 from .matrices import read_only, shorten_indices
 from .restoring import labelled
 from .springs import Spring

@@ -15,9 +15,8 @@ import scipy.sparse as sp
 
 from .. import _core
 from .._checks import counted, real_array
-from .dofs import dof_list
+from .dofs import GROUND, dof_list, spring_dofs
 from .frozen import Frozen
-from .spring_dofs import GROUND, spring_dofs
 
 __all__ = [
     "Bilinear",

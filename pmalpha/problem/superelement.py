@@ -22,10 +22,9 @@ from ..errors import warn
 from ..memory import require
 from .argument_types import DofsLike
 from .dofs import dof_array, dof_list
-from .eigenmodes import modes
+from .eigenmodes import FLOATING, modes, positive_definite, scale_to_one, softest
 from .forces import SampledForce, depends_on_motion
 from .matrices import Matrix, dense, diagonal, is_symmetric, product
-from .positive import FLOATING, positive_definite, scale_to_one, softest
 
 __all__ = ["ReducedBasis"]
 

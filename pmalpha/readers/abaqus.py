@@ -10,9 +10,8 @@ import numpy as np
 
 from .._checks import MOST
 from ..files import checked_path
-from .entries import Entries, labelled
 from .exported import ExportedMatrix, checked_labels
-from .text import Line, refuse, text_lines
+from .text import Entries, Line, labelled, refuse, text_lines
 
 __all__ = ["read_abaqus"]
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from .._checks import listing
 from ..files import checked_path
-from .entries import Entries, labelled
 from .exported import ExportedMatrix
-from .text import refuse, text_lines
+from .text import Entries, labelled, refuse, text_lines
 
 __all__ = ["read_dmig"]
 

@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike
 from .._checks import counted
 from ..problem.subdomain import Subdomain
 from .contact_history import Contacts, Recorded, recorded_contacts
-from .conversion import dataset, frames
+from .conversion import dataset, frames, history_html
 from .energy import Energy
-from .history_table import history_html
 from .interpolated import Instant, Peak, at, peak, resampled
-from .joining import joined
 from .keys import position
 from .pacing import Pacing
+from .quantities import joined
 from .stored import stored_fields, write_history
 from .subdomain_history import SubdomainHistory
 

@@ -23,20 +23,76 @@ from typing import Any
 
 import numpy as np
 
-from ..files import checked_path, mismatch, reading, replacing
+from ..files import checked_path, mismatch, package_version, reading, replacing
 from ..memory import require
-from .attributes import describe, storable
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, of_columns
 
+# By the last component of the HDF5 path: what the array is, and its unit.
+ARRAYS = {name: (x.what, x.unit) for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items()}
+ARRAYS["step_count"] = ("macro steps up to which all rows are written", "1")
+ENERGY = ("a row for each macro time level, a column for each subdomain", "F u")
+CONSERVED = (
+    "a share in the conserved quantity, " + ENERGY[0],
+    "F u / t^2; F u under mean coupling",
+)
+OUTPUT = "linear combinations of u, v and a, a row for each time level"
+UNITS = "any consistent system, that of the matrices, u and dt; F is the unit of K u"
 # In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
 FORMAT, VERSION = "pmalpha History", 1
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COUNTER = "step_count"
 # Maximum number of bytes per system call.
 LONGEST_WRITE = 1 << 30
-
 # What is finite at every time level of a run.
 STATES = {name for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items() if x.is_state}
+
+
+def describe(whole: Any, header: Mapping[str, Any]) -> None:
+    """Write the attributes of a file whose datasets exist.
+
+    Parameters
+    ----------
+    whole : h5py.File
+    header : dict
+        From `contents_of`.
+    """
+    whole.attrs.update(
+        {
+            "format": header["format"],
+            "format_version": header["version"],
+            "pmalpha_version": package_version(),
+            "units": UNITS,
+        }
+    )
+    numbers = {group: i for i, group in enumerate(header["groups"])}
+    for key, item in whole.items():
+        if key in numbers:
+            i = numbers[key]
+            item.attrs["name"] = storable(header["names"][i])
+            _name_outputs(item.get("outputs", {}), header["outputs"][i])
+            _name_dofs(item, header["dof_names"][i])
+        for name, array in item.items() if hasattr(item, "items") else [(key, item)]:
+            of_energy = CONSERVED if name == "conserved" else ENERGY
+            known = of_energy if key == "energy" else ARRAYS.get(name)
+            if known is not None:
+                array.attrs.update(zip(("description", "units"), known))
+
+
+def _name_outputs(group: Mapping[str, Any], names: Sequence[str]) -> None:
+    for k, array in group.items():
+        array.attrs.update({"name": storable(names[int(k)]), "description": OUTPUT})
+
+
+def _name_dofs(group: Any, names: Sequence[str] | None) -> None:
+    """The names of the columns of u, v and a, which `History.load` takes from the header."""
+    if names:
+        group["dof_names"] = np.array([storable(name).encode() for name in names])
+        group["dof_names"].attrs["description"] = "names of the recorded dofs, utf-8"
+
+
+def storable(name: str) -> str:
+    """The name without what HDF5 cannot store in a string: lone surrogates and zeros."""
+    return name.encode("utf-8", "replace").decode().replace("\0", "?")
 
 
 def row_count(begin: int, end: int, every: int, levels: int) -> int:

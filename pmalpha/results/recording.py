@@ -20,17 +20,15 @@ from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import CoreRows
 from ..setup.part import Part
-from .appending import EarlierRows, check_new
 from .clock import Clock
 from .contact_history import layouts
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, hdf5_library, output_array, row_count
-from .joining import WORKS
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
-from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, by_columns, column_counts
-from .stored import contents_of
+from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, WORKS, by_columns, column_counts
+from .stored import EarlierRows, check_new, contents_of
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3

@@ -1,19 +1,30 @@
-"""The record of a paced run, written to a file by a thread of its own."""
+"""Files of a paced run: its record, written by a thread, and what other processes read of it."""
 
 from __future__ import annotations
 
+import json
+import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..files import checked_path
 from .history import History
 from .quantities import OF_SUBDOMAIN
 from .recording import FiledRecording, Recording
 
+__all__ = ["Monitored", "read_monitor"]
+
 # Seconds between two looks for rows to write.
 INTERVAL = 0.1
+FORMAT, VERSION = "pmalpha monitor", 1
+# Bytes before the table: the header, and the number of rows that were written, in the last 8.
+HEADER = 1 << 14
+TIMES = ("due", "begun", "commanded", "returned", "ended")
 
 
 class RingRecording(FiledRecording):
@@ -129,3 +140,154 @@ class RingRecording(FiledRecording):
         rows = (1 + slots[:, None] * levels + np.arange(levels)).reshape(-1)
         to[1 : 1 + rows.size] = ring[rows]
         to[1 : 1 + rows.size][np.repeat(lost, levels)] = empty
+
+
+@dataclass(frozen=True)
+class Monitored:
+    """The last fine steps of a run with `Coupler.monitor`, from `read_monitor`.
+
+    Attributes
+    ----------
+    step : (k,) array of int
+        Numbers of the fine steps, from 0 in each run.
+    t : (k,) array
+        Time levels at their ends, in the time of the problem.
+    due, begun, commanded, returned, ended : (k,) arrays
+        As of `Pacing`, in s.
+    period : float
+        As of `Pacing`.
+    command, force : dict of (k, dofs) arrays by name
+        What the specimens were commanded and have returned; NaN where they were not evaluated.
+    dofs : dict of (dofs,) arrays of int by name
+        The dofs of the columns.
+    """
+
+    step: np.ndarray
+    t: np.ndarray
+    due: np.ndarray
+    begun: np.ndarray
+    commanded: np.ndarray
+    returned: np.ndarray
+    ended: np.ndarray
+    period: float
+    command: Mapping[str, np.ndarray]
+    force: Mapping[str, np.ndarray]
+    dofs: Mapping[str, np.ndarray]
+
+    @property
+    def lateness(self) -> np.ndarray:
+        """How late each fine step began, (k,), in s."""
+        late: np.ndarray = self.begun - self.due
+        return late
+
+
+class MonitorFile:
+    """The file, written by one process: a table whose rows are used in turn.
+
+    Parameters
+    ----------
+    path : path
+        A new file takes the place of one that is there, which its readers keep.
+    rows : int
+    about : dict
+        "period", "t0" and "h" of the fine steps, "dofs" by name of the subdomain.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], rows: int, about: Mapping[str, Any]):
+        import mmap
+
+        columns = len(TIMES) + 2 * sum(map(len, about["dofs"].values()))
+        header = {"format": FORMAT, "version": VERSION, "rows": rows, "columns": columns, **about}
+        text = json.dumps(header).encode()
+        if len(text) > HEADER - 8:
+            raise ValueError(f"a monitor has names and dofs in {HEADER} bytes, got {len(text)}")
+        path = checked_path(path, "path")
+        new = path.with_name(f"{path.name}.{os.getpid()}")
+        with open(new, "w+b") as file:
+            file.write(text.ljust(HEADER - 8) + bytes(8 + 8 * rows * columns))
+            file.flush()
+            self.map = mmap.mmap(file.fileno(), 0)
+        os.replace(new, path)
+        self.count = np.ndarray(1, dtype="<i8", buffer=self.map, offset=HEADER - 8)
+        self.table = np.ndarray((rows, columns), dtype="<f8", buffer=self.map, offset=HEADER)
+
+    def write(self, first: int, values: np.ndarray) -> None:
+        """Fine steps from number `first` on, a row for each."""
+        kept = values[-len(self.table) :]
+        rows = np.arange(first + len(values) - len(kept), first + len(values)) % len(self.table)
+        self.table[rows] = kept
+        self.count[0] = first + len(values)
+
+    def close(self) -> None:
+        del self.count, self.table
+        self.map.close()
+
+
+def read_monitor(path: str | os.PathLike[str]) -> Monitored:
+    """The last fine steps of a run that is going on, or was the last one.
+
+    Parameters
+    ----------
+    path : str or path
+        That of `Coupler.monitor`.
+
+    Returns
+    -------
+    Monitored
+        Copies; without steps before the first ones were written.
+
+    Raises
+    ------
+    OSError, ValueError
+        For a file that cannot be read, or is another one.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import pmalpha as pm
+    >>> rig = pm.rig.SimulatedActuator(pm.CubicSpring([0], k=4.0, k3=0.0))
+    >>> mass = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=rig, v0=[1.0],
+    ...                     name="mass")
+    >>> coupler = pm.Coupler([mass], dt=0.001, coupling="gc")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     coupler.monitor(pathlib.Path(folder, "live"))
+    ...     history = coupler.run_paced(0.1)
+    ...     last = pm.rig.read_monitor(pathlib.Path(folder, "live"))
+    >>> last.force["mass"].shape, bool(np.all(last.due == history.pacing.due))
+    ((100, 1), True)
+    """
+    content = Path(path).read_bytes()
+    try:
+        about = json.loads(content[: HEADER - 8])
+        if about["format"] != FORMAT or about["version"] != VERSION:
+            raise ValueError("another format or version")
+        rows, columns, dofs = about["rows"], about["columns"], about["dofs"]
+        table = np.frombuffer(content, dtype="<f8", offset=HEADER).reshape(rows, columns)
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(
+            f"path must be a file of Coupler.monitor, {str(path)!r}: {error}"
+        ) from None
+    count = int(np.frombuffer(content, dtype="<i8", count=1, offset=HEADER - 8)[0])
+    # what was written after the count was read has taken the places of the first rows
+    after = int(np.fromfile(path, dtype="<i8", count=1, offset=HEADER - 8)[0])
+    step = np.arange(max(0, after - rows), count)
+    return _monitored(about, step, table[step % rows].copy(), dofs)
+
+
+def _monitored(
+    about: Mapping[str, Any], step: np.ndarray, x: np.ndarray, dofs: Mapping[str, Sequence[int]]
+) -> Monitored:
+    command, force, at = {}, {}, len(TIMES)
+    for name, own in dofs.items():
+        command[name] = x[:, at : at + len(own)]
+        force[name] = x[:, at + len(own) : at + 2 * len(own)]
+        at += 2 * len(own)
+    return Monitored(
+        step=step,
+        t=about["t0"] + (step + 1) * about["h"],
+        **{name: x[:, i] for i, name in enumerate(TIMES)},
+        period=about["period"],
+        command=command,
+        force=force,
+        dofs={name: np.array(own) for name, own in dofs.items()},
+    )

@@ -826,13 +826,13 @@ class Coupler:
         >>> float(S["mass"][-1, 0, 0].round(3))
         -0.109
         """
-        from ..gradients import jacobian as sensitivities
+        from ..gradients import gradient as gradients
 
         if differences is None:
             require_linear(self._session, "jacobian without differences=")
         require_alone(self._session, "jacobian")
         end, report = (t_end, steps), partial(reporting, progress, 0)
-        return sensitivities.jacobian(
+        return gradients.jacobian(
             self, self._session, sensors, end, parameters, what, differences, report
         )
 

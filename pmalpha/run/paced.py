@@ -21,10 +21,9 @@ from ..files import checked_path
 from ..problem.dofs import dof_list
 from ..results.history import History
 from ..results.keys import by_index
-from ..results.monitored import MonitorFile
 from ..results.pacing import Pacing, due_times
 from ..results.recording import Recording, recording_class
-from ..results.ring import RingRecording
+from ..results.ring import MonitorFile, RingRecording
 from .progress import HeldSignals, reporting
 from .recorded_run import recorded, recording_of
 from .session import Session, require_alone

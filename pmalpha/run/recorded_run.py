@@ -14,11 +14,11 @@ from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, check_replaceable, checked_path
 from ..problem.matrices import core_matrix, skew_part
-from ..results.appending import check_new
 from ..results.energy import conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
 from ..results.recording import FiledRecording, Recording, recording_class
+from ..results.stored import check_new
 from ..setup.ranks import Elsewhere, file_of
 from .accuracy import estimated_error, warn_if_coarse
 from .advance import advance_to

@@ -15,17 +15,15 @@ from ..files import check_replaceable, checked_path
 from ..problem.dofs import names_at
 from ..problem.subdomain import Subdomain
 from ..results import history_file
-from ..results.appending import check_new
 from ..results.energy import Energy
 from ..results.history import History, SubdomainHistory
 from ..results.history_file import hdf5_library
-from ..results.joining import stacked
 from ..results.keys import by_index
 from ..results.local_error import errors_of
 from ..results.outputs import chosen_outputs
-from ..results.quantities import OF_SUBDOMAIN, of_columns, with_rows
+from ..results.quantities import OF_SUBDOMAIN, of_columns, stacked, with_rows
 from ..results.recording import Recording, chosen_dofs
-from ..results.stored import contents_of
+from ..results.stored import check_new, contents_of
 from ..setup.part import Part
 from .advance import advance_to, choose
 from .progress import HeldSignals, Report, reporting

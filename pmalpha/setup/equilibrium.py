@@ -15,9 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import ConvergenceError, FactorizationError
+from ..problem.eigenmodes import FLOATING, scale_to_one, softest
 from ..problem.matrices import Matrix, combination, product
 from ..problem.newton import Newton
-from ..problem.positive import FLOATING, scale_to_one, softest
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import SYMMETRY
 from .internal_forces import InternalForces, internal_at, matrix_of_springs, springs_at

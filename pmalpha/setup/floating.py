@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from .._checks import counted, listing
 from ..blas import one_thread
 from ..errors import ConstraintWarning, StabilityWarning, warn
+from ..problem.eigenmodes import FLOATING, scales_to_one, softest
 from ..problem.matrices import Matrix, dense, diagonal, is_symmetric
-from ..problem.positive import FLOATING, scales_to_one, softest
 from ..problem.subdomain import Subdomain
 from .constraint_rows import rows_of_size_one
 from .link import Link

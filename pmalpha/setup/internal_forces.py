@@ -12,9 +12,9 @@ from scipy import LowLevelCallable
 
 from .. import _core
 from ..memory import require
-from ..problem.compiled import evaluate_compiled
 from ..problem.evaluation import CheckedInternal, first_tangent, histories
 from ..problem.internal import InternalForce
+from ..problem.lowlevel import evaluate_compiled
 from ..problem.matrices import (
     Matrix,
     canonical,

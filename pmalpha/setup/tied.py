@@ -17,8 +17,8 @@ from .._checks import counted, listing
 from ..blas import one_thread
 from ..errors import FactorizationError, PerformanceWarning, warn
 from ..memory import require
+from ..problem.eigenmodes import scales_to_one
 from ..problem.matrices import Matrix, core_sparse, dense
-from ..problem.positive import scales_to_one
 from ..problem.schemes import Scheme
 from .constraint_rows import row_sizes
 from .factors import LOST

@@ -11,16 +11,13 @@ from ..problem.eigenmodes import modes
 from .bars import truss
 from .contact import plane_contact, sphere_contact
 from .continuum import plate, plate_on, solid, solid_on
-from .corotational import corotational_frame
 from .element_force import ElementForce
-from .frames import beam_frame, subdivide
-from .imported import from_mesh
+from .frames import beam_frame, corotational_frame, subdivide
+from .imported import from_mesh, submesh
 from .lines import chain, rod
-from .materials import NeoHookean, StVenantKirchhoff
+from .materials import J2Plasticity, NeoHookean, StVenantKirchhoff
 from .nonlinear import nonlinear_solid, nonlinear_solid_on
-from .plasticity import J2Plasticity
 from .structure import Structure
-from .submeshes import submesh
 
 __all__ = [
     "ElementForce",

@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike
 
 from .._checks import check_word, flag, plain_array, require_moderate
 from .checked import is_lumped, mesh_arguments, per_element, positive
-from .element_force import Conservative
+from .element_force import Chosen, Conservative, Made, of_chosen
 from .frames import subdivide
-from .pattern import Pattern, lumped_mass
-from .recipe import Chosen, Made, of_chosen
+from .pattern import Assembly, Pattern, lumped_mass
 from .structure import Structure
-from .tangent_sums import Assembly
 
 __all__ = ["truss"]
 

@@ -14,8 +14,8 @@ from .._checks import flag, positive_number, vector
 from ..problem.dofs import dof_list
 from .checked import positive
 from .element_force import Conservative
+from .pattern import Assembly
 from .structure import Structure
-from .tangent_sums import Assembly
 
 __all__ = ["plane_contact", "sphere_contact"]
 

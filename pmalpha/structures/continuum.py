@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
 from ..blas import one_thread
-from ..problem.kinds import KINDS
-from ..problem.shapes import SHAPES
+from ..problem.kinds import KINDS, SHAPES
 from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
 from .elasticity import Moduli, mass_matrix, stiffness
+from .element_force import Chosen, Made, of_chosen
 from .mesh import Block
 from .pattern import Pattern
-from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["plate", "plate_on", "solid", "solid_on"]

@@ -1,4 +1,4 @@
-"""Structures on meshes of files, with materials by the names in them."""
+"""Structures on meshes of files, with materials by the names in them; meshes of some elements."""
 
 from __future__ import annotations
 
@@ -9,23 +9,77 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
 
-from .._checks import check_word, listing, plain_array
-from ..problem.kinds import KINDS
-from ..problem.shapes import SHAPES
-from .checked import is_lumped, positive
+from .._checks import check_word, listing, plain_array, real_array
+from ..problem.kinds import KINDS, SHAPES
+from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
-from .elasticity import Moduli
+from .elasticity import RULES, Moduli, Rule, lumped_shares
+from .element_force import Chosen, Made, of_chosen
 from .frames import ROTARY, beam_matrices
-from .line_elements import bar_matrices, embedded
 from .mesh_files import FileMesh, read_mesh
-from .recipe import Chosen, Made, of_chosen
+from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
 
-__all__ = ["from_mesh"]
-
+__all__ = ["from_mesh", "submesh"]
 # Numbers of a material, by what it makes of elements; a thickness t besides where surfaces are
 LAWS = {"elastic": ("E", "nu", "rho"), "bar": ("EA", "rhoA"), "beam": ("EA", "EI", "rhoA")}
+
+
+def bar_matrices(
+    kind: str,
+    lines: np.ndarray,
+    corners: np.ndarray,
+    EA: np.ndarray,
+    rhoA: np.ndarray,
+    nodes: int,
+    lumped: bool,
+) -> tuple[Any, sp.csr_array]:
+    """M, or its diagonal if lumped, and K; corners (E, a, d) are the coordinates of the nodes."""
+    shape, (stiff, heavy) = SHAPES[kind], RULES[kind]
+    d = corners.shape[2]
+    pattern = Pattern.of(lines, nodes)
+    _, weights = _along(kind, corners, heavy)
+    weights = weights * rhoA[:, None]
+    N = shape.values(heavy.points)
+    if lumped:
+        M = np.repeat(lumped_mass(lines, lumped_shares(kind, N, weights), nodes), d)
+    else:
+        scalar = pattern.matrix(np.einsum("eq,qa,qb->eab", weights, N, N))
+        M = sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
+    B, lengths = _along(kind, corners, stiff)
+    return M, pattern.matrix(np.einsum("e,eq,eqai,eqbj->eaibj", EA, lengths, B, B, optimize=True))
+
+
+def _along(kind: str, corners: np.ndarray, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
+    """Strains (E, q, a, d) of unit displacements of the nodes, and lengths (E, q) of the points.
+
+    With x' = dx / dxi the strain is x' . u' / |x'|^2.
+    """
+    slopes = SHAPES[kind].slopes(rule.points)[:, :, 0]
+    tangent = np.einsum("qa,eai->eqi", slopes, corners)
+    square = np.sum(tangent**2, axis=2)
+    B = slopes[None, :, :, None] * (tangent / square[:, :, None])[:, :, None, :]
+    return B, rule.weights * np.sqrt(square)
+
+
+def embedded(A: Any, old: int, new: int) -> Any:
+    """A matrix, or its diagonal, on nodes with more dofs, the first `old` of which it has."""
+    if old == new:
+        return A
+    nodes = A.shape[0] // old
+    dofs = (new * np.arange(nodes)[:, None] + np.arange(old)).ravel()
+    if A.ndim == 1:
+        whole = np.zeros(new * nodes)
+        whole[dofs] = A
+        return whole
+    A = sp.csr_array(A)
+    counts = np.zeros(new * nodes, dtype=A.indptr.dtype)
+    counts[dofs] = np.diff(A.indptr)
+    start = np.concatenate([[0], np.cumsum(counts)])
+    return sp.csr_array((A.data, dofs[A.indices], start), shape=(new * nodes, new * nodes))
 
 
 def from_mesh(
@@ -372,3 +426,40 @@ def _named(
     sets = {name: np.unique(number[nodes]) for name, nodes in sets.items()}
     sets = {name: nodes[nodes >= 0] for name, nodes in sets.items()}
     return groups, {name: nodes for name, nodes in sets.items() if nodes.size}
+
+
+def submesh(points: ArrayLike, elements: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The mesh of some elements of another mesh, without unused points.
+
+    Parameters
+    ----------
+    points : (N, dim) array_like
+        Coordinates of all nodes.
+    elements : (E, corners) array_like of int
+        The elements to keep.
+
+    Returns
+    -------
+    points : (k, dim) ndarray
+        Coordinates of the nodes that the elements have.
+    elements : (E, corners) ndarray of int
+        In the numbers of the remaining points.
+    nodes : (k,) ndarray of int
+        Numbers of these points in the given mesh, in rising order.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For wrong shapes and numbers of points that do not exist.
+
+    Examples
+    --------
+    >>> from pmalpha import structures
+    >>> points, lines, nodes = structures.submesh([[0.0], [1.0], [2.0], [3.0]], [[3, 2]])
+    >>> points.tolist(), lines.tolist(), nodes.tolist()
+    ([[2.0], [3.0]], [[1, 0]], [2, 3])
+    """
+    coordinates = real_array(points, "points", 2)
+    corners = node_numbers(elements, "elements", len(coordinates), None)
+    nodes, renumbered = np.unique(corners, return_inverse=True)
+    return coordinates[nodes], renumbered.reshape(corners.shape), nodes

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from .._checks import real_number, vector, whole_number
 from .checked import is_lumped, measure, not_negative, positive
+from .element_force import Chosen, Made, of_chosen
 from .pattern import Pattern, lumped_mass
-from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["chain", "rod"]

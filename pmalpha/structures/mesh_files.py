@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._checks import listing, require_finite, require_moderate
+from .._checks import listing, real_number, require_finite, require_moderate
 from ..files import reading
 from ..problem.kinds import KINDS
 from ..results.history_file import SIGNATURE, own_array
 from .inp import Input
-from .mesh import Block
+from .mesh import Block, checked_mesh, nodal_vectors, padded
 
 # Formats of meshio by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
 # Tecplot, TetGen and WKT, whose readers do not end for some damaged files, XDMF and DOLFIN, which
@@ -43,6 +44,8 @@ FORMATS = {
     ".vtk": "vtk",
     ".vtu": "vtu",
 }
+# Reads at the end that a reader may make.
+MOST_ENDS = 100
 
 
 class FileMesh(NamedTuple):
@@ -109,10 +112,6 @@ def _format(path: Path) -> str:
         )
     with reading(path) as file:
         return "ansys" if suffix == ".msh" and file.read(1) == b"(" else FORMATS[suffix]
-
-
-# Reads at the end that a reader may make.
-MOST_ENDS = 100
 
 
 class _Text(io.TextIOWrapper):
@@ -264,3 +263,39 @@ def _numbered(mesh: Any, names: str | None) -> dict[str, list[np.ndarray]]:
         raise ValueError(f"names must be that of whole numbers by cell, got {names!r}")
     values = np.unique(np.concatenate(data)).tolist()
     return {str(value): [np.flatnonzero(x == value) for x in data] for value in values}
+
+
+def grid_of(
+    structure: Any, motion: Any, t: Any, cells: Mapping[str, np.ndarray] | None = None
+) -> Any:
+    """The implementation of `Structure.to_pyvista`, with numbers of the elements by name."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise ImportError("to_pyvista needs pyvista: pip install pyvista") from error
+    mesh = checked_mesh(structure.points, structure.elements)
+    rows, kinds = [], []
+    for kind, nodes in mesh.blocks:
+        rows.append(np.insert(nodes, 0, nodes.shape[1], axis=1).ravel())
+        kinds.append(np.full(len(nodes), KINDS[kind].vtk, dtype=np.uint8))
+    points = np.ascontiguousarray(padded(mesh.points, 3))
+    grid = pyvista.UnstructuredGrid(np.concatenate(rows), np.concatenate(kinds), points)
+    for name, numbers in (cells or {}).items():
+        grid.cell_data[name] = numbers
+    if motion is None:
+        return grid
+    if not hasattr(motion, "u"):
+        grid.point_data["displacement"] = padded(nodal_vectors(motion, mesh, "motion"), 3)
+        return grid
+    k = -1 if t is None else _level(motion, t)
+    for name, x in (("displacement", motion.u), ("velocity", motion.v), ("acceleration", motion.a)):
+        grid.point_data[name] = padded(nodal_vectors(x[k], mesh, "motion"), 3)
+    grid.field_data["time"] = [motion.t[k]]
+    return grid
+
+
+def _level(motion: Any, t: Any) -> int:
+    """The recorded time level that is nearest to t."""
+    times = np.asarray(motion.t)
+    time = real_number(t, "t", low=float(times[0]), high=float(times[-1]))
+    return int(np.argmin(np.abs(times - time)))

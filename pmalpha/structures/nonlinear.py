@@ -15,13 +15,11 @@ from ..errors import warn
 from .checked import is_lumped, mesh_arguments, positive
 from .continuum import grid
 from .elasticity import gradients, mass_matrix
-from .element_force import Conservative, ElementForce
+from .element_force import Chosen, Conservative, ElementForce, Made, of_chosen
 from .materials import Hyperelastic, Material
 from .mesh import Block
-from .pattern import Pattern
-from .recipe import Chosen, Made, of_chosen
+from .pattern import Assembly, Pattern
 from .structure import Structure
-from .tangent_sums import Assembly
 
 __all__ = ["nonlinear_solid", "nonlinear_solid_on"]
 

@@ -1,4 +1,4 @@
-"""Stresses at the nodes of plates and solids, for pictures."""
+"""What follows from a motion of a structure: stresses, forces of line elements, storey drifts."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from .._checks import check_word, real_array
 
 # The rows of an element of `Structure.element_stresses`, by its dimension.
 COMPONENTS = {2: ("xx", "yy", "xy"), 3: ("xx", "yy", "zz", "xy", "yz", "xz")}
+# Components of a node for which the rigid-body motions are known.
+BAR, BEAM = ("ux",), ("ux", "uy", "rz")
+# Heights and forces are equal up to this fraction of the largest one.
+EQUAL = 1e-9
 
 
 def nodal_stress(structure: Any, u: Any, what: str) -> np.ndarray:
@@ -54,3 +58,124 @@ def _mises(s: np.ndarray, across: np.ndarray) -> np.ndarray:
     J = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3.0 * shear
     result: np.ndarray = np.sqrt(J)
     return result
+
+
+def line_forces(
+    K: sp.csr_array, points: np.ndarray, lines: np.ndarray, components: tuple[str, ...]
+) -> sp.csr_array:
+    """The implementation of `Structure.element_forces`."""
+    if np.unique(np.sort(lines, axis=1), axis=0).shape != lines.shape:
+        raise ValueError("element_forces needs one element at most between two nodes")
+    first, second = lines.T
+    d = len(components)
+    of_first, of_second = _blocks(K, first, second, d), _blocks(K, second, first, d)
+    along = points[second] - points[first]
+    if components == BAR:  # the normal force is the force at the second end
+        rows = np.concatenate([of_second, -of_second], axis=2)
+        return _placed(rows, lines, d, K.shape[1])
+    at_first = np.concatenate([-of_first @ _rigid(along), of_first], axis=2)
+    at_second = np.concatenate([of_second, -of_second @ _rigid(-along)], axis=2)
+    R = _rotation(along)
+    return _placed(np.concatenate([R @ at_first, R @ at_second], axis=1), lines, d, K.shape[1])
+
+
+def _blocks(K: sp.csr_array, i: np.ndarray, j: np.ndarray, d: int) -> np.ndarray:
+    """(E, d, d): K between the dofs of nodes i and those of nodes j."""
+    rows = np.repeat(d * i[:, None] + np.arange(d), d, axis=1)
+    columns = np.tile(d * j[:, None] + np.arange(d), (1, d))
+    return np.asarray(K[rows.ravel(), columns.ravel()]).reshape(-1, d, d)
+
+
+def _rigid(along: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): motion of the other node, at this distance, per motion of a node."""
+    B = np.broadcast_to(np.eye(3), (len(along), 3, 3)).copy()
+    B[:, 0, 2], B[:, 1, 2] = -along[:, 1], along[:, 0]
+    return B
+
+
+def _rotation(along: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): from global axes to those of the element."""
+    c, s = (along / np.hypot(*along.T)[:, None]).T
+    R = np.zeros((len(c), 3, 3))
+    R[:, 0, 0], R[:, 0, 1] = c, s
+    R[:, 1, 0], R[:, 1, 1] = -s, c
+    R[:, 2, 2] = 1.0
+    return R
+
+
+def _placed(rows: np.ndarray, lines: np.ndarray, d: int, n: int) -> sp.csr_array:
+    """The matrices (E, r, 2 d) of the elements, one below the other, on all dofs."""
+    elements, height, width = rows.shape
+    columns = (d * lines[:, :, None] + np.arange(d)).reshape(elements, 1, width)
+    columns = np.repeat(columns, height, axis=1)
+    start = width * np.arange(elements * height + 1)
+    whole = sp.csr_array((rows.ravel(), columns.ravel(), start), shape=(elements * height, n))
+    whole.eliminate_zeros()
+    return whole
+
+
+def storey_drifts(structure: Any, component: str) -> sp.csr_array:
+    """The implementation of `Structure.storey_drifts`."""
+    if set(structure.elements) != {"line"} or component not in structure.components:
+        raise ValueError(
+            f"storey_drifts needs elements 'line' with a component {component!r}, got "
+            f"{sorted(structure.elements)} with {structure.components}"
+        )
+    along = structure.points.shape[1] == 1
+    levels = chain_levels(structure) if along else levels_of(structure)
+    means = [_mean(structure, nodes, component) for nodes in levels]
+    if along and ground_springs(structure, component)[: structure.dofs_per_node].any():
+        means.insert(0, sp.csr_array((1, structure.n)))  # the ground is the level below
+    if len(means) < 2:
+        raise ValueError("storey_drifts needs two levels with horizontal members, got fewer")
+    return sp.csr_array(sp.vstack([b - a for a, b in zip(means, means[1:])], format="csr"))
+
+
+def chain_levels(structure: Any) -> list[np.ndarray]:
+    """Every node of a chain or rod, along it."""
+    order: np.ndarray = np.argsort(structure.points[:, 0], kind="stable")
+    return [order[i : i + 1] for i in range(len(order))]
+
+
+def levels_of(structure: Any) -> list[np.ndarray]:
+    """The nodes of each level, from the lowest: the feet, and where horizontal members end."""
+    heights = structure.points[:, -1]
+    tolerance = EQUAL * np.ptp(structure.points, axis=0).max()
+    ends = structure.elements["line"]
+    horizontal = np.abs(heights[ends[:, 1]] - heights[ends[:, 0]]) <= tolerance
+    of_beams = np.unique(ends[horizontal])
+    lowest = np.flatnonzero(heights <= heights.min() + tolerance)
+    nodes = np.union1d(of_beams, lowest)
+    order = nodes[np.argsort(heights[nodes], kind="stable")]
+    steps = np.flatnonzero(np.diff(heights[order]) > tolerance) + 1
+    return np.split(order, steps)
+
+
+def base_shear(structure: Any, nodes: Any, component: str) -> sp.csr_array:
+    """The implementation of `Structure.base_shear`."""
+    K = sp.csr_array(structure.K)
+    if nodes is None:
+        springs = ground_springs(structure, component)
+        if springs.any():
+            return sp.csr_array(-springs[None, :])
+        heights = structure.points[:, -1]
+        nodes = np.flatnonzero(heights <= heights.min() + EQUAL * np.ptp(heights))
+    rows = K[structure.dofs(nodes, component)]
+    return sp.csr_array(np.ones((1, rows.shape[0])) @ rows)
+
+
+def ground_springs(structure: Any, component: str) -> np.ndarray:
+    """Stiffness of springs to the ground at each dof: the forces of a unit translation."""
+    unit = np.zeros(structure.n)
+    unit[structure.components.index(component) :: structure.dofs_per_node] = 1.0
+    K = sp.csr_array(structure.K)
+    springs: np.ndarray = K @ unit
+    springs[np.abs(springs) <= EQUAL * np.abs(K).max()] = 0.0
+    return springs
+
+
+def _mean(structure: Any, nodes: np.ndarray, component: str) -> sp.csr_array:
+    """The row of the mean displacement of some nodes."""
+    dofs = structure.dofs(nodes, component)
+    where = (np.zeros(dofs.size, int), dofs)
+    return sp.csr_array((np.full(dofs.size, 1.0 / dofs.size), where), shape=(1, structure.n))

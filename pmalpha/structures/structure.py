@@ -18,12 +18,9 @@ from ..problem.reduction import reduce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .elasticity import Moduli, stresses
-from .element_force import ElementForce
-from .line_forces import BAR, BEAM, line_forces
-from .recipe import Recipe, all_of
-from .storeys import base_shear, storey_drifts
-from .stress import nodal_stress
-from .vtk import grid_of
+from .element_force import ElementForce, Recipe, all_of
+from .mesh_files import grid_of
+from .stress import BAR, BEAM, base_shear, line_forces, nodal_stress, storey_drifts
 
 __all__ = ["Structure"]
 
