@@ -608,7 +608,7 @@ def test_levels_suffice_for_each_element_and_are_graded():
     substeps = np.array([s.substeps for s in parts.subdomains])
     assert np.array_equal(substeps[1:], 2 * substeps[:-1]) and len(substeps) > 5
     own = substeps[parts.labels]
-    Omega = pm.cutting.steps.critical_product(scheme)
+    Omega = pm.cutting.choice.critical_product(scheme)
     assert np.all(dt / own * bounds <= 0.95 * Omega * (1 + 1e-9))
     i, j = neighbours(structure)
     assert np.max(own[i] / own[j]) <= 4
@@ -651,7 +651,7 @@ def test_a_graded_mesh_is_stable_at_most_of_the_limit_of_each_level(coupling):
     v0[fixed] = 0.0
     bounds = frequencies(whole_of(structure, fixed, None))
     scheme = pm.GeneralizedAlpha(0.8, explicit=True)
-    dt = 0.95 * pm.cutting.steps.critical_product(scheme) / bounds.min()
+    dt = 0.95 * pm.cutting.choice.critical_product(scheme) / bounds.min()
     parts = pm.cut(structure, "steps", dt=dt, scheme=scheme, v0=v0, fixed=fixed)
     assert len(parts.subdomains) > 4
     with warnings.catch_warnings():
