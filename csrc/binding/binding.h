@@ -16,6 +16,7 @@
 #include <string.h>
 
 #include "algebra/elimination.h"
+#include "algebra/lanes.h"
 #include "coupling/coupler.h"
 #include "member/remote.h"
 #include "member/subdomain.h"

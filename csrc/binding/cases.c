@@ -3,7 +3,6 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "algebra/lanes.h"
 #include "member/cases.h"
 
 /* ---- a subdomain ---------------------------------------------------------------------------- */
@@ -115,7 +114,7 @@ static int spread_motions(const pma_coupler_parts *of, CouplerObject *self, pma_
 
 static int take_interface(const pma_ldl *of, pma_ldl *ldl, pma_interface *out)
 {
-    const pma_factor factor = pma_lanes_factor(&of->factor);
+    const pma_factor factor = pma_factor_in_lanes(&of->factor);
     const pma_status status = pma_ldl_create(&factor, ldl);
     *out = pma_ldl_interface(ldl);
     if (status == PMA_OK)
@@ -128,7 +127,7 @@ static int fill_lanes(CouplerObject *of, CouplerObject *self)
 {
     const pma_coupler_parts *each = pma_coupler_get_parts(of->core);
     pma_coupler_parts parts = {.p = each->p * PMA_LANES,
-                               .doubled = pma_lanes_matrix(&each->doubled),
+                               .doubled = pma_matrix_in_lanes(&each->doubled),
                                .dt = each->dt,
                                .rebased = each->rebased,
                                .schedule = each->schedule,

@@ -1,8 +1,6 @@
 /* The module: its types, functions and constants. */
 #include "binding.h"
 
-#include "algebra/lanes.h"
-
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
 {
     PyTypeObject *type = (PyTypeObject *)PyType_FromModuleAndSpec(module, spec, NULL);

@@ -5,7 +5,6 @@
 
 #include <stdatomic.h>
 
-#include "algebra/lanes.h"
 #include "member/unit_run.h"
 #include "workers/team.h"
 

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "algebra/lanes.h"
-#include "algebra/loops.h"
 #include "algebra/symbolic.h"
 #include "check.h"
 
@@ -175,7 +174,7 @@ void check_lanes(const pma_factor *f,
                  uint64_t *seed)
 {
     const size_t scratch = pma_factor_scratch(f) * PMA_LANES, on_b = f->nb * PMA_LANES;
-    const pma_factor lanes = pma_lanes_factor(f);
+    const pma_factor lanes = pma_factor_in_lanes(f);
     const size_t interior = (f->n - f->nb) * PMA_LANES;
     static double b[UNKNOWNS * PMA_LANES], x[UNKNOWNS * PMA_LANES], x_b[UNKNOWNS * PMA_LANES],
         f_b[UNKNOWNS * PMA_LANES], solved[UNKNOWNS * PMA_LANES], opened[UNKNOWNS * PMA_LANES];
@@ -219,7 +218,8 @@ void check_lane_product(const pma_matrix *A, uint64_t *seed)
         x[k] = k % PMA_LANES + 1 < PMA_LANES ? 1.0 / (1 + draw(seed, 100)) : (double)NAN;
         y[k] = before[k] = 1.0 / (1 + draw(seed, 100));
     }
-    pma_loops_subtract(A, x, y);
+    const pma_matrix lanes = pma_matrix_in_lanes(A);
+    pma_matrix_subtract(&lanes, x, y);
     for (size_t l = 0; l + 1 < PMA_LANES; l++) {
         double *lane = y_one + A->n;
         take_lane(A->n, l, x, one);

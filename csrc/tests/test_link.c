@@ -3,7 +3,7 @@
 #include <stdint.h>
 
 #include "algebra/lanes.h"
-#include "algebra/loops.h"
+#include "algebra/link.h"
 #include "check.h"
 #include "tests.h"
 
@@ -46,12 +46,13 @@ static void a_link_loads_and_gathers_with_one_and_the_same_matrix(void)
 }
 
 /* The same in every lane, times the number of the lane. */
-static void check_lanes(const pma_loops *loops)
+static void a_link_loads_and_gathers_in_lanes(void)
 {
-    const pma_link L = {
+    const pma_link each = {
         2, 3, (int64_t[]){0, 2, 2, 3}, (int32_t[]){0, 1, 1}, (double[]){2.0, -1.0, 1.0}, NULL};
     const double lam[2] = {3.0, 5.0}, x_b[3] = {11.0, 20.0, 35.0}, jump[2] = {111.0, 212.0};
-    double lam_l[2 * PMA_LANES], x_l[3 * PMA_LANES], jump_l[2 * PMA_LANES];
+    const pma_link L = pma_link_in_lanes(&each);
+    double loaded[3 * PMA_LANES], lam_l[2 * PMA_LANES], x_l[3 * PMA_LANES], jump_l[2 * PMA_LANES];
     for (size_t l = 0; l < PMA_LANES; l++) {
         for (size_t row = 0; row < 2; row++) {
             lam_l[row * PMA_LANES + l] = (double)l * lam[row];
@@ -60,20 +61,18 @@ static void check_lanes(const pma_loops *loops)
         for (size_t j = 0; j < 3; j++)
             x_l[j * PMA_LANES + l] = (double)l * (10.0 + 10.0 * (double)j);
     }
-    loops->add(&L, lam_l, x_l);
-    loops->gather(&L, 0.5, x_l, jump_l);
+    pma_link_load(&L, lam_l, loaded);
+    pma_link_add(&L, lam_l, x_l);
+    pma_link_gather(&L, 0.5, x_l, jump_l);
     for (size_t l = 0; l < PMA_LANES; l++) {
         for (size_t j = 0; j < 3; j++)
             CHECK_NEAR(x_l[j * PMA_LANES + l], (double)l * x_b[j], 0.0);
+        for (size_t j = 0; j < 3; j++)
+            CHECK_NEAR(loaded[j * PMA_LANES + l], (double)l * (x_b[j] - 10.0 - 10.0 * (double)j),
+                       0.0);
         for (size_t row = 0; row < 2; row++)
             CHECK_NEAR(jump_l[row * PMA_LANES + l], (double)l * jump[row], 0.0);
     }
-}
-
-static void a_link_loads_and_gathers_lanes_on_all_processors(void)
-{
-    check_lanes(pma_loops_plain());
-    check_lanes(pma_loops_best());
 }
 
 static void lanes_are_split_into_vectors(void)
@@ -95,7 +94,7 @@ static void lanes_are_split_into_vectors(void)
 const test LINK_TESTS[] = {
     TEST(a_link_with_a_bad_index_is_refused),
     TEST(a_link_loads_and_gathers_with_one_and_the_same_matrix),
-    TEST(a_link_loads_and_gathers_lanes_on_all_processors),
+    TEST(a_link_loads_and_gathers_in_lanes),
     TEST(lanes_are_split_into_vectors),
     END_OF_TESTS,
 };

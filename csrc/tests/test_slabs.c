@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
+#include "algebra/lanes.h"
 #include "check.h"
 #include "member/cases.h"
 #include "member/subdomain.h"

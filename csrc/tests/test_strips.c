@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "algebra/matrix.h"
-#include "algebra/strips.h"
 #include "check.h"
 #include "matrices.h"
 #include "naive.h"

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
-#include "algebra/loops.h"
+#include "algebra/lanes.h"
 
 static size_t least(size_t a, size_t b)
 {
@@ -114,13 +114,88 @@ static void eliminate_nothing(const pma_factor *f, size_t first, size_t last, do
     (void)f, (void)first, (void)last, (void)x, (void)work;
 }
 
-static void substitute_diagonal(const pma_factor *f, size_t first, size_t last, double *x,
-                                double *work)
+/* Entries of a column of a band below the diagonal: fewer at the end. */
+static size_t rows_of_band(const pma_factor *f, size_t j)
 {
-    (void)work;
-    for (size_t j = first; j < last; j++)
-        x[j - first] *= f->inverse[j];
+    return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
 }
+
+/* clang-format off: bodies that are written once, see lanes.h */
+
+PMA_LOOP(divide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+         number *own = (number *)x;
+         (void)work; for (size_t j = first; j < last; j++)
+             PMA_SCALE(f->inverse[j], &own[j - first], &own[j - first]);)
+
+PMA_LOOP(
+    eliminate_wide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+    number *own = (number *)x;
+    number xj = own[0]; (void)work; for (size_t j = first; j < last && j + 1 < f->n; j++) {
+        const double *column = f->values + j * f->width;
+        const size_t rows = rows_of_band(f, j);
+        number *below = own + (j + 1 - first);
+        number next = below[0];
+        PMA_SUBTRACT(column[0], &xj, &next);
+        for (size_t k = 1; k < rows; k++)
+            PMA_SUBTRACT(column[k], &xj, &below[k]);
+        below[0] = next;
+        xj = next;
+    })
+
+PMA_LOOP(
+    substitute_wide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+    const double *Q = f->values + f->Q;
+    number *own = (number *)x; number next = {0}; (void)work;
+    if (last < f->n) next = own[last - first]; for (size_t j = last; j-- > first;) {
+        const double *column = Q + j * f->width;
+        const number *below = own + (j + 1 - first);
+        const size_t rows = rows_of_band(f, j);
+        number xj;
+        PMA_SCALE(f->inverse[j], &own[j - first], &xj);
+        for (size_t k = 1; k < rows; k++)
+            PMA_SUBTRACT(column[k], &below[k], &xj);
+        if (rows > 0)
+            PMA_SUBTRACT(column[0], &next, &xj);
+        own[j - first] = next = xj;
+    })
+
+PMA_LOOP(
+    eliminate_sparse, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+    number *own = (number *)x;
+    number xj = own[0]; (void)work; for (size_t j = first; j < last; j++) {
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        number next = {0};
+        if (j + 1 < f->n)
+            next = own[j + 1 - first];
+        if (k < end && (size_t)f->index[k] == j + 1) {
+            PMA_SUBTRACT(f->values[k++], &xj, &next);
+            own[j + 1 - first] = next;
+        }
+        for (; k < end; k++)
+            PMA_SUBTRACT(f->values[k], &xj, &own[(size_t)f->index[k] - first]);
+        xj = next;
+    })
+
+PMA_LOOP(
+    substitute_sparse, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+    const double *Q = f->values + f->Q;
+    number *own = (number *)x; number next = {0}; (void)work;
+    if (last < f->n) next = own[last - first]; for (size_t j = last; j-- > first;) {
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        number xj;
+        number sum = {0};
+        PMA_SCALE(f->inverse[j], &own[j - first], &xj);
+        if (k < end && (size_t)f->index[k] == j + 1)
+            PMA_SUBTRACT(Q[k++], &next, &xj);
+        for (; k < end; k++)
+            PMA_ADD(Q[k], &own[(size_t)f->index[k] - first], &sum);
+        PMA_SUBTRACT(1.0, &sum, &xj);
+        own[j - first] = next = xj;
+    })
+
+/* clang-format on */
 
 /* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] is unknown `first`. */
 static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x, double *work)
@@ -133,17 +208,9 @@ static void eliminate_dense(const pma_factor *f, size_t first, size_t last, doub
 static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x,
                              double *work)
 {
-    (void)work;
-    for (size_t j = first; j < last; j++)
-        x[j - first] *= f->inverse[j];
+    divide_one(f, first, last, x, work);
     pma_kernel_best()->substitute(f->values + f->Q + first * f->n + first, f->n, f->n - first,
                                   last - first, x);
-}
-
-/* Entries of a column of a band below the diagonal: fewer at the end. */
-static size_t rows_of_band(const pma_factor *f, size_t j)
-{
-    return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
 }
 
 /* The next unknown often depends on this one, in a chain on this one alone. It is kept in a
@@ -167,91 +234,20 @@ static void substitute_chain(const pma_factor *f, size_t first, size_t last, dou
         x[j] = xj = x[j] * inverse[j] - q[j] * xj;
 }
 
-static void eliminate_wide(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    double xj = x[0];
-    for (size_t j = first; j < last && j + 1 < f->n; j++) {
-        const double *column = f->values + j * f->width;
-        const size_t rows = rows_of_band(f, j);
-        double *below = x + (j + 1 - first);
-        const double next = below[0] - column[0] * xj;
-        for (size_t k = 1; k < rows; k++)
-            below[k] -= column[k] * xj;
-        below[0] = next;
-        xj = next;
-    }
-}
-
-static void substitute_wide(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    const double *Q = f->values + f->Q;
-    double next = last < f->n ? x[last - first] : 0.0;
-    for (size_t j = last; j-- > first;) {
-        const double *column = Q + j * f->width, *below = x + (j + 1 - first);
-        const size_t rows = rows_of_band(f, j);
-        double xj = x[j - first] * f->inverse[j];
-        for (size_t k = 1; k < rows; k++)
-            xj -= column[k] * below[k];
-        if (rows > 0)
-            xj -= column[0] * next;
-        x[j - first] = next = xj;
-    }
-}
-
 static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
-    (void)work;
     if (f->width == 1)
         eliminate_chain(f, first, last, x);
     else
-        eliminate_wide(f, first, last, x);
+        eliminate_wide_one(f, first, last, x, work);
 }
 
 static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
-    (void)work;
     if (f->width == 1)
         substitute_chain(f, first, last, x);
     else
-        substitute_wide(f, first, last, x);
-}
-
-static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x,
-                             double *work)
-{
-    (void)work;
-    double xj = x[0];
-    for (size_t j = first; j < last; j++) {
-        int64_t k = f->ptr[j];
-        const int64_t end = f->ptr[j + 1];
-        double next = j + 1 < f->n ? x[j + 1 - first] : 0.0;
-        if (k < end && (size_t)f->index[k] == j + 1) {
-            next -= f->values[k++] * xj;
-            x[j + 1 - first] = next;
-        }
-        for (; k < end; k++)
-            x[(size_t)f->index[k] - first] -= f->values[k] * xj;
-        xj = next;
-    }
-}
-
-static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x,
-                              double *work)
-{
-    (void)work;
-    const double *Q = f->values + f->Q;
-    double below = last < f->n ? x[last - first] : 0.0;
-    for (size_t j = last; j-- > first;) {
-        int64_t k = f->ptr[j];
-        const int64_t end = f->ptr[j + 1];
-        double xj = x[j - first] * f->inverse[j], sum = 0.0;
-        if (k < end && (size_t)f->index[k] == j + 1)
-            xj -= Q[k++] * below;
-        for (; k < end; k++)
-            sum += Q[k] * x[(size_t)f->index[k] - first];
-        below = xj - sum;
-        x[j - first] = below;
-    }
+        substitute_wide_one(f, first, last, x, work);
 }
 
 static void eliminate_panels(const pma_factor *f, size_t first, size_t last, double *x,
@@ -266,27 +262,82 @@ static void substitute_panels(const pma_factor *f, size_t first, size_t last, do
     pma_panels_substitute(&f->panels, f->inverse, 1, first, last, x, work);
 }
 
+/* ---- in lanes: first and last are unknowns -------------------------------------------------- */
+
+pma_factor pma_factor_in_lanes(const pma_factor *each)
+{
+    return (pma_factor){
+        .form = PMA_IN_LANES, .n = each->n * PMA_LANES, .nb = each->nb * PMA_LANES, .each = each};
+}
+
+static void eliminate_dense_lanes(const pma_factor *f, size_t first, size_t last, double *x,
+                                  double *work)
+{
+    (void)work;
+    pma_kernel_best()->eliminate_lanes(f->values + first * f->n + first, f->n, f->n - first,
+                                       last - first, x);
+}
+
+static void substitute_dense_lanes(const pma_factor *f, size_t first, size_t last, double *x,
+                                   double *work)
+{
+    (pma_has_avx2() ? divide_avx2 : divide_plain)(f, first, last, x, work);
+    pma_kernel_best()->substitute_lanes(f->values + f->Q + first * f->n + first, f->n, f->n - first,
+                                        last - first, x);
+}
+
+static void eliminate_panels_lanes(const pma_factor *f, size_t first, size_t last, double *x,
+                                   double *work)
+{
+    pma_panels_eliminate(&f->panels, PMA_LANES, first, last, x, work);
+}
+
+static void substitute_panels_lanes(const pma_factor *f, size_t first, size_t last, double *x,
+                                    double *work)
+{
+    pma_panels_substitute(&f->panels, f->inverse, PMA_LANES, first, last, x, work);
+}
+
+/* ---- each form ------------------------------------------------------------------------------ */
+
+/* Some columns of a factor, x[0] is unknown `first`. In tables: in a switch, every form would save
+ * the registers of all. */
+typedef void (*sweep)(const pma_factor *f, size_t first, size_t last, double *x, double *work);
+
+#define ELIMINATE(kind)                      \
+    {[PMA_DIAGONAL] = eliminate_nothing,     \
+     [PMA_BAND] = eliminate_wide_##kind,     \
+     [PMA_DENSE] = eliminate_dense_lanes,    \
+     [PMA_SPARSE] = eliminate_sparse_##kind, \
+     [PMA_PANELS] = eliminate_panels_lanes}
+#define SUBSTITUTE(kind)                      \
+    {[PMA_DIAGONAL] = divide_##kind,          \
+     [PMA_BAND] = substitute_wide_##kind,     \
+     [PMA_DENSE] = substitute_dense_lanes,    \
+     [PMA_SPARSE] = substitute_sparse_##kind, \
+     [PMA_PANELS] = substitute_panels_lanes}
+
 static void eliminate_lanes(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
-    pma_loops_eliminate(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+    static const sweep PLAIN[] = ELIMINATE(plain), AVX2[] = ELIMINATE(avx2);
+    (pma_has_avx2() ? AVX2 : PLAIN)[f->each->form](f->each, first / PMA_LANES, last / PMA_LANES, x,
+                                                   work);
 }
 
 static void substitute_lanes(const pma_factor *f, size_t first, size_t last, double *x,
                              double *work)
 {
-    pma_loops_substitute(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+    static const sweep PLAIN[] = SUBSTITUTE(plain), AVX2[] = SUBSTITUTE(avx2);
+    (pma_has_avx2() ? AVX2 : PLAIN)[f->each->form](f->each, first / PMA_LANES, last / PMA_LANES, x,
+                                                   work);
 }
-
-/* Some columns of a factor, x[0] is unknown `first`. In tables: in a switch, every form would save
- * the registers of all. */
-typedef void (*sweep)(const pma_factor *f, size_t first, size_t last, double *x, double *work);
 
 /* Forward through the columns first..last-1. */
 static void eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     static const sweep ELIMINATE[] = {
         [PMA_DIAGONAL] = eliminate_nothing, [PMA_BAND] = eliminate_band,
-        [PMA_DENSE] = eliminate_dense,      [PMA_SPARSE] = eliminate_sparse,
+        [PMA_DENSE] = eliminate_dense,      [PMA_SPARSE] = eliminate_sparse_one,
         [PMA_PANELS] = eliminate_panels,    [PMA_IN_LANES] = eliminate_lanes,
     };
     if (first < last)
@@ -297,9 +348,9 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x,
 static void substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     static const sweep SUBSTITUTE[] = {
-        [PMA_DIAGONAL] = substitute_diagonal, [PMA_BAND] = substitute_band,
-        [PMA_DENSE] = substitute_dense,       [PMA_SPARSE] = substitute_sparse,
-        [PMA_PANELS] = substitute_panels,     [PMA_IN_LANES] = substitute_lanes,
+        [PMA_DIAGONAL] = divide_one,      [PMA_BAND] = substitute_band,
+        [PMA_DENSE] = substitute_dense,   [PMA_SPARSE] = substitute_sparse_one,
+        [PMA_PANELS] = substitute_panels, [PMA_IN_LANES] = substitute_lanes,
     };
     if (first < last)
         SUBSTITUTE[f->form](f, first, last, x, work);
@@ -350,7 +401,7 @@ static void close_nodes(const pma_factor *f, double *x, double *work)
 
 /* ---- a step --------------------------------------------------------------------------------- */
 
-static inline void divide(const double *inverse, size_t count, double *restrict x)
+static inline void divide_some(const double *inverse, size_t count, double *restrict x)
 {
     for (size_t i = 0; i < count; i++)
         x[i] *= inverse[i];
@@ -362,7 +413,7 @@ void pma_factor_interface(const pma_factor *f, double *xb, double *work)
     if (f->nb == 0)
         return;
     if (f->form == PMA_DIAGONAL) {
-        divide(f->inverse + interior, f->nb, xb);
+        divide_some(f->inverse + interior, f->nb, xb);
     } else if (f->nb == 1) { /* the last unknown alone: a sweep of nothing */
         xb[0] *= f->inverse[interior];
     } else {
@@ -453,7 +504,7 @@ static void close_diagonal(const pma_factor *f, size_t begin, size_t end, const 
     for (size_t i = 0; end == f->n && i < f->nb; i++)
         x[interior + i] = (x[interior + i] + fb[i]) * f->inverse[interior + i];
     if (begin < inside)
-        divide(f->inverse + begin, inside - begin, x + begin);
+        divide_some(f->inverse + begin, inside - begin, x + begin);
 }
 
 void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,

@@ -34,6 +34,10 @@ typedef struct pma_factor {
     const struct pma_factor *each; /* in lanes: the factor of each, else NULL */
 } pma_factor;
 
+/* The factor that does the same in every lane (lanes.h), of PMA_LANES times its size; `each` has to
+ * outlive it. */
+pma_factor pma_factor_in_lanes(const pma_factor *each);
+
 /* PMA_BAD_SIZE when nb > n or a band is too wide, PMA_BAD_INDEX unless the entries of each column
  * ascend and lie below the diagonal. */
 pma_status pma_factor_check(const pma_factor *f);

@@ -2,10 +2,9 @@
 
 #include <string.h>
 
-#include "algebra/processors.h"
+#include "algebra/lanes.h"
 
-/* One register of AVX2, two of SSE2 or NEON. */
-typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
+typedef pma_four four;
 
 /* Columns that share a pass over x. With four of them backward, solids took 1.05 times as long. */
 enum { GROUP = 8 };
@@ -17,7 +16,7 @@ enum { STRIP = PMA_STRIP_ROWS };
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
 
 /* A number of some entries from A, to be fetched only: it may be outside of the array. */
-__attribute__((always_inline)) static inline const void *beyond(const double *A, intptr_t entries)
+PMA_INLINE const void *beyond(const double *A, intptr_t entries)
 {
     return (const void *)((uintptr_t)A + (uintptr_t)entries * sizeof *A);
 }
@@ -25,8 +24,7 @@ __attribute__((always_inline)) static inline const void *beyond(const double *A,
 /* Four rows of some columns at a time: as many numbers of the columns that a sweep reads next are
  * fetched meanwhile, in the order of memory. To the loads of a processor the columns are several
  * short streams, of which it recognises each too late. */
-__attribute__((always_inline)) static inline void fetch(const double *A, intptr_t next, size_t row,
-                                                        const size_t columns)
+PMA_INLINE void fetch(const double *A, intptr_t next, size_t row, const size_t columns)
 {
 #pragma GCC unroll 4
     for (size_t k = 0; k < columns / 2; k++)
@@ -34,9 +32,8 @@ __attribute__((always_inline)) static inline void fetch(const double *A, intptr_
 }
 
 /* y_i -= sum over the columns of A_ij x_j */
-__attribute__((always_inline)) static inline void
-subtract_columns(const double *A, size_t ld, size_t rows, const size_t columns, const double *x,
-                 double *restrict y)
+PMA_INLINE void subtract_columns(const double *A, size_t ld, size_t rows, const size_t columns,
+                                 const double *x, double *restrict y)
 {
     size_t i = 0;
     for (; i + 4 <= rows; i += 4) {
@@ -57,9 +54,8 @@ subtract_columns(const double *A, size_t ld, size_t rows, const size_t columns, 
 }
 
 /* x_j -= sum over the rows of A_ij y_i, with a vector of four partial sums for each column */
-__attribute__((always_inline)) static inline void
-subtract_products(const double *A, size_t ld, size_t rows, const size_t columns, const double *y,
-                  double *x)
+PMA_INLINE void subtract_products(const double *A, size_t ld, size_t rows, const size_t columns,
+                                  const double *y, double *x)
 {
     four sum[GROUP] = {{0.0}};
     double rest[GROUP] = {0.0};
@@ -81,9 +77,8 @@ subtract_products(const double *A, size_t ld, size_t rows, const size_t columns,
 }
 
 /* Columns j..j+columns-1: their triangle, then all rows below it at once. */
-__attribute__((always_inline)) static inline void eliminate_group(const double *panel, size_t ld,
-                                                                  size_t height, size_t j,
-                                                                  const size_t columns, double *x)
+PMA_INLINE void eliminate_group(const double *panel, size_t ld, size_t height, size_t j,
+                                const size_t columns, double *x)
 {
     const double *diagonal = panel + j * ld + j;
     double own[GROUP];
@@ -98,9 +93,8 @@ __attribute__((always_inline)) static inline void eliminate_group(const double *
     subtract_columns(diagonal + columns, ld, height - j - columns, columns, own, x + j + columns);
 }
 
-__attribute__((always_inline)) static inline void substitute_group(const double *panel, size_t ld,
-                                                                   size_t height, size_t j,
-                                                                   const size_t columns, double *x)
+PMA_INLINE void substitute_group(const double *panel, size_t ld, size_t height, size_t j,
+                                 const size_t columns, double *x)
 {
     const double *diagonal = panel + j * ld + j;
     double *own = x + j;
@@ -113,8 +107,7 @@ __attribute__((always_inline)) static inline void substitute_group(const double 
     }
 }
 
-__attribute__((always_inline)) static inline void eliminate(const double *panel, size_t ld,
-                                                            size_t height, size_t width, double *x)
+PMA_INLINE void eliminate(const double *panel, size_t ld, size_t height, size_t width, double *x)
 {
     size_t j = 0;
     for (; j + GROUP <= width; j += GROUP)
@@ -129,8 +122,7 @@ __attribute__((always_inline)) static inline void eliminate(const double *panel,
         eliminate_group(panel, ld, height, j, 1, x);
 }
 
-__attribute__((always_inline)) static inline void substitute(const double *panel, size_t ld,
-                                                             size_t height, size_t width, double *x)
+PMA_INLINE void substitute(const double *panel, size_t ld, size_t height, size_t width, double *x)
 {
     size_t j = width - (width & 1);
     if (width & 1)
@@ -147,8 +139,8 @@ __attribute__((always_inline)) static inline void substitute(const double *panel
     }
 }
 
-__attribute__((always_inline)) static inline void
-subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y)
+PMA_INLINE void subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
+                         double *y)
 {
     size_t j = 0;
     for (; j + GROUP <= columns; j += GROUP)
@@ -158,9 +150,8 @@ subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *
 }
 
 /* One row after the other of each four columns, which is their order in memory. */
-__attribute__((always_inline)) static inline void
-multiply_rows(const double *values, const size_t rows, size_t columns, const int32_t *index,
-              const double *x, double *product)
+PMA_INLINE void multiply_rows(const double *values, const size_t rows, size_t columns,
+                              const int32_t *index, const double *x, double *product)
 {
     four part[STRIP] = {{0.0}};
     for (size_t k = 0; k < columns; k += 4) {
@@ -179,8 +170,8 @@ multiply_rows(const double *values, const size_t rows, size_t columns, const int
         product[r] = (part[r][0] + part[r][1]) + (part[r][2] + part[r][3]);
 }
 
-__attribute__((always_inline)) static inline void
-subtract_strip(const pma_strips *S, size_t s, const size_t rows, const double *x, double *y)
+PMA_INLINE void subtract_strip(const pma_strips *S, size_t s, const size_t rows, const double *x,
+                               double *y)
 {
     double product[STRIP];
     multiply_rows(S->values + S->start[s], rows, (size_t)(S->ptr[s + 1] - S->ptr[s]),
@@ -190,8 +181,8 @@ subtract_strip(const pma_strips *S, size_t s, const size_t rows, const double *x
         y[r] -= product[r];
 }
 
-__attribute__((always_inline)) static inline void
-subtract_strips(const pma_strips *S, size_t begin, size_t end, const double *x, double *y)
+PMA_INLINE void subtract_strips(const pma_strips *S, size_t begin, size_t end, const double *x,
+                                double *y)
 {
     for (size_t s = begin; s < end; s++) {
         const size_t rows = (size_t)(S->first[s + 1] - S->first[s]);
@@ -220,9 +211,8 @@ subtract_strips(const pma_strips *S, size_t begin, size_t end, const double *x, 
 }
 
 /* Diagonal by diagonal, which is vectorised. */
-__attribute__((always_inline)) static inline void
-subtract_band(const double *above, const double *below, size_t n, size_t width, size_t begin,
-              size_t end, const double *x, double *restrict y)
+PMA_INLINE void subtract_band(const double *above, const double *below, size_t n, size_t width,
+                              size_t begin, size_t end, const double *x, double *restrict y)
 {
     for (size_t i = begin; i < end; i++)
         y[i] -= above[i] * x[i];
@@ -242,15 +232,14 @@ subtract_band(const double *above, const double *below, size_t n, size_t width, 
  * wait for the arithmetic, not for memory, if the columns that come next are fetched meanwhile. */
 enum { HALVES = PMA_LANES / 4, ROWS = 4, LANE_PIECE = 128 };
 
-__attribute__((always_inline)) static inline const four *lanes_at(const double *x, size_t i)
+PMA_INLINE const four *lanes_at(const double *x, size_t i)
 {
     return (const four *)(x + i * PMA_LANES);
 }
 
 /* y_i -= sum over the columns of A_ij x_j */
-__attribute__((always_inline)) static inline void
-subtract_rows_lanes(const double *A, size_t ld, const size_t rows, size_t columns, const double *x,
-                    double *y)
+PMA_INLINE void subtract_rows_lanes(const double *A, size_t ld, const size_t rows, size_t columns,
+                                    const double *x, double *y)
 {
     four sum[ROWS][HALVES];
 #pragma GCC unroll 4
@@ -276,9 +265,8 @@ subtract_rows_lanes(const double *A, size_t ld, const size_t rows, size_t column
     }
 }
 
-__attribute__((always_inline)) static inline void
-subtract_columns_lanes(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
-                       double *y)
+PMA_INLINE void subtract_columns_lanes(const double *A, size_t ld, size_t rows, size_t columns,
+                                       const double *x, double *y)
 {
     size_t i = 0;
     for (; i + ROWS <= rows; i += ROWS)
@@ -289,9 +277,8 @@ subtract_columns_lanes(const double *A, size_t ld, size_t rows, size_t columns, 
 
 /* part_k += the sum over every fourth row, from the k-th on, of a_i y_i, for each of some columns;
  * rows is a multiple of 4. What is read of y serves all columns. */
-__attribute__((always_inline)) static inline void
-add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns, const size_t k,
-                   const double *y, four (*part)[4][HALVES])
+PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
+                                   const size_t k, const double *y, four (*part)[4][HALVES])
 {
     four sum[ROWS][HALVES];
 #pragma GCC unroll 4
@@ -318,9 +305,8 @@ add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns
 
 /* x_j -= sum over the rows of A_ij y_i, with partial sums as for one vector; some rows for all
  * columns at a time, so that they stay in the cache */
-__attribute__((always_inline)) static inline void
-subtract_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
-                        const double *y, double *x)
+PMA_INLINE void subtract_products_lanes(const double *A, size_t ld, size_t rows,
+                                        const size_t columns, const double *y, double *x)
 {
     four part[GROUP][4][HALVES] = {{{{0.0}}}};
     const size_t whole = rows / 4 * 4, together = columns < ROWS ? columns : ROWS;
@@ -343,9 +329,8 @@ subtract_products_lanes(const double *A, size_t ld, size_t rows, const size_t co
     }
 }
 
-__attribute__((always_inline)) static inline void
-eliminate_group_lanes(const double *panel, size_t ld, size_t height, size_t j, const size_t columns,
-                      double *x)
+PMA_INLINE void eliminate_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
+                                      const size_t columns, double *x)
 {
     const double *diagonal = panel + j * ld + j;
     double *own = x + j * PMA_LANES;
@@ -356,9 +341,8 @@ eliminate_group_lanes(const double *panel, size_t ld, size_t height, size_t j, c
                            own + columns * PMA_LANES);
 }
 
-__attribute__((always_inline)) static inline void
-substitute_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
-                       const size_t columns, double *x)
+PMA_INLINE void substitute_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
+                                       const size_t columns, double *x)
 {
     const double *diagonal = panel + j * ld + j;
     double *own = x + j * PMA_LANES;
@@ -371,8 +355,8 @@ substitute_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
     }
 }
 
-__attribute__((always_inline)) static inline void
-eliminate_lanes(const double *panel, size_t ld, size_t height, size_t width, double *x)
+PMA_INLINE void eliminate_lanes(const double *panel, size_t ld, size_t height, size_t width,
+                                double *x)
 {
     size_t j = 0;
     for (; j + GROUP <= width; j += GROUP)
@@ -383,8 +367,8 @@ eliminate_lanes(const double *panel, size_t ld, size_t height, size_t width, dou
         eliminate_group_lanes(panel, ld, height, j, 1, x);
 }
 
-__attribute__((always_inline)) static inline void
-substitute_lanes(const double *panel, size_t ld, size_t height, size_t width, double *x)
+PMA_INLINE void substitute_lanes(const double *panel, size_t ld, size_t height, size_t width,
+                                 double *x)
 {
     size_t j = width - (width & 1);
     if (width & 1)
@@ -401,8 +385,8 @@ substitute_lanes(const double *panel, size_t ld, size_t height, size_t width, do
     }
 }
 
-__attribute__((always_inline)) static inline void
-subtract_lanes(const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y)
+PMA_INLINE void subtract_lanes(const double *A, size_t ld, size_t rows, size_t columns,
+                               const double *x, double *y)
 {
     size_t j = 0;
     for (; j + GROUP <= columns; j += GROUP)
@@ -411,9 +395,8 @@ subtract_lanes(const double *A, size_t ld, size_t rows, size_t columns, const do
         subtract_columns_lanes(A + j * ld, ld, rows, 1, x + j * PMA_LANES, y);
 }
 
-__attribute__((always_inline)) static inline void
-multiply_strip_lanes(const double *values, size_t rows, size_t columns, const int32_t *index,
-                     const double *x, double *product)
+PMA_INLINE void multiply_strip_lanes(const double *values, size_t rows, size_t columns,
+                                     const int32_t *index, const double *x, double *product)
 {
     for (size_t r = 0; r < rows; r++) {
         four part[4][HALVES] = {{{0.0}}};

@@ -8,10 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "algebra/strips.h"
-
-/* Vectors side by side: number i of lane l is at i * PMA_LANES + l. No lane depends on another. */
-enum { PMA_LANES = 8 };
+#include "algebra/matrix.h"
 
 typedef struct {
     /* x (height): for j = 0..width-1 in turn, x_i -= R_ij x_j for all i > j */

@@ -1,26 +1,105 @@
 /* lanes.h - PMA_LANES vectors side by side, in one pass over a matrix or factor.
  *
- * Number i of lane l is at i * PMA_LANES + l (kernel.h): a vector register of numbers for each
- * unknown. A pass over a large factor takes about as long as for one vector, since it is the factor
- * that has to be read. Every lane is bitwise what one vector gets; no lane depends on another, so
- * that those that are not needed may hold zeros. Where one vector is updated element by element, as
- * by pma_update, it may as well be n * PMA_LANES long. */
+ * Number i of lane l is at i * PMA_LANES + l: a line of the cache for each unknown. A pass over a
+ * large factor takes about as long as for one vector, since it is the factor that has to be read.
+ * Every lane is bitwise what one vector gets; no lane depends on another, so that those that are
+ * not needed may hold zeros. Where one vector is updated element by element, as by pma_update, it
+ * may as well be n * PMA_LANES long.
+ *
+ * A loop is written once, for the numbers of an unknown: one, or those of all lanes, for any
+ * processor and for those with AVX2. */
 #ifndef PMA_LANES_H
 #define PMA_LANES_H
 
-#include "algebra/factor.h"
-#include "algebra/kernel.h"
-#include "algebra/link.h"
-#include "algebra/matrix.h"
+#include <stddef.h>
+#include <stdint.h>
 
-/* A matrix or factor that does the same in every lane, of PMA_LANES times its size, for the
- * functions of matrix.h and factor.h: ranges of rows begin and end with whole unknowns. `each` has
- * to outlive it. */
-pma_matrix pma_lanes_matrix(const pma_matrix *each);
-pma_factor pma_lanes_factor(const pma_factor *each);
-pma_link pma_lanes_link(const pma_link *each);
+#include "algebra/processors.h"
+
+enum { PMA_LANES = 8 };
+
+/* One register of AVX2, two of SSE2 or NEON. */
+typedef double pma_four __attribute__((vector_size(32), aligned(8), may_alias));
+
+typedef struct {
+    pma_four low, high;
+} __attribute__((may_alias)) pma_eight;
+
+#define PMA_INLINE __attribute__((always_inline)) static inline
+
+PMA_INLINE void pma_add_one(double a, const double *x, double *y)
+{
+    *y += a * *x;
+}
+
+PMA_INLINE void pma_add_eight(double a, const pma_eight *x, pma_eight *y)
+{
+    y->low += a * x->low;
+    y->high += a * x->high;
+}
+
+PMA_INLINE void pma_subtract_one(double a, const double *x, double *y)
+{
+    *y -= a * *x;
+}
+
+PMA_INLINE void pma_subtract_eight(double a, const pma_eight *x, pma_eight *y)
+{
+    y->low -= a * x->low;
+    y->high -= a * x->high;
+}
+
+PMA_INLINE void pma_scale_one(double a, const double *x, double *y)
+{
+    *y = *x * a;
+}
+
+PMA_INLINE void pma_scale_eight(double a, const pma_eight *x, pma_eight *y)
+{
+    y->low = x->low * a;
+    y->high = x->high * a;
+}
+
+/* y += a x,  y -= a x,  y := a x  for the numbers of an unknown */
+#define PMA_ADD(a, x, y) _Generic((y), double *: pma_add_one, pma_eight *: pma_add_eight)(a, x, y)
+#define PMA_SUBTRACT(a, x, y) \
+    _Generic((y), double *: pma_subtract_one, pma_eight *: pma_subtract_eight)(a, x, y)
+#define PMA_SCALE(a, x, y) \
+    _Generic((y), double *: pma_scale_one, pma_eight *: pma_scale_eight)(a, x, y)
+
+/* The functions name_one, name_plain and name_avx2 with these parameters and this body, in which
+ * `number` is the type of the numbers of an unknown: one vector, lanes on any processor, lanes. */
+#define PMA_LOOP(name, parameters, ...)         \
+    static void name##_one parameters           \
+    {                                           \
+        typedef double number;                  \
+        __VA_ARGS__                             \
+    }                                           \
+    static void name##_plain parameters         \
+    {                                           \
+        typedef pma_eight number;               \
+        __VA_ARGS__                             \
+    }                                           \
+    PMA_AVX2 static void name##_avx2 parameters \
+    {                                           \
+        typedef pma_eight number;               \
+        __VA_ARGS__                             \
+    }
+
+/* The first line of the cache in a block, which is up to PMA_LANES - 1 doubles further on. */
+static inline double *pma_first_line(double *block)
+{
+    const size_t beyond = (uintptr_t)block / sizeof *block % PMA_LANES;
+    return block + (beyond > 0 ? PMA_LANES - beyond : 0);
+}
 
 /* out[l] (n): the vector of lane l, for the first `count` lanes */
-void pma_lanes_split(size_t n, const double *x, size_t count, double *const *out);
+static inline void pma_lanes_split(size_t n, const double *x, size_t count, double *const *out)
+{
+    for (size_t i = 0; i < n; i++) {
+        for (size_t l = 0; l < count; l++)
+            out[l][i] = x[i * PMA_LANES + l];
+    }
+}
 
 #endif

@@ -1,8 +1,6 @@
 #include "algebra/link.h"
 
-#include <string.h>
-
-#include "algebra/loops.h"
+#include "algebra/lanes.h"
 
 pma_status pma_link_check(const pma_link *L)
 {
@@ -21,51 +19,73 @@ pma_status pma_link_check(const pma_link *L)
     return PMA_OK;
 }
 
+/* clang-format off: bodies that are written once, see lanes.h */
+
+/* `L` is copied, or it would be read again after each number that is stored. */
+PMA_LOOP(
+    load, (const pma_link *L, const double *lam, double *xb), const pma_link l = *L;
+    const number *from = (const number *)lam; number *to = (number *)xb; int64_t k = 0;
+    for (size_t j = 0; j < l.nb; j++) {
+        number sum = {0};
+        for (; k < l.ptr[j + 1]; k++)
+            PMA_ADD(l.values[k], &from[l.index[k]], &sum);
+        to[j] = sum;
+    })
+
+PMA_LOOP(
+    add, (const pma_link *L, const double *lam, double *xb),
+    const number *from = (const number *)lam;
+    number *to = (number *)xb; for (size_t j = 0; j < L->nb; j++) {
+        number sum = to[j];
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            PMA_ADD(L->values[k], &from[L->index[k]], &sum);
+        to[j] = sum;
+    })
+
+PMA_LOOP(
+    gather, (const pma_link *L, double scale, const double *xb, double *jump),
+    const pma_link l = *L;
+    const number *from = (const number *)xb; number *to = (number *)jump; int64_t k = 0;
+    for (size_t j = 0; j < l.nb; j++) {
+        number x;
+        PMA_SCALE(scale, &from[j], &x);
+        for (; k < l.ptr[j + 1]; k++)
+            PMA_ADD(l.values[k], &x, &to[l.index[k]]);
+    })
+
+/* clang-format on */
+
+pma_link pma_link_in_lanes(const pma_link *each)
+{
+    return (pma_link){.p = each->p * PMA_LANES, .nb = each->nb * PMA_LANES, .each = each};
+}
+
+/* noinline: so that one vector saves no registers for it */
 __attribute__((noinline)) static void load_lanes(const pma_link *L, const double *lam, double *xb)
 {
-    memset(xb, 0, L->nb * sizeof *xb);
-    pma_loops_add(L->each, lam, xb);
+    (pma_has_avx2() ? load_avx2 : load_plain)(L->each, lam, xb);
 }
 
 void pma_link_load(const pma_link *L, const double *lam, double *xb)
 {
-    if (L->each) {
+    if (L->each)
         load_lanes(L, lam, xb);
-        return;
-    }
-    const pma_link l = *L; /* or it would be read again after each number that is stored */
-    int64_t k = 0;
-    for (size_t j = 0; j < l.nb; j++) {
-        double sum = 0.0;
-        for (; k < l.ptr[j + 1]; k++)
-            sum += l.values[k] * lam[l.index[k]];
-        xb[j] = sum;
-    }
+    else
+        load_one(L, lam, xb);
 }
 
 void pma_link_add(const pma_link *L, const double *lam, double *xb)
 {
-    if (L->each) {
-        pma_loops_add(L->each, lam, xb);
-        return;
-    }
-    for (size_t j = 0; j < L->nb; j++) {
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            xb[j] += L->values[k] * lam[L->index[k]];
-    }
+    if (L->each)
+        (pma_has_avx2() ? add_avx2 : add_plain)(L->each, lam, xb);
+    else
+        add_one(L, lam, xb);
 }
 
 void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
 {
-    if (L->each) {
-        pma_loops_gather(L->each, scale, xb, jump);
-        return;
-    }
-    const pma_link l = *L; /* or it would be read again after each number that is stored */
-    int64_t k = 0;
-    for (size_t j = 0; j < l.nb; j++) {
-        const double x = scale * xb[j];
-        for (; k < l.ptr[j + 1]; k++)
-            jump[l.index[k]] += l.values[k] * x;
-    }
+    if (L->each)
+        (pma_has_avx2() ? gather_avx2 : gather_plain)(L->each, scale, xb, jump);
+    else
+        gather_one(L, scale, xb, jump);
 }

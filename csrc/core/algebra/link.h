@@ -18,6 +18,10 @@ typedef struct pma_link {
     const struct pma_link *each; /* in lanes: the link of each, and p and nb are those of all */
 } pma_link;
 
+/* The link that does the same in every lane (lanes.h), of PMA_LANES times its size; `each` has to
+ * outlive it. */
+pma_link pma_link_in_lanes(const pma_link *each);
+
 /* PMA_BAD_INDEX unless every row index lies in 0..p-1. */
 pma_status pma_link_check(const pma_link *L);
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
+#include "algebra/lanes.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
 

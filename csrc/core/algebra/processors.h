@@ -1,13 +1,13 @@
 /* processors.h - a function compiled twice: for any processor, and for those with AVX2.
  *
  * AVX2 alone: with fused multiply-adds the digits would depend on the processor. On processors of
- * other kinds both are the same. */
+ * other kinds, or with PMA_PLAIN, both are the same. */
 #ifndef PMA_PROCESSORS_H
 #define PMA_PROCESSORS_H
 
 #include <stdbool.h>
 
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(PMA_PLAIN)
 #define PMA_AVX2 __attribute__((target("avx2")))
 static inline bool pma_has_avx2(void)
 {

@@ -74,30 +74,30 @@ static pma_status spread_springs(const pma_springs *each, pma_springs *out, void
 
 static pma_operator operator_in_lanes(const pma_operator *each)
 {
-    return (pma_operator){.step = each->step, .factor = pma_lanes_factor(&each->factor)};
+    return (pma_operator){.step = each->step, .factor = pma_factor_in_lanes(&each->factor)};
 }
 
-static pma_parts parts_in_lanes(const pma_parts *each)
+pma_parts pma_parts_in_lanes(const pma_parts *each)
 {
     pma_parts parts = *each;
     parts.n *= PMA_LANES;
     parts.nb *= PMA_LANES;
-    parts.K = pma_lanes_matrix(&each->K);
-    parts.C = pma_lanes_matrix(&each->C);
-    parts.D_r = pma_lanes_matrix(&each->D_r);
-    parts.K_r = pma_lanes_matrix(&each->K_r);
+    parts.K = pma_matrix_in_lanes(&each->K);
+    parts.C = pma_matrix_in_lanes(&each->C);
+    parts.D_r = pma_matrix_in_lanes(&each->D_r);
+    parts.K_r = pma_matrix_in_lanes(&each->K_r);
     parts.single = operator_in_lanes(&each->single);
     if (each->doubled)
         parts.twice = operator_in_lanes(&each->twice);
     if (each->mean)
-        parts.mass = pma_lanes_factor(&each->mass);
-    parts.link = pma_lanes_link(&each->link);
+        parts.mass = pma_factor_in_lanes(&each->mass);
+    parts.link = pma_link_in_lanes(&each->link);
     return parts;
 }
 
 pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out)
 {
-    pma_parts parts = parts_in_lanes(&of->parts);
+    pma_parts parts = pma_parts_in_lanes(&of->parts);
     void *block;
     *out = NULL;
     /* positions in lanes have to fit into those of springs and records */

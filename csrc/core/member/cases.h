@@ -14,6 +14,9 @@
 /* Restoring and internal forces that are functions are evaluated for one case alone. */
 bool pma_cases_are_possible(const pma_subdomain *s);
 
+/* What it is made of, but for springs and internal forces, which are still those of each. */
+pma_parts pma_parts_in_lanes(const pma_parts *each);
+
 /* `of` has to outlive it. Stored responses are those of `of`. */
 pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out);
 

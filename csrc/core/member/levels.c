@@ -3,16 +3,9 @@
 #include <stdint.h>
 #include <stdlib.h>
 
+#include "algebra/lanes.h"
+
 /* ---- memory --------------------------------------------------------------------------------- */
-
-enum { LINE = 8 }; /* doubles of a line of the cache */
-
-/* The first line of a block: in lanes every unknown has one of its own. */
-static double *first_line(double *block)
-{
-    const size_t beyond = (uintptr_t)block / sizeof *block % LINE;
-    return block + (beyond > 0 ? LINE - beyond : 0);
-}
 
 static double *take(double **next, size_t count)
 {
@@ -47,10 +40,10 @@ pma_status pma_levels_create(pma_levels *l)
     if (l->n > SIZE_MAX / (128 * sizeof(double)) || l->springs > SIZE_MAX / (16 * sizeof(double)) ||
         l->history > SIZE_MAX / (16 * sizeof(double)))
         return PMA_NO_MEMORY;
-    l->block = calloc(states * state_size(l) + 4 * l->nb + LINE, sizeof(double));
+    l->block = calloc(states * state_size(l) + 4 * l->nb + PMA_LANES, sizeof(double));
     if (!l->block)
         return PMA_NO_MEMORY;
-    double *next = first_line(l->block);
+    double *next = pma_first_line(l->block);
     l->present = take_state(&next, l);
     for (size_t i = 0; i < l->count; i++)
         l->work[i] = take_state(&next, l);
@@ -75,10 +68,11 @@ pma_status pma_levels_extend(pma_levels *l)
     const size_t count = !l->doubled ? 2 : l->substeps > 1 ? 4 : 3;
     if (l->block_ahead)
         return PMA_OK;
-    l->block_ahead = calloc((count - l->count) * state_size(l) + 2 * l->nb + LINE, sizeof(double));
+    l->block_ahead =
+        calloc((count - l->count) * state_size(l) + 2 * l->nb + PMA_LANES, sizeof(double));
     if (!l->block_ahead)
         return PMA_NO_MEMORY;
-    double *next = first_line(l->block_ahead);
+    double *next = pma_first_line(l->block_ahead);
     for (size_t i = l->count; i < count; i++)
         l->work[i] = take_state(&next, l);
     l->vf_work[2] = take(&next, l->nb);

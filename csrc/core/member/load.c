@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "algebra/kernel.h"
+#include "algebra/lanes.h"
 
 /* Some dofs of a load; dof i is number i * stride of g. */
 typedef struct {

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "algebra/kernel.h"
+#include "algebra/lanes.h"
 #include "member/subdomain_struct.h"
 
 struct pma_response {
@@ -37,12 +37,12 @@ pma_status pma_response_create(pma_subdomain *s, pma_response **out)
     if (!r)
         return PMA_NO_MEMORY;
     r->of = s;
-    r->block = calloc(5 * n + n_y + nb + scratch + 1, sizeof(double));
+    r->block = calloc(5 * n + n_y + nb + scratch + PMA_LANES, sizeof(double));
     if (!r->block) {
         free(r);
         return PMA_NO_MEMORY;
     }
-    double *x = r->block;
+    double *x = pma_first_line(r->block); /* in lanes an unknown has a line */
     r->state = (pma_state){.u = x, .v = x + n, .w = x + 2 * n, .a = x + 3 * n};
     r->vs = x + 4 * n;
     r->y = x + 5 * n;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "algebra/kernel.h"
+#include "algebra/lanes.h"
 #include "member/subdomain_struct.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
