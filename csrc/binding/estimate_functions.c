@@ -2,7 +2,7 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "member/estimate.h"
+#include "member/scheme.h"
 
 /* ---- errors ---------------------------------------------------------------------------------- */
 

@@ -5,7 +5,7 @@
 
 #include <stdatomic.h>
 
-#include "member/unit_run.h"
+#include "member/cases.h"
 #include "workers/team.h"
 
 /* ---- compliance --------------------------------------------------------------------------- */

@@ -1,6 +1,6 @@
 /* test_estimate.c - local errors of recorded steps and a recursion, against hand calculation. */
 #include "check.h"
-#include "member/estimate.h"
+#include "member/scheme.h"
 #include "tests.h"
 
 enum { LEVELS = 5, COLUMNS = 3, STEPS = 2 };

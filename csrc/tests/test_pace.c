@@ -10,7 +10,7 @@
 #include "member/limits.h"
 #include "models.h"
 #include "tests.h"
-#include "workers/timer.h"
+#include "workers/thread.h"
 
 static const plan RESTORED = {{2, 6, 3}, true, true, true, true, true};
 

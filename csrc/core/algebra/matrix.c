@@ -60,7 +60,7 @@ size_t pma_strips_reach(const pma_strips *S)
     return (size_t)reach;
 }
 
-/* ---- strips from rows --------------------------------------------------------------------------------- */
+/* ---- strips from rows ------------------------------------------------------------------------ */
 
 static int64_t padded(int64_t columns)
 {
@@ -325,7 +325,7 @@ static void subtract_dense(const pma_matrix *A, size_t begin, size_t end, const 
         pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
 }
 
-/* ---- product of strips -------------------------------------------------------------------------------- */
+/* ---- product of strips ----------------------------------------------------------------------- */
 
 static size_t strip_at(const pma_strips *S, size_t row)
 {

@@ -82,7 +82,7 @@ static pma_status check(const pma_coupler_parts *parts)
     for (size_t i = 0; i < parts->contact->sides && status == PMA_OK; i++) {
         const pma_contact_side *own = &parts->contact->side[i];
         const pma_member *m = &parts->members[own->member];
-        if (m->substeps != fine || m->doubling != PMA_SINGLE || !m->table->strike ||
+        if (m->substeps != fine || m->doubling != PMA_SINGLE || !m->struck ||
             m->link->nb != own->N.nb)
             status = PMA_BAD_SIZE;
     }
@@ -158,7 +158,7 @@ static void respond(pma_coupler *c, pma_contact *x, const pma_interface *H, cons
         side *s = &x->sides[i];
         const pma_member *m = member_of(c, s);
         pma_link_load(&s->of.N, P, s->f);
-        m->table->recoil(m->self, s->f, s->v);
+        m->struck->recoil(m->self, s->f, s->v);
         pma_link_gather(m->link, -1.0, s->v, lam);
         pma_link_gather(&s->of.N, 1.0, s->v, y);
     }
@@ -331,7 +331,7 @@ static void approach(pma_coupler *c, pma_contact *x)
     for (size_t i = 0; i < x->parts.sides; i++) {
         const side *s = &x->sides[i];
         const pma_coupled *m = &c->coupled[s->of.member];
-        m->member.table->approach(m->member.self, &m->step, lam, s->u, s->v);
+        m->member.struck->approach(m->member.self, &m->step, lam, s->u, s->v);
         pma_link_gather(&s->of.N, 1.0, s->u, x->y);
         pma_link_gather(&s->of.N, 1.0, s->v, x->b);
     }
@@ -396,7 +396,7 @@ static pma_status strike(pma_coupler *c, pma_contact *x)
         pma_link_load(&s->of.N, x->now.P, s->f);
         s->struck = is_any_nonzero(s->of.N.nb, s->f);
         if (s->struck)
-            m->member.table->strike(m->member.self, &m->step, s->f);
+            m->member.struck->strike(m->member.self, &m->step, s->f);
         any = any || s->struck;
     }
     return any && x->tied ? pma_fine_solve(c) : PMA_OK;
@@ -407,7 +407,7 @@ static pma_status end_substep(pma_coupler *c, pma_coupled *m)
     const side *s = c->contact->of[m - c->coupled];
     if (!s || !s->struck)
         return pma_fine_close(c, m);
-    return m->member.table->close_struck(m->member.self, &m->step, c->working.lam);
+    return m->member.struck->close(m->member.self, &m->step, c->working.lam);
 }
 
 /* (U10)  N^T P . (v0 + v1) / 2 of each side */
@@ -424,7 +424,7 @@ static void add_works(pma_coupler *c, const pma_contact *x)
         double work = 0.0;
         for (size_t k = 0; k < s->of.N.nb; k++)
             work += 0.5 * s->f[k] * (s->v0[k] + v[k]);
-        table->add_work(m->member.self, m->now.j + 1, work);
+        m->member.struck->add_work(m->member.self, m->now.j + 1, work);
     }
 }
 

@@ -30,6 +30,21 @@ static pma_status check_members(const pma_coupler_parts *parts)
     return status;
 }
 
+/* PMA_BAD_SIZE when a motion has more rows than p, PMA_BAD_INDEX unless they are in 0..p-1. */
+static pma_status check_motions(size_t count, const pma_motion *motions, size_t p)
+{
+    for (size_t i = 0; i < count; i++) {
+        const pma_motion *motion = &motions[i];
+        if (motion->load.n > p)
+            return PMA_BAD_SIZE;
+        for (size_t k = 0; k < motion->load.n; k++) {
+            if (motion->rows[k] < 0 || (size_t)motion->rows[k] >= p)
+                return PMA_BAD_INDEX;
+        }
+    }
+    return PMA_OK;
+}
+
 /* ---- making --------------------------------------------------------------------------------- */
 
 static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
@@ -154,7 +169,7 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
         return PMA_BAD_SIZE;
     pma_status status = check_members(parts);
     if (status == PMA_OK)
-        status = pma_motion_check(parts->motion_count, parts->motions, parts->p);
+        status = check_motions(parts->motion_count, parts->motions, parts->p);
     if (status != PMA_OK)
         return status;
 

@@ -14,9 +14,9 @@
 #include "coupling/exchange.h"
 #include "coupling/interface.h"
 #include "coupling/iteration.h"
-#include "coupling/motion.h"
 #include "coupling/pace.h"
 #include "coupling/record.h"
+#include "member/load.h"
 #include "member/member.h"
 #include "status.h"
 
@@ -37,6 +37,13 @@ extern const pma_schedule pma_distributed_schedule;
 extern const pma_schedule pma_iterated_schedule;      /* pm and gc */
 extern const pma_schedule pma_shooting_schedule;      /* macro */
 extern const pma_schedule pma_mean_shooting_schedule; /* mean */
+
+/* Prescribed velocities: sum_i L_i v_i = g(t) in some rows, 0 in the others.                 (G1)
+ * Arrays of the caller, which have to outlive it. */
+typedef struct {
+    const int64_t *rows; /* load.n rows, each in 0..p-1 */
+    pma_load load; /* g(t), as a load on these rows, for every interface problem; not called */
+} pma_motion;
 
 /* What a coupler is made of. Members and arrays are the caller's and have to outlive it. */
 typedef struct {

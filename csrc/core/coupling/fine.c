@@ -35,7 +35,16 @@ static pma_status check(const pma_coupler_parts *parts)
     return pma_fine_check(parts);
 }
 
-pma_duty pma_fine_duty_aside(const pma_member *member)
+pma_duty pma_fine_duty(const pma_member *member)
+{
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->forces == PMA_BY_CALLER,
+                      .divides = member->alone < member->entries,
+                      .alone = member->alone};
+}
+
+static pma_duty duty_aside(const pma_member *member)
 {
     pma_duty duty = pma_fine_duty(member);
     duty.aside =
@@ -50,17 +59,17 @@ static bool begins(const pma_coupled *m)
     return m->now.phase == 1 && !(m->ahead && pma_look_ahead_has_open(m, m->now.j));
 }
 
-static pma_status open_substep(pma_coupler *c, pma_coupled *m)
+pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 {
     (void)c;
     return m->member.table->advance(m->member.self, NULL, &m->step, NULL, m->workers);
 }
 
 /* The substeps that begin with this fine step, as far as they are not open yet. */
-static pma_status open_substeps(pma_coupler *c)
+pma_status pma_fine_begin(pma_coupler *c)
 {
     c->unpolled += c->entries;
-    const pma_status status = pma_share(c, open_substep, begins);
+    const pma_status status = pma_share(c, pma_fine_open, begins);
     if (status == PMA_OK && pma_look_ahead_is_used(c))
         pma_look_ahead_open(c);
     return status;
@@ -68,7 +77,7 @@ static pma_status open_substeps(pma_coupler *c)
 
 /* ---- interface problem (18) ----------------------------------------------------------------- */
 
-static inline void right_side(pma_coupler *c)
+void pma_fine_right_side(pma_coupler *c)
 {
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
     const pma_coupled *const end = c->coupled + c->parts.count;
@@ -77,13 +86,13 @@ static inline void right_side(pma_coupler *c)
 }
 
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
-static pma_status solve_interface(pma_coupler *c)
+pma_status pma_fine_solve(pma_coupler *c)
 {
     if (c->parts.p == 0)
         return PMA_OK;
     if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
-    right_side(c);
+    pma_fine_right_side(c);
     return pma_coupler_solve(c);
 }
 
@@ -94,7 +103,7 @@ static bool ends(const pma_coupled *m)
     return pma_is_ending(m) && !m->assigned.closes;
 }
 
-static pma_status close_substep(pma_coupler *c, pma_coupled *m)
+pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
 {
     return m->member.table->advance(m->member.self, &m->step, NULL, c->working.lam, m->workers);
 }
@@ -118,11 +127,11 @@ static pma_status end_substep(pma_coupler *c, pma_coupled *m)
             return m->member.table->advance(m->member.self, &m->step, &next, c->working.lam,
                                             m->workers);
     }
-    return close_substep(c, m);
+    return pma_fine_close(c, m);
 }
 
 /* The substeps that end with this fine step: deferred, or closed now. */
-static pma_status close_substeps(pma_coupler *c)
+pma_status pma_fine_end(pma_coupler *c)
 {
     if (pma_look_ahead_is_used(c))
         pma_look_ahead_defer(c);
@@ -147,11 +156,11 @@ static pma_status complete_deferred(pma_coupler *c)
 static pma_status fine_step(pma_coupler *c)
 {
     /* free problems that begin here, up to the free velocity on the interface */
-    pma_status status = open_substeps(c);
+    pma_status status = pma_fine_begin(c);
 
     /* interface problem at the end of this fine step */
     if (status == PMA_OK)
-        status = solve_interface(c);
+        status = pma_fine_solve(c);
 
     /* what ends here beside the fine steps: awaited, and the macro step before committed */
     if (status == PMA_OK && pma_look_ahead_is_used(c))
@@ -159,7 +168,7 @@ static pma_status fine_step(pma_coupler *c)
 
     /* link problems that end here, added */
     if (status == PMA_OK)
-        status = close_substeps(c);
+        status = pma_fine_end(c);
     return status;
 }
 
@@ -188,7 +197,7 @@ __attribute__((noinline)) static pma_status take_paced(pma_coupler *c,
     return status == PMA_OK ? pma_pace_end(c->pace) : status;
 }
 
-static inline pma_status take_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
+pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
 {
     for (size_t i = 0; i < c->fine; i++) {
         if (i == 0)
@@ -210,57 +219,61 @@ static inline pma_status take_steps(pma_coupler *c, pma_status (*take)(pma_coupl
 
 static pma_status fine_steps(pma_coupler *c)
 {
-    return take_steps(c, fine_step);
+    return pma_fine_steps(c, fine_step);
 }
 
 const pma_schedule pma_fine_schedule = {.check = check,
                                         .instants = pma_fine_instants,
-                                        .duty = pma_fine_duty_aside,
+                                        .duty = duty_aside,
                                         .step = fine_steps,
                                         .joins = true};
 
-/* ---- the same for iterated.c, tied.c and distributed.c --------------------------------------- */
+/* ---- the same with members in other processes ------------------------------------------------
+ *
+ * Between the stages of a fine step the processes meet. Members beside the fine steps
+ * (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step before the
+ * processes agree to commit it. */
 
-pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
+size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)
 {
-    return open_substep(c, m);
+    pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
+    return m->now.phase == 1 ? 1 : 0;
 }
 
-pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces)
 {
-    return close_substep(c, m);
+    (void)c, (void)round;
+    return pma_fine_pieces(m, pieces);
 }
 
-void pma_fine_right_side(pma_coupler *c)
+static pma_status distributed_step(pma_coupler *c)
 {
-    right_side(c);
+    pma_status status = pma_fine_begin(c);
+    if (status == PMA_OK)
+        status = pma_exchange_interface(c);
+    if (status == PMA_OK)
+        status = pma_fine_solve(c);
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
+        status = pma_look_ahead_await(c);
+    if (status == PMA_OK)
+        status = pma_fine_end(c);
+    if (status == PMA_OK)
+        status = pma_exchange_jumps(c);
+    return status;
 }
 
-pma_status pma_fine_begin(pma_coupler *c)
+/* What failed beside the fine steps is known before the processes meet again. */
+static pma_status distributed_steps(pma_coupler *c)
 {
-    return open_substeps(c);
+    const pma_status status = pma_fine_steps(c, distributed_step);
+    return status == PMA_OK ? PMA_OK : pma_look_ahead_end(c, status);
 }
 
-pma_status pma_fine_solve(pma_coupler *c)
-{
-    return solve_interface(c);
-}
-
-pma_status pma_fine_end(pma_coupler *c)
-{
-    return close_substeps(c);
-}
-
-pma_duty pma_fine_duty(const pma_member *member)
-{
-    return (pma_duty){.entries = member->entries,
-                      .substeps = member->substeps,
-                      .by_caller = member->forces == PMA_BY_CALLER,
-                      .divides = member->alone < member->entries,
-                      .alone = member->alone};
-}
-
-pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
-{
-    return take_steps(c, take);
-}
+const pma_schedule pma_distributed_schedule = {.check = pma_fine_check,
+                                               .instants = pma_fine_instants,
+                                               .duty = duty_aside,
+                                               .step = distributed_steps,
+                                               .interface_pieces = interface_pieces,
+                                               .move_to = pma_coupler_move_to,
+                                               .rebases = true};

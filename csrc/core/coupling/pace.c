@@ -3,7 +3,7 @@
 #include <assert.h>
 #include <math.h>
 
-#include "workers/timer.h"
+#include "workers/thread.h"
 
 /* ns between two looks for signals */
 enum { NAP = 50000000 };

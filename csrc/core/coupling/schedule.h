@@ -3,8 +3,8 @@
  * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
  * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
  * contacts, tied.c without drift, macro.c and mean.c those with one in a macro step; iterated.c and
- * shooting.c are the first and macro.c with internal forces; recorder.c what is recorded;
- * teamwork.c and look_ahead.c are what several threads do in them. */
+ * shooting.c are the first and macro.c with internal forces; recorder.c what is recorded,
+ * exchange.c what processes send each other, look_ahead.c what is done beside the fine steps. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
@@ -220,17 +220,8 @@ void pma_exchange_destroy(pma_exchange *x); /* NULL is allowed */
 pma_status pma_exchange_present(pma_coupler *c, pma_status status);
 pma_status pma_exchange_interface(pma_coupler *c);
 pma_status pma_exchange_jumps(pma_coupler *c);
-/* What every member sends in a round of another kind: its numbers, as many in all processes. */
-typedef struct {
-    size_t (*size)(const pma_coupler *c, const pma_coupled *m);
-    void (*write)(const pma_coupler *c, const pma_coupled *m, double *to);
-    void (*read)(pma_coupler *c, const pma_coupled *m, const double *from);
-} pma_message;
-
-/* Such a round within an interface problem, to which all processes come with what happened so far;
- * what to return when all know that the macro step has failed in member c->failed: PMA_ELSEWHERE
+/* What to return when all know that the macro step has failed in member c->failed: PMA_ELSEWHERE
  * unless it is one of this process; do all know of a failure? */
-pma_status pma_exchange_message(pma_coupler *c, const pma_message *message, pma_status status);
 pma_status pma_exchange_fail(pma_coupler *c, pma_status status);
 bool pma_exchange_is_ended(const pma_coupler *c);
 
@@ -238,7 +229,7 @@ bool pma_exchange_is_ended(const pma_coupler *c);
 void pma_exchange_begin(pma_coupler *c);
 pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
 
-/* ---- iterated steps in several processes: messages.c ---------------------------------------- */
+/* ---- iterated steps in several processes -------------------------------------------------- */
 
 /* The pieces of the interface problem; the round at the beginning of a fine step, where substeps
  * begin; which members have a factor that can be kept. */
@@ -340,10 +331,8 @@ pma_status pma_fine_begin(pma_coupler *c);
 pma_status pma_fine_solve(pma_coupler *c);
 pma_status pma_fine_end(pma_coupler *c);
 
-/* Of a member in the fine steps, none of which is left beside them; of one that can be, if it takes
- * double steps. */
+/* Of a member in the fine steps, none of which is left beside them. */
 pma_duty pma_fine_duty(const pma_member *member);
-pma_duty pma_fine_duty_aside(const pma_member *member);
 
 /* A macro step of fine steps, each taken by `take` and recorded. */
 pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c));
@@ -362,7 +351,7 @@ void pma_recorder_complete(const pma_coupler *c);
 /* ---- several threads ------------------------------------------------------------------- */
 
 /* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
- * last. What went wrong with the first member, in order, with which it did. (teamwork.c) */
+ * last. What went wrong with the first member, in order, with which it did. (stages.c) */
 pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due);
 
 /* The same, in a loop of the caller's for a small system, which is short. */
@@ -381,7 +370,7 @@ static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
     return PMA_OK;
 }
 
-/* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (teamwork.c) */
+/* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (stages.c) */
 void pma_teamwork_await(pma_coupler *c, size_t worker);
 void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work);
 

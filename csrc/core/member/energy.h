@@ -16,7 +16,6 @@
 #include "member/restoring.h"
 #include "member/springs.h"
 #include "member/state.h"
-#include "member/substep.h"
 #include "status.h"
 
 /* Of a time level: T and U there, the works done since the beginning, and the share in E*, or if

@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #include "member/newton.h"
-#include "member/substep.h"
+#include "member/state.h"
 #include "status.h"
 
 typedef struct {

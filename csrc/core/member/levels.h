@@ -9,7 +9,6 @@
 #include <stddef.h>
 
 #include "member/state.h"
-#include "member/substep.h"
 #include "status.h"
 
 /* A closed substep, two that are open and the level before; or for single steps two macro steps

@@ -2,7 +2,7 @@
  *
  * A coupler knows nothing else of a subdomain, so that whatever fills such a table can take part:
  * the subdomain of subdomain.h, or the naive one of the tests. In what follows `j` is a time level
- * counted from the present (substep.h), and `lam` has p numbers.
+ * counted from the present (state.h), and `lam` has p numbers.
  *
  * One thread at a time works with a member. `values` of kinds marked (c) may be called by the
  * thread that called pma_coupler_advance while another one is inside `advance` or `record`;
@@ -17,7 +17,7 @@
 #include "algebra/link.h"
 #include "member/iterated.h"
 #include "member/selection.h"
-#include "member/substep.h"
+#include "member/state.h"
 #include "status.h"
 
 /* Values on the interface (nb); L of them is what a coupler sums up. */
@@ -120,20 +120,27 @@ typedef struct {
      * (V1), with the free solution (V2). */
     void (*shift)(void *self, const pma_substep *step, const double *mu);
 
-    /* Contacts. Impulses f (nb) on the interface at the end of an open substep: predictors, right-
-     * hand side and vf with them (U3) (U4); and its closing, as `advance`. u and v (nb) :=
-     * displacement and velocity that lam would give an open substep, or nothing, NULL. v (nb) :=
-     * V f, what such impulses do to the velocity. Work of impulses, summed up with the energy of
-     * time level j. */
-    void (*strike)(void *self, const pma_substep *step, const double *f);
-    pma_status (*close_struck)(void *self, const pma_substep *step, const double *lam);
-    void (*approach)(void *self, const pma_substep *step, const double *lam, double *u, double *v);
-    void (*recoil)(void *self, const double *f, double *v);
-    void (*add_work)(void *self, size_t j, double work);
-
     /* Internal forces, iterated or not: v . M v at time level j */
     double (*kinetic)(const void *self, size_t j);
 } pma_member_table;
+
+/* What a member does besides that impulses on the interface can strike: one with contacts. */
+typedef struct {
+    /* Impulses f (nb) at the end of an open substep: predictors, right-hand side and vf with them
+     * (U3) (U4); and its closing, as `advance`. */
+    void (*strike)(void *self, const pma_substep *step, const double *f);
+    pma_status (*close)(void *self, const pma_substep *step, const double *lam);
+
+    /* u and v (nb) := displacement and velocity that lam would give an open substep, or nothing,
+     * NULL. */
+    void (*approach)(void *self, const pma_substep *step, const double *lam, double *u, double *v);
+
+    /* v (nb) := V f, what such impulses do to the velocity. */
+    void (*recoil)(void *self, const double *f, double *v);
+
+    /* Work of impulses, summed up with the energy of time level j, if there is one. */
+    void (*add_work)(void *self, size_t j, double work);
+} pma_struck_table;
 
 /* Double steps: none, from the second macro step on, or from the first one on, from a time level
  * before the present. */
@@ -162,6 +169,7 @@ typedef struct {
     bool waits;     /* under mean coupling, its single steps are closed, not responded to (K7) */
     bool shoots;    /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool elsewhere; /* is in another process (remote.h) */
+    const pma_struck_table *struck; /* with contacts, else NULL */
     pma_iterated iterated; /* with a table where its steps are iterated: it does not advance */
 } pma_member;
 

@@ -14,7 +14,7 @@ advance_otherwise(pma_subdomain *s, const pma_substep *closed, const pma_substep
     if (s->fuses && (workers || (closed && opened)))
         return pma_visit_advance(s, closed, opened, lam, workers);
     if (workers)
-        return pma_ranges_advance(s, closed, opened, lam, workers);
+        return pma_visit_advance_ranges(s, closed, opened, lam, workers);
     pma_status status = closed ? pma_substep_close(s, closed, lam) : PMA_OK;
     if (status == PMA_OK)
         status = pma_substep_open(s, opened);
@@ -56,11 +56,6 @@ static bool is_known(const void *self, const pma_substep *step)
     if (s->load.kind == PMA_LOAD_TABLE)
         return step->number - s->load.first < (int64_t)s->load.rows;
     return s->load.kind != PMA_LOAD_CALLED;
-}
-
-static void shift(void *self, const pma_substep *step, const double *mu)
-{
-    pma_substep_shift(self, step, mu);
 }
 
 static void push(void *self, const double *lam)
@@ -191,34 +186,6 @@ static double kinetic(const void *self, size_t j)
     return sum;
 }
 
-/* ---- impulses ------------------------------------------------------------------------------- */
-
-static void strike(void *self, const pma_substep *step, const double *f)
-{
-    pma_struck_strike(self, step, f);
-}
-
-static pma_status close_struck(void *self, const pma_substep *step, const double *lam)
-{
-    return pma_struck_close(self, step, lam);
-}
-
-static void approach(void *self, const pma_substep *step, const double *lam, double *u, double *v)
-{
-    pma_struck_approach(self, step, lam, u, v);
-}
-
-static void recoil(void *self, const double *f, double *v)
-{
-    pma_struck_recoil(self, f, v);
-}
-
-static void add_work(void *self, size_t j, double work)
-{
-    const pma_subdomain *s = self;
-    pma_energy_add_work(s->energy, j, work);
-}
-
 /* ---- link response -------------------------------------------------------------------------- */
 
 static void begin_response(void *self, bool twice, const double *dlam)
@@ -275,14 +242,7 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s)
     table.prepare = prepare;
     table.is_known = is_known;
     table.rebase = rebase;
-    table.shift = s->parts.shifts ? shift : NULL;
-    if (s->parts.struck.inverse) {
-        table.strike = strike;
-        table.close_struck = close_struck;
-        table.approach = approach;
-        table.recoil = recoil;
-        table.add_work = add_work;
-    }
+    table.shift = s->parts.shifts ? pma_substep_shift : NULL;
     if (s->parts.responds) {
         table.begin_response = begin_response;
         table.respond = respond;
@@ -323,7 +283,7 @@ static pma_evaluation forces_of(const pma_parts *p)
 /* What one worker reads while others wait: the trunk of the tree, no row of a range. */
 static size_t entries_alone(const pma_subdomain *s)
 {
-    if (s->iterate || !(s->fuses || pma_ranges_are_apart(s)))
+    if (s->iterate || !(s->fuses || pma_visit_is_in_ranges(s)))
         return entries_of(&s->parts);
     return s->fuses ? 2 * s->trunk : 0;
 }
@@ -342,7 +302,9 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .forces = forces_of(p),
                          .joins = !s->iterate && gains_from_joining(p),
                          .waits = p->waits,
-                         .shoots = p->shoots};
+                         .shoots = p->shoots,
+                         .struck =
+                             p->struck.inverse && !s->iterate ? &pma_struck_operations : NULL};
     if (s->iterate)
         member.iterated = pma_own_step_member(s->iterate);
     return member;

@@ -16,3 +16,37 @@ pma_step pma_step_make(pma_scheme s, double h)
         .a_w1 = (1.0 - s.af) / d,
     };
 }
+
+/* ---- estimates ------------------------------------------------------------------------------ */
+
+/* e = u_1 - [u + h v + h^2 (2 w + w_1) / 6]                                                (D1) */
+static inline double error(const pma_motion_rows *x, size_t begin, size_t end, double h)
+{
+    return x->u[end] -
+           (x->u[begin] + h * x->v[begin] + h * h * (2.0 * x->w[begin] + x->w[end]) / 6.0);
+}
+
+void pma_estimate_errors(const pma_motion_rows *x, const pma_recorded_steps *steps, double *e)
+{
+    for (size_t s = 0; s < steps->count; s++) {
+        const size_t begin = (size_t)steps->begin[s] * x->columns;
+        const size_t end = (size_t)steps->end[s] * x->columns;
+        const double h = (double)(steps->end[s] - steps->begin[s]) * steps->h;
+        for (size_t k = 0; k < x->columns; k++)
+            e[k * steps->count + s] = error(x, begin + k, end + k, h);
+    }
+}
+
+void pma_estimate_follow(size_t n, size_t rows, const double *P, double *x)
+{
+    for (size_t k = 1; k < rows; k++) {
+        const double *from = x + (k - 1) * n;
+        double *to = x + k * n;
+        for (size_t i = 0; i < n; i++) {
+            double sum = 0.0;
+            for (size_t j = 0; j < n; j++)
+                sum += P[i * n + j] * from[j];
+            to[i] += sum;
+        }
+    }
+}

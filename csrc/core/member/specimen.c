@@ -274,7 +274,9 @@ static size_t numbers_of_dof(const pma_filter *f)
     return f->adaptive ? adaptive_numbers(f->adaptive) : actuator_numbers(&f->actuator);
 }
 
-size_t pma_filter_numbers(const pma_filter *f, size_t n)
+/* The number of evaluations, and for each dof what the type needs; an adaptive one begins each with
+ * its coefficients. */
+static size_t numbers_of_filter(const pma_filter *f, size_t n)
 {
     return 1 + n * numbers_of_dof(f);
 }
@@ -283,7 +285,7 @@ size_t pma_specimen_numbers(const pma_specimen *s)
 {
     size_t numbers = s->n + pma_springs_numbers(&s->springs);
     for (size_t k = 0; k < s->count; k++)
-        numbers += pma_filter_numbers(&s->filters[k], s->n);
+        numbers += numbers_of_filter(&s->filters[k], s->n);
     return numbers;
 }
 
@@ -322,7 +324,7 @@ int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v,
     double *own = memory + n;
     for (size_t k = 0; k < s->count; k++) {
         pass(&s->filters[k], n, u, v, own);
-        own += pma_filter_numbers(&s->filters[k], n);
+        own += numbers_of_filter(&s->filters[k], n);
         if (k + 1 == s->compensators && !is_allowed(s, u, v))
             return 1;
     }
@@ -338,7 +340,7 @@ int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v,
     own = memory + n;
     for (size_t k = 0; k < s->count; k++) {
         adapt(&s->filters[k], n, u, own);
-        own += pma_filter_numbers(&s->filters[k], n);
+        own += numbers_of_filter(&s->filters[k], n);
     }
     return code;
 }

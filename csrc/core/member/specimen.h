@@ -61,10 +61,6 @@ typedef struct {
 /* The numbers it remembers: the measured displacement (n), the filters in turn, the springs. */
 size_t pma_specimen_numbers(const pma_specimen *s);
 
-/* The same of a filter: the number of evaluations, and for each dof what the type needs; an
- * adaptive one begins each with its coefficients. */
-size_t pma_filter_numbers(const pma_filter *f, size_t n);
-
 /* r (n) += r(u, v, t); u and v (n) are used up, u is what was measured. Returns what the function
  * returns, or 1 when `place` refuses what compensators make of the command. Once a step, in the
  * order of time. Does not allocate. */

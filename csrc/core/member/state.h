@@ -1,8 +1,12 @@
-/* state.h - the numbers of a subdomain at a time level, or of a substep that is open. */
+/* state.h - the numbers of a subdomain at a time level, and one step from one to another. */
 #ifndef PMA_STATE_H
 #define PMA_STATE_H
 
-/* All arrays in elimination order.                                                        (E1)
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* A time level, or a substep that is open. All arrays in elimination order.                (E1)
  *
  *        closed                      opened
  *   u    displacement                predictor ut
@@ -16,5 +20,17 @@ typedef struct {
     double *history;       /* the same of internal forces; of an iterated substep the number of
                               corrections follows */
 } pma_state;
+
+/* One step of one subdomain: the value that every operation of a step is given, made in one place,
+ * coupling/clock.h, from the number of the fine step. Time levels of a subdomain are counted from
+ * the present, which is time level 0: `substeps` of them in a macro step. They go on beyond it
+ * while the last macro step is not committed yet. */
+typedef struct {
+    size_t j;       /* from time level j to j + 1 */
+    int64_t number; /* counted from the start of the run */
+    double t1;      /* time at its end (T1) */
+    bool twice;     /* double step: from time level j - 1, over 2 h */
+    bool held;      /* free macro run (M2): under the last multipliers, held; the rest follows */
+} pma_substep;
 
 #endif

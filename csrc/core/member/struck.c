@@ -83,8 +83,9 @@ static void find_link(pma_subdomain *s, const pma_operator *op, const double *f,
 }
 
 /* V f: v_l = J + al2 w_l                                                                   (U4) */
-void pma_struck_recoil(pma_subdomain *s, const double *f, double *v)
+static void recoil(void *self, const double *f, double *v)
 {
+    pma_subdomain *s = self;
     const pma_operator *op = &s->parts.single;
     const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
     double *J = s->impulse;
@@ -96,8 +97,9 @@ void pma_struck_recoil(pma_subdomain *s, const double *f, double *v)
 
 /* ut += (h/2 - al1 alpha) J,  vt += (1 - al2 alpha) J, and so on: w_l = -alpha J goes into all but
  * w itself, which is corrected when the substep is closed */
-void pma_struck_strike(pma_subdomain *s, const pma_substep *step, const double *f)
+static void strike(void *self, const pma_substep *step, const double *f)
 {
+    pma_subdomain *s = self;
     const pma_struck *p = &s->parts.struck;
     const pma_operator *op = &s->parts.single;
     const pma_step *c = &op->step;
@@ -123,8 +125,9 @@ void pma_struck_strike(pma_subdomain *s, const pma_substep *step, const double *
         to->w[i] += s->sweep[i];
 }
 
-pma_status pma_struck_close(pma_subdomain *s, const pma_substep *step, const double *lam)
+static pma_status close(void *self, const pma_substep *step, const double *lam)
 {
+    pma_subdomain *s = self;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
     const double *J = s->impulse, *force = s->impulse + s->parts.nb;
@@ -142,9 +145,9 @@ pma_status pma_struck_close(pma_subdomain *s, const pma_substep *step, const dou
 }
 
 /* v = vf + al2 S^-1 L_b^T lam,  u = ut + al1 (v - vt) / al2 */
-void pma_struck_approach(pma_subdomain *s, const pma_substep *step, const double *lam, double *u,
-                         double *v)
+static void approach(void *self, const pma_substep *step, const double *lam, double *u, double *v)
 {
+    pma_subdomain *s = self;
     const pma_operator *op = pma_operator_of(s, step->twice);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     const double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
@@ -157,3 +160,13 @@ void pma_struck_approach(pma_subdomain *s, const pma_substep *step, const double
         u[i] = ut[i] + op->step.al1 * ((v[i] - vt[i]) / op->step.al2);
     }
 }
+
+static void add_work(void *self, size_t j, double work)
+{
+    const pma_subdomain *s = self;
+    if (s->energy)
+        pma_energy_add_work(s->energy, j, work);
+}
+
+const pma_struck_table pma_struck_operations = {
+    .strike = strike, .close = close, .approach = approach, .recoil = recoil, .add_work = add_work};

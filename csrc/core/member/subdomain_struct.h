@@ -1,8 +1,8 @@
 /* subdomain_struct.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
- * one with impulses, visit.c two of them at once, ranges.c one in ranges of rows, response.c what
- * macro coupling adds. */
+ * one with impulses, visit.c two of them at once or one by several workers, response.c what macro
+ * coupling adds. */
 #ifndef PMA_SUBDOMAIN_STRUCT_H
 #define PMA_SUBDOMAIN_STRUCT_H
 
@@ -89,7 +89,7 @@ void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *l
 /* u_b (nb) that lam would give an open substep at its end, time level j, until the next call;
  * predictor and free solution shifted by mu */
 const double *pma_substep_expected(pma_subdomain *s, size_t j, bool twice, const double *lam);
-void pma_substep_shift(pma_subdomain *s, const pma_substep *step, const double *mu);
+void pma_substep_shift(void *self, const pma_substep *step, const double *mu);
 
 /* link (nb) := S^-1 L_b^T lam, in s->link */
 void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam);
@@ -145,19 +145,15 @@ void pma_visit_destroy(pma_subdomain *s);
 /* Among as many workers. Allocates. */
 pma_status pma_visit_divide(pma_subdomain *s, size_t workers);
 
-pma_visit pma_visit_make(const pma_subdomain *s, const pma_substep *closed,
-                         const pma_substep *opened, const double *lam, const pma_workers *workers);
 pma_status pma_visit_advance(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
                              const double *lam, const pma_workers *workers);
 
-/* ---- the same in ranges of rows: ranges.c --------------------------------------------------- */
-
 /* Diagonal Mbar, linear, single steps: no row waits for another one in the same stage. */
-bool pma_ranges_are_apart(const pma_subdomain *s);
+bool pma_visit_is_in_ranges(const pma_subdomain *s);
 
-pma_status pma_ranges_advance(pma_subdomain *s, const pma_substep *closed,
-                              const pma_substep *opened, const double *lam,
-                              const pma_workers *workers);
+pma_status pma_visit_advance_ranges(pma_subdomain *s, const pma_substep *closed,
+                                    const pma_substep *opened, const double *lam,
+                                    const pma_workers *workers);
 
 /* ---- the member: operations.c --------------------------------------------------------------- */
 
@@ -165,12 +161,7 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s);
 
 /* ---- impulses: struck.c --------------------------------------------------------------------- */
 
-/* The operations of a member that can be struck, as in member.h; v (nb) := V f. */
-void pma_struck_strike(pma_subdomain *s, const pma_substep *step, const double *f);
-pma_status pma_struck_close(pma_subdomain *s, const pma_substep *step, const double *lam);
-void pma_struck_approach(pma_subdomain *s, const pma_substep *step, const double *lam, double *u,
-                         double *v);
-void pma_struck_recoil(pma_subdomain *s, const double *f, double *v);
+extern const pma_struck_table pma_struck_operations;
 
 /* ---- link response: response.c -------------------------------------------------------------- */
 

@@ -321,8 +321,9 @@ void pma_subdomain_shift(pma_subdomain *s, const double *mu, double *sum)
 
 /* (V1)  ut += Y mu;  (V2)  the right-hand side, as swept so far, and vf of what the stiffness makes
  * of it */
-void pma_substep_shift(pma_subdomain *s, const pma_substep *step, const double *mu)
+void pma_substep_shift(void *self, const pma_substep *step, const double *mu)
 {
+    pma_subdomain *s = self;
     const pma_operator *op = pma_operator_of(s, step->twice);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);

@@ -1,10 +1,12 @@
-/* thread.h - a thread and the lock it sleeps on: all that the core needs of an operating system.
+/* thread.h - a thread, the lock it sleeps on and a clock: all that the core needs of an operating
+ * system.
  *
  * POSIX or Windows. No other file of the core includes a header that C11 does not have. */
 #ifndef PMA_THREAD_H
 #define PMA_THREAD_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #if defined(_WIN32)
 #define WIN32_LEAN_AND_MEAN
@@ -53,5 +55,14 @@ void pma_thread_rest(void);
 
 /* The number of this process: another one in a process forked off. */
 long pma_thread_process(void);
+
+/* ---- a clock that only goes forward, and sleep until a time of it ---------------------------- */
+
+/* ns since some time; the same in all threads. Needs no lock and, where the system maps its clock,
+ * no call of it. */
+int64_t pma_timer_now(void);
+
+/* Returns at that time, or earlier when a signal arrives. */
+void pma_timer_sleep(int64_t until);
 
 #endif
