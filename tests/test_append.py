@@ -99,17 +99,6 @@ def test_energies_are_not_continued_since_works_count_from_the_beginning_of_a_ru
     assert pm.History.join([first]).energy is first.energy
 
 
-def test_after_a_checkpoint_later_rows_of_the_file_are_written_again(tmp_path):
-    path, state = tmp_path / "run.h5", tmp_path / "state.npz"
-    killed, resumed, whole = four_dof(), four_dof(), four_dof()
-    killed.run(steps=6, record_to=path)
-    killed.save(state)
-    killed.run(steps=4, record_to=path, append=True)
-    resumed.load(state)
-    history = resumed.run(steps=10, record_to=path, append=True)
-    require_identical(history, whole.run(steps=16))
-
-
 def test_a_failed_run_leaves_the_rows_before_it(tmp_path):
     path = tmp_path / "run.h5"
 

@@ -198,7 +198,6 @@ def test_the_module_can_be_loaded_again():
 
 # ---- wrong arrays ---------------------------------------------------------------------------
 
-THREE = f64(4.0, 9.0, 16.0)
 BAD_VECTORS = {  # in place of a float64 array of shape (2,)
     "float32": np.ones(2, np.float32),
     "int64": np.ones(2, np.int64),

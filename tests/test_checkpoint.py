@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import random_problem
 
 import pmalpha as pm
 from pmalpha.run import checkpoint
@@ -58,73 +57,6 @@ def require_same_history(ours, theirs):
 
 
 # ---- going on -------------------------------------------------------------------------------
-
-
-VARIANTS = {
-    "pm": {},
-    "double step everywhere it may be": {"double": True, "substeps": 2},
-    "gc": {"coupling": "gc"},
-    "a callable load": {"force": lambda t: np.full(6, np.cos(3.0 * t))},
-    "a prescribed motion": {"moved": True},
-}
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("steps", [0, 1, 2, 7])
-def test_a_resumed_run_is_bitwise_identical_to_the_uninterrupted_one(tmp_path, variant, steps):
-    whole, other = coupler(**VARIANTS[variant]), coupler(**VARIANTS[variant])
-    whole.step(steps)
-    whole.save(tmp_path / "state")
-    other.step(3)  # somewhere else
-    other.load(tmp_path / "state")
-    assert snapshot(other) == snapshot(whole)
-    assert other.time == whole.time
-    require_same_history(other.run(steps=9), whole.run(steps=9))
-    assert snapshot(other) == snapshot(whole)
-
-
-def test_a_state_that_was_changed_does_not_give_the_same_run(tmp_path):
-    # so the comparison above can fail
-    whole, other = coupler(), coupler()
-    whole.step(2)
-    other.step(3)
-    assert snapshot(whole) != snapshot(other)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_random_problems_resume_bitwise_identically(tmp_path, seed):
-    problem = random_problem(seed)
-    whole, other = problem.coupler(), problem.coupler()
-    whole.step(3)
-    whole.save(tmp_path / "state")
-    other.load(tmp_path / "state")
-    require_same_history(other.run(steps=3), whole.run(steps=3))
-
-
-def test_saving_changes_nothing(tmp_path):
-    saved, other = coupler(), coupler()
-    for _ in range(5):
-        saved.step()
-        saved.save(tmp_path / "state")
-    other.step(5)
-    assert snapshot(saved) == snapshot(other)
-
-
-def test_the_state_after_an_abort_is_that_of_the_last_whole_macro_step(tmp_path):
-    def breaking(t):
-        if t > 0.45:
-            raise ZeroDivisionError
-        return np.zeros(6)
-
-    broken, other = coupler(force=breaking), coupler(force=lambda t: np.zeros(6))
-    with pytest.raises(ZeroDivisionError):
-        broken.run(steps=20)
-    assert broken.step_count == 4
-    broken.save(tmp_path / "state")
-    resumed = coupler(force=lambda t: np.zeros(6))
-    resumed.load(tmp_path / "state")
-    other.step(4)
-    require_same_history(resumed.run(steps=5), other.run(steps=5))
 
 
 def test_one_coupler_can_load_an_earlier_and_a_later_state(tmp_path):

@@ -230,14 +230,6 @@ def test_nonlinear_elements_put_together_move_as_the_uncut_structure(kind, schem
             assert np.abs(getattr(whole, x) - reference).max() < 1e-8 * np.abs(reference).max()
 
 
-def maps(parts):
-    """Boolean matrices from uncut dofs to those of each subdomain."""
-    return [
-        sp.csr_array((np.ones(own.size), (np.arange(own.size), own)), shape=(own.size, parts.n))
-        for own in parts.dofs.values()
-    ]
-
-
 def dense(A, n):
     return (
         np.zeros((n, n)) if A is None else np.diag(A) if A.ndim == 1 else sp.csr_array(A).toarray()

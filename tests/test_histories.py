@@ -13,6 +13,7 @@ import warnings
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 
 import hypothesis
@@ -169,7 +170,7 @@ class Histories(stateful.RuleBasedStateMachine):
         except (ValueError, pm.PmalphaError):  # this coupling cannot be had with these subdomains
             hypothesis.reject()
         self.twin = Twin(self.make)
-        self.kept, self.files, self.number = [], [], 0
+        self.kept = []
 
     def make(self, fuse=None, threads=1):
         with warnings.catch_warnings():
@@ -177,14 +178,13 @@ class Histories(stateful.RuleBasedStateMachine):
             return self.whole.coupler(threads, (fuse or Fuse()).around)
 
     def make_anew(self, threads):
-        self.fuse, self.kept = Fuse(), []
+        self.fuse = Fuse()
         self.coupler = self.make(self.fuse, threads)
 
     def path(self, ending="h5"):
         if not hasattr(self, "folder"):
-            self.folder = tempfile.TemporaryDirectory()
-        self.number += 1
-        return Path(self.folder.name, f"{self.number}.{ending}")
+            self.folder, self.files = tempfile.TemporaryDirectory(), count()
+        return Path(self.folder.name, f"{next(self.files)}.{ending}")
 
     def teardown(self):
         if hasattr(self, "folder"):
@@ -287,35 +287,30 @@ class Histories(stateful.RuleBasedStateMachine):
         self.coupler.reset(**values)
         self.twin.at(Branch(values))
 
-    @stateful.rule(in_file=FLAG)
-    def keep(self, in_file):
+    def keep(self):
         """The snapshot of another coupler is refused, also one of the same problem."""
         with np.testing.assert_raises(ValueError):
             self.coupler.restore(self.twin.coupler.snapshot())
-        if in_file:
-            self.files.append((self.path("npz"), self.twin.branch))
-            self.coupler.save(self.files[-1][0])
-        else:
-            self.kept.append((self.coupler.snapshot(), self.twin.branch))
+        path = self.path("npz")
+        self.kept.append((self.coupler, self.coupler.snapshot(), path, self.twin.branch))
+        self.coupler.save(path)
 
-    @stateful.rule(index=st.integers(0, 3))
-    @stateful.precondition(lambda self: self.kept)
-    def restore(self, index):
-        snapshot, branch = self.kept[index % len(self.kept)]
-        self.coupler.restore(snapshot)
-        self.twin.at(branch)
-
-    @stateful.rule(index=st.integers(0, 3), threads=st.none() | THREADS)
-    @stateful.precondition(lambda self: self.files)
-    def load(self, index, threads):
+    @stateful.rule(index=st.integers(0, 3), from_file=FLAG, threads=st.none() | THREADS)
+    def go_back(self, index, from_file, threads):
         """In the same coupler, or in a new one with another number of threads."""
-        path, branch = self.files[index % len(self.files)]
+        if index >= len(self.kept):
+            self.keep()
+            return
+        of, snapshot, path, branch = self.kept[index]
         if threads is not None:
             self.make_anew(threads)
-        # the loads are part of the problem
-        if branch.reset is not None or self.twin.branch.reset is not None:
-            self.coupler.reset(**branch.reset or {})
-        self.coupler.load(path)
+        if of is self.coupler and not from_file:
+            self.coupler.restore(snapshot)
+        else:
+            # the loads are part of the problem
+            if branch.reset is not None or self.twin.branch.reset is not None:
+                self.coupler.reset(**branch.reset or {})
+            self.coupler.load(path)
         self.twin.at(branch)
 
     @stateful.rule(factor=st.sampled_from([1.0, 0.8, 0.5]), finer=st.sets(st.integers(1, 3)))
@@ -394,12 +389,12 @@ class Histories(stateful.RuleBasedStateMachine):
         compare_states(self.coupler, self.twin.coupler, self.springs)
 
 
-def loads(part, seed, count=1):
+def loads(part, seed, number=1):
     """Functions, samples and constants, of dofs with mass."""
     rng = np.random.default_rng(seed)
     moving = np.diag(part.M) > 0.0
-    kinds = rng.integers(4, size=count)
-    shapes = rng.normal(size=(count, part.n)) * moving
+    kinds = rng.integers(4, size=number)
+    shapes = rng.normal(size=(number, part.n)) * moving
     return [
         (lambda t, shape=shape: shape * np.cos(t))
         if kind == 0
@@ -411,8 +406,8 @@ def loads(part, seed, count=1):
 
 
 SETTINGS = hypothesis.settings(
-    max_examples=20,
-    stateful_step_count=12,
+    max_examples=30,
+    stateful_step_count=15,
     derandomize=True,
     database=None,
     report_multiple_bugs=False,
@@ -426,7 +421,7 @@ def attempt(seed, counts):
     tried = hypothesis.seed(seed)(type("Histories", (Histories,), {}))
     settings = hypothesis.settings(SETTINGS, derandomize=False, max_examples=20)
     stateful.run_state_machine_as_test(tried, settings=settings)
-    counts["histories of up to 12 calls"] += 20
+    counts["histories of up to 15 calls"] += 20
 
 
 def test_any_history_of_calls_leaves_the_state_of_the_steps_that_were_completed():

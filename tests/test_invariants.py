@@ -1,7 +1,7 @@
-"""Invariances of a run: units, order, splitting, recording, other couplers, the user's arrays.
+"""Invariances of a run: scale, signs, what is recorded, other couplers, the user's arrays, reset.
 
-Most of the results are bitwise identical. Where sums are computed in another order, they agree to
-rounding: see AGREEMENT.
+The results are bitwise identical. relations.py has units, orders and pieces of runs,
+test_histories.py sequences of calls.
 """
 
 import copy
@@ -16,9 +16,6 @@ from problems import Problem, SubdomainData, random_problem, reference_subdomain
 
 import pmalpha as pm
 
-# The same sums in another order, in some hundred steps of stable schemes: rounding, 2e-16, is
-# magnified by the condition number of Mbar and H (up to 1e4 here) and the number of steps.
-AGREEMENT = 1e-9
 STEPS = 9
 FORMS = ["diagonal", "dense", "sparse"]
 FINE = 6
@@ -138,24 +135,6 @@ PROBLEMS = {
 every_problem = pytest.mark.parametrize("make", PROBLEMS.values(), ids=PROBLEMS.keys())
 
 
-def in_units(problem, length, time, mass):
-    """The same problem in smaller units: numbers larger by these factors."""
-    force = mass * length / time**2
-    subdomains = [
-        replace(
-            s,
-            M=s.M * mass,
-            C=None if s.C is None else s.C * (mass / time),
-            K=s.K * (mass / time**2),
-            u0=None if s.u0 is None else s.u0 * length,
-            v0=None if s.v0 is None else s.v0 * (length / time),
-            force=_force_in_units(s.force, force, time),
-        )
-        for s in problem.subdomains
-    ]
-    return replace(problem, subdomains=subdomains, dt=problem.dt * time)
-
-
 def _force_in_units(force, factor, time):
     if isinstance(force, pm.SampledForce):
         other = copy.copy(force)  # of either class; forces are frozen, so from inside
@@ -230,87 +209,7 @@ def test_a_factor_that_is_no_power_of_two_changes_the_rounding():
     assert (3.0 * one[0].u != two[0].u).any()
 
 
-@pytest.mark.parametrize(
-    ("length", "time", "mass"),
-    [
-        (39.37007874, 1.0, 5.710147e-3),  # m and kg to in and lbf s^2 / in
-        (3e9, 7e6, 1.1e-12),
-        (3e-9, 7e-6, 1.1e12),
-    ],
-)
-@every_problem
-def test_other_units_give_the_same_motion(make, length, time, mass):
-    problem = make()
-    one = problem.coupler().run(steps=STEPS)
-    two = in_units(problem, length, time, mass).coupler().run(steps=STEPS)
-    unit = {"u": length, "v": length / time, "a": length / time**2}
-    unit["Lam"] = mass * unit["a"]
-    scale = scales(one, problem)
-    for (what, x), (_, y) in zip(arrays(one), arrays(two)):
-        assert largest(y / unit[what] - x) <= AGREEMENT * scale[what], what
-    # four roundings of a time
-    np.testing.assert_allclose(two.multiplier_times / time, one.multiplier_times, rtol=1e-15)
-
-
-def test_units_that_do_not_fit_together_are_another_motion():
-    problem = everything("dense")
-    one = problem.coupler().run(steps=STEPS)
-    two = in_units(problem, 1.0, 1.0, 1.0)
-    two.subdomains[0].M = two.subdomains[0].M * 1.001
-    assert largest(two.coupler().run(steps=STEPS)[0].u - one[0].u) > 1e-6 * largest(one[0].u)
-
-
-@pytest.mark.parametrize("factor", [1e-9, 3e7])
-@pytest.mark.parametrize("form", FORMS)
-def test_constraints_times_a_factor_are_the_same_constraints(form, factor):
-    problem = everything(form)
-    one = problem.coupler().run(steps=STEPS)
-    two = replace(problem, L=[np.array([1.0, factor, 1.0])[:, None] * Li for Li in problem.L])
-    two = two.coupler().run(steps=STEPS)
-    scale = scales(one, problem)
-    for x, y in zip(one.subdomains, two.subdomains):
-        assert largest(x.u - y.u) <= AGREEMENT * scale["u"]
-        assert largest(x.a - y.a) <= AGREEMENT * scale["a"]
-    # L^T Lam is the same force
-    back = two.multipliers * [1.0, factor, 1.0]
-    assert largest(back - one.multipliers) <= AGREEMENT * scale["Lam"]
-
-
 # ---- order and sign -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("order", [(3, 2, 1, 0), (1, 3, 0, 2), (2, 0, 3, 1)])
-@pytest.mark.parametrize("form", FORMS)
-def test_the_order_of_subdomains_does_not_matter(form, order):
-    problem = everything(form)
-    one = problem.coupler().run(steps=STEPS)
-    other = replace(
-        problem, subdomains=[problem.subdomains[i] for i in order], L=[problem.L[i] for i in order]
-    )
-    two = other.coupler().run(steps=STEPS)
-    scale = scales(one, problem)
-    for position, i in enumerate(order):
-        for x in "uva":
-            difference = getattr(two[position], x) - getattr(one[i], x)
-            assert largest(difference) <= AGREEMENT * scale[x], (i, x)
-    assert largest(two.multipliers - one.multipliers) <= AGREEMENT * scale["Lam"]
-    # and the subdomains move differently
-    assert largest(two[0].u[-1, :2] - one[0].u[-1, :2]) > 1e-3 * scale["u"]
-
-
-@pytest.mark.parametrize("rows", [(2, 1, 0), (1, 2, 0)])
-@pytest.mark.parametrize("form", FORMS)
-def test_the_order_of_constraints_does_not_matter(form, rows):
-    problem = everything(form)
-    one = problem.coupler().run(steps=STEPS)
-    two = replace(problem, L=[Li[list(rows)] for Li in problem.L]).coupler().run(steps=STEPS)
-    scale = scales(one, problem)
-    for x, y in zip(one.subdomains, two.subdomains):
-        for name in "uva":
-            assert largest(getattr(x, name) - getattr(y, name)) <= AGREEMENT * scale[name], name
-    for name, size in (("multipliers", "Lam"), ("displacement_jump", "u")):
-        x, y = getattr(one, name)[:, rows], getattr(two, name)
-        assert largest(x - y) <= AGREEMENT * scale[size], name
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -380,39 +279,6 @@ def joined(histories):
             np.testing.assert_array_equal(x[-1], y[0])
     pieces = zip(*([x for _, x in arrays(h)] for h in histories))
     return [np.concatenate([p[0], *(x[1:] for x in p[1:])]) for p in pieces]
-
-
-@pytest.mark.parametrize("intervals", [(0, 9), (1, 8), (2, 1, 0, 6), (8, 1)])
-@pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
-@pytest.mark.parametrize("form", FORMS)
-def test_a_run_in_intervals_is_bitwise_identical_to_one_run(form, coupling, start, intervals):
-    whole = everything(form, coupling=coupling, start=start).coupler().run(steps=sum(intervals))
-    coupler = everything(form, coupling=coupling, start=start).coupler()
-    histories = [coupler.run(steps=n) for n in intervals]
-    for x, (_, y) in zip(joined(histories), arrays(whole)):
-        np.testing.assert_array_equal(x, y)
-    times = [np.concatenate([[0.0], *(h[i].t[1:] for h in histories)]) for i in range(4)]
-    for t, s in zip(times, whole.subdomains):
-        np.testing.assert_array_equal(t, s.t)
-
-
-@pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
-@pytest.mark.parametrize("form", FORMS)
-def test_step_is_run_without_a_history(form, coupling, start):
-    problem = everything(form, coupling=coupling, start=start)
-    history = problem.coupler().run(steps=STEPS)
-    coupler = problem.coupler()
-    for n, done in ((0, 0), (1, 1), (1, 2), (4, 6), (3, 9)):
-        coupler.step(n)
-        assert coupler.step_count == done
-        assert coupler.time == history.macro_times[done]
-        np.testing.assert_array_equal(coupler.multipliers, history.multipliers[done * FINE])
-        for i, s in enumerate(problem.subdomains):
-            # the state of a subdomain, with single or double steps, is that at its last time level
-            state, row = coupler.state(i), done * s.substeps
-            for x in "uva":
-                np.testing.assert_array_equal(getattr(state, x), getattr(history[i], x)[row])
-    assert coupler.run(steps=0)[0].u.shape == (1, 4)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -615,49 +481,7 @@ def test_read_only_arrays_are_accepted(form):
     coupler_of(x, lambda *names: None).run(steps=2)
 
 
-def test_the_coupler_returns_copies():
-    coupler = everything("dense").coupler()
-    expected = everything("dense").coupler().run(steps=STEPS)
-    coupler.step(2)
-    for i in range(4):
-        state = coupler.state(i)
-        state.u[:] = state.v[:] = state.a[:] = np.nan
-    coupler.multipliers[:] = np.nan
-    history = coupler.run(steps=2)
-    for _, x in arrays(history):
-        x[:] = np.nan
-    coupler.step(STEPS - 4)
-    np.testing.assert_array_equal(coupler.state(2).u, expected[2].u[-1])
-    np.testing.assert_array_equal(coupler.multipliers, expected.multipliers[-1])
-
-
 # ---- reset ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [n for n in PROBLEMS if "random" not in n or n[-1] in "05"])
-def test_a_run_after_reset_is_bitwise_identical_to_the_first(name):
-    coupler = PROBLEMS[name]().coupler()
-    first = coupler.run(steps=STEPS)
-    coupler.reset()
-    assert (coupler.step_count, coupler.time) == (0, 0.0)
-    assert_identical(first, coupler.run(steps=STEPS))
-    coupler.reset()
-    coupler.step(STEPS)
-    assert coupler.step_count == STEPS
-    np.testing.assert_array_equal(coupler.state(0).a, first[0].a[-1])
-
-
-def test_after_reset_the_time_is_zero_also_with_a_callable_load():
-    a = _plain("dense", "a", u0=[1.0, 0.0, 0.5])
-    coupler = pm.Coupler([a], dt=0.25)
-    coupler.reset(force={"a": lambda t: np.array([t, 0.0, 1.0])})
-    first = coupler.run(1.0)
-    coupler.reset(force={"a": lambda t: np.array([t, 0.0, 1.0])})
-    assert (coupler.step_count, coupler.time) == (0, 0.0)
-    np.testing.assert_array_equal(coupler.state("a").u, [1.0, 0.0, 0.5])
-    second = coupler.run(1.0)
-    np.testing.assert_array_equal(second["a"].t, [0.0, 0.25, 0.5, 0.75, 1.0])
-    assert_identical(first, second)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -683,45 +507,6 @@ def test_reset_with_other_values_equals_a_new_coupler(form):
         coupler_to_reset.reset(u0={"a": u_a}, v0={1: v_b}, force={"a": force_a, "b": force_b})
         expected = coupler(u_a, v_b, force_a, force_b).run(steps=STEPS)
         assert_identical(expected, coupler_to_reset.run(steps=STEPS))
-
-
-def test_reset_restores_what_it_does_not_name_to_the_values_of_the_subdomain():
-    coupler = pm.Coupler([_plain("dense", "a", u0=[1.0, 2.0, 3.0])], dt=0.1)
-    first = coupler.run(steps=3)
-    coupler.reset(u0={"a": [9.0, 9.0, 9.0]}, force={"a": None})
-    assert (coupler.run(steps=3)["a"].u != first["a"].u).any()
-    coupler.reset()
-    assert_identical(first, coupler.run(steps=3))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "error"),
-    [
-        ({"v0": {"a": [0.0, 1.0, 0.0]}}, pm.ConstraintError),
-        ({"u0": {"a": [0.0, 1.0]}}, ValueError),
-        ({"u0": {"a": [0.0, np.nan, 0.0]}}, ValueError),
-        ({"force": {"a": [1.0]}}, ValueError),
-        ({"force": {"nobody": None}}, ValueError),
-        ({"u0": [0.0, 0.0, 0.0]}, TypeError),
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("callable_load", [False, True], ids=["constant", "callable"])
-def test_a_reset_that_fails_changes_nothing(wrong, error, callable_load):
-    def coupler():
-        loads = {"force": lambda t: np.array([t, 1.0, 0.0])} if callable_load else {}
-        a = _plain("dense", "a", u0=[1.0, 0.0, 3.0], **loads)
-        b = _plain("dense", "b", substeps=2)
-        return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.1, coupling="pm")
-
-    expected = coupler().run(steps=5)
-    other = coupler()
-    begun = other.run(steps=2)
-    with pytest.raises(error):
-        other.reset(**wrong)
-    assert other.step_count == 2
-    for x, (_, y) in zip(joined([begun, other.run(steps=3)]), arrays(expected)):
-        np.testing.assert_array_equal(x, y)
 
 
 # ---- velocity jumps -------------------------------------------------------------------------

@@ -11,7 +11,6 @@ from pmalpha import plot  # noqa: E402
 from pmalpha.problem.kinds import KINDS  # noqa: E402
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-MIDDLES = 0.5 * (SQUARE + np.roll(SQUARE, -1, axis=0))
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
 
 

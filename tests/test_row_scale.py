@@ -20,10 +20,6 @@ def stiffness(rng, n):
     return 20.0 * A @ A.T / n + np.eye(n)
 
 
-def swing(t):
-    return np.array([np.sin(3.0 * t)])
-
-
 def velocities(kind):
     """sin 3t in some form of the four rows, of which the last one moves, times a factor."""
     record = np.sin(3.0 * 0.02 * np.arange(30))

@@ -8,7 +8,6 @@ import pmalpha as pm
 from pmalpha.__main__ import main
 
 SOFT = pm.GeneralizedAlpha(0.5)
-STIFF = pm.GeneralizedAlpha(0.5, explicit=True)
 
 
 def chain(n, name=None, **options):

@@ -72,23 +72,6 @@ def test_a_run_is_bitwise_identical_for_any_number_of_threads(seed):
         assert_identical(coupler.run(steps=9), expected)
 
 
-@pytest.mark.parametrize("seed", range(60, 80))
-def test_steps_runs_and_resets_are_bitwise_identical_too(seed):
-    alone = random_problem(seed).coupler(threads=1)
-    shared = random_problem(seed).coupler(threads=3)
-    first, second = alone.run(steps=5, every=2), alone.run(steps=4)
-    assert_identical(shared.run(steps=5, every=2), first)
-    for _ in range(4):
-        shared.step()
-    for i in range(len(second.subdomains)):
-        x, y = shared.state(i), alone.state(i)
-        for name in ("u", "v", "a"):
-            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
-    np.testing.assert_array_equal(shared.multipliers, alone.multipliers)
-    shared.reset()
-    assert_identical(shared.run(steps=5, every=2), first)
-
-
 def double_and_fine(coupling="pm", **options):
     """A coarse implicit subdomain with double steps, two fine ones, all loaded."""
     n = 30
