@@ -273,6 +273,95 @@ def test_gaps_and_forces_are_drawn():
     assert history.contacts[0].plot(0, ax=panel) is panel
 
 
+def read_vtu(path, k, field):
+    meshio = pytest.importorskip("meshio")
+    return meshio.read(path.with_suffix("") / f"{k:06d}.vtu").point_data[field]
+
+
+def test_gap_force_and_slip_are_in_the_files_of_paraview(tmp_path):
+    """Two blocks on each other, written from the History and read back by meshio."""
+    d, mu = 2, 0.3
+    moduli = dict(E=100.0, nu=0.2, rho=1.0, mass="lumped")
+    low = pm.structures.plate(2, 2, 0.5, **moduli)
+    top = pm.structures.plate(2, 2, 0.5, origin=(0.0, 1.0), **moduli)
+    below = low.subdomain(scheme=pm.Newmark(), name="below", fixed=low.dofs(low.nodes_at(y=0.0)))
+    weight = np.tile([0.2, -1.0], len(top.points)) * top.M.diagonal()
+    above = top.subdomain(scheme=pm.Newmark(), name="above", force=weight)
+    held = pm.reduce(low.M, low.K, fixed=low.dofs(low.nodes_at(y=0.0)))
+    joint = pm.contact_coincident(
+        {below: low.points, above: top.points},
+        [0.0, 1.0],
+        gap=0.01,
+        friction=mu,
+        reduced={below: held},
+    )
+    history = pm.Coupler([below, above], joint, dt=0.01, coupling="gc").run(1.0)
+    found = history.contacts[joint]
+    motions = {"below": held.expand(history["below"].u), "above": history["above"].u}
+    faces = {"below": low.nodes_at(y=1.0), "above": top.nodes_at(y=1.0)}
+    ux = [motions[name][:, d * face] for name, face in faces.items()]
+    slip = (ux[1] - ux[0]) * np.sign(joint.tangents[0][above].data[0])
+    for name, mesh in (("below", low), ("above", top)):
+        fields = history.contact_fields(mesh, name)
+        path = tmp_path / f"{name}.pvd"
+        pm.export.write_series(
+            path, mesh.points, mesh.elements, history[name].t, motions[name], data=fields
+        )
+        face, others = faces[name], np.setdiff1d(np.arange(len(mesh.points)), faces[name])
+        for k in (0, 30, 100):
+            for field, expected in (
+                ("gap", found.gap),
+                ("contact impulse", found.impulse),
+                ("contact force", found.force),
+                ("slip", slip),
+                ("contact", 1.0 + found.closed),
+            ):
+                at = read_vtu(path, k, field)
+                # what it is made of, summed in another order
+                np.testing.assert_allclose(at[face], expected[k], rtol=1e-12, atol=1e-15)
+                assert not at[others].any()
+    assert found.closed.any() and np.abs(slip).max() > 1e-4
+
+
+def test_a_cut_writes_its_contacts_with_impulses_since_the_last_macro_step(tmp_path):
+    block = pm.structures.plate(4, 5, 0.5, E=100.0, nu=0.3, rho=1.0, mass="lumped")
+    low = block.nodes_at(y=0.0)
+    v0 = np.zeros(block.n)
+    v0[block.dofs(np.arange(len(block.points)), "uy")] = -1.0
+    parts = pm.cut(block, layer_of=low, dt=0.1, v0=v0)
+    floor = pm.contact(parts.subdomains[1], [f"uy {node}" for node in low], gap=0.1)
+    coupler = pm.Coupler(parts.subdomains, [*parts.constraints, floor], dt=0.1, coupling="gc")
+    history = coupler.run(2.0)
+    parts.export(tmp_path / "run.pvd", history)
+    impulse = history.contacts[floor].impulse
+    assert impulse.shape[0] == 4 * 20 + 1
+    for k in range(1, 21):
+        at = read_vtu(tmp_path / "run.pvd", k, "contact impulse")
+        np.testing.assert_allclose(at[low], impulse[4 * k - 3 : 4 * k + 1].sum(axis=0), rtol=1e-12)
+        force = read_vtu(tmp_path / "run.pvd", k, "contact force")
+        np.testing.assert_allclose(force, at / 0.1, rtol=1e-12)
+    history.save(tmp_path / "run.npz")
+    parts.export(tmp_path / "again.pvd", pm.History.load(tmp_path / "run.npz"))  # the motion alone
+
+
+def test_fields_of_contacts_need_the_mesh_and_what_was_recorded(tmp_path):
+    mesh = pm.structures.plate(2, 1, 1.0, E=100.0, nu=0.0, rho=1.0, mass="lumped")
+    plate = mesh.subdomain(scheme=pm.Newmark(), name="plate")
+    ground = pm.contact(plate, ["uy 0"], gap=0.01, friction=0.1, tangents=[["ux 0"]], name="ground")
+    coupler = pm.Coupler([plate], ground, dt=0.01)
+    other = pm.structures.plate(1, 1, 1.0, E=100.0, nu=0.0, rho=1.0)
+    history = coupler.run(0.1)
+    with pytest.raises(ValueError, match="'plate' must have the 8 dofs of the mesh"):
+        history.contact_fields(other, "plate")
+    history.save(tmp_path / "run.npz")
+    with pytest.raises(ValueError, match="got one of a file"):
+        pm.History.load(tmp_path / "run.npz").contact_fields(mesh, "plate")
+    coupler.reset()
+    few = coupler.run(0.1, record={"plate": [1]})
+    with pytest.raises(ValueError, match="'ground' must be recorded, which dof 0 of 'plate'"):
+        few.contact_fields(mesh, "plate")
+
+
 # ---- refusals ------------------------------------------------------------------------------------
 
 

@@ -17,7 +17,9 @@ from ..gradients.parameters import Parameters
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from ..results.contact_nodes import nodal_fields
 from ..results.history import History, SubdomainHistory
+from ..results.keys import position
 from ..run.coupler import Coupler
 from ..structures.mesh_files import grid_of
 from ..structures.structure import Structure
@@ -348,7 +350,8 @@ class Cut:
         history : History or SubdomainHistory
             As for `gather`, or what it has returned.
         **options
-            Further arguments of `write_series`. Elements have the numbers "part" and "substeps".
+            Further arguments of `write_series`. Elements have the numbers "part" and "substeps",
+            nodes the fields of `History.contact_fields` where a History has contacts.
 
         Raises
         ------
@@ -369,8 +372,19 @@ class Cut:
         structure = self._mesh("export")
         motion = history if isinstance(history, SubdomainHistory) else self.gather(history)
         cells = self._numbers() | options.pop("cells", {})
+        if isinstance(history, History) and _knows_contacts(history):
+            options["data"] = self._contacts(history, motion.t) | (options.get("data") or {})
         whole = (motion.t, motion.u, motion.v, motion.a)
         write_series(path, structure.points, structure.elements, *whole, cells=cells, **options)
+
+    def _contacts(self, history: History, times: np.ndarray) -> dict[str, np.ndarray]:
+        """Fields of contacts at the nodes of the uncut mesh."""
+        count = len(self.structure.points)
+        nodes = {
+            position(name, history.keys): dofs // (self.n // count)
+            for name, dofs in self.dofs.items()
+        }
+        return nodal_fields(history, nodes, count, times)
 
     def to_pyvista(self, motion: Any = None, t: float | None = None) -> Any:
         """The uncut mesh as an unstructured grid of pyvista, with its subdomains.
@@ -418,3 +432,9 @@ class Cut:
                 f"history must have all {counted(size, 'dof')} of {name!r}, got {len(one.dofs)}"
             )
         return one
+
+
+def _knows_contacts(history: History) -> bool:
+    """Whether it has contacts with their rows, which a file does not have."""
+    found = [x.contact for x in history.contact_layout]
+    return bool(found) and None not in found

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from .._checks import counted
 from ..problem.subdomain import Subdomain
 from .contact_history import Contacts, Recorded, recorded_contacts
+from .contact_nodes import contact_fields
 from .conversion import dataset, frames, history_html
 from .energy import Energy
 from .interpolated import Instant, Peak, at, peak, resampled
@@ -103,6 +104,51 @@ class History:
         ``contacts[joint]``, ``contacts["joint"]`` or ``contacts[0]`` is a `ContactHistory`.
         """
         return recorded_contacts(self)
+
+    def contact_fields(
+        self, structure: Any, subdomain: str | int | Subdomain, *, reduced: Any = None
+    ) -> dict[str, np.ndarray]:
+        """Contacts at the nodes of a mesh, for ParaView: ``data=`` of `export.write_series`.
+
+        `Cut.export` writes these fields by itself.
+
+        Parameters
+        ----------
+        structure : Structure
+            The mesh of the subdomain.
+        subdomain : str, int or Subdomain
+            Its dofs are all of the mesh, or have their names.
+        reduced : Reduction, optional
+            Which dofs of the mesh it has, where neither is so.
+
+        Returns
+        -------
+        dict of (k, N) ndarray
+            At the times of ``history[subdomain]``: "contact", 0 at nodes without, 1 open, 2 where a
+            row has pushed since the time before; "gap"; "contact impulse" since then, and the mean
+            "contact force"; "slip", the relative displacement along one tangent, or its length
+            along two. Impulses of a row are given to its nodes by its entries; gap and slip are
+            those of the row that reaches the node most, 0 without contact.
+
+        Raises
+        ------
+        KeyError, ValueError
+            For a History from a file, dofs that are not of the mesh, and times or dofs that were
+            not recorded.
+
+        Examples
+        --------
+        A plate that falls on the ground:
+
+        >>> from pmalpha import structures
+        >>> mesh = structures.plate(2, 1, 1.0, E=100.0, nu=0.0, rho=1.0, mass="lumped")
+        >>> plate = mesh.subdomain(scheme=Newmark(), force=np.tile([0.0, -1.0], 6), name="plate")
+        >>> ground = contact(plate, ["uy 0", "uy 1", "uy 2"], gap=0.01)
+        >>> history = Coupler([plate], ground, dt=0.01).run(0.5)
+        >>> history.contact_fields(mesh, "plate")["contact"].max(axis=0).tolist()
+        [2.0, 2.0, 2.0, 0.0, 0.0, 0.0]
+        """
+        return contact_fields(self, structure, subdomain, reduced)
 
     def __len__(self) -> int:
         return len(self.subdomains)
