@@ -15,6 +15,7 @@ import pytest
 import reference
 import scipy.linalg
 import scipy.sparse as sp
+from agreement import assert_close, largest
 
 import pmalpha as pm
 
@@ -48,11 +49,13 @@ def subdomain(q, form=np.asarray, scheme=SOFT, **options):
 
 def assert_initial(coupler, w, Lam):
     """The coupler starts with these accelerations and multipliers."""
-    size = max(np.abs(x).max() for x in w)
+    size = largest(*w)
     for i, expected in enumerate(w):
-        np.testing.assert_allclose(coupler.state(i).a, expected, rtol=0, atol=ROUNDING * size)
-    force = max(np.abs(Lam).max(initial=0.0), size)  # masses of size 1
-    np.testing.assert_allclose(coupler.multipliers, Lam, rtol=0, atol=ROUNDING * force)
+        what, found = f"initial acceleration of subdomain {i}", coupler.state(i).a
+        assert_close(found[None], expected[None], ROUNDING, what, size=size)
+    what, force = "initial multiplier", max(largest(Lam), size)  # masses of size 1
+    found = coupler.multipliers
+    assert_close(found[None], Lam[None], ROUNDING, what, size=force, column="constraint")
     # and so does a history
     history = coupler.run(steps=0)
     for i in range(len(w)):
