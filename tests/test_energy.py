@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from agreement import assert_close, largest
 from problems import random_problem
 
 import pmalpha as pm
@@ -51,22 +52,22 @@ def expected_energies(problem, doubles, history, begin=0):
 
 def require_energies(energy, expected, tolerance=1e-11):
     # sums of some 100 products of some 10 terms, in another order: 1e-13 of the largest of all
-    size = max(np.abs(x).max() for x in expected.values())
+    size, at = largest(*expected.values()), {"times": energy.t, "column": "subdomain"}
     for kind in KINDS:
-        got = getattr(energy, kind)
-        assert got.shape == expected[kind].shape
-        np.testing.assert_allclose(got, expected[kind], rtol=0, atol=tolerance * size, err_msg=kind)
+        what = f"{kind} energy or work"
+        assert_close(getattr(energy, kind), expected[kind], tolerance, what, size=size, **at)
     stored = expected["kinetic"] + expected["strain"]
     balance = stored - stored[0] + expected["dissipated"]
     balance -= expected["external"] + expected["interface"]
-    np.testing.assert_allclose(energy.balance, balance, rtol=0, atol=5.0 * tolerance * size)
+    what = "balance, of energies and works that agree,"
+    assert_close(energy.balance, balance, 5.0 * tolerance, what, size=size, **at)
 
 
 def doubles_of(coupler):
     return [part.double for part in coupler._session.parts]
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(30))
 def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
@@ -75,7 +76,7 @@ def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
     require_energies(history.energy, expected_energies(problem, doubles_of(coupler), history))
 
 
-@pytest.mark.parametrize("seed", range(60, 80))
+@pytest.mark.parametrize("seed", range(60, 70))
 def test_an_interval_sums_up_from_its_first_time_level(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
@@ -112,10 +113,10 @@ def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_at_its_time_
     assert np.abs(expected).max() > 0.01
 
 
-def test_the_sixty_problems_have_works_of_every_kind_and_double_steps_with_substeps():
+def test_the_problems_have_works_of_every_kind_and_double_steps_with_substeps():
     # so the comparisons above cover all kinds
     seen = set()
-    for seed in range(60):
+    for seed in range(30):
         problem = random_problem(seed)
         for s, double in zip(problem.subdomains, doubles_of(problem.coupler())):
             seen |= {("double", double, s.substeps > 1), ("coupling", problem.coupling, double)}

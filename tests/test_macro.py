@@ -64,22 +64,22 @@ def check_against_reference(seed, draw=random_problem):
     assert_run_agrees(history, expected, AGREEMENT, force=inertia)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(20))
 def test_core_and_reference_agree_on_a_random_problem_under_macro_coupling(seed):
     check_against_reference(seed)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(20, 30))
 def test_core_and_reference_agree_where_unit_responses_are_not_stored(seed, repeated):
     check_against_reference(seed)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(20))
 def test_core_and_reference_agree_with_restoring_forces_and_lagged_damping(seed):
     check_against_reference(seed, random_restored_problem)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(20, 30))
 def test_core_and_reference_agree_where_responses_of_restored_subdomains_are_repeated(
     seed, repeated
 ):
@@ -89,7 +89,7 @@ def test_core_and_reference_agree_where_responses_of_restored_subdomains_are_rep
 def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_damping():
     # or the comparisons above would see less than they seem to
     seen = set()
-    for seed in range(20):
+    for seed in range(30):
         problem = random_macro_problem(seed, random_restored_problem)
         for s, L in zip(problem.subdomains, problem.L):
             if s.substeps > 1 and L.any():
@@ -341,15 +341,15 @@ def test_the_spectral_radius_is_at_most_one(rho, double):
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)  # the zig-zag at rho = 1
-        for b1 in (0.01, 0.1, 1.0, 10.0, 100.0):
+        for b1, substeps, share in pairwise(
+            [0.01, 0.1, 1.0, 10.0, 100.0], [1, 2, 5, 20], [0.1, 0.6, 0.98]
+        ):
             omega_b = np.sqrt(b1) * OMEGA  # frequency of B by itself
-            for substeps in (1, 2, 5, 20):
-                for share in (0.1, 0.6, 0.98):
-                    dt = share * limit / omega_b * substeps
-                    coupler = coupled(*halves(b1, substeps, rho=rho, double=double), dt)
-                    radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
-                    # a defective eigenvalue 1 comes out within the root of the rounding
-                    assert radius <= 1.0 + 1e-7, (b1, substeps, share)
+            dt = share * limit / omega_b * substeps
+            coupler = coupled(*halves(b1, substeps, rho=rho, double=double), dt)
+            radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
+            # a defective eigenvalue 1 comes out within the root of the rounding
+            assert radius <= 1.0 + 1e-7, (b1, substeps, share)
 
 
 def test_beyond_the_explicit_limit_the_spectral_radius_is_above_one():
@@ -870,7 +870,7 @@ def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
 
 @pytest.mark.parametrize(
     ("force", "share", "substeps", "explicit"),
-    pairwise([duffing, van_der_pol], [0.0, 1.0, 2.0], [1, 5, 20], [True, False]),
+    pairwise([duffing, van_der_pol], [0.0, 1.0, 2.0], [1, 2, 5], [True, False]),
 )
 def test_restoring_forces_keep_order_two_under_macro_coupling(force, share, substeps, explicit):
     K_r, D_r = (30.0, 0.0) if force is duffing else (20.0, 3.0)
@@ -912,7 +912,7 @@ def test_a_stiff_restoring_force_with_substeps_needs_its_stiffness_estimated():
     # measured: 28 to 1e34 at omega dt = 4, and 0.3 to 0.5 with the correct estimate
     for share in (0.0, 0.5, 2.0):
         assert growth(share, 4.0) > 10.0, share
-    for product in (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0):
+    for product in (0.5, 2.0, 4.0, 8.0):
         assert growth(1.0, product) < 1.0, product
         assert growth(0.9, product) < 1.0, product
         for coupling in ("pm", "gc"):

@@ -50,9 +50,10 @@ def same(x, y):
 # ---- the same History -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ending", ["h5", "hdf5"])
 @pytest.mark.parametrize(
-    "options", [{}, {"record": {0: [0]}, "every": 2}, {"energy": True}], ids=str
+    ("ending", "options"),
+    [("h5", {}), ("hdf5", {"record": {0: [0]}, "every": 2}), ("h5", {"energy": True})],
+    ids=str,
 )
 def test_a_history_saved_as_hdf5_is_read_back_bitwise_identical(tmp_path, options, ending):
     path = tmp_path / f"saved.{ending}"
@@ -130,7 +131,7 @@ OPTIONS = [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": Tr
 
 @pytest.mark.parametrize(
     ("seed", "options"),
-    [(k, OPTIONS[k % 5]) for k in range(10)] + [(k, OPTIONS[(k + 2) % 5]) for k in range(10)],
+    [(k, OPTIONS[k % 5]) for k in range(10)],
     ids=str,
 )
 def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path, seed, options):
@@ -157,7 +158,7 @@ def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size
 
 
 def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
-    names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(300))]
+    names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(60))]
     subdomains = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
     coupler, other = (
         pm.Coupler(subdomains, dt=0.1, coupling="pm"),
@@ -230,12 +231,15 @@ def test_steps_that_were_not_run_take_no_room_on_disk(tmp_path):
 # ---- other readers --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", [{}, {"swmr": True}])
-def test_others_read_while_the_run_goes_on(tmp_path, options):
+def test_others_read_while_the_run_goes_on(tmp_path):
     path, counts = tmp_path / "run.h5", []
     coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
 
     def tell(done, total):
+        for options in ({}, {"swmr": True}):
+            read(options)
+
+    def read(options):
         with h5py.File(path, "r", **options) as file:
             if not counts:  # the first report may come after the first rows
                 assert pm.History.load(path).macro_times[-1] == file["step_count"][0] * 0.05

@@ -70,7 +70,7 @@ def intervals_of(coupler, problem, rng):
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize("coupling", COUPLINGS)
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(7))
 def test_a_run_with_changes_equals_the_reference(seed, coupling):
     """1e-9: rounding, grown by explicit steps near their limit; the largest found was 3e-11."""
     rng = np.random.default_rng([seed, 5])
