@@ -94,6 +94,7 @@ _Processes = tuple[
 class Subdomain:
     entries: int
     gain: float
+    impact: tuple[float, float, float]
     def __new__(
         cls,
         n: int,
@@ -145,7 +146,7 @@ class Subdomain:
         energy: float,
         /,
     ) -> None: ...
-    def watch(self, M: _Matrix, K_r: _Matrix, /) -> None: ...
+    def watch(self, M: _Matrix, K_r: _Matrix, looks: bool, /) -> None: ...
     def begin_energy(
         self,
         M: _Matrix,

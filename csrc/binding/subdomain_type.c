@@ -466,17 +466,18 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
     Py_RETURN_NONE;
 }
 
-/* watch(M, K_r): once, after the subdomain was made; the arrays are its own from then on */
+/* watch(M, K_r, looks): once, after the subdomain was made; the arrays are its own from then on */
 static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
 {
     PyObject *M_obj, *K_r_obj;
     pma_matrix M, K_r;
+    int looks;
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    if (!PyArg_ParseTuple(args, "OO", &M_obj, &K_r_obj) ||
+    if (!PyArg_ParseTuple(args, "OOp", &M_obj, &K_r_obj, &looks) ||
         pma_take_matrix(M_obj, n, "M", self->arrays, &M) < 0 ||
         pma_take_matrix(K_r_obj, n, "K_r", self->arrays, &K_r) < 0 || !pma_subdomain_claim(self))
         return NULL;
-    const pma_status status = pma_subdomain_watch(self->core, M, K_r);
+    const pma_status status = pma_subdomain_watch(self->core, M, K_r, looks);
     pma_subdomain_release(self);
     return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "watch");
 }
@@ -484,6 +485,12 @@ static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
 static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closure))
 {
     return PyFloat_FromDouble(pma_subdomain_gain(self->core));
+}
+
+static PyObject *subdomain_get_impact(SubdomainObject *self, void *Py_UNUSED(closure))
+{
+    const pma_impact impact = pma_subdomain_impact(self->core);
+    return Py_BuildValue("(ddd)", impact.square, impact.share, impact.t);
 }
 
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
@@ -494,6 +501,10 @@ static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(cl
 static PyGetSetDef subdomain_getset[] = {
     {"gain", (getter)subdomain_get_gain, NULL,
      "energy that the scheme has added, in multiples of that of the motion; 0 if not watched",
+     NULL},
+    {"impact", (getter)subdomain_get_impact, NULL,
+     "contact that was seen to close, the first or a much stiffer one: omega^2, the share of K_r "
+     "in it, the time; or zeros",
      NULL},
     {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one substep", NULL},
     {NULL, NULL, NULL, NULL, NULL},
@@ -519,7 +530,8 @@ static PyMethodDef subdomain_methods[] = {
      "copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
     {"watch", (PyCFunction)subdomain_watch, METH_VARARGS,
-     "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces"},
+     "watch(M, K_r, looks): the energy is summed up that the scheme adds through evaluated forces; "
+     "with looks, contact that closes is seen"},
     {"limit", (PyCFunction)pma_subdomain_object_limit, METH_VARARGS,
      "limit(displacement, velocity, acceleration, force, energy): of a specimen, (n,) or None"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,

@@ -26,6 +26,7 @@ from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
 from ..setup.start import InitialAccelerations
+from .cause import least_gain
 from .initial import InitialValues, StartValues, consistent_in_lanes
 from .loads import seen_by
 from .motion import Motion, all_known
@@ -102,7 +103,8 @@ class Lanes:
     ) -> bool:
         """Run to macro step `end` and fill the recordings, one for each case.
 
-        False when a value of any case is not finite; the recordings are then not filled.
+        False when a value of any case is not finite, or its steps have added energy that is to be
+        reported; the recordings are then not filled, and what it was is found by each case alone.
         """
         records = [recording.core_record() for recording in recordings]
         begin, every = records[0][:2]
@@ -120,6 +122,8 @@ class Lanes:
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
+        if any(core.gain > least_gain(part) for part, core in zip(self.parts, self.cores)):
+            return False
         for k, all_lanes in enumerate(self.interface):
             split_lanes(all_lanes, tuple(own[3 + k] for own in records))
         return True
@@ -135,13 +139,13 @@ class Group:
         One for each case.
     steps : int
         Macro steps done, of all cases together.
-    is_finite : bool
-        False where a value of one of the cases was not finite.
+    is_sound : bool
+        False where a value of one of the cases was not finite, or steps added energy.
     """
 
     def __init__(self, lanes: Lanes, cases: list[int], recordings: list[Recording]):
         self.lanes, self.cases, self.recordings = lanes, cases, recordings
-        self.steps, self.is_finite = 0, True
+        self.steps, self.is_sound = 0, True
         self.future: Future[None] | None = None
 
     def advance(self, end: int, report: Callable[[], None]) -> None:
@@ -149,7 +153,7 @@ class Group:
             self.steps = step * len(self.cases)
             report()
 
-        self.is_finite = self.lanes.advance(self.recordings, end, count)
+        self.is_sound = self.lanes.advance(self.recordings, end, count)
 
 
 class Crew:
@@ -468,7 +472,7 @@ def prepared(
 
 
 def finish_group(session: Session, group: Group, plan: Plan) -> None:
-    if not group.is_finite:
+    if not group.is_sound:
         run_one_by_one(session, group.cases, plan)
         return
     histories = [recording.history(plan.end) for recording in group.recordings]

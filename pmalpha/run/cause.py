@@ -10,6 +10,7 @@ from ..errors import StabilityWarning, warn
 from ..problem.matrices import canonical, combination
 from ..problem.springs import assembled
 from ..problem.subdomain import Subdomain
+from ..setup.bounce import MOST
 from ..setup.internal_forces import springs_at
 from ..setup.part import Part
 from ..setup.stability import (
@@ -20,17 +21,27 @@ from ..setup.stability import (
     present_ratio,
     warn_of_steps,
 )
+from ..setup.stiff_restoring import cause_of_contact, gain_of_contact
 
 # Gain of energy that is reported: stable forces evaluated once a step reach the first one at 0.976
 # of their critical step, and smooth ones that are iterated 1.
 REPORTED, ITERATED = 20.0, 2.0
 
 
+def least_gain(part: Part) -> float:
+    """The gain of energy above which it is reported."""
+    return ITERATED if part.subdomain.iterates else REPORTED
+
+
 def warn_of_gains(parts: Sequence[Part]) -> None:
-    """StabilityWarning for energy that steps have added, once for each subdomain and start."""
+    """StabilityWarning for energy that steps have added, and for contact of compiled functions that
+    they do not resolve, once for each subdomain and start."""
     for part in parts:
-        least = ITERATED if part.subdomain.iterates else REPORTED
-        reported, part.gain_reported = part.gain_reported, part.core.gain > least
+        reported, cause = part.impact_reported, _of_impact(part)
+        part.impact_reported = cause != ""
+        if cause and not reported:
+            warn(cause, StabilityWarning)
+        reported, part.gain_reported = part.gain_reported, part.core.gain > least_gain(part)
         if part.gain_reported and not reported:
             warn(
                 f"the energy of subdomain {part.name!r} grows by its steps: {cause_of(part)}",
@@ -43,11 +54,19 @@ def cause_of(part: Part) -> str:
     s = part.subdomain
     if s.restoring is None and s.internal is None:
         return ""
-    gain, what = part.core.gain, _of_springs(part)
-    if what or gain > 1.0:
-        added = f"its steps added {gain:.3g} times its kinetic energy: " if gain > 1.0 else ""
-        return f"{added}{what or _of_others(part)}; {_remedy(s)}"
-    return ""
+    gain = part.core.gain
+    why = _of_springs(part) or _of_impact(part) or (_of_others(part) if gain > 1.0 else "")
+    added = f"its steps added {gain:.3g} times its kinetic energy: " if why and gain > 1.0 else ""
+    return f"{added}{why}"
+
+
+def _of_impact(part: Part) -> str:
+    """Of a contact of compiled functions that the steps do not resolve, or empty."""
+    square, share, t = part.core.impact
+    omega = float(np.sqrt(square))
+    gain = gain_of_contact(part.subdomain.scheme, part.step, omega, share)
+    kind = "compiled restoring function"
+    return cause_of_contact(kind, part.name, part.step, omega, gain, t) if gain > MOST else ""
 
 
 def _of_springs(part: Part) -> str:
@@ -60,7 +79,7 @@ def _of_springs(part: Part) -> str:
     once = "" if s.iterates and not s.restoring_springs else ", where they are evaluated once,"
     return (
         f"its springs are too stiff for the step {part.step:g}{once} with a circular frequency of "
-        f"{omega:.3g} at present, or when contact is closed"
+        f"{omega:.3g} at present, or when contact is closed; {_remedy(s)}"
     )
 
 
@@ -68,7 +87,7 @@ def _of_others(part: Part) -> str:
     s = part.subdomain
     kind = "internal forces are" if s.restoring is None else "restoring forces are"
     over = " or restoring_damping= above their damping" if s.restoring_damping is not None else ""
-    return f"its {kind} too stiff for the step {part.step:g}{over}"
+    return f"its {kind} too stiff for the step {part.step:g}{over}; {_remedy(s)}"
 
 
 def _remedy(s: Subdomain) -> str:

@@ -115,7 +115,7 @@ class InitialValues:
         contact = self._contact(loads)
         for part, state in zip(parts, start.states):
             part.core.start(*state, start.lam)
-            part.gain_reported = False
+            part.gain_reported = part.impact_reported = False
         core.start(0, start.lam, start.g)
         core.set_gap(start.gap)
         core.set_end_multipliers(start.end_multipliers)

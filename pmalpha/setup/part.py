@@ -21,7 +21,7 @@ from ..problem.matrices import (
     permuted,
 )
 from ..problem.ordering import graph_of, has_nested_dissection
-from ..problem.restoring import Feedback, core_restoring
+from ..problem.restoring import Feedback, core_restoring, functions_of, is_compiled
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
@@ -93,7 +93,7 @@ class Part:
         If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
     step_ratio : StepRatio or None
         Its step divided by its critical step, as far as set-up computed it.
-    gain_reported : bool
+    gain_reported, impact_reported : bool
         Whether the energy that its steps add has been warned of since the last start.
     feedback : Feedback or None
         Its load if that depends on the motion, for steps of all lengths.
@@ -132,6 +132,7 @@ class Part:
     response_blocks: tuple[Block, Block] | None = None
     step_ratio: StepRatio | None = None
     gain_reported: bool = False
+    impact_reported: bool = False
     over: float | None = None
     known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
     feedback: Feedback | None = None
@@ -184,6 +185,7 @@ class Part:
             response_blocks=None,
             step_ratio=None,
             gain_reported=False,
+            impact_reported=False,
         )
 
     @property
@@ -451,7 +453,13 @@ def warn_of_order(parts: Sequence[Part]) -> None:
 def watch_of(part: Part) -> StiffnessWatch | None:
     """What looks at the values of Python functions."""
     s = part.subdomain
-    return None if s.massless.size else StiffnessWatch(s, part.name, part.step)
+    free = part.substeps if part.responds else 0
+    return None if s.massless.size else StiffnessWatch(s, part.name, part.step, free)
+
+
+def looks_for_contact(s: Subdomain) -> bool:
+    """Whether it has compiled restoring functions, whose values are seen by the core alone."""
+    return any(map(is_compiled, functions_of(s.restoring))) and not s.massless.size
 
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
@@ -486,10 +494,10 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
     if (limits := part.subdomain.limits) is not None:
         in_order = (x if x is None else x[part.order] for x in limits_of_dofs(limits, part.n))
         part.core.limit(*in_order, math.inf if limits.energy is None else limits.energy)
-    # evaluated in a free macro run, a force is on another path than that of the motion
-    if not part.responds and (part.subdomain.restoring is not None or part.internal is not None):
+    if part.subdomain.restoring is not None or part.internal is not None:
         K_r = None if part.subdomain.scheme.explicit else part.K_r
-        part.core.watch(*(core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r)))
+        matrices = (core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r))
+        part.core.watch(*matrices, looks_for_contact(part.subdomain))
 
 
 def _internal(part: Part, threads: int) -> dict[str, Any]:

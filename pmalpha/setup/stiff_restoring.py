@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import StabilityWarning, UnboundedMotion, warn
 from ..problem.matrices import product
+from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .bounce import MOST, bounce_gain
 from .stability import predicted_product
@@ -27,6 +28,24 @@ GROWTH = 1e6
 RUNAWAY, HUGE = 1e3, 1e50
 
 
+def cause_of_contact(kind: str, name: str, step: float, omega: float, gain: float, t: float) -> str:
+    """What is said of a contact of a function that closes at t: omega, and the gain of speed."""
+    return (
+        f"the {kind} of subdomain {name!r} closes a contact at t = {t:g} that the step {step:g} "
+        f"does not resolve: its stiffness corresponds to a circular frequency of about {omega:.3g},"
+        f" and what arrives with the speed 1 can leave with {gain:.3g}; take smaller steps (below "
+        f"{2.0 / omega:.3g}), or give contact as internal= of an implicit scheme"
+    )
+
+
+def gain_of_contact(scheme: Scheme, step: float, omega: float, share: float) -> float:
+    """(C5), 1 where the step resolves the contact; `share` of its stiffness is in K_r."""
+    Omega = step * omega
+    if not predicted_product(scheme) < Omega < np.inf:
+        return 1.0
+    return bounce_gain(scheme, Omega, round(min(max(share, 0.0), 1.0), 6))
+
+
 class StiffnessWatch:
     """Estimates the stiffness of a restoring function and compares the step with its critical step.
 
@@ -44,10 +63,13 @@ class StiffnessWatch:
     name : str
     step : float
         The step really taken, 2 h if double.
+    free : int, optional
+        Substeps of a free macro run, which does not go on from the last one.
     """
 
-    def __init__(self, subdomain: Subdomain, name: str, step: float):
+    def __init__(self, subdomain: Subdomain, name: str, step: float, free: int = 0):
         self.M, self.name, self.step = subdomain.M, name, step
+        self.free, self.count = free, 0
         s = subdomain.scheme
         self.explicit, self.is_load = s.explicit, not subdomain.has_functions
         self.scheme, self.Omega = s, predicted_product(s)
@@ -67,6 +89,10 @@ class StiffnessWatch:
             self.sums.clear()
             self.largest = self.kinetic = 0.0
             self.seen = self.impact = np.inf
+            self.count = -1
+        elif self.free and self.count % self.free == 0:
+            self.last = self.increment = None
+        self.count += 1
         with np.errstate(over="ignore", invalid="ignore"):
             contact = self._take(u, v, r)
             omega2, is_resolved = self._estimate()
@@ -132,13 +158,12 @@ class StiffnessWatch:
         """
         omega2 = work / m if m > 0.0 else 0.0
         before, self.seen = self.seen, omega2
-        Omega = self.step * np.sqrt(max(omega2, 0.0))
         sudden = omega2 > CLOSES * abs(before) and work > IMPACT * self.kinetic
-        if not (sudden and Omega > self.Omega and np.isfinite(Omega)):
+        if not sudden:
             return None
-        share = min(max(K_r / work, 0.0), 1.0)
-        gain = bounce_gain(self.scheme, float(Omega), round(share, 6))
-        return (float(np.sqrt(omega2)), gain) if gain > MOST else None
+        omega = float(np.sqrt(omega2))
+        gain = gain_of_contact(self.scheme, self.step, omega, K_r / work)
+        return (omega, gain) if gain > MOST else None
 
     def _estimate(self) -> tuple[float, bool]:
         """omega^2 of the window, 0 while it is not full; whether the steps resolve the motion."""
@@ -157,13 +182,7 @@ class StiffnessWatch:
         return "force, a function of the motion," if self.is_load else "restoring function"
 
     def _warn_of_contact(self, omega: float, gain: float, t: float) -> None:
-        self.cause = (
-            f"the {self.kind} of subdomain {self.name!r} closes a contact at t = {t:g} that "
-            f"the step {self.step:g} does not resolve: its stiffness corresponds to a circular "
-            f"frequency of about {omega:.3g}, and what arrives with the speed 1 can leave with "
-            f"{gain:.3g}; take smaller steps (below {2.0 / omega:.3g}), or give contact as "
-            "internal= of an implicit scheme"
-        )
+        self.cause = cause_of_contact(self.kind, self.name, self.step, omega, gain, t)
         warn(self.cause, StabilityWarning)
 
     def _warn(self, omega: float) -> None:

@@ -18,24 +18,51 @@ enum { LASTS = 4 };
  * of their critical step. */
 #define BROKEN 200.0
 
-/* At a time level: where forces were evaluated and what they were, as they act, the velocity, the
- * extrapolated one, and what springs remember; the work of the forces and the energy added so far,
- * and the sum of their sizes; the work from the predictor to the state. */
+/* Up to a time level: the work of the forces and the energy added so far, and the sum of their
+ * sizes; the work from the predictor to the state; that of the forces at the start. */
 typedef struct {
-    double *ut, *r, *acting, *v, *vs, *springs;
     double work, added, gross, size, rest, start;
+} sums;
+
+/* Contact: the stiffness rises by this factor between two increments, and the work of the rise is
+ * this multiple of the largest energy so far; friction and noise are below. Friction that turns
+ * around has less than this part of the work.                                             (B11) */
+#define CLOSES 10.0
+#define IMPACT 4.0
+#define TURNS 0.25
+
+/* A later contact is taken where it is stiffer by this factor. */
+#define STIFFER 4.0
+
+/* At a time level: where forces were evaluated and what they were, how far from there the state is,
+ * the forces as they act, the velocity, the extrapolated one, and what springs remember. */
+typedef struct {
+    double *ut, *r, *x, *acting, *v, *vs, *springs;
+    sums *sums; /* of each lane */
 } level;
+
+enum { ARRAYS = 6 }; /* of n numbers in a level */
+
+/* What macro time levels so far have shown, of a lane. */
+typedef struct {
+    double least_work, least_added;
+    double motion; /* largest energy without what was added */
+    double gains[LASTS];
+    double gain;
+} judgement;
 
 struct pma_balance {
     pma_balance_parts parts;
-    level present, last;
-    double *opened[2];              /* 2 n each: ut and r of substeps that are open */
-    double *product;                /* n: scratch */
-    bool begun;                     /* the present is known */
-    double least_work, least_added; /* at the presents so far */
-    double motion;                  /* largest energy without what was added */
-    double gains[LASTS];
-    double gain;
+    level present;
+    level *work; /* time level j > 0 in work[(j - 1) % kept] */
+    size_t kept;
+    double *opened[2];         /* 2 n each: ut and r of substeps that are open */
+    double *product, *scratch; /* n each */
+    double *excess;            /* of the springs of each lane, in a substep */
+    bool begun;                /* the present is known */
+    judgement *judged;         /* of each lane */
+    double seen;               /* stiffness of the last increment */
+    pma_impact impact;
     double *block;
 };
 
@@ -44,21 +71,40 @@ static size_t spring_numbers(const pma_balance_parts *p)
     return pma_springs_numbers(p->springs);
 }
 
-static void take_level(double **next, const pma_balance_parts *p, level *at)
+static void take_level(double **next, sums **next_sums, const pma_balance_parts *p, level *at)
 {
     double *x = *next;
     *at = (level){.ut = x,
                   .r = x + p->n,
-                  .acting = x + 2 * p->n,
-                  .v = x + 3 * p->n,
-                  .vs = x + 4 * p->n,
-                  .springs = x + 5 * p->n};
+                  .x = x + 2 * p->n,
+                  .acting = x + 3 * p->n,
+                  .v = x + 4 * p->n,
+                  .vs = x + 5 * p->n,
+                  .springs = x + ARRAYS * p->n,
+                  .sums = *next_sums};
     *next = at->springs + spring_numbers(p);
+    *next_sums += p->lanes;
+}
+
+static void lay_out(pma_balance *b)
+{
+    const size_t n = b->parts.n;
+    double *next = b->block;
+    sums *next_sums = (sums *)(b->judged + b->parts.lanes);
+    take_level(&next, &next_sums, &b->parts, &b->present);
+    for (size_t k = 0; k < b->kept; k++)
+        take_level(&next, &next_sums, &b->parts, &b->work[k]);
+    b->opened[0] = next;
+    b->opened[1] = next + 2 * n;
+    b->product = next + 4 * n;
+    b->scratch = next + 5 * n;
+    b->excess = next + 6 * n;
 }
 
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
-    const size_t n = parts->n;
+    const size_t n = parts->n, kept = parts->responds ? parts->substeps : 1;
+    const size_t size = ARRAYS * n + spring_numbers(parts);
     *out = NULL;
     if (parts->M.n != n)
         return PMA_BAD_SIZE;
@@ -67,42 +113,53 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         status = parts->K_r.n == n ? pma_matrix_check(&parts->K_r) : PMA_BAD_SIZE;
     if (status != PMA_OK)
         return status;
-    /* 15 n + 2 numbers of springs: no overflow below this size */
-    if (n + spring_numbers(parts) > SIZE_MAX / (16 * sizeof(double)))
+    /* (kept + 1) size + 6 n + lanes doubles: no overflow below this size */
+    if (size > SIZE_MAX / 2 / ((kept + 8) * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_balance *b = calloc(1, sizeof *b);
     if (!b)
         return PMA_NO_MEMORY;
     b->parts = *parts;
-    b->block = calloc(15 * n + 2 * spring_numbers(parts), sizeof(double));
-    if (!b->block) {
-        free(b);
+    b->kept = kept;
+    b->work = calloc(kept, sizeof *b->work);
+    b->judged = calloc(parts->lanes, sizeof *b->judged + (kept + 1) * sizeof(sums));
+    b->block = calloc((kept + 1) * size + 6 * n + parts->lanes, sizeof(double));
+    if (!b->work || !b->judged || !b->block) {
+        pma_balance_destroy(b);
         return PMA_NO_MEMORY;
     }
-    double *next = b->block;
-    take_level(&next, parts, &b->present);
-    take_level(&next, parts, &b->last);
-    b->opened[0] = next;
-    b->opened[1] = next + 2 * n;
-    b->product = next + 4 * n;
+    lay_out(b);
     *out = b;
     return PMA_OK;
 }
 
 void pma_balance_destroy(pma_balance *b)
 {
-    if (b)
+    if (b) {
+        free(b->work);
+        free(b->judged);
         free(b->block);
+    }
     free(b);
 }
 
-/* v . M v / 2 */
-static double kinetic(pma_balance *b, const double *v)
+const pma_balance_parts *pma_balance_get_parts(const pma_balance *b)
 {
-    double sum = 0.0;
+    return &b->parts;
+}
+
+/* product := - M v */
+static void multiply_mass(pma_balance *b, const double *v)
+{
     memset(b->product, 0, b->parts.n * sizeof(double));
     pma_matrix_subtract(&b->parts.M, v, b->product);
-    for (size_t i = 0; i < b->parts.n; i++)
+}
+
+/* v . M v / 2 of a lane, with that product */
+static double kinetic(const pma_balance *b, const double *v, size_t lane)
+{
+    double sum = 0.0;
+    for (size_t i = lane; i < b->parts.n; i += b->parts.lanes)
         sum -= v[i] * b->product[i];
     return 0.5 * sum;
 }
@@ -110,10 +167,13 @@ static double kinetic(pma_balance *b, const double *v)
 void pma_balance_begin(pma_balance *b, const double *v)
 {
     b->begun = false;
-    b->present.work = b->present.added = b->present.gross = b->present.size = 0.0;
-    b->least_work = b->least_added = b->gain = 0.0;
-    b->motion = kinetic(b, v);
-    memset(b->gains, 0, sizeof b->gains);
+    b->seen = INFINITY;
+    b->impact = (pma_impact){0};
+    multiply_mass(b, v);
+    for (size_t l = 0; l < b->parts.lanes; l++) {
+        b->present.sums[l] = (sums){0};
+        b->judged[l] = (judgement){.motion = kinetic(b, v, l)};
+    }
 }
 
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut)
@@ -125,23 +185,23 @@ double *pma_balance_open(pma_balance *b, int64_t number, const double *ut)
     return opened + n;
 }
 
-/* product := K_r (u1 - ut) + D_r (v1 - vs), subtracted from zero; u1 - ut = al1 w        (R2) */
-static void correct_forces(pma_balance *b, const level *from, double al1, const double *v,
-                           const double *w)
+static level *level_at(pma_balance *b, size_t j)
+{
+    return j == 0 ? &b->present : &b->work[(j - 1) % b->kept];
+}
+
+/* product := K_r (u1 - ut) + D_r (v1 - vs), subtracted from zero                           (R2) */
+static void correct_forces(pma_balance *b, const double *vs, const double *v, const double *x)
 {
     const size_t n = b->parts.n;
-    double *scratch = b->last.vs; /* written last */
     memset(b->product, 0, n * sizeof(double));
-    if (b->parts.D_r.form != PMA_ZERO && b->begun) {
+    if (b->parts.D_r.form != PMA_ZERO) {
         for (size_t i = 0; i < n; i++)
-            scratch[i] = v[i] - from->vs[i];
-        pma_matrix_subtract(&b->parts.D_r, scratch, b->product);
+            b->scratch[i] = v[i] - vs[i];
+        pma_matrix_subtract(&b->parts.D_r, b->scratch, b->product);
     }
-    if (b->parts.K_r.form != PMA_ZERO && al1 != 0.0) {
-        for (size_t i = 0; i < n; i++)
-            scratch[i] = al1 * w[i];
-        pma_matrix_subtract(&b->parts.K_r, scratch, b->product);
-    }
+    if (b->parts.K_r.form != PMA_ZERO)
+        pma_matrix_subtract(&b->parts.K_r, x, b->product);
 }
 
 /* (B8)  s (r + r_a) . w / 2 with s from 0, where K_r has changed little of `whole` r . w, to 1
@@ -154,80 +214,183 @@ static double rest_of(double whole, double taken)
     return share * (whole - 0.5 * taken);
 }
 
-void pma_balance_close(pma_balance *b, int64_t number, size_t j, double al1, const double *v,
-                       const double *w, const double *springs)
+/* (B8), (B9) of a lane, from one level to the next, whose x is known; they may be the same */
+static void sum_up(pma_balance *b, bool known, const level *from, level *to, const double *ut,
+                   const double *r, const double *v, size_t lane)
 {
-    const size_t n = b->parts.n;
-    const level *from = j == 0 ? &b->present : &b->last;
-    level *to = &b->last;
-    const double *ut = b->opened[number & 1], *r = ut + n;
-    double path = 0.0, seen = 0.0, size = 0.0, whole = 0.0, taken = 0.0;
-    correct_forces(b, from, al1, v, w);
-    for (size_t i = 0; i < n; i++) {
+    double path = 0.0, seen = 0.0, size = 0.0, whole = 0.0, taken = 0.0, jump = 0.0;
+    for (size_t i = lane; i < b->parts.n; i += b->parts.lanes) {
         const double acting = r[i] - b->product[i];
         path += (from->r[i] + r[i]) * (ut[i] - from->ut[i]);
+        jump += (r[i] - from->r[i]) * (ut[i] - from->ut[i]);
         seen += (from->acting[i] + acting) * (from->v[i] + v[i]);
         size += fabs(r[i] * ut[i]);
-        whole += r[i] * w[i];
-        taken += (r[i] - acting) * w[i];
+        whole += r[i] * to->x[i];
+        taken += (r[i] - acting) * to->x[i];
         to->ut[i] = ut[i];
         to->r[i] = r[i];
         to->acting[i] = acting;
         to->v[i] = v[i];
-        to->vs[i] = v[i] + b->parts.h * w[i];
     }
-    /* (B8), (B9) */
-    const double rest_before = from->rest; /* from and to may be the same */
-    const bool known = j > 0 || b->begun;
-    to->rest = al1 * rest_of(whole, taken);
-    path = 0.5 * path + pma_springs_excess(b->parts.springs, from->springs, springs) + to->rest -
-           rest_before;
+    const sums before = from->sums[lane];
+    sums *now = &to->sums[lane];
+    now->rest = rest_of(whole, taken);
+    if (b->parts.jumps && from == &b->present) /* the work of functions is not known better */
+        path -= fabs(jump);
+    path = 0.5 * path + b->excess[lane] + now->rest - before.rest;
     seen *= 0.25 * b->parts.h;
-    to->work = from->work + (known ? path : 0.0);
-    to->added = from->added + (known ? path - seen : 0.0);
-    to->gross = from->gross + (known ? fabs(path) + fabs(seen) : 0.0);
-    to->size = fmax(from->size, size);
-    if (!known) /* the forces that there are at the start have done work before it */
-        to->start = 0.5 * size;
-    else
-        to->start = from->start;
+    now->work = before.work + (known ? path : 0.0);
+    now->added = before.added + (known ? path - seen : 0.0);
+    now->gross = before.gross + (known ? fabs(path) + fabs(seen) : 0.0);
+    now->size = fmax(before.size, size);
+    /* the forces that there are at the start have done work before it */
+    now->start = known ? before.start : 0.5 * size;
+}
+
+/* From level j to the next one */
+static void sum_up_lanes(pma_balance *b, size_t j, const double *ut, const double *r,
+                         const double *v, const double *springs)
+{
+    const level *from = level_at(b, j);
+    level *to = level_at(b, j + 1);
+    memset(b->excess, 0, b->parts.lanes * sizeof(double));
+    pma_springs_add_excess(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
+    for (size_t l = 0; l < b->parts.lanes; l++)
+        sum_up(b, j > 0 || b->begun, from, to, ut, r, v, l);
+}
+
+/* - x . A x */
+static double square(pma_balance *b, const pma_matrix *A, const double *x)
+{
+    double sum = 0.0;
+    memset(b->product, 0, b->parts.n * sizeof(double));
+    pma_matrix_subtract(A, x, b->product);
+    for (size_t i = 0; i < b->parts.n; i++)
+        sum += x[i] * b->product[i];
+    return sum;
+}
+
+/* (B11)  Does the increment from a level to (ut, r) close a contact? */
+static void look_for_contact(pma_balance *b, const level *from, const double *ut, const double *r,
+                             double t)
+{
+    double *du = b->scratch, work = 0.0, back = 0.0;
+    for (size_t i = 0; i < b->parts.n; i++) {
+        du[i] = ut[i] - from->ut[i];
+        work += du[i] * (r[i] - from->r[i]);
+        back += du[i] * from->r[i];
+    }
+    if (back < -TURNS * work)
+        return;
+    const double mass = -square(b, &b->parts.M, du), before = fabs(b->seen);
+    b->seen = mass > 0.0 ? work / mass : 0.0;
+    if (!(b->seen > CLOSES * before && work > IMPACT * b->judged[0].motion) ||
+        !(b->seen > STIFFER * b->impact.square))
+        return;
+    const bool known = b->parts.K_r.form != PMA_ZERO;
+    const double estimated = known ? -square(b, &b->parts.K_r, du) / work : 0.0;
+    b->impact = (pma_impact){.square = b->seen, .share = estimated, .t = t};
+}
+
+/* What the next substep evaluates its forces with: v + h w */
+static void add_extrapolated(pma_balance *b, const double *v, const double *w, double *vs)
+{
+    for (size_t i = 0; i < b->parts.n; i++)
+        vs[i] += v[i] + b->parts.h * w[i];
+}
+
+void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const double *v,
+                       const double *w, const double *springs)
+{
+    const size_t n = b->parts.n, j = step->j;
+    level *to = level_at(b, j + 1);
+    const double *ut = b->opened[step->number & 1], *r = ut + n;
+    if (b->parts.looks && (j > 0 || b->begun))
+        look_for_contact(b, level_at(b, j), ut, r, step->t1);
+    const double share = b->parts.responds && !b->parts.corrects ? 0.0 : al1;
+    for (size_t i = 0; i < n; i++)
+        to->x[i] = share * w[i];
+    if (b->parts.responds) {
+        memcpy(to->ut, ut, n * sizeof(double));
+        memcpy(to->r, r, n * sizeof(double));
+        memcpy(to->v, v, n * sizeof(double));
+    } else {
+        correct_forces(b, j > 0 || b->begun ? level_at(b, j)->vs : v, v, to->x);
+        sum_up_lanes(b, j, ut, r, v, springs);
+    }
     memcpy(to->springs, springs, spring_numbers(&b->parts) * sizeof(double));
+    memset(to->vs, 0, n * sizeof(double));
+    add_extrapolated(b, v, w, to->vs);
+}
+
+void pma_balance_respond(pma_balance *b, size_t j, double al1, const pma_state *link)
+{
+    level *to = level_at(b, j);
+    const double share = b->parts.corrects ? 0.0 : al1;
+    for (size_t i = 0; i < b->parts.n; i++) {
+        to->x[i] += link->u[i] - share * link->w[i];
+        to->v[i] += link->v[i];
+    }
+    correct_forces(b, j > 1 || b->begun ? level_at(b, j - 1)->vs : to->v, to->v, to->x);
+    sum_up_lanes(b, j - 1, to->ut, to->r, to->v, to->springs);
+    if (j == b->parts.substeps) /* the state at the end, not that of the free run */
+        add_extrapolated(b, link->v, link->w, to->vs);
 }
 
 /* (B10) */
-static double gain_at(pma_balance *b, const double *v)
+static double gain_at(const pma_balance *b, const level *at, size_t lane)
 {
-    const level *at = &b->present;
-    b->least_work = fmin(b->least_work, at->work);
-    b->least_added = fmin(b->least_added, at->added);
-    const double added = at->added - b->least_added;
-    const double energy = kinetic(b, v) + at->work - b->least_work;
-    b->motion = fmax(b->motion, fmax(energy - added, ROUNDING * at->size));
-    b->motion = fmax(b->motion, at->start);
+    judgement *so_far = &b->judged[lane];
+    const sums *now = &at->sums[lane];
+    so_far->least_work = fmin(so_far->least_work, now->work);
+    so_far->least_added = fmin(so_far->least_added, now->added);
+    const double added = now->added - so_far->least_added;
+    const double energy = kinetic(b, at->v, lane) + now->work - so_far->least_work;
+    double motion = fmax(so_far->motion, fmax(energy - added, ROUNDING * now->size));
+    motion = fmax(motion, now->start);
+    so_far->motion = motion;
     /* what was added and dissipated at once does no harm */
-    return added > SHARE * at->gross ? fmin(added, energy) / b->motion : 0.0;
+    return added > SHARE * now->gross ? fmin(added, energy) / motion : 0.0;
 }
 
-void pma_balance_commit(pma_balance *b, const double *v)
+static void judge(const pma_balance *b, const level *at, size_t lane)
 {
-    const level before = b->present;
-    b->present = b->last;
-    b->last = before;
-    b->begun = true;
-    memmove(b->gains, b->gains + 1, (LASTS - 1) * sizeof(double));
-    b->gains[LASTS - 1] = gain_at(b, v);
-    double least = b->gains[0];
+    judgement *so_far = &b->judged[lane];
+    memmove(so_far->gains, so_far->gains + 1, (LASTS - 1) * sizeof(double));
+    so_far->gains[LASTS - 1] = gain_at(b, at, lane);
+    double least = so_far->gains[0];
     for (size_t i = 1; i < LASTS; i++)
-        least = fmin(least, b->gains[i]);
-    b->gain = fmax(b->gain, least);
+        least = fmin(least, so_far->gains[i]);
+    so_far->gain = fmax(so_far->gain, least);
+}
+
+void pma_balance_commit(pma_balance *b)
+{
+    const level *first = level_at(b, 1);
+    multiply_mass(b, first->v);
+    for (size_t l = 0; l < b->parts.lanes; l++)
+        judge(b, first, l);
+    level *last = level_at(b, b->parts.substeps);
+    const level before = b->present;
+    b->present = *last;
+    *last = before;
+    b->begun = true;
 }
 
 double pma_balance_gain(const pma_balance *b)
 {
-    return b->gain;
+    double most = 0.0;
+    for (size_t l = 0; l < b->parts.lanes; l++)
+        most = fmax(most, b->judged[l].gain);
+    return most;
+}
+
+pma_impact pma_balance_impact(const pma_balance *b)
+{
+    return b->impact;
 }
 
 bool pma_balance_is_broken(const pma_balance *b)
 {
-    return b->gain > BROKEN;
+    return pma_balance_gain(b) > BROKEN;
 }

@@ -13,21 +13,29 @@
 
 #include "algebra/matrix.h"
 #include "member/springs.h"
+#include "member/state.h"
 #include "status.h"
 
 /* Matrices in elimination order, arrays of the caller. */
 typedef struct {
     size_t n;
+    size_t lanes;               /* number i is that of lane i % lanes; otherwise 1 */
+    size_t substeps;            /* of a macro step */
+    bool responds;              /* forces are evaluated in free macro runs, */
+    bool jumps;                 /* ... functions among them, */
+    bool corrects;              /* ... and K_r acts on u, not on the predictor */
     double h;                   /* between two time levels */
     pma_matrix M;               /* for the kinetic energy */
-    pma_matrix K_r, D_r;        /* as in (R2); zero where they do not act */
+    pma_matrix K_r, D_r;        /* as in (R2) and (M3); zero where they do not act */
     const pma_springs *springs; /* among the forces */
+    bool looks;                 /* for contact that closes; one lane */
 } pma_balance_parts;
 
 typedef struct pma_balance pma_balance;
 
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out);
 void pma_balance_destroy(pma_balance *b); /* NULL is allowed */
+const pma_balance_parts *pma_balance_get_parts(const pma_balance *b);
 
 /* From the present on, with the velocity v (n). */
 void pma_balance_begin(pma_balance *b, const double *v);
@@ -36,18 +44,30 @@ void pma_balance_begin(pma_balance *b, const double *v);
  * for the forces evaluated there. Two of them can be open. */
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
 
-/* The substep that ends at time level j + 1 is closed: its velocity v and acceleration w (n), and
- * what its springs remember; u - ut = al1 w. Begins again from the present with
- * j = 0. */
-void pma_balance_close(pma_balance *b, int64_t number, size_t j, double al1, const double *v,
+/* The substep is closed: its velocity v and acceleration w (n), and what its springs remember;
+ * u - ut = al1 w. Begins again from the present with the first one. */
+void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const double *v,
                        const double *w, const double *springs);
 
-/* The last time level becomes the present, with velocity v (n), and is judged. */
-void pma_balance_commit(pma_balance *b, const double *v);
+/* Where forces are evaluated in a free macro run, after all of its substeps are closed: the link
+ * response at time level j, one after the other; its predictor is u - al1 w. */
+void pma_balance_respond(pma_balance *b, size_t j, double al1, const pma_state *link);
+
+/* The last time level becomes the present. It is judged, or where forces are evaluated in a free
+ * macro run the first one, which is nearest to the motion. */
+void pma_balance_commit(pma_balance *b);
+
+/* The contact that was seen to close, the first one or a much stiffer one: du . dr / du . M du, the
+ * share of K_r in du . dr, and
+ * the time; 0 before there is one. */
+typedef struct {
+    double square, share, t;
+} pma_impact;
+pma_impact pma_balance_impact(const pma_balance *b);
 
 /* The energy that the scheme has added, in multiples of the largest one of the motion without it
- * (kinetic, and what the forces took up), kept over some macro steps: the largest so far, and
- * whether it is out of bounds. */
+ * (kinetic, and what the forces took up), kept over some macro steps: the largest so far, of all
+ * lanes, and whether it is out of bounds. */
 double pma_balance_gain(const pma_balance *b);
 bool pma_balance_is_broken(const pma_balance *b);
 

@@ -114,7 +114,7 @@ pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out)
     (*out)->spread = block;
     if (of->response)
         pma_response_store((*out)->response, pma_response_units(of->response));
-    return PMA_OK;
+    return pma_subdomain_watch_lanes(*out, of);
 }
 
 /* ---- unit responses, PMA_LANES constraints in one pass -------------------------------------- */

@@ -132,7 +132,7 @@ static void commit(void *self)
     pma_subdomain *s = self;
     pma_levels_commit(&s->levels);
     if (s->balance)
-        pma_balance_commit(s->balance, s->levels.present.v);
+        pma_balance_commit(s->balance);
     if (s->energy)
         pma_energy_commit(s->energy);
     if (s->iterate)
@@ -201,6 +201,9 @@ static void respond(void *self, size_t j, const double *lam, const double *dlam)
     if (s->energy)
         pma_energy_respond(s->energy, j, pma_response_is_twice(s->response),
                            pma_response_state(s->response), lam, dlam);
+    if (s->balance)
+        pma_balance_respond(s->balance, j, s->parts.single.step.al1,
+                            pma_response_state(s->response));
 }
 
 /* A subdomain that no constraint reaches does not respond. */
@@ -212,12 +215,12 @@ static pma_status add_response(void *self, const double *dlam)
 }
 
 /* The state at the end is bitwise identical, whether inner time levels are wanted or not: where the
- * response is stored, its substeps are repeated for the record and the energy alone. */
+ * response is stored, its substeps are repeated for the record and the energies alone. */
 static size_t repeats(const void *self, bool recorded)
 {
     const pma_subdomain *s = self;
     const bool tied = s->parts.nb > 0;
-    if (s->energy || (tied && !pma_response_is_stored(s->response)))
+    if (s->energy || s->balance || (tied && !pma_response_is_stored(s->response)))
         return s->parts.substeps;
     return tied && recorded ? s->parts.substeps - 1 : 0;
 }

@@ -196,8 +196,18 @@ void pma_springs_add(const pma_springs *springs, const double *level, double *r)
     }
 }
 
-double pma_springs_excess(const pma_springs *springs, const double *from, const double *to)
+void pma_springs_add_excess(const pma_springs *springs, size_t lanes, const double *from,
+                            const double *to, double *out)
 {
-    return pma_springs_energy(springs, to) - pma_springs_energy(springs, from) -
-           pma_springs_work(springs, from, to);
+    const size_t total = springs->total;
+    for (size_t s = 0, at = 0; s < springs->count; s++) {
+        const pma_spring_set *set = &springs->sets[s];
+        const pma_law *law = &pma_laws[set->law];
+        for (size_t i = 0; i < set->count; i++, at++) {
+            const pma_law_end before = end_of(springs, set, i, at, from, from);
+            const pma_law_end after = end_of(springs, set, i, at, to, to);
+            out[at % lanes] += law->energy(&after) - law->energy(&before) -
+                               0.5 * (to[at] - from[at]) * (from[total + at] + to[total + at]);
+        }
+    }
 }

@@ -80,8 +80,9 @@ double pma_springs_work(const pma_springs *springs, const double *from, const do
 /* r += what the springs pull with at a time level. */
 void pma_springs_add(const pma_springs *springs, const double *level, double *r);
 
-/* What they can give back of that work, less the work: what they dissipate, negative, and its
- * error. */
-double pma_springs_excess(const pma_springs *springs, const double *from, const double *to);
+/* out (lanes) += what they can give back of that work, less the work: what they dissipate,
+ * negative, and its error; spring i is one of lane i % lanes. */
+void pma_springs_add_excess(const pma_springs *springs, size_t lanes, const double *from,
+                            const double *to, double *out);
 
 #endif

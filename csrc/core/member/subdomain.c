@@ -394,7 +394,19 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
 
 /* ---- balance -------------------------------------------------------------------------------- */
 
-pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
+static pma_status watch(pma_subdomain *s, const pma_balance_parts *parts)
+{
+    pma_balance *balance;
+    const pma_status status = pma_balance_create(parts, &balance);
+    if (status != PMA_OK)
+        return status;
+    pma_balance_destroy(s->balance);
+    s->balance = balance;
+    pma_subdomain_watch_again(s);
+    return PMA_OK;
+}
+
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, bool looks)
 {
     const pma_parts *p = &s->parts;
     const pma_matrix none = {.form = PMA_ZERO, .n = p->n};
@@ -402,19 +414,35 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
     const bool follows = !s->iterate && !p->doubled;      /* vs is that of the level before */
     const bool once = s->iterate && !p->iterate->springs; /* not at the state itself */
     const pma_balance_parts parts = {.n = p->n,
+                                     .lanes = 1,
+                                     .substeps = p->substeps,
+                                     .responds = p->responds,
+                                     .jumps = p->responds && p->restoring.function,
+                                     .corrects = K_r.form != PMA_ZERO,
                                      .h = p->single.step.h,
                                      .M = M,
-                                     .K_r = s->iterate ? none : K_r,
+                                     .K_r = s->iterate    ? none
+                                            : p->responds ? p->K_r
+                                                          : K_r,
                                      .D_r = follows ? p->D_r : none,
-                                     .springs = once ? &no_springs : &p->springs};
-    pma_balance *balance;
-    const pma_status status = pma_balance_create(&parts, &balance);
-    if (status != PMA_OK)
-        return status;
-    pma_balance_destroy(s->balance);
-    s->balance = balance;
-    pma_subdomain_watch_again(s);
-    return PMA_OK;
+                                     .springs = once ? &no_springs : &p->springs,
+                                     .looks = looks};
+    return watch(s, &parts);
+}
+
+pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each)
+{
+    if (!each->balance)
+        return PMA_OK;
+    const pma_balance_parts *of = pma_balance_get_parts(each->balance);
+    pma_balance_parts parts = *of;
+    parts.n = s->parts.n;
+    parts.lanes = PMA_LANES;
+    parts.M = pma_matrix_in_lanes(&of->M);
+    parts.K_r = pma_matrix_in_lanes(&of->K_r);
+    parts.D_r = pma_matrix_in_lanes(&of->D_r);
+    parts.springs = &s->parts.springs;
+    return watch(s, &parts);
 }
 
 void pma_subdomain_watch_again(pma_subdomain *s)
@@ -425,6 +453,11 @@ void pma_subdomain_watch_again(pma_subdomain *s)
         pma_limits_begin(s->limits);
     for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
         pma_limits_begin(s->sent[i]);
+}
+
+pma_impact pma_subdomain_impact(const pma_subdomain *s)
+{
+    return s->balance ? pma_balance_impact(s->balance) : (pma_impact){0};
 }
 
 double pma_subdomain_gain(const pma_subdomain *s)

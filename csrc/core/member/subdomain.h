@@ -11,6 +11,7 @@
 #include "algebra/factor.h"
 #include "algebra/link.h"
 #include "algebra/matrix.h"
+#include "member/balance.h"
 #include "member/energy.h"
 #include "member/internal.h"
 #include "member/iterate.h"
@@ -136,12 +137,19 @@ pma_response *pma_subdomain_response(pma_subdomain *s);
 
 /* ---- the balance of forces that are evaluated (balance.h) ------------------------------------ */
 
-/* Watched from the present on, with these matrices: M, and K_r where it acts. Allocates. Steps that
- * follow a gain out of bounds fail with PMA_UNBOUNDED. */
-pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r);
+/* Watched from the present on, with these matrices: M, and K_r where it acts; with `looks` for
+ * contact that closes, too. Allocates. Steps that follow a gain out of bounds fail with
+ * PMA_UNBOUNDED. */
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, bool looks);
+
+/* The same for cases side by side (cases.h), as each is. */
+pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each);
 
 /* The present was written. */
 void pma_subdomain_watch_again(pma_subdomain *s);
+
+/* The contact that was seen, see pma_balance_impact; 0 where it is not looked for. */
+pma_impact pma_subdomain_impact(const pma_subdomain *s);
 
 /* The energy that the scheme has added, see pma_balance_gain; 0 where it is not watched. */
 double pma_subdomain_gain(const pma_subdomain *s);

@@ -7,7 +7,6 @@
 #define PMA_SUBDOMAIN_STRUCT_H
 
 #include "algebra/tree.h"
-#include "member/balance.h"
 #include "member/levels.h"
 #include "member/subdomain.h"
 #include "member/update.h"

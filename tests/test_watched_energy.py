@@ -1,0 +1,221 @@
+"""Energy that steps add: of cases side by side, in free macro runs, by compiled functions."""
+
+import ctypes
+import warnings
+
+import numpy as np
+import pytest
+from scipy import LowLevelCallable
+
+import pmalpha as pm
+
+K, GAP, DT = 1e5, 0.05, 0.01  # omega = 316, omega h = 3.16
+STEPS = 400
+IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
+
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+RESTORING = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
+)
+
+
+def made(coupler):
+    """Its warnings about the step and macro coupling are not what is tried here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.StabilityWarning)
+        return coupler()
+
+
+def compiled(force):
+    """force(u) of one dof, as a compiled function."""
+
+    def call(t, n, u, v, r, user):
+        r[0] = force(u[0])
+        return 0
+
+    return LowLevelCallable(RESTORING(call))
+
+
+# ---- cases side by side --------------------------------------------------------------------------
+
+
+def growing():
+    """A mass on K = 40 against a stop, which it meets from some 0.32 m/s on."""
+    part = pm.Subdomain(
+        [1.0],
+        [40.0],
+        scheme=IMPLICIT,
+        restoring=pm.Gap([0], K, GAP),
+        name="ball",
+    )
+    return made(lambda: pm.Coupler([part], dt=DT))
+
+
+def test_cases_that_grow_fail_each_for_itself():
+    speeds = [0.1, 1.0, 0.2, 0.3, -0.1, 1.5, 0.0, 0.25, 0.05, 0.15, 0.12]
+    cases = [{"v0": {"ball": [v]}} for v in speeds]
+    coupler = growing()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.StabilityWarning)
+        with pytest.raises(pm.CasesError) as caught:
+            coupler.run_each(cases, steps=STEPS)
+    assert caught.value.failures.keys() == {1, 5}
+    for k, case in enumerate(cases):
+        alone, error = growing(), caught.value.failures.get(k)
+        alone.reset(**case)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", pm.StabilityWarning)
+            if error is None:
+                history = alone.run(steps=STEPS)
+            else:
+                with pytest.raises(pm.InstabilityError, match="stop|springs") as single:
+                    alone.run(steps=STEPS)
+                assert str(single.value) == str(error)
+                history = alone.last_history
+        assert np.array_equal(history["ball"].u, caught.value.histories[k]["ball"].u)
+
+
+@pytest.mark.parametrize("k_r, steps", [(0.0, 60), (K, 1500)])
+def test_a_moderate_gain_of_a_case_is_warned_of(k_r, steps):
+    # a free mass leaves the stop once, with several times its speed; with K_r = K and a spring that
+    # brings it back it gains less in each bounce
+    stop = pm.Gap([0], K, GAP if k_r else 0.1)
+    part = pm.Subdomain(
+        [1.0],
+        [40.0] if k_r else None,
+        scheme=IMPLICIT,
+        restoring=stop,
+        restoring_stiffness=[k_r],
+        name="ball",
+    )
+    coupler = made(lambda: pm.Coupler([part], dt=DT))
+    cases = [{"v0": {"ball": [v]}} for v in (-0.3, -0.1, 1.0, 0.0)]
+    with pytest.warns(pm.StabilityWarning, match="'ball' grows by its steps: .* added") as seen:
+        histories = coupler.run_each(cases, steps=steps)
+    assert len(seen) == 1
+    assert abs(histories[2]["ball"].v).max() > 5.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        coupler.run_each([*cases[:2], *cases[3:], *cases[3:]], steps=steps)
+
+
+# ---- free macro runs -----------------------------------------------------------------------------
+
+
+def struck(scheme, restoring, estimate=0.0, **options):
+    """A mass on K = 40, cut in two halves; one has substeps and a stop."""
+    a = pm.Subdomain([0.5], [20.0], scheme=IMPLICIT, v0=[1.0], name="a")
+    b = pm.Subdomain(
+        [0.5],
+        [20.0],
+        scheme=scheme,
+        substeps=4,
+        v0=[1.0],
+        restoring=restoring,
+        restoring_stiffness=[estimate],
+        name="b",
+        **options,
+    )
+    return made(lambda: pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=4 * DT, coupling="macro"))
+
+
+@pytest.mark.parametrize(
+    "scheme, restoring, estimate",
+    [
+        (IMPLICIT, pm.Gap([0], K, GAP), 0.0),
+        (IMPLICIT, pm.Gap([0], K, GAP), K),
+        (pm.Newmark(), pm.Gap([0], K, GAP), K),
+        (EXPLICIT, pm.Gap([0], K, GAP), 0.0),
+        (IMPLICIT, compiled(lambda u: K * max(u - GAP, 0.0)), K),
+    ],
+    ids=["stop", "stop with K_r", "trapezoidal", "explicit", "function"],
+)
+def test_growth_in_free_macro_runs_ends_in_an_error_with_its_cause(scheme, restoring, estimate):
+    coupler = struck(scheme, restoring, estimate)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.StabilityWarning)
+        with pytest.raises(pm.InstabilityError, match="'b' .* step 0.01") as error:
+            coupler.run(steps=250)
+    assert error.value.cause.startswith("its steps added") and "smaller" in error.value.cause
+    speeds = np.abs(coupler.last_history["b"].v)
+    assert 3.0 < speeds.max() < 1e3  # it had begun to grow, of a speed of 1
+
+
+def test_inner_time_levels_of_a_watched_subdomain_do_not_depend_on_the_watch():
+    """With K_r = k the free run and the link response are those of a spring in K: no gain."""
+    one = struck(IMPLICIT, pm.CubicSpring([0], 300.0, 0.0), 300.0)
+    two = struck(IMPLICIT, pm.CubicSpring([0], 300.0, 0.0), 300.0)
+    recorded, plain = one.run(steps=40), two.run(steps=40, every=1)
+    assert one._session.parts[1].core.gain < 1e-9  # rounding of sums of some hundred terms
+    assert np.array_equal(recorded["b"].u[::4], plain["b"].u)
+
+
+@pytest.mark.parametrize("scheme", [EXPLICIT, IMPLICIT, pm.Newmark(), pm.GeneralizedAlpha(0.0)])
+@pytest.mark.parametrize(
+    "force",
+    [
+        lambda u, v, t: -0.2 * v,  # negative damping: it grows a million times
+        lambda u, v, t: -np.sin(6.0 * t) * np.ones(1),  # a load
+        lambda u, v, t: u - 2.0 * (1.0 - u * u) * v,
+        lambda u, v, t: np.clip(30.0 * u, -1.0, 1.0),
+        lambda u, v, t: 0.3 * np.sign(v),
+        lambda u, v, t: 4.0 * u + 0.1 * np.sin(1e5 * t),
+        lambda u, v, t: -1.0 * (t > 1.0) * np.ones(1),
+    ],
+    ids=["active", "load", "van der Pol", "plastic", "friction", "noise", "step"],
+)
+def test_forces_that_feed_in_energy_are_not_taken_for_macro_steps(force, scheme):
+    a = pm.Subdomain([0.5], [0.5], scheme=pm.Newmark(), u0=[0.1], name="a")
+    b = pm.Subdomain([0.5], [0.5], scheme=scheme, substeps=3, u0=[0.1], restoring=force, name="b")
+    coupler = made(lambda: pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="macro"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.AccuracyWarning)
+        coupler.step(1500)
+    assert coupler._session.parts[1].core.gain < 1.5
+
+
+# ---- compiled functions --------------------------------------------------------------------------
+
+
+def ball(force, estimate=0.0, scheme=IMPLICIT, dt=DT):
+    part = pm.Subdomain(
+        [1.0],
+        None,
+        scheme=scheme,
+        v0=[1.0],
+        restoring=compiled(force),
+        restoring_stiffness=[estimate],
+        name="ball",
+    )
+    return pm.Coupler([part], dt=dt)
+
+
+@pytest.mark.parametrize("estimate, gain", [(0.0, r"8\.92"), (K, r"1\.78")])
+def test_contact_of_a_compiled_function_is_compared_like_that_of_a_python_one(estimate, gain):
+    coupler = ball(lambda u: K * max(u - 0.1, 0.0), estimate)
+    words = rf"closes a contact at t = 0\.11 .* about 316, .* leave with {gain}; .*internal="
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", pm.StabilityWarning)
+        coupler.step(20)
+        coupler.step(20)  # no second one
+    of_contact = [w for w in seen if "compiled restoring function" in str(w.message)]
+    assert len(of_contact) == 1
+    with pytest.warns(pm.StabilityWarning, match=words):
+        warnings.warn_explicit(of_contact[0].message, pm.StabilityWarning, __file__, 0)
+    coupler.reset()
+    with pytest.warns(pm.StabilityWarning, match="compiled restoring function .* closes"):
+        coupler.step(20)
+
+
+def test_contact_of_a_compiled_function_that_is_resolved_is_not_reported():
+    for dt in (0.0005, 1.9 / np.sqrt(K)):
+        ball(lambda u: K * max(u - 0.1, 0.0), dt=dt).step(int(0.5 / dt))  # warnings are errors
+
+
+@pytest.mark.parametrize(
+    "force",
+    [lambda u: 3e4 * u, lambda u: min(max(3e4 * u, -1.0), 1.0), lambda u: 10.0 * u + 1e5 * u**3],
+    ids=["linear", "plastic", "cubic"],
+)
+def test_a_compiled_function_without_contact_is_silent(force):
+    ball(force, dt=0.002).step(500)
