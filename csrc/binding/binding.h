@@ -103,6 +103,9 @@ void pma_subdomain_release(SubdomainObject *self);
 int pma_coupler_claim(CouplerObject *self);
 void pma_coupler_release(CouplerObject *self);
 
+/* Numbers of the present that belong to a coupler, and how many. */
+typedef double *(*pma_numbers)(pma_coupler *c, size_t *size);
+
 /* Methods of Coupler that are in a file of their own, state_methods.c. */
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args);
 PyObject *pma_coupler_object_end_multipliers(CouplerObject *self, PyObject *ignored);
@@ -190,6 +193,10 @@ int pma_gil_call(int (*call)(void *ctx), void *ctx);
 /* Sets the exception of a status other than PMA_OK and returns NULL. */
 PyObject *pma_raise(pma_status status, const char *what);
 
+/* 0 for PMA_OK, else -1 with that exception; -1 with the exception of a type and a format. */
+#define pma_check(status, what) ((status) == PMA_OK ? 0 : (pma_raise(status, what), -1))
+#define pma_refuse(...) (PyErr_Format(__VA_ARGS__), -1)
+
 /* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
  * failed); the index of the subdomain that became unstable, the tuple of four above, or (index,
  * code, what) if its function returned a code, (index, time) of a tangent that is not symmetric,
@@ -205,6 +212,15 @@ int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, con
                    PyObject *arrays, PyArrayObject **out);
 int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
                      const double **out);
+
+/* A writeable array of doubles; an array of positions in 0..size-1. */
+int pma_take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
+                    PyArrayObject **out);
+int pma_take_positions(PyObject *obj, size_t size, const char *name, PyObject *arrays,
+                       size_t *count, const int64_t **out);
+
+/* A new array of this type, zeroed; its data in *data. */
+PyObject *pma_new_array(npy_intp length, int type, void *data);
 
 /* None, an (n,) array, an (n, n) array or a tuple: (band,), (ptr, index, values) or
  * strips */
@@ -228,6 +244,10 @@ int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out);
 
 /* Capsules of scipy.linalg.cython_blas */
 int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);
+
+/* work(ctx, worker) by this thread and the others of a team, by this one alone where the system
+ * refuses threads; this one calls look(ctx) while it waits. */
+void pma_work_together(pma_team *team, pma_work work, void (*look)(void *ctx), void *ctx);
 
 /* A crew of these threads, which are those of *team, a new one; none for a single thread. */
 int pma_take_crew(Py_ssize_t threads, pma_team **team, pma_crew *out);

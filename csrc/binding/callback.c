@@ -89,10 +89,8 @@ int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **
         return -1;
     *out = PyArray_DATA(order);
     for (npy_intp i = 0; i < n; i++) {
-        if ((*out)[i] < 0 || (*out)[i] >= n) {
-            PyErr_SetString(PyExc_ValueError, "order: a dof is out of range");
-            return -1;
-        }
+        if ((*out)[i] < 0 || (*out)[i] >= n)
+            return pma_refuse(PyExc_ValueError, "order: a dof is out of range");
     }
     return 0;
 }
@@ -103,10 +101,8 @@ int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller)
     out->function = (pma_restoring_function)pma_address_of(function, &out->user);
     if (out->function)
         return 0;
-    if (!PyCallable_Check(function)) {
-        PyErr_SetString(PyExc_TypeError, "restoring must be callable");
-        return -1;
-    }
+    if (!PyCallable_Check(function))
+        return pma_refuse(PyExc_TypeError, "restoring must be callable");
     *out = (pma_callback){call_callable, function};
     *by_caller = true;
     return 0;

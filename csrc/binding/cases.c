@@ -117,27 +117,20 @@ static int take_interface(const pma_ldl *of, pma_ldl *ldl, pma_interface *out)
     const pma_factor factor = pma_factor_in_lanes(&of->factor);
     const pma_status status = pma_ldl_create(&factor, ldl);
     *out = pma_ldl_interface(ldl);
-    if (status == PMA_OK)
-        return 0;
-    pma_raise(status, "in_lanes");
-    return -1;
+    return pma_check(status, "in_lanes");
 }
 
 static int fill_lanes(CouplerObject *of, CouplerObject *self)
 {
     const pma_coupler_parts *each = pma_coupler_get_parts(of->core);
-    pma_coupler_parts parts = {.p = each->p * PMA_LANES,
-                               .doubled = pma_matrix_in_lanes(&each->doubled),
-                               .dt = each->dt,
-                               .rebased = each->rebased,
-                               .schedule = each->schedule,
-                               .motion_count = each->motion_count * PMA_LANES,
-                               .threads = 1};
+    pma_coupler_parts parts = *each; /* all options */
+    parts.p *= PMA_LANES;
+    parts.doubled = pma_matrix_in_lanes(&each->doubled);
+    parts.motion_count *= PMA_LANES;
+    parts.threads = 1;
     pma_motion *motions = PyMem_Calloc(parts.motion_count + 1, sizeof *motions);
-    if (!motions) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!motions)
+        return pma_check(PMA_NO_MEMORY, NULL);
     parts.motions = motions;
     int failed = take_interface(&of->H_start, &self->H_start, &parts.H_start) < 0 ||
                  take_interface(&of->H, &self->H, &parts.H) < 0 ||
@@ -184,10 +177,8 @@ static PyObject *split_lanes(PyObject *Py_UNUSED(module), PyObject *args)
                             PMA_LANES);
     for (Py_ssize_t l = 0; l < count; l++) {
         PyObject *vector = PyTuple_GetItem(vectors, l);
-        if (pma_take_array(vector, NPY_DOUBLE, 2, shape, "a vector", NULL, &own) < 0)
+        if (pma_take_output(vector, 2, shape, "a vector", &own) < 0)
             return NULL;
-        if (!PyArray_ISWRITEABLE(own))
-            return PyErr_Format(PyExc_ValueError, "a vector must be writeable");
         out[l] = PyArray_DATA(own);
     }
     pma_lanes_split((size_t)(shape[0] * shape[1]), PyArray_DATA(x), (size_t)count, out);

@@ -11,18 +11,15 @@ static int take_side(CouplerObject *self, PyObject *obj, size_t rows, pma_contac
     PyObject *N;
     if (!PyArg_ParseTuple(obj, "nO", &member, &N))
         return -1;
-    if (member < 0 || member >= PyTuple_Size(self->subdomains)) {
-        PyErr_Format(PyExc_ValueError, "contact: no subdomain %zd", member);
-        return -1;
-    }
+    if (member < 0 || member >= PyTuple_Size(self->subdomains))
+        return pma_refuse(PyExc_ValueError, "contact: no subdomain %zd", member);
     const pma_parts *parts = pma_subdomain_parts(pma_subdomain_of(self, member)->core);
     out->member = (size_t)member;
     if (pma_take_link(N, parts->nb, self->arrays, &out->N) < 0)
         return -1;
     if (out->N.p == rows)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "contact: the rows of a side do not agree");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "contact: the rows of a side do not agree");
 }
 
 static int take_rows(CouplerObject *self, PyObject *const *obj, pma_contact_parts *out)
@@ -32,10 +29,8 @@ static int take_rows(CouplerObject *self, PyObject *const *obj, pma_contact_part
     if (pma_take_array(obj[0], NPY_INT64, 1, &any, "first", self->arrays, &first) < 0)
         return -1;
     const npy_intp contacts = PyArray_DIM(first, 0) - 1;
-    if (contacts < 1) {
-        PyErr_SetString(PyExc_ValueError, "first must have at least two numbers");
-        return -1;
-    }
+    if (contacts < 1)
+        return pma_refuse(PyExc_ValueError, "first must have at least two numbers");
     out->first = PyArray_DATA(first);
     out->contacts = (size_t)contacts;
     if (pma_take_doubles(obj[1], contacts, "gap", self->arrays, &out->gap) < 0 ||
@@ -49,20 +44,16 @@ int pma_take_contact(CouplerObject *self, PyObject *obj, pma_contact_parts *out,
 {
     PyObject *rows[4], *list, *dgemm, *dtrsm;
     *out = (pma_contact_parts){.obstacle = {.kind = PMA_LOAD_NONE}};
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "contact must be None or a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "contact must be None or a tuple");
     if (!PyArg_ParseTuple(obj, "OOOOO!OO", &rows[0], &rows[1], &rows[2], &rows[3], &PyTuple_Type,
                           &list, &dgemm, &dtrsm) ||
         take_rows(self, rows, out) < 0 || pma_take_blas(dgemm, dtrsm, &out->blas) < 0)
         return -1;
     out->sides = (size_t)PyTuple_Size(list);
     *sides = PyMem_Calloc(out->sides + 1, sizeof **sides);
-    if (!*sides) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!*sides)
+        return pma_check(PMA_NO_MEMORY, NULL);
     out->side = *sides;
     for (size_t i = 0; i < out->sides; i++) {
         PyObject *side = PyTuple_GetItem(list, (Py_ssize_t)i);
@@ -80,10 +71,8 @@ int pma_take_struck(PyObject *obj, size_t nb, PyObject *arrays, pma_struck *out)
     *out = (pma_struck){.inverse = NULL};
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "struck must be None or a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "struck must be None or a tuple");
     if (!PyArg_ParseTuple(obj, "OddO", &inverse, &out->alpha, &out->beta, &B) ||
         pma_take_doubles(inverse, (npy_intp)nb, "struck", arrays, &out->inverse) < 0)
         return -1;
@@ -98,33 +87,6 @@ int pma_take_struck(PyObject *obj, size_t nb, PyObject *arrays, pma_struck *out)
 }
 
 /* ---- state ---------------------------------------------------------------------------------- */
-
-/* contact(): the last impulses, d and d' of the obstacles at the present, a copy */
-PyObject *pma_coupler_object_contact(CouplerObject *self, PyObject *Py_UNUSED(ignored))
-{
-    size_t size;
-    if (pma_coupler_claim(self) < 0)
-        return NULL;
-    const double *present = pma_coupler_contact(self->core, &size);
-    PyObject *copy = pma_new_vector((npy_intp)size, present);
-    pma_coupler_release(self);
-    return copy;
-}
-
-/* set_contact(numbers): after start */
-PyObject *pma_coupler_object_set_contact(CouplerObject *self, PyObject *obj)
-{
-    size_t size;
-    const double *values;
-    if (pma_coupler_claim(self) < 0)
-        return NULL;
-    double *present = pma_coupler_contact(self->core, &size);
-    const int failed = pma_take_doubles(obj, (npy_intp)size, "contact", NULL, &values);
-    if (!failed && size > 0)
-        memcpy(present, values, size * sizeof(double));
-    pma_coupler_release(self);
-    return failed ? NULL : Py_NewRef(Py_None);
-}
 
 /* contact_compliance(start): W, by columns, a copy */
 PyObject *pma_coupler_object_compliance(CouplerObject *self, PyObject *obj)

@@ -18,17 +18,13 @@ PyObject *pma_raise(pma_status status, const char *what)
 
 static int shape_error(PyArrayObject *array, int ndim, const npy_intp *shape, const char *name)
 {
-    if (PyArray_NDIM(array) != ndim) {
-        PyErr_Format(PyExc_ValueError, "%s must have %d dimensions, got %d", name, ndim,
-                     PyArray_NDIM(array));
-        return -1;
-    }
+    if (PyArray_NDIM(array) != ndim)
+        return pma_refuse(PyExc_ValueError, "%s must have %d dimensions, got %d", name, ndim,
+                          PyArray_NDIM(array));
     for (int i = 0; i < ndim; i++) {
-        if (shape[i] >= 0 && PyArray_DIM(array, i) != shape[i]) {
-            PyErr_Format(PyExc_ValueError, "%s must have extent %zd along axis %d, got %zd", name,
-                         (Py_ssize_t)shape[i], i, (Py_ssize_t)PyArray_DIM(array, i));
-            return -1;
-        }
+        if (shape[i] >= 0 && PyArray_DIM(array, i) != shape[i])
+            return pma_refuse(PyExc_ValueError, "%s must have extent %zd along axis %d, got %zd",
+                              name, (Py_ssize_t)shape[i], i, (Py_ssize_t)PyArray_DIM(array, i));
     }
     return 0;
 }
@@ -36,22 +32,44 @@ static int shape_error(PyArrayObject *array, int ndim, const npy_intp *shape, co
 int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, const char *name,
                    PyObject *arrays, PyArrayObject **out)
 {
-    if (!PyArray_Check(obj)) {
-        PyErr_Format(PyExc_TypeError, "%s must be an array, got %R", name, Py_TYPE(obj));
-        return -1;
-    }
+    if (!PyArray_Check(obj))
+        return pma_refuse(PyExc_TypeError, "%s must be an array, got %R", name, Py_TYPE(obj));
     PyArrayObject *array = (PyArrayObject *)obj;
     if (PyArray_TYPE(array) != type || !PyArray_IS_C_CONTIGUOUS(array) ||
-        !PyArray_ISBEHAVED_RO(array)) {
-        PyErr_Format(PyExc_TypeError, "%s must be C-contiguous, aligned and of type %d", name,
-                     type);
-        return -1;
-    }
+        !PyArray_ISBEHAVED_RO(array))
+        return pma_refuse(PyExc_TypeError, "%s must be C-contiguous, aligned and of type %d", name,
+                          type);
     if (shape_error(array, ndim, shape, name) < 0)
         return -1;
     if (arrays && PyList_Append(arrays, obj) < 0)
         return -1;
     *out = array;
+    return 0;
+}
+
+int pma_take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
+                    PyArrayObject **out)
+{
+    if (pma_take_array(obj, NPY_DOUBLE, ndim, shape, name, NULL, out) < 0)
+        return -1;
+    if (!PyArray_ISWRITEABLE(*out))
+        return pma_refuse(PyExc_ValueError, "%s must be writeable", name);
+    return 0;
+}
+
+int pma_take_positions(PyObject *obj, size_t size, const char *name, PyObject *arrays,
+                       size_t *count, const int64_t **out)
+{
+    PyArrayObject *array;
+    const npy_intp any = -1;
+    if (pma_take_array(obj, NPY_INT64, 1, &any, name, arrays, &array) < 0)
+        return -1;
+    *count = (size_t)PyArray_DIM(array, 0);
+    *out = PyArray_DATA(array);
+    for (size_t i = 0; i < *count; i++) {
+        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size)
+            return pma_refuse(PyExc_ValueError, "%s: a position is out of range", name);
+    }
     return 0;
 }
 
@@ -91,18 +109,14 @@ static int take_compressed(PyObject *obj, npy_intp n, const char *name, PyObject
 {
     const npy_intp starts = n + 1;
     PyArrayObject *p, *i;
-    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
-        PyErr_Format(PyExc_TypeError, "%s must be a tuple (ptr, index, values)", name);
-        return -1;
-    }
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3)
+        return pma_refuse(PyExc_TypeError, "%s must be a tuple (ptr, index, values)", name);
     if (pma_take_array(PyTuple_GetItem(obj, 0), NPY_INT64, 1, &starts, name, arrays, &p) < 0)
         return -1;
     *ptr = PyArray_DATA(p);
     npy_intp entries = (npy_intp)(*ptr)[n];
-    if (entries < 0) {
-        PyErr_Format(PyExc_ValueError, "%s: the last start must not be negative", name);
-        return -1;
-    }
+    if (entries < 0)
+        return pma_refuse(PyExc_ValueError, "%s: the last start must not be negative", name);
     if (pma_take_array(PyTuple_GetItem(obj, 1), NPY_INT32, 1, &entries, name, arrays, &i) < 0)
         return -1;
     *index = PyArray_DATA(i);
@@ -124,9 +138,9 @@ static int take_square(PyObject *obj, npy_intp n, const char *name, PyObject *ar
 
 static int band_error(const char *name, npy_intp n, const npy_intp shape[2])
 {
-    PyErr_Format(PyExc_ValueError, "%s: a band of %zd rows cannot have the extents %zd and %zd",
-                 name, (Py_ssize_t)n, (Py_ssize_t)shape[0], (Py_ssize_t)shape[1]);
-    return -1;
+    return pma_refuse(PyExc_ValueError,
+                      "%s: a band of %zd rows cannot have the extents %zd and %zd", name,
+                      (Py_ssize_t)n, (Py_ssize_t)shape[0], (Py_ssize_t)shape[1]);
 }
 
 /* (values,), values[d, i] = A_i,i+d; unsymmetric: values[0, d, i] and
@@ -209,19 +223,15 @@ int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_pa
         pma_take_array(objs[0], NPY_INT64, 1, &any, name, arrays, &first) < 0)
         return -1;
     npy_intp starts = PyArray_DIM(first, 0);
-    if (starts == 0) {
-        PyErr_Format(PyExc_ValueError, "%s: first must not be empty", name);
-        return -1;
-    }
+    if (starts == 0)
+        return pma_refuse(PyExc_ValueError, "%s: first must not be empty", name);
     if (pma_take_array(objs[1], NPY_INT64, 1, &starts, name, arrays, &row_ptr) < 0 ||
         pma_take_array(objs[3], NPY_INT64, 1, &starts, name, arrays, &start) < 0)
         return -1;
     const int64_t *ends[2] = {PyArray_DATA(row_ptr), PyArray_DATA(start)};
     npy_intp length = (npy_intp)ends[0][starts - 1];
-    if (length < 0 || ends[1][starts - 1] < 0) {
-        PyErr_Format(PyExc_ValueError, "%s: the last start must not be negative", name);
-        return -1;
-    }
+    if (length < 0 || ends[1][starts - 1] < 0)
+        return pma_refuse(PyExc_ValueError, "%s: the last start must not be negative", name);
     if (pma_take_array(objs[2], NPY_INT32, 1, &length, name, arrays, &rows) < 0)
         return -1;
     *out = (pma_panels){.count = (size_t)starts - 1,
@@ -250,10 +260,8 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
     PyObject *inverse, *R;
     npy_intp shape[2] = {n, n};
     *out = (pma_factor){.form = PMA_DIAGONAL, .n = (size_t)n, .nb = (size_t)nb};
-    if (!PyTuple_Check(obj)) {
-        PyErr_Format(PyExc_TypeError, "%s must be a tuple (inverse, R)", name);
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "%s must be a tuple (inverse, R)", name);
     if (!PyArg_ParseTuple(obj, "OO", &inverse, &R))
         return -1;
     if (pma_take_doubles(inverse, n, name, arrays, &out->inverse) < 0)
@@ -279,10 +287,8 @@ int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out)
     PyObject *inverse, *L, *U, *row, *column;
     PyArrayObject *diagonal, *rows, *columns;
     npy_intp n = -1;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "gap must be a tuple (inverse, L, U, row, column)");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "gap must be a tuple (inverse, L, U, row, column)");
     if (!PyArg_ParseTuple(obj, "OOOOO", &inverse, &L, &U, &row, &column) ||
         pma_take_array(inverse, NPY_DOUBLE, 1, &n, "gap", arrays, &diagonal) < 0)
         return -1;
@@ -315,10 +321,8 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
     PyObject *first, *second, *parameters;
     PyArrayObject *array;
     npy_intp count = -1;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "springs must be tuples");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "springs must be tuples");
     if (!PyArg_ParseTuple(obj, "iOOO!", &law, &first, &second, &PyTuple_Type, &parameters) ||
         pma_take_array(first, NPY_INT32, 1, &count, "first", arrays, &array) < 0)
         return -1;
@@ -328,10 +332,8 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
     if (pma_take_array(second, NPY_INT32, 1, &count, "second", arrays, &array) < 0)
         return -1;
     set->second = PyArray_DATA(array);
-    if (law < 0 || law >= PMA_SPRING_LAWS || take_elements(law, parameters, set) < 0) {
-        PyErr_SetString(PyExc_ValueError, "springs: law and number of parameters must agree");
-        return -1;
-    }
+    if (law < 0 || law >= PMA_SPRING_LAWS || take_elements(law, parameters, set) < 0)
+        return pma_refuse(PyExc_ValueError, "springs: law and number of parameters must agree");
     for (Py_ssize_t k = 0; k < PyTuple_Size(parameters); k++) {
         if (pma_take_doubles(PyTuple_GetItem(parameters, k), count, "parameter", arrays,
                              &set->parameters[k]) < 0)
@@ -346,16 +348,22 @@ int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma
     *out = (pma_springs){.count = (size_t)count};
     *sets = PyMem_Calloc((size_t)count + 1, sizeof **sets);
     out->sets = *sets;
-    if (!*sets) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!*sets)
+        return pma_check(PMA_NO_MEMORY, NULL);
     for (Py_ssize_t i = 0; i < count; i++) {
         if (take_spring_set(PyTuple_GetItem(obj, i), arrays, &(*sets)[i]) < 0)
             return -1;
         out->total += (*sets)[i].count;
     }
     return 0;
+}
+
+PyObject *pma_new_array(npy_intp length, int type, void *data)
+{
+    PyObject *array = PyArray_ZEROS(1, &length, type, 0);
+    if (array)
+        *(void **)data = PyArray_DATA((PyArrayObject *)array);
+    return array;
 }
 
 PyObject *pma_new_vector(npy_intp n, const double *x)
@@ -372,16 +380,12 @@ int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
     PyObject *ptr, *index, *values;
     const npy_intp starts = (npy_intp)nb + 1;
     PyArrayObject *array;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "link must be a tuple (p, ptr, index, values)");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "link must be a tuple (p, ptr, index, values)");
     if (!PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
         return -1;
-    if (p < 0) {
-        PyErr_SetString(PyExc_ValueError, "link: p must not be negative");
-        return -1;
-    }
+    if (p < 0)
+        return pma_refuse(PyExc_ValueError, "link: p must not be negative");
     *out = (pma_link){.p = (size_t)p, .nb = nb};
     if (pma_take_array(ptr, NPY_INT64, 1, &starts, "link", arrays, &array) < 0)
         return -1;

@@ -9,11 +9,9 @@ static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
     module_state *state = PyType_GetModuleState(type);
     for (Py_ssize_t i = 0; i < PyTuple_Size(subdomains); i++) {
         PyObject *s = PyTuple_GetItem(subdomains, i);
-        if (!Py_IS_TYPE(s, state->subdomain_type)) {
-            PyErr_Format(PyExc_TypeError, "subdomains must be of type Subdomain, got %R",
-                         Py_TYPE(s));
-            return -1;
-        }
+        if (!Py_IS_TYPE(s, state->subdomain_type))
+            return pma_refuse(PyExc_TypeError, "subdomains must be of type Subdomain, got %R",
+                              Py_TYPE(s));
     }
     return 0;
 }
@@ -41,10 +39,7 @@ static int take_interface_factor(PyObject *obj, npy_intp p, const char *name, Py
         return -1;
     const pma_status status = pma_ldl_create(&factor, ldl);
     *out = pma_ldl_interface(ldl);
-    if (status == PMA_OK)
-        return 0;
-    pma_raise(status, name);
-    return -1;
+    return pma_check(status, name);
 }
 
 static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObject *motions,
@@ -61,10 +56,8 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
             return -1;
     }
     pma_motion *taken = PyMem_Calloc((size_t)count + 1, sizeof *taken);
-    if (!taken) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!taken)
+        return pma_check(PMA_NO_MEMORY, NULL);
     parts->motion_count = (size_t)count;
     parts->motions = taken;
     int failed = take_motions(motions, self->arrays, taken);
@@ -100,10 +93,8 @@ static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts 
 {
     const bool shoots =
         parts->schedule == &pma_shooting_schedule || parts->schedule == &pma_mean_shooting_schedule;
-    if ((obj != Py_None) != (shoots || parts->schedule == &pma_iterated_schedule)) {
-        PyErr_SetString(PyExc_ValueError, "iteration must be given to a schedule that iterates");
-        return -1;
-    }
+    if ((obj != Py_None) != (shoots || parts->schedule == &pma_iterated_schedule))
+        return pma_refuse(PyExc_ValueError, "iteration must be given to a schedule that iterates");
     if (obj == Py_None)
         return 0;
     parts->iteration = iteration;
@@ -119,10 +110,8 @@ static int take_gap(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts
     if (pma_take_lu(obj, (npy_intp)parts->p, self->arrays, &S) < 0)
         return -1;
     const pma_status status = pma_gap_create(&S, &self->gap);
-    if (status != PMA_OK) {
-        pma_raise(status, "gap");
+    if (pma_check(status, "gap") < 0)
         return -1;
-    }
     parts->gap = pma_gap_interface(&self->gap);
     return 0;
 }
@@ -255,9 +244,8 @@ static int check_steps(CouplerObject *self, long long steps)
     const int64_t most = pma_coupler_most_steps(self->core);
     if (steps >= 0 && steps <= most - pma_coupler_step_count(self->core))
         return 0;
-    PyErr_Format(PyExc_ValueError,
-                 "steps must not be negative nor overflow the step count, got %lld", steps);
-    return -1;
+    return pma_refuse(PyExc_ValueError,
+                      "steps must not be negative nor overflow the step count, got %lld", steps);
 }
 
 /* The round before the first macro step: with another status than PMA_OK when an exception keeps

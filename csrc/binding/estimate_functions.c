@@ -21,30 +21,9 @@ static int take_rows(PyObject *obj, PyObject *arrays, npy_intp *levels, pma_moti
         *levels = shape[0];
         motion->columns = (size_t)shape[1];
     }
-    if (shape[0] != *levels || (size_t)shape[1] != motion->columns) {
-        PyErr_SetString(PyExc_ValueError, "motions must be of one shape");
-        return -1;
-    }
+    if (shape[0] != *levels || (size_t)shape[1] != motion->columns)
+        return pma_refuse(PyExc_ValueError, "motions must be of one shape");
     *out = PyArray_DATA((PyArrayObject *)array);
-    return 0;
-}
-
-/* Some of the levels, `count` of them unless that is negative. */
-static int take_levels(PyObject *obj, const char *name, npy_intp levels, npy_intp *count,
-                       const int64_t **out)
-{
-    PyArrayObject *array;
-    if (pma_take_array(obj, NPY_INT64, 1, count, name, NULL, &array) < 0)
-        return -1;
-    *count = PyArray_DIM(array, 0);
-    *out = PyArray_DATA(array);
-    for (npy_intp i = 0; i < *count; i++) {
-        if ((*out)[i] < 0 || (*out)[i] >= levels) {
-            PyErr_Format(PyExc_ValueError, "%s must be levels in 0..%zd", name,
-                         (Py_ssize_t)levels - 1);
-            return -1;
-        }
-    }
     return 0;
 }
 
@@ -54,16 +33,18 @@ static PyObject *errors_of(PyObject *motion, PyObject *begin, PyObject *end, dou
     PyObject *u, *v, *w;
     pma_motion_rows x;
     pma_recorded_steps steps = {.h = h};
-    npy_intp levels = -1, count = -1;
+    npy_intp levels = -1;
+    size_t ends;
     if (!PyArg_ParseTuple(motion, "OOO", &u, &v, &w) ||
         take_rows(u, arrays, &levels, &x, &x.u) < 0 ||
         take_rows(v, arrays, &levels, &x, &x.v) < 0 ||
         take_rows(w, arrays, &levels, &x, &x.w) < 0 ||
-        take_levels(begin, "begin", levels, &count, &steps.begin) < 0 ||
-        take_levels(end, "end", levels, &count, &steps.end) < 0)
+        pma_take_positions(begin, (size_t)levels, "begin", NULL, &steps.count, &steps.begin) < 0 ||
+        pma_take_positions(end, (size_t)levels, "end", NULL, &ends, &steps.end) < 0)
         return NULL;
-    steps.count = (size_t)count;
-    const npy_intp shape[2] = {(npy_intp)x.columns, count};
+    if (ends != steps.count)
+        return PyErr_Format(PyExc_ValueError, "begin and end must have one length");
+    const npy_intp shape[2] = {(npy_intp)x.columns, (npy_intp)steps.count};
     PyObject *errors = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
     if (errors)
         pma_estimate_errors(&x, &steps, PyArray_DATA((PyArrayObject *)errors));

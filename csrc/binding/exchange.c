@@ -71,17 +71,13 @@ static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
     Py_ssize_t nb, substeps;
     int doubled, continues, shoots;
     PyObject *link, *rows;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "a remote subdomain must be a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "a remote subdomain must be a tuple");
     if (!PyArg_ParseTuple(obj, "nndpppOO", &nb, &substeps, &parts.h, &doubled, &continues, &shoots,
                           &link, &rows))
         return -1;
-    if (nb < 0 || substeps < 1) {
-        PyErr_SetString(PyExc_ValueError, "a remote subdomain must have substeps");
-        return -1;
-    }
+    if (nb < 0 || substeps < 1)
+        return pma_refuse(PyExc_ValueError, "a remote subdomain must have substeps");
     if (pma_take_link(link, (size_t)nb, arrays, &parts.link) < 0 ||
         take_iterated(rows, arrays, &parts) < 0)
         return -1;
@@ -90,10 +86,7 @@ static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
     parts.continues = continues;
     parts.shoots = shoots;
     const pma_status status = pma_remote_create(&parts, out);
-    if (status == PMA_OK)
-        return 0;
-    pma_raise(status, "remote");
-    return -1;
+    return pma_check(status, "remote");
 }
 
 /* Remote subdomains, of which None stands for one of this process. */
@@ -101,10 +94,8 @@ static int take_remotes(PyObject *obj, PyObject *arrays, pma_processes *x)
 {
     const Py_ssize_t count = PyTuple_Size(obj);
     x->remotes = PyMem_Calloc((size_t)count + 1, sizeof *x->remotes);
-    if (!x->remotes) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!x->remotes)
+        return pma_check(PMA_NO_MEMORY, NULL);
     x->count = (size_t)count;
     for (Py_ssize_t i = 0; i < count; i++) {
         PyObject *entry = PyTuple_GetItem(obj, i);
@@ -163,8 +154,7 @@ static int take_buffers(PyObject *first, PyObject *all, PyObject *counts, PyObje
         fits = x->parts.first[r] >= 0 && x->parts.first[r] <= x->parts.first[r + 1];
     if (fits)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "first must rise, with a range for each rank");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "first must rise, with a range for each rank");
 }
 
 int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out)
@@ -178,10 +168,8 @@ int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out)
                      &starts, &gather))
         return -1;
     pma_processes *x = PyMem_Calloc(1, sizeof *x);
-    if (!x) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!x)
+        return pma_check(PMA_NO_MEMORY, NULL);
     *out = x;
     x->parts.rank = (size_t)rank;
     if (take_remotes(remotes, arrays, x) < 0 ||
@@ -220,8 +208,7 @@ int pma_processes_check(const pma_processes *x, const pma_member *members)
 {
     if (!x || pma_exchange_size(x->parts.ranks, x->count, members) <= (size_t)x->size)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "all must have room for the values of all ranks");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "all must have room for the values of all ranks");
 }
 
 /* The members of this process are set; the others become so. */
@@ -239,6 +226,5 @@ int pma_processes_fill(const pma_processes *x, size_t own, pma_member *members)
     }
     if (fits)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "the remote subdomains must be those of the other ranks");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "the remote subdomains must be those of the other ranks");
 }

@@ -22,10 +22,8 @@ static int take_pattern(PyObject *ptr_obj, PyObject *index_obj, pattern *out)
     if (pma_take_array(ptr_obj, NPY_INT64, 1, &any, "ptr", NULL, &ptr) < 0)
         return -1;
     const npy_intp n = PyArray_DIM(ptr, 0) - 1;
-    if (n < 0) {
-        PyErr_SetString(PyExc_ValueError, "ptr must not be empty");
-        return -1;
-    }
+    if (n < 0)
+        return pma_refuse(PyExc_ValueError, "ptr must not be empty");
     const int64_t *starts = PyArray_DATA(ptr);
     const npy_intp entries = starts[n] < 0 ? 0 : (npy_intp)starts[n];
     if (pma_take_array(index_obj, NPY_INT32, 1, &entries, "index", NULL, &index) < 0)
@@ -45,18 +43,7 @@ static int take_pattern_and_border(PyObject *args, pattern *out, Py_ssize_t *nb)
         return -1;
     if (*nb >= 0 && (size_t)*nb <= out->n)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "nb must lie in 0..n");
-    return -1;
-}
-
-/* A new array of int64; its data in *data. */
-static PyObject *new_integers(size_t count, int64_t **data)
-{
-    npy_intp length = (npy_intp)count;
-    PyObject *array = PyArray_ZEROS(1, &length, NPY_INT64, 0);
-    if (array)
-        *data = PyArray_DATA((PyArrayObject *)array);
-    return array;
+    return pma_refuse(PyExc_ValueError, "nb must lie in 0..n");
 }
 
 static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
@@ -69,7 +56,7 @@ static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *scratch = PyMem_Calloc(5 * A.n + 1, sizeof *scratch);
     if (!scratch)
         return PyErr_NoMemory();
-    array = new_integers(A.n, &count);
+    array = pma_new_array((npy_intp)A.n, NPY_INT64, &count);
     if (array) {
         Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n,
                                                   count);
@@ -90,7 +77,7 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *scratch = PyMem_Calloc(6 * A.n + 1, sizeof *scratch);
     if (!scratch)
         return PyErr_NoMemory();
-    array = new_integers(A.n, &order);
+    array = pma_new_array((npy_intp)A.n, NPY_INT64, &order);
     if (array) {
         int64_t *parent = scratch, *count = scratch + A.n, *rest = scratch + 2 * A.n;
         Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
@@ -125,7 +112,7 @@ static PyObject *new_graph(const pattern *A, size_t groups, const int32_t *group
     int64_t *ptr, *list_ptr = integers, *other_ptr = integers + groups + 1;
     int64_t *start = integers + 2 * (groups + 1), *mark = integers + 3 * (groups + 1);
     int32_t *list = indices + A->n, *other = list + A->ptr[A->n];
-    PyObject *graph = NULL, *ptr_obj = new_integers(groups + 1, &ptr);
+    PyObject *graph = NULL, *ptr_obj = pma_new_array((npy_intp)(groups + 1), NPY_INT64, &ptr);
     if (!ptr_obj)
         return NULL;
     Py_BEGIN_ALLOW_THREADS pma_symbolic_merge(A->n, A->ptr, A->index, groups, group, start, indices,
@@ -174,8 +161,10 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
                                const int64_t *count, int64_t *scratch)
 {
     int64_t *first, *row_ptr, *start, *owner;
-    PyObject *arrays[5] = {new_integers(s + 1, &first), new_integers(s + 1, &row_ptr), NULL,
-                           new_integers(s + 1, &start), new_integers(A->n, &owner)};
+    PyObject *arrays[5] = {pma_new_array((npy_intp)(s + 1), NPY_INT64, &first),
+                           pma_new_array((npy_intp)(s + 1), NPY_INT64, &row_ptr), NULL,
+                           pma_new_array((npy_intp)(s + 1), NPY_INT64, &start),
+                           pma_new_array((npy_intp)A->n, NPY_INT64, &owner)};
     PyObject *structure = NULL;
     if (arrays[0] && arrays[1] && arrays[3] && arrays[4]) {
         memcpy(first, columns, (s + 1) * sizeof *first);
@@ -256,31 +245,30 @@ static void look(void *ctx)
     pma_elimination_look(ctx);
 }
 
-/* By this thread and the others of a team; by this one alone where the system refuses threads. */
-static void work_together(void *ctx, pma_elimination *e)
+void pma_work_together(pma_team *team, pma_work work, void (*look)(void *ctx), void *ctx)
 {
-    pma_team *team = ctx;
     const size_t others = pma_team_gather(team) == PMA_OK ? pma_team_workers(team) - 1 : 0;
     for (size_t w = 1; w <= others; w++)
-        pma_team_post(team, w, work, e);
-    pma_elimination_work(e, 0);
+        pma_team_post(team, w, work, ctx);
+    work(ctx, 0);
     for (size_t w = 1; w <= others; w++)
-        pma_team_await(team, w, look, e);
+        pma_team_await(team, w, look, ctx);
+}
+
+static void work_together(void *ctx, pma_elimination *e)
+{
+    pma_work_together(ctx, work, look, e);
 }
 
 int pma_take_crew(Py_ssize_t threads, pma_team **team, pma_crew *out)
 {
-    if (threads < 1) {
-        PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
-        return -1;
-    }
+    if (threads < 1)
+        return pma_refuse(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
     if (threads == 1)
         return 0;
     const pma_status status = pma_team_create((size_t)threads, team);
-    if (status != PMA_OK) {
-        pma_raise(status, "threads");
+    if (pma_check(status, "threads") < 0)
         return -1;
-    }
     *out = (pma_crew){
         .workers = (size_t)threads, .work = work_together, .rest = pma_thread_rest, .ctx = *team};
     return 0;
@@ -323,10 +311,8 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     PyArrayObject *owners;
     pattern of;
     if (!PyTuple_Check(matrix) || PyTuple_Size(matrix) != 3 || !PyTuple_Check(structure) ||
-        PyTuple_Size(structure) != 5) {
-        PyErr_SetString(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
-        return -1;
-    }
+        PyTuple_Size(structure) != 5)
+        return pma_refuse(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
     if (take_pattern(PyTuple_GetItem(matrix, 0), PyTuple_GetItem(matrix, 1), &of) < 0)
         return -1;
     A->n = of.n;
@@ -374,10 +360,8 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
                           &A.growth, &dgemm, &dtrsm, &threads) ||
         pma_take_blas(dgemm, dtrsm, &blas) < 0)
         return NULL;
-    if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS) {
-        PyErr_SetString(PyExc_ValueError, "threads must lie in 1..1024");
-        return NULL;
-    }
+    if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS)
+        return PyErr_Format(PyExc_ValueError, "threads must lie in 1..1024");
     PyObject *arrays = PyList_New(0);
     if (!arrays || take_problem(matrix, structure, values, arrays, &A, &p, &owner) < 0 ||
         pma_take_doubles(inverse_obj, (npy_intp)A.n, "inverse", arrays, &inverse) < 0)

@@ -18,12 +18,11 @@ static PyObject *guard_enter(GuardObject *self, PyObject *ignored)
     unsigned long turns = atomic_load(&self->turns);
     while (turns % 2 == 0 && !atomic_compare_exchange_weak(&self->turns, &turns, turns + 1)) {
     }
-    if (turns % 2 != 0) {
-        PyErr_SetString(PyExc_RuntimeError,
-                        "the coupler is being stepped: a load, a restoring force or another thread "
-                        "may not use it meanwhile");
-        return NULL;
-    }
+    if (turns % 2 != 0)
+        return PyErr_Format(
+            PyExc_RuntimeError,
+            "the coupler is being stepped: a load, a restoring force or another thread "
+            "may not use it meanwhile");
     Py_RETURN_NONE;
 }
 

@@ -104,10 +104,8 @@ static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
     const npy_intp any = -1;
     if (!PyArg_ParseTuple(obj, "OnOOO", &function, &history, &where, &across, &potential))
         return -1;
-    if (history < 0) {
-        PyErr_SetString(PyExc_ValueError, "history must not be negative");
-        return -1;
-    }
+    if (history < 0)
+        return pma_refuse(PyExc_ValueError, "history must not be negative");
     out->history = (size_t)history;
     if (where != Py_None) {
         if (pma_take_array(where, NPY_INT64, 1, &any, "where", arrays, &array) < 0)
@@ -126,10 +124,8 @@ static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
     out->function = (pma_internal_function)pma_address_of(function, &out->user);
     if (out->function)
         return 0;
-    if (!PyCallable_Check(function)) {
-        PyErr_SetString(PyExc_TypeError, "internal must be callable");
-        return -1;
-    }
+    if (!PyCallable_Check(function))
+        return pma_refuse(PyExc_TypeError, "internal must be callable");
     if (potential != Py_None && PyList_Append(arrays, potential) < 0)
         return -1;
     *callable = (pma_callable){function, potential, history, (npy_intp)out->entries};
@@ -149,10 +145,8 @@ int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *f
     *out = (pma_internal){.n = (size_t)n};
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "internal must be a tuple (order, initial, forces)");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "internal must be a tuple (order, initial, forces)");
     if (!PyArg_ParseTuple(obj, "OOO!", &order, &initial, &PyTuple_Type, &list) ||
         pma_take_order(order, n, arrays, &out->order) < 0 ||
         pma_take_array(initial, NPY_DOUBLE, 1, &any, "initial", arrays, &array) < 0)
@@ -162,10 +156,8 @@ int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *f
     const size_t count = (size_t)PyTuple_Size(list);
     forces->forces = PyMem_Calloc(count + 1, sizeof *forces->forces);
     forces->callables = PyMem_Calloc(count + 1, sizeof *forces->callables);
-    if (!forces->forces || !forces->callables) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!forces->forces || !forces->callables)
+        return pma_check(PMA_NO_MEMORY, NULL);
     for (size_t k = 0; k < count; k++) {
         if (take_force(PyTuple_GetItem(list, (Py_ssize_t)k), arrays, &forces->callables[k],
                        &forces->forces[k]) < 0)
@@ -194,10 +186,8 @@ int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
     PyArrayObject *array;
     npy_intp size = n + 1, entries;
     *out = (pma_numeric_parts){.n = (size_t)n, .nb = (size_t)nb};
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "pattern must be a tuple of six");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "pattern must be a tuple of six");
     if (!PyArg_ParseTuple(obj, "OOOOOp", &ptr, &index, &structure, &dgemm, &dtrsm, &unsymmetric) ||
         pma_take_array(ptr, NPY_INT64, 1, &size, "ptr", arrays, &array) < 0)
         return -1;
@@ -211,10 +201,8 @@ int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
         return 0;
     if (pma_take_blas(dgemm, dtrsm, &out->blas) < 0)
         return -1;
-    if (!PyTuple_Check(structure) || PyTuple_Size(structure) != 5) {
-        PyErr_SetString(PyExc_TypeError, "structure must be a tuple of five arrays");
-        return -1;
-    }
+    if (!PyTuple_Check(structure) || PyTuple_Size(structure) != 5)
+        return pma_refuse(PyExc_TypeError, "structure must be a tuple of five arrays");
     if (pma_take_structure(structure, "structure", arrays, &out->panels) < 0 ||
         pma_take_array(PyTuple_GetItem(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &array) <
             0)
@@ -230,10 +218,8 @@ int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pm
     int springs, keeps;
     Py_ssize_t threads;
     const npy_intp n = (npy_intp)parts->n;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "iterate must be a tuple of seven");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "iterate must be a tuple of seven");
     if (!PyArg_ParseTuple(obj, "ppOOOOn", &springs, &keeps, &pattern, &base, &twice, &M_size,
                           &threads))
         return -1;
@@ -258,18 +244,14 @@ int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
     PyObject *first, *second, *third;
     Py_ssize_t iterations;
     int reuse;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "iteration must be a tuple of six");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "iteration must be a tuple of six");
     *out = (pma_iteration_parts){.newton = {.tolerance = 0.0}};
     if (!PyArg_ParseTuple(obj, "dnpOOO", &out->newton.tolerance, &iterations, &reuse, &first,
                           &second, &third))
         return -1;
-    if (iterations < 1 || !(out->newton.tolerance > 0.0)) {
-        PyErr_SetString(PyExc_ValueError, "need tolerance > 0 and iterations >= 1");
-        return -1;
-    }
+    if (iterations < 1 || !(out->newton.tolerance > 0.0))
+        return pma_refuse(PyExc_ValueError, "need tolerance > 0 and iterations >= 1");
     out->newton.iterations = (size_t)iterations;
     out->newton.reuse = reuse;
     if (macro)

@@ -17,10 +17,8 @@ static int take_sampled(PyObject *obj, PyObject *arrays, pma_load *load)
     load->values = PyArray_DATA(array);
     load->samples = (size_t)PyArray_DIM(array, 0);
     load->k = (size_t)PyArray_DIM(array, 1);
-    if (load->samples == 0 || !(load->dt > 0.0)) {
-        PyErr_SetString(PyExc_ValueError, "a sampled load needs samples and a positive dt");
-        return -1;
-    }
+    if (load->samples == 0 || !(load->dt > 0.0))
+        return pma_refuse(PyExc_ValueError, "a sampled load needs samples and a positive dt");
     if (shape == Py_None) {
         if (load->k == load->n)
             return 0;

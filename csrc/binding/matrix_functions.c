@@ -5,15 +5,6 @@
 #include "algebra/lu.h"
 #include "algebra/matrix.h"
 
-/* A new array of this type; its data in *data. */
-static PyObject *new_array(npy_intp length, int type, void *data)
-{
-    PyObject *array = PyArray_ZEROS(1, &length, type, 0);
-    if (array)
-        *(void **)data = PyArray_DATA((PyArrayObject *)array);
-    return array;
-}
-
 /* ptr and start follow from the rows and columns of each strip. */
 static void lay_out(const pma_strips *S, const int64_t *columns, int64_t *ptr, int64_t *start)
 {
@@ -32,15 +23,16 @@ static PyObject *new_strips(const pma_matrix *A, size_t count, const int64_t *fi
     int32_t *index;
     double *values;
     const npy_intp starts = (npy_intp)count + 1;
-    PyObject *f = new_array(starts, NPY_INT64, &own_first);
-    PyObject *p = new_array(starts, NPY_INT64, &ptr), *b = new_array(starts, NPY_INT64, &start);
+    PyObject *f = pma_new_array(starts, NPY_INT64, &own_first);
+    PyObject *p = pma_new_array(starts, NPY_INT64, &ptr),
+             *b = pma_new_array(starts, NPY_INT64, &start);
     PyObject *i = NULL, *v = NULL, *tuple = NULL;
     if (f && p && b) {
         memcpy(own_first, first, (size_t)starts * sizeof *first);
         pma_strips S = {.count = count, .first = own_first, .ptr = ptr, .start = start};
         lay_out(&S, columns, ptr, start);
-        i = new_array((npy_intp)ptr[count], NPY_INT32, &index);
-        v = new_array((npy_intp)start[count], NPY_DOUBLE, &values);
+        i = pma_new_array((npy_intp)ptr[count], NPY_INT32, &index);
+        v = pma_new_array((npy_intp)start[count], NPY_DOUBLE, &values);
         if (i && v) {
             pma_strips_fill(&S, A->n, A->ptr, A->index, A->values, mark, index, values);
             tuple = PyTuple_Pack(5, f, p, i, b, v);
@@ -57,16 +49,12 @@ static PyObject *new_strips(const pma_matrix *A, size_t count, const int64_t *fi
 /* (ptr, index, values) of any size */
 static int take_by_rows(PyObject *obj, pma_matrix *A)
 {
-    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
-        PyErr_SetString(PyExc_TypeError, "matrix must be a tuple (ptr, index, values)");
-        return -1;
-    }
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3)
+        return pma_refuse(PyExc_TypeError, "matrix must be a tuple (ptr, index, values)");
     PyObject *ptr = PyTuple_GetItem(obj, 0);
     if (!PyArray_Check(ptr) || PyArray_NDIM((PyArrayObject *)ptr) != 1 ||
-        PyArray_DIM((PyArrayObject *)ptr, 0) < 1) {
-        PyErr_SetString(PyExc_TypeError, "ptr must be an array with one axis, and not empty");
-        return -1;
-    }
+        PyArray_DIM((PyArrayObject *)ptr, 0) < 1)
+        return pma_refuse(PyExc_TypeError, "ptr must be an array with one axis, and not empty");
     const npy_intp n = PyArray_DIM((PyArrayObject *)ptr, 0) - 1;
     if (pma_take_matrix(obj, n, "matrix", NULL, A) < 0)
         return -1;
@@ -97,10 +85,8 @@ static int invert(size_t n, const int64_t *order, int32_t *position)
     for (size_t i = 0; i < n; i++)
         position[i] = -1;
     for (size_t k = 0; k < n; k++) {
-        if (order[k] < 0 || (size_t)order[k] >= n || position[order[k]] >= 0) {
-            PyErr_SetString(PyExc_ValueError, "order must be a permutation");
-            return -1;
-        }
+        if (order[k] < 0 || (size_t)order[k] >= n || position[order[k]] >= 0)
+            return pma_refuse(PyExc_ValueError, "order must be a permutation");
         position[order[k]] = (int32_t)k;
     }
     return 0;
@@ -113,9 +99,9 @@ static PyObject *new_permuted(const pma_matrix *A, const int64_t *order, const i
     int32_t *index;
     double *values;
     const npy_intp entries = (npy_intp)A->ptr[A->n];
-    PyObject *p = new_array((npy_intp)A->n + 1, NPY_INT64, &ptr), *tuple = NULL;
-    PyObject *i = new_array(entries, NPY_INT32, &index);
-    PyObject *v = new_array(entries, NPY_DOUBLE, &values);
+    PyObject *p = pma_new_array((npy_intp)A->n + 1, NPY_INT64, &ptr), *tuple = NULL;
+    PyObject *i = pma_new_array(entries, NPY_INT32, &index);
+    PyObject *v = pma_new_array(entries, NPY_DOUBLE, &values);
     if (p && i && v) {
         Py_BEGIN_ALLOW_THREADS pma_matrix_permute(A->n, A->ptr, A->index, A->values, order,
                                                   position, ptr, index, values);
@@ -150,12 +136,13 @@ static PyObject *new_columns(const pma_matrix *L, const pma_matrix *U, double *s
     int64_t *ptr;
     int32_t *index;
     double *values, *D;
-    PyObject *d = new_array((npy_intp)L->n, NPY_DOUBLE, &D), *i = NULL, *v = NULL, *result = NULL;
-    PyObject *p = new_array((npy_intp)L->n + 1, NPY_INT64, &ptr);
+    PyObject *d = pma_new_array((npy_intp)L->n, NPY_DOUBLE, &D), *i = NULL, *v = NULL,
+             *result = NULL;
+    PyObject *p = pma_new_array((npy_intp)L->n + 1, NPY_INT64, &ptr);
     if (p) {
         pma_lu_count(L, ptr);
-        i = new_array((npy_intp)ptr[L->n], NPY_INT32, &index);
-        v = new_array((npy_intp)ptr[L->n], NPY_DOUBLE, &values);
+        i = pma_new_array((npy_intp)ptr[L->n], NPY_INT32, &index);
+        v = pma_new_array((npy_intp)ptr[L->n], NPY_DOUBLE, &values);
     }
     if (d && i && v) {
         const bool right = pma_lu_take(L, U, ptr, index, values, D, scratch);
@@ -175,10 +162,8 @@ static PyObject *columns_of(PyObject *Py_UNUSED(module), PyObject *args)
     if (!PyArg_ParseTuple(args, "OO", &lower, &upper) || take_by_rows(lower, &L) < 0 ||
         take_by_rows(upper, &U) < 0)
         return NULL;
-    if (L.n != U.n) {
-        PyErr_SetString(PyExc_ValueError, "both triangles must have the same size");
-        return NULL;
-    }
+    if (L.n != U.n)
+        return PyErr_Format(PyExc_ValueError, "both triangles must have the same size");
     double *scratch = PyMem_Malloc((2 * L.n + 1) * sizeof *scratch);
     if (!scratch)
         return PyErr_NoMemory();

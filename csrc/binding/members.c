@@ -37,8 +37,7 @@ int pma_coupler_claim(CouplerObject *self)
             return 0;
         release(self, claimed);
     }
-    PyErr_SetString(PyExc_RuntimeError, "the coupler is being stepped");
-    return -1;
+    return pma_refuse(PyExc_RuntimeError, "the coupler is being stepped");
 }
 
 void pma_coupler_release(CouplerObject *self)
@@ -58,10 +57,7 @@ static int create(CouplerObject *self, size_t count, pma_member *members, pma_co
     parts->members = members;
     parts->exchange = pma_processes_parts(self->processes);
     const pma_status status = pma_coupler_create(parts, &self->core);
-    if (status == PMA_OK)
-        return 0;
-    pma_raise(status, "Coupler");
-    return -1;
+    return pma_check(status, "Coupler");
 }
 
 int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts)
@@ -70,10 +66,8 @@ int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts)
     const size_t count = pma_processes_count(self->processes, own);
     const size_t first = pma_processes_first(self->processes);
     pma_member *members = PyMem_Calloc(count + own + 1, sizeof *members);
-    if (!members) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!members)
+        return pma_check(PMA_NO_MEMORY, NULL);
     int failed = pma_coupler_claim(self);
     if (!failed) {
         for (size_t i = 0; i < own; i++)

@@ -15,8 +15,7 @@ static int check_interpreter(void)
 {
     if (PyInterpreterState_GetID(PyInterpreterState_Get()) == 0)
         return 0;
-    PyErr_SetString(PyExc_ImportError, "pmalpha can be imported in the main interpreter only");
-    return -1;
+    return pma_refuse(PyExc_ImportError, "pmalpha can be imported in the main interpreter only");
 }
 
 static int module_exec(PyObject *module)

@@ -9,33 +9,10 @@ static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char
 {
     PyArrayObject *array;
     const npy_intp shape[2] = {*rows, columns};
-    if (pma_take_array(obj, NPY_DOUBLE, 2, shape, name, NULL, &array) < 0)
+    if (pma_take_output(obj, 2, shape, name, &array) < 0)
         return -1;
-    if (!PyArray_ISWRITEABLE(array)) {
-        PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
-        return -1;
-    }
     *rows = PyArray_DIM(array, 0);
     *out = PyArray_DATA(array);
-    return 0;
-}
-
-/* an array of positions in 0..size-1 */
-static int take_positions(PyObject *obj, size_t size, const char *name, size_t *count,
-                          const int64_t **out)
-{
-    PyArrayObject *array;
-    const npy_intp any = -1;
-    if (pma_take_array(obj, NPY_INT64, 1, &any, name, NULL, &array) < 0)
-        return -1;
-    *count = (size_t)PyArray_DIM(array, 0);
-    *out = PyArray_DATA(array);
-    for (size_t i = 0; i < *count; i++) {
-        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size) {
-            PyErr_Format(PyExc_ValueError, "%s: a position is out of range", name);
-            return -1;
-        }
-    }
     return 0;
 }
 
@@ -43,14 +20,12 @@ static int take_positions(PyObject *obj, size_t size, const char *name, size_t *
 static int take_springs(PyObject *obj, npy_intp *rows, pma_selection *selection)
 {
     PyObject *spring, *deformation, *force;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "springs must be None or a tuple of arrays");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "springs must be None or a tuple of arrays");
     if (!PyArg_ParseTuple(obj, "OOO", &spring, &deformation, &force))
         return -1;
-    if (take_positions(spring, selection->of_springs, "spring", &selection->springs,
-                       &selection->spring) < 0)
+    if (pma_take_positions(spring, selection->of_springs, "spring", NULL, &selection->springs,
+                           &selection->spring) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->springs;
     if (take_rows(deformation, rows, count, "deformation", &selection->deformation) < 0)
@@ -68,14 +43,12 @@ static int take_combination(PyObject *obj, size_t size, size_t rows, pma_combina
     size_t count;
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
-        PyErr_SetString(PyExc_TypeError, "a combination must be None or a tuple of three arrays");
-        return -1;
-    }
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3)
+        return pma_refuse(PyExc_TypeError, "a combination must be None or a tuple of three arrays");
     position = PyTuple_GetItem(obj, 1);
     weight = PyTuple_GetItem(obj, 2);
     if (pma_take_array(PyTuple_GetItem(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) < 0 ||
-        take_positions(position, size, "position", &count, &out->position) < 0)
+        pma_take_positions(position, size, "position", NULL, &count, &out->position) < 0)
         return -1;
     entries = (npy_intp)count;
     if (pma_take_array(weight, NPY_DOUBLE, 1, &entries, "weight", NULL, &weights) < 0)
@@ -94,10 +67,8 @@ static int take_combination(PyObject *obj, size_t size, size_t rows, pma_combina
 static int take_outputs(PyObject *obj, size_t size, npy_intp *rows, pma_selection *selection)
 {
     PyObject *output, *of_u, *of_v, *of_w;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "outputs must be None or a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "outputs must be None or a tuple");
     if (!PyArg_ParseTuple(obj, "OOOO", &output, &of_u, &of_v, &of_w) ||
         take_rows(output, rows, -1, "output", &selection->output) < 0)
         return -1;
@@ -113,16 +84,12 @@ static int take_history(PyObject *obj, const pma_parts *parts, npy_intp *rows,
                         pma_selection *selection)
 {
     PyObject *corrections, *q;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "history must be None or a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "history must be None or a tuple");
     if (!PyArg_ParseTuple(obj, "OO", &corrections, &q))
         return -1;
-    if (corrections != Py_None && !parts->iterate) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain is not iterated");
-        return -1;
-    }
+    if (corrections != Py_None && !parts->iterate)
+        return pma_refuse(PyExc_ValueError, "the subdomain is not iterated");
     if (corrections != Py_None &&
         take_rows(corrections, rows, 1, "iterations", &selection->corrections) < 0)
         return -1;
@@ -144,12 +111,11 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
         (pma_selection){.of_springs = parts->springs.total, .of_history = parts->internal.history};
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "selections must be None or a tuple of arrays");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "selections must be None or a tuple of arrays");
     if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &springs, &outputs, &history) ||
-        take_positions(position, parts->n, "position", &selection->count, &selection->position) < 0)
+        pma_take_positions(position, parts->n, "position", NULL, &selection->count,
+                           &selection->position) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->count;
     if (take_rows(u, &rows, count, "u", &selection->u) < 0 ||
@@ -164,8 +130,7 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
         return -1;
     if (rows >= 0 && (size_t)rows > last_row)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "the record has too few rows");
 }
 
 /* The selection of a subdomain; in lanes a tuple of PMA_LANES of them, the others of which are in
@@ -176,10 +141,8 @@ static int take_selections(PyObject *obj, SubdomainObject *s, size_t last, pma_s
     const pma_parts *parts = pma_subdomain_parts(s->core);
     if (!s->of)
         return take_selection(obj, parts, last, first);
-    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != PMA_LANES) {
-        PyErr_SetString(PyExc_TypeError, "selections in lanes must be tuples, one for each lane");
-        return -1;
-    }
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != PMA_LANES)
+        return pma_refuse(PyExc_TypeError, "selections in lanes must be tuples, one for each lane");
     pma_selection *selection = first;
     for (Py_ssize_t l = 0; l < PMA_LANES; l++) {
         if (take_selection(PyTuple_GetItem(obj, l), parts, last, selection) < 0)
@@ -219,8 +182,7 @@ static int take_contacts(CouplerObject *self, PyObject *obj, size_t last, pma_re
         return -1;
     if (rows > 0 && (size_t)count > last)
         return 0;
-    PyErr_SetString(PyExc_ValueError, "the record has too few rows, or no contacts");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "the record has too few rows, or no contacts");
 }
 
 static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end, size_t fine,
@@ -234,8 +196,7 @@ static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end
         return -1;
     if ((size_t)rows > last_row(record, end, fine) && (size_t)macro_rows > last_row(record, end, 1))
         return 0;
-    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "the record has too few rows");
 }
 
 /* None or an array (rows, subdomains, PMA_ENERGIES), if all subdomains sum their works */
@@ -254,9 +215,8 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     if (all && PyArray_ISWRITEABLE(array) &&
         (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
         return 0;
-    PyErr_SetString(PyExc_ValueError, "energy must be writeable and have enough rows, "
-                                      "after begin_energy of all subdomains");
-    return -1;
+    return pma_refuse(PyExc_ValueError, "energy must be writeable and have enough rows, "
+                                        "after begin_energy of all subdomains");
 }
 
 /* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None,
@@ -266,18 +226,14 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record 
     const Py_ssize_t count = PyTuple_Size(self->subdomains);
     long long begin, every;
     PyObject *selections, *interface[3], *energy = Py_None, *contacts = Py_None;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "a record must be a tuple");
     if (!PyArg_ParseTuple(obj, "LLO!OOO|OO", &begin, &every, &PyTuple_Type, &selections,
                           &interface[0], &interface[1], &interface[2], &energy, &contacts))
         return -1;
     if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
-        PyTuple_Size(selections) != count) {
-        PyErr_SetString(PyExc_ValueError, "the record does not fit the coupler");
-        return -1;
-    }
+        PyTuple_Size(selections) != count)
+        return pma_refuse(PyExc_ValueError, "the record does not fit the coupler");
     record->begin = begin;
     record->every = every;
     record->ring = self->held ? &self->ring : NULL;
@@ -285,10 +241,8 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record 
     const size_t first = pma_processes_first(self->processes);
     const size_t all = pma_processes_count(self->processes, (size_t)count);
     record->selections = PyMem_Calloc(all * lanes + 1, sizeof *record->selections);
-    if (!record->selections) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!record->selections)
+        return pma_check(PMA_NO_MEMORY, NULL);
     for (Py_ssize_t i = 0; i < count; i++) {
         SubdomainObject *s = pma_subdomain_of(self, i);
         const size_t last = last_row(record, end, pma_subdomain_parts(s->core)->substeps);

@@ -25,42 +25,27 @@ static void fill_compliance(pma_subdomain *s, bool twice, const int64_t *rows, n
     }
 }
 
-static int check_rows(const int64_t *rows, npy_intp k, size_t p)
-{
-    for (npy_intp c = 0; c < k; c++) {
-        if (rows[c] < 0 || (size_t)rows[c] >= p) {
-            PyErr_SetString(PyExc_ValueError, "rows: a constraint is out of range");
-            return -1;
-        }
-    }
-    return 0;
-}
-
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args)
 {
     int twice;
     PyObject *obj, *out;
-    PyArrayObject *rows;
-    const npy_intp any = -1;
+    const int64_t *rows;
+    size_t k;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     if (!PyArg_ParseTuple(args, "pO", &twice, &obj) ||
-        pma_take_array(obj, NPY_INT64, 1, &any, "rows", NULL, &rows) < 0)
+        pma_take_positions(obj, parts->link.p, "rows", NULL, &k, &rows) < 0)
         return NULL;
-    if (twice && !parts->doubled) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain takes no double steps");
-        return NULL;
-    }
-    const npy_intp shape[2] = {PyArray_DIM(rows, 0), PyArray_DIM(rows, 0)};
-    if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0)
-        return NULL;
+    if (twice && !parts->doubled)
+        return PyErr_Format(PyExc_ValueError, "the subdomain takes no double steps");
+    const npy_intp shape[2] = {(npy_intp)k, (npy_intp)k};
     double *scratch = PyMem_Calloc(2 * parts->link.p + 1, sizeof(double));
     if (!scratch)
         return PyErr_NoMemory();
     out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
     if (out && pma_subdomain_claim(self)) {
         PyThreadState *before = pma_gil_release();
-        fill_compliance(self->core, twice, PyArray_DATA(rows), shape[0], scratch,
-                        scratch + parts->link.p, PyArray_DATA((PyArrayObject *)out));
+        fill_compliance(self->core, twice, rows, shape[0], scratch, scratch + parts->link.p,
+                        PyArray_DATA((PyArrayObject *)out));
         pma_gil_acquire(before);
         pma_subdomain_release(self);
     } else {
@@ -151,17 +136,6 @@ static void work(void *ctx, size_t worker)
     }
 }
 
-/* Without others where the system refuses their threads. */
-static void work_together(responding *r, pma_team *team)
-{
-    const size_t others = pma_team_gather(team) == PMA_OK ? r->workers - 1 : 0;
-    for (size_t w = 1; w <= others; w++)
-        pma_team_post(team, w, work, r);
-    work(r, 0);
-    for (size_t w = 1; w <= others; w++)
-        pma_team_await(team, w, look, r);
-}
-
 static pma_status create_runs(responding *r)
 {
     pma_status status = PMA_OK;
@@ -184,7 +158,7 @@ static pma_status fill_responses(const pma_subdomain *s, const responses *b, siz
     if (status == PMA_OK) {
         r.watch = (pma_watch){.last = pma_watch_milliseconds()};
         PyThreadState *before = pma_gil_release();
-        work_together(&r, team);
+        pma_work_together(team, work, look, &r);
         pma_gil_acquire(before);
     }
     pma_team_destroy(team);
@@ -196,53 +170,35 @@ static pma_status fill_responses(const pma_subdomain *s, const responses *b, siz
     return atomic_load(&r.not_finite) ? PMA_NOT_FINITE : status;
 }
 
-/* A writeable array. */
-static int take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
-                       PyArrayObject **out)
-{
-    if (pma_take_array(obj, NPY_DOUBLE, ndim, shape, name, NULL, out) < 0)
-        return -1;
-    if (PyArray_ISWRITEABLE(*out))
-        return 0;
-    PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
-    return -1;
-}
-
 static int take_responses(SubdomainObject *self, PyObject *args, responses *b)
 {
     PyObject *rows, *end, *mean, *states;
     PyArrayObject *array;
-    const npy_intp any = -1;
+    size_t k;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     int twice = 0;
     Py_ssize_t threads = 1;
+    *b = (responses){.states = NULL};
     if (!PyArg_ParseTuple(args, "OOOO|pn", &rows, &end, &mean, &states, &twice, &threads) ||
-        pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
+        pma_take_positions(rows, parts->link.p, "rows", NULL, &k, &b->rows) < 0)
         return -1;
-    if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS) {
-        PyErr_SetString(PyExc_ValueError, "threads must lie in 1..1024");
-        return -1;
-    }
-    *b = (responses){.rows = PyArray_DATA(array),
-                     .k = PyArray_DIM(array, 0),
-                     .twice = twice,
-                     .threads = (size_t)threads};
-    if (check_rows(b->rows, b->k, parts->link.p) < 0)
-        return -1;
-    if (!parts->responds || (twice && !parts->doubled)) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain has no such link response");
-        return -1;
-    }
+    if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS)
+        return pma_refuse(PyExc_ValueError, "threads must lie in 1..1024");
+    b->k = (npy_intp)k;
+    b->twice = twice;
+    b->threads = (size_t)threads;
+    if (!parts->responds || (twice && !parts->doubled))
+        return pma_refuse(PyExc_ValueError, "the subdomain has no such link response");
     const npy_intp square[2] = {b->k, b->k}, cube[3] = {b->k, 4, (npy_intp)parts->n};
-    if (take_output(end, 2, square, "end", &array) < 0)
+    if (pma_take_output(end, 2, square, "end", &array) < 0)
         return -1;
     b->end = PyArray_DATA(array);
-    if (take_output(mean, 2, square, "mean", &array) < 0)
+    if (pma_take_output(mean, 2, square, "mean", &array) < 0)
         return -1;
     b->mean = PyArray_DATA(array);
     if (states == Py_None)
         return 0;
-    if (take_output(states, 3, cube, "states", &array) < 0)
+    if (pma_take_output(states, 3, cube, "states", &array) < 0)
         return -1;
     b->states = PyArray_DATA(array);
     return 0;
@@ -267,17 +223,17 @@ PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args)
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
 {
     PyObject *rows_obj, *states_obj;
-    PyArrayObject *rows, *states;
-    const npy_intp any = -1;
+    PyArrayObject *states;
+    const int64_t *rows;
+    size_t k;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     if (!PyArg_ParseTuple(args, "OO", &rows_obj, &states_obj))
         return NULL;
     PyObject *arrays = PyList_New(0);
-    if (!arrays || pma_take_array(rows_obj, NPY_INT64, 1, &any, "rows", arrays, &rows) < 0)
+    if (!arrays || pma_take_positions(rows_obj, parts->link.p, "rows", arrays, &k, &rows) < 0)
         goto failed;
-    const npy_intp shape[3] = {PyArray_DIM(rows, 0), 4, (npy_intp)parts->n};
-    if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0 ||
-        pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
+    const npy_intp shape[3] = {(npy_intp)k, 4, (npy_intp)parts->n};
+    if (pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
         goto failed;
     if (!parts->responds) {
         PyErr_SetString(PyExc_ValueError, "the subdomain has no link response");
@@ -285,10 +241,9 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
     }
     if (!pma_subdomain_claim(self))
         goto failed;
-    pma_response_store(pma_subdomain_response(self->core),
-                       (pma_unit_responses){.count = (size_t)shape[0],
-                                            .rows = PyArray_DATA(rows),
-                                            .values = PyArray_DATA(states)});
+    pma_response_store(
+        pma_subdomain_response(self->core),
+        (pma_unit_responses){.count = k, .rows = rows, .values = PyArray_DATA(states)});
     pma_swap(&self->response, &arrays);
     pma_subdomain_release(self);
     Py_XDECREF(arrays);
@@ -318,28 +273,26 @@ static void fill_shifts(pma_subdomain *s, const int64_t *rows, npy_intp k, npy_i
 PyObject *pma_subdomain_shift_block(SubdomainObject *self, PyObject *args)
 {
     PyObject *rows_obj, *out_obj;
-    PyArrayObject *rows, *out;
+    PyArrayObject *out;
+    const int64_t *rows;
+    size_t k;
     Py_ssize_t begin;
-    npy_intp shape[2] = {-1, -1};
     const pma_parts *parts = pma_subdomain_parts(self->core);
     if (!PyArg_ParseTuple(args, "OnO", &rows_obj, &begin, &out_obj) ||
-        pma_take_array(rows_obj, NPY_INT64, 1, shape, "rows", NULL, &rows) < 0)
+        pma_take_positions(rows_obj, parts->link.p, "rows", NULL, &k, &rows) < 0)
         return NULL;
-    shape[1] = PyArray_DIM(rows, 0);
-    if (take_output(out_obj, 2, shape, "out", &out) < 0 ||
-        check_rows(PyArray_DATA(rows), shape[1], parts->link.p) < 0)
+    const npy_intp shape[2] = {-1, (npy_intp)k};
+    if (pma_take_output(out_obj, 2, shape, "out", &out) < 0)
         return NULL;
-    if (!parts->shifts || begin < 0 || PyArray_DIM(out, 0) > shape[1] - begin) {
-        PyErr_SetString(PyExc_ValueError, "begin: no such columns of the shifts");
-        return NULL;
-    }
+    if (!parts->shifts || begin < 0 || PyArray_DIM(out, 0) > shape[1] - begin)
+        return PyErr_Format(PyExc_ValueError, "begin: no such columns of the shifts");
     double *scratch = PyMem_Calloc(2 * parts->link.p + 1, sizeof(double));
     if (!scratch)
         return PyErr_NoMemory();
     const bool claimed = pma_subdomain_claim(self);
     if (claimed) {
         PyThreadState *before = pma_gil_release();
-        fill_shifts(self->core, PyArray_DATA(rows), shape[1], begin, PyArray_DIM(out, 0), scratch,
+        fill_shifts(self->core, rows, shape[1], begin, PyArray_DIM(out, 0), scratch,
                     PyArray_DATA(out));
         pma_gil_acquire(before);
         pma_subdomain_release(self);
@@ -355,10 +308,8 @@ PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj)
     npy_intp n = (npy_intp)parts->n;
     if (pma_take_doubles(obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0)
         return NULL;
-    if (!parts->mean) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain is not under mean coupling");
-        return NULL;
-    }
+    if (!parts->mean)
+        return PyErr_Format(PyExc_ValueError, "the subdomain is not under mean coupling");
     PyObject *y = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
     if (!y || !pma_subdomain_claim(self)) {
         Py_XDECREF(y);

@@ -77,10 +77,8 @@ static int add_place(PyObject *arrays, pma_restoring *out)
 static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma_restoring *out)
 {
     const Py_ssize_t count = PyTuple_Size(functions);
-    if (count == 0) {
-        PyErr_SetString(PyExc_ValueError, "restoring: a function is missing");
-        return -1;
-    }
+    if (count == 0)
+        return pma_refuse(PyExc_ValueError, "restoring: a function is missing");
     series *all = add_series(count, n, arrays);
     if (!all || add_place(arrays, out) < 0)
         return -1;
@@ -100,11 +98,9 @@ int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restorin
     *out = (pma_restoring){.n = (size_t)n};
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError,
-                        "restoring must be None or a tuple (functions, order, load)");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError,
+                          "restoring must be None or a tuple (functions, order, load)");
     if (!PyArg_ParseTuple(obj, "O!OO", &PyTuple_Type, &functions, &order, &load) ||
         pma_take_order(order, n, arrays, &out->order) < 0)
         return -1;

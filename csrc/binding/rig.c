@@ -40,10 +40,8 @@ static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
         return -1;
     const int64_t *count = PyArray_DATA(counts);
     if (!PyArray_ISWRITEABLE(rows) || !PyArray_ISWRITEABLE(counts) || count[1] < 0 ||
-        !(pace->period > 0.0)) {
-        PyErr_SetString(PyExc_ValueError, "a pace needs writeable arrays and a positive period");
-        return -1;
-    }
+        !(pace->period > 0.0))
+        return pma_refuse(PyExc_ValueError, "a pace needs writeable arrays and a positive period");
     double *const data = PyArray_DATA(rows);
     pace->rows = (size_t)PyArray_DIM(rows, 1);
     pace->begun = data;
@@ -59,23 +57,15 @@ static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
 static int take_monitored(PyObject *positions, PyObject *last, const pma_subdomain *s,
                           pma_stamp *stamp)
 {
-    const npy_intp any = -1;
-    PyArrayObject *array, *rows;
-    if (pma_take_array(positions, NPY_INT64, 1, &any, "positions", NULL, &array) < 0)
+    PyArrayObject *rows;
+    if (pma_take_positions(positions, pma_subdomain_parts(s)->n, "positions", NULL, &stamp->count,
+                           &stamp->position) < 0)
         return -1;
-    const npy_intp shape[2] = {2, PyArray_DIM(array, 0)};
+    const npy_intp shape[2] = {2, (npy_intp)stamp->count};
     if (pma_take_array(last, NPY_DOUBLE, 2, shape, "last", NULL, &rows) < 0)
         return -1;
-    stamp->count = (size_t)shape[1];
-    stamp->position = PyArray_DATA(array);
     stamp->command = PyArray_DATA(rows);
     stamp->force = stamp->command + stamp->count;
-    for (size_t k = 0; k < stamp->count; k++) {
-        if (stamp->position[k] < 0 || (size_t)stamp->position[k] >= pma_subdomain_parts(s)->n) {
-            PyErr_SetString(PyExc_ValueError, "positions: one is out of range");
-            return -1;
-        }
-    }
     return 0;
 }
 
@@ -84,15 +74,11 @@ static int take_monitored(PyObject *positions, PyObject *last, const pma_subdoma
 static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values, pma_pace *pace)
 {
     const Py_ssize_t count = PyTuple_Size(self->subdomains);
-    if (PyTuple_Size(monitored) != count) {
-        PyErr_SetString(PyExc_ValueError, "monitored must have an entry for each subdomain");
-        return -1;
-    }
+    if (PyTuple_Size(monitored) != count)
+        return pma_refuse(PyExc_ValueError, "monitored must have an entry for each subdomain");
     pace->stamps = PyMem_Calloc((size_t)count + 1, sizeof *pace->stamps);
-    if (!pace->stamps) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!pace->stamps)
+        return pma_check(PMA_NO_MEMORY, NULL);
     for (Py_ssize_t i = 0; i < count; i++) {
         pma_subdomain *s = pma_subdomain_of(self, i)->core;
         if (!pma_subdomain_parts(s)->restoring.function)
@@ -145,10 +131,8 @@ int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *sig
         return -1;
     pace->stops = stops;
     const size_t fine = pma_coupler_instants(self->core), left = pace->rows - pace->done;
-    if (self->processes || pace->done > pace->rows || left / fine < (size_t)steps) {
-        PyErr_SetString(PyExc_ValueError, "the pace does not fit the coupler");
-        return -1;
-    }
+    if (self->processes || pace->done > pace->rows || left / fine < (size_t)steps)
+        return pma_refuse(PyExc_ValueError, "the pace does not fit the coupler");
     if (add_stamps(self, monitored, values, pace) < 0)
         return -1;
     pma_coupler_set_pace(self->core, pace);

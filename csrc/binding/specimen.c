@@ -65,10 +65,8 @@ static int take_actuator(PyObject *obj, PyObject *arrays, pma_actuator *out)
         fits = fits && out->lag[i] >= 0 && out->lag[i] < MOST;
         out->length = (size_t)out->lag[i] + 1 > out->length ? (size_t)out->lag[i] + 1 : out->length;
     }
-    if (!fits) {
-        PyErr_SetString(PyExc_ValueError, "phi or lag is out of range");
-        return -1;
-    }
+    if (!fits)
+        return pma_refuse(PyExc_ValueError, "phi or lag is out of range");
     if (pma_take_doubles(weight, taps, "weight", arrays, &out->weight) < 0 ||
         pma_take_doubles(before, order, "before", arrays, &out->before) < 0 ||
         pma_take_doubles(after, order, "after", arrays, &out->after) < 0)
@@ -88,10 +86,8 @@ static int take_adaptive(PyObject *obj, PyObject *arrays, pma_adaptive *out)
         pma_take_array(limits, NPY_DOUBLE, 2, four, "limits", NULL, &limit) < 0 ||
         pma_take_array(section, NPY_DOUBLE, 2, five, "section", arrays, &sections) < 0)
         return -1;
-    if (every < 1 || window < 1 || window > MOST) {
-        PyErr_SetString(PyExc_ValueError, "every and window must be positive, and not too large");
-        return -1;
-    }
+    if (every < 1 || window < 1 || window > MOST)
+        return pma_refuse(PyExc_ValueError, "every and window must be positive, and not too large");
     const double *values = PyArray_DATA(limit);
     const size_t bytes = sizeof out->start;
     memcpy(out->start, values, bytes);
@@ -107,18 +103,14 @@ static int take_adaptive(PyObject *obj, PyObject *arrays, pma_adaptive *out)
 
 static int take_filter(PyObject *obj, PyObject *arrays, pma_filter *out)
 {
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "a filter must be a tuple");
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "a filter must be a tuple");
     if (PyTuple_Size(obj) != 6)
         return take_actuator(obj, arrays, &out->actuator);
     pma_adaptive *adaptive = PyMem_Calloc(1, sizeof *adaptive);
     out->adaptive = adaptive;
-    if (!adaptive) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!adaptive)
+        return pma_check(PMA_NO_MEMORY, NULL);
     return take_adaptive(obj, arrays, adaptive);
 }
 
@@ -130,10 +122,8 @@ static specimen *take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, bool
     if (!PyArg_ParseTuple(obj, "O!O!On", &PyTuple_Type, &filters, &PyTuple_Type, &springs,
                           &function, &compensators))
         return NULL;
-    if (compensators < 0 || compensators > PyTuple_Size(filters)) {
-        PyErr_SetString(PyExc_ValueError, "compensators must be among the filters");
-        return NULL;
-    }
+    if (compensators < 0 || compensators > PyTuple_Size(filters))
+        return (void *)PyErr_Format(PyExc_ValueError, "compensators must be among the filters");
     specimen *own = add_specimen(PyTuple_Size(filters), n, arrays);
     if (!own || pma_take_springs(springs, arrays, &own->sets, &own->core.springs) < 0)
         return NULL;
@@ -183,10 +173,8 @@ static int run_commands(const specimen *own, npy_intp k, const double *t, const 
 {
     const size_t n = own->core.n, bytes = n * sizeof(double);
     double *memory = PyMem_Calloc(pma_specimen_numbers(&own->core) + n, sizeof *memory);
-    if (!memory) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    if (!memory)
+        return pma_check(PMA_NO_MEMORY, NULL);
     double *rate = memory + pma_specimen_numbers(&own->core);
     int code = 0;
     for (npy_intp i = 0; i < k && code == 0; i++) {

@@ -2,78 +2,48 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* end_multipliers(): (2 p + 2,) of the accelerations at the present under mean coupling, a copy */
-PyObject *pma_coupler_object_end_multipliers(CouplerObject *self, PyObject *Py_UNUSED(ignored))
-{
-    if (pma_coupler_claim(self) < 0)
-        return NULL;
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    PyObject *copy = pma_new_vector(2 * p + 2, pma_coupler_end_multipliers(self->core));
-    pma_coupler_release(self);
-    return copy;
-}
+/* Numbers of the present that belong to the coupler: a copy, or all of them written, after
+ * start. */
 
-/* set_end_multipliers(lam): after start */
-PyObject *pma_coupler_object_set_end_multipliers(CouplerObject *self, PyObject *obj)
-{
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    const double *values;
-    if (pma_take_doubles(obj, 2 * p + 2, "lam", NULL, &values) < 0 || pma_coupler_claim(self) < 0)
-        return NULL;
-    memcpy(pma_coupler_end_multipliers(self->core), values, (2 * (size_t)p + 2) * sizeof(double));
-    pma_coupler_release(self);
-    Py_RETURN_NONE;
-}
-
-/* gap(): of the displacements at the present where they are tied under gc, a copy */
-PyObject *pma_coupler_object_gap(CouplerObject *self, PyObject *Py_UNUSED(ignored))
-{
-    if (pma_coupler_claim(self) < 0)
-        return NULL;
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    PyObject *copy = pma_new_vector(p, pma_coupler_gap(self->core));
-    pma_coupler_release(self);
-    return copy;
-}
-
-/* set_gap(gap): after start */
-PyObject *pma_coupler_object_set_gap(CouplerObject *self, PyObject *obj)
-{
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    const double *values;
-    if (pma_take_doubles(obj, p, "gap", NULL, &values) < 0 || pma_coupler_claim(self) < 0)
-        return NULL;
-    memcpy(pma_coupler_gap(self->core), values, (size_t)p * sizeof(double));
-    pma_coupler_release(self);
-    Py_RETURN_NONE;
-}
-
-/* iteration(): what shooting begins the next macro step with, a copy */
-PyObject *pma_coupler_object_iteration(CouplerObject *self, PyObject *Py_UNUSED(ignored))
+static PyObject *copy_numbers(CouplerObject *self, pma_numbers get)
 {
     size_t size;
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    const double *present = pma_coupler_iteration(self->core, &size);
+    const double *present = get(self->core, &size);
     PyObject *copy = pma_new_vector((npy_intp)size, present);
     pma_coupler_release(self);
     return copy;
 }
 
-/* set_iteration(numbers): after start */
-PyObject *pma_coupler_object_set_iteration(CouplerObject *self, PyObject *obj)
+static PyObject *set_numbers(CouplerObject *self, PyObject *obj, const char *name, pma_numbers get)
 {
     size_t size;
     const double *values;
-    double *present = pma_coupler_iteration(self->core, &size);
-    if (pma_take_doubles(obj, (npy_intp)size, "iteration", NULL, &values) < 0 ||
-        pma_coupler_claim(self) < 0)
+    if (pma_coupler_claim(self) < 0)
         return NULL;
-    if (size > 0)
+    double *present = get(self->core, &size);
+    const int failed = pma_take_doubles(obj, (npy_intp)size, name, NULL, &values);
+    if (!failed && size > 0)
         memcpy(present, values, size * sizeof(double));
     pma_coupler_release(self);
-    Py_RETURN_NONE;
+    return failed ? NULL : Py_NewRef(Py_None);
 }
+
+#define NUMBERS(name, get)                                                                 \
+    PyObject *pma_coupler_object_##name(CouplerObject *self, PyObject *Py_UNUSED(ignored)) \
+    {                                                                                      \
+        return copy_numbers(self, get);                                                    \
+    }                                                                                      \
+    PyObject *pma_coupler_object_set_##name(CouplerObject *self, PyObject *obj)            \
+    {                                                                                      \
+        return set_numbers(self, obj, #name, get);                                         \
+    }
+
+NUMBERS(end_multipliers, pma_coupler_end_multipliers)
+NUMBERS(gap, pma_coupler_gap)
+NUMBERS(iteration, pma_coupler_iteration)
+NUMBERS(contact, pma_coupler_contact)
 
 /* set_motion(i, load): the velocity of a prescribed motion, in the forms of a load */
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)

@@ -10,10 +10,8 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
 {
     double h;
     PyObject *inverse, *R;
-    if (!PyTuple_Check(obj)) {
-        PyErr_Format(PyExc_TypeError, "%s must be a tuple (h, inverse, R)", name);
-        return -1;
-    }
+    if (!PyTuple_Check(obj))
+        return pma_refuse(PyExc_TypeError, "%s must be a tuple (h, inverse, R)", name);
     if (!PyArg_ParseTuple(obj, "dOO", &h, &inverse, &R))
         return -1;
     out->step = pma_step_make(scheme, h);
@@ -49,10 +47,8 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
             &D_r, &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated,
             &mass, &waits, &shifts, &continues, &struck))
         return -1;
-    if (n < 1 || nb < 0 || nb > n || substeps < 1) {
-        PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
-        return -1;
-    }
+    if (n < 1 || nb < 0 || nb > n || substeps < 1)
+        return pma_refuse(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
     parts->doubled = twice != Py_None;
     parts->continues = continues;
@@ -197,10 +193,7 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject **arrays
     if (status == PMA_OK)
         pma_swap(&self->mass, arrays);
     pma_subdomain_release(self);
-    if (status == PMA_OK)
-        return 0;
-    pma_raise(status, "energy");
-    return -1;
+    return pma_check(status, "energy");
 }
 
 /* evaluate_present(t): None, or the code that a function returned */
@@ -292,10 +285,8 @@ static PyObject *subdomain_rebase(SubdomainObject *self, PyObject *args)
     if (!PyArg_ParseTuple(args, "pO", &twice, &obj) ||
         pma_take_doubles(obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0)
         return NULL;
-    if (twice && !parts->doubled) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain takes no double steps");
-        return NULL;
-    }
+    if (twice && !parts->doubled)
+        return PyErr_Format(PyExc_ValueError, "the subdomain takes no double steps");
     if (!pma_subdomain_claim(self))
         return NULL;
     pma_subdomain_rebase(self->core, twice, lam);

@@ -189,9 +189,10 @@ void start_model(model *m)
         naive_member_start(&m->wrapped[i], first);
     }
     const double g0[CONSTRAINTS] = {0.0};
+    size_t size;
     pma_coupler_start(m->coupler, 0, m->lam0, g0);
     if (m->mean)
-        memcpy(pma_coupler_end_multipliers(m->coupler), m->lam0, m->p * sizeof(double));
+        memcpy(pma_coupler_end_multipliers(m->coupler, &size), m->lam0, m->p * sizeof(double));
 }
 
 static bool has_entry(const part *x, size_t row)

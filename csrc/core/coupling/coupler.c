@@ -294,13 +294,15 @@ size_t pma_coupler_failed(const pma_coupler *c)
     return c->failed;
 }
 
-double *pma_coupler_gap(pma_coupler *c)
+double *pma_coupler_gap(pma_coupler *c, size_t *size)
 {
+    *size = c->parts.p;
     return c->present.gap;
 }
 
-double *pma_coupler_end_multipliers(pma_coupler *c)
+double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size)
 {
+    *size = 2 * c->parts.p + 2;
     return c->lam_end;
 }
 

@@ -137,7 +137,7 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 size_t pma_coupler_failed(const pma_coupler *c);
 /* Tied schedule: the gap of the displacements at the present, sum_i L_i u_i = gap (p), which
  * belongs to the state; 0 after a start. */
-double *pma_coupler_gap(pma_coupler *c);
+double *pma_coupler_gap(pma_coupler *c, size_t *size);
 /* After PMA_ELSEWHERE: the rank in which something failed; this one when the exchange did. */
 size_t pma_coupler_failed_rank(const pma_coupler *c);
 /* With members in other processes, in all of them: before pma_coupler_record_present, and in place
@@ -147,7 +147,7 @@ pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
 /* Mean coupling: the multipliers at the present, from which accelerations are recorded, those
  * before the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was
  * none, one after the other; they belong to the state, to be written after a start. */
-double *pma_coupler_end_multipliers(pma_coupler *c);
+double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size);
 /* What the iteration of internal forces keeps from one macro step to the next, beside what the
  * subdomains keep: `*size` numbers, to be read or written after a start. */
 double *pma_coupler_iteration(pma_coupler *c, size_t *size);
