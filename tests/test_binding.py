@@ -426,7 +426,7 @@ def test_filters_that_remember_too_much_are_refused():
     adaptive = (0.01, np.zeros((4, 3)), 0.05, 1, 2**62, np.zeros((1, 5)))
     for own, message in ((late, "lag is out of range"), (adaptive, "not too large")):
         with pytest.raises(ValueError, match=message):
-            _core.follow_specimen(((own,), (), None), np.zeros(9), *np.zeros((2, 9, 1)))
+            _core.follow_specimen(((own,), (), None, 0), np.zeros(9), *np.zeros((2, 9, 1)))
 
 
 def test_lanes_are_split_into_arrays_of_their_shape():

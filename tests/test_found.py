@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from test_bad_input import refused, single
+from refusals import refused, single
 
 import pmalpha as pm
 from pmalpha.cutting.division import Division

@@ -6,7 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from test_bad_input import refused
+from refusals import refused
 
 import pmalpha as pm
 from pmalpha.run import checkpoint

@@ -1,0 +1,74 @@
+"""What does not fit into the free memory is refused with the figures."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from refusals import EXPLICIT, coupled, plate, refused, single, subdomain
+
+import pmalpha as pm
+from pmalpha import memory
+
+
+@pytest.fixture
+def megabyte(monkeypatch):
+    """A machine with one MB of free memory."""
+    monkeypatch.setattr(memory, "available", lambda: 1_000_000)
+
+
+def out_of_memory(call, *words):
+    message = refused(MemoryError, call, "1 MB are available", "needs about", *words)
+    return message.split("needs about ")[1].split(",")[0]
+
+
+def test_a_history_that_does_not_fit_is_refused_with_the_figures(megabyte):
+    coupler = coupled()
+    # u, v, w of 2 and of 3 x 1 numbers, multipliers and jumps of 3 x 2 + 1: 22 per macro step
+    needed = out_of_memory(lambda: coupler.run(steps=10_000), "History", "record=", "every=")
+    assert needed == "1.76 MB"
+    assert coupler.step_count == 0
+    assert coupler.run(steps=10_000, every=100)["a"].t.size == 101
+    assert coupler.run(steps=10_000, record={"a": [0]}, every=10)["a"].t.size == 1001
+
+
+def test_a_sparse_factor_that_does_not_fit_is_refused_with_the_figures(megabyte):
+    K = plate(40, fixed=True)
+    needed = out_of_memory(
+        lambda: pm.Coupler([subdomain(np.ones(1600), K, name="p")], dt=0.1), "'p'"
+    )
+    assert needed.endswith("MB")
+
+
+def test_a_dense_factor_that_does_not_fit_is_refused_with_the_figures(megabyte):
+    K = plate(20, fixed=True).toarray()  # 1.28 MB, and the factor as much again
+    out_of_memory(
+        lambda: pm.Coupler([subdomain(np.ones(400), K, name="p")], dt=0.1), "'p'", "400 dofs"
+    )
+
+
+def test_an_interface_block_that_does_not_fit_is_refused_with_the_figures(megabyte):
+    a, b = subdomain(np.ones(400), plate(20, fixed=True), name="a"), single(400, scheme=EXPLICIT)
+    tie = pm.tie(a, np.arange(400), b, np.arange(400))
+    needed = out_of_memory(
+        lambda: pm.Coupler([a, b], tie, dt=0.1, coupling="pm"), "interface", "400 constraints"
+    )
+    assert needed.endswith("MB")
+
+
+def test_constraints_that_all_share_a_dof_are_refused_before_they_fill_the_memory(megabyte):
+    # L L^T and H are full: 8 MB for a thousand rows, 80 GB for a hundred thousand
+    floor, columns = single(scheme=EXPLICIT), single(1000, scheme=EXPLICIT)
+    rigid = pm.Constraint({floor: np.ones((1000, 1)), columns: -sp.eye_array(1000)})
+    out_of_memory(
+        lambda: pm.Coupler([floor, columns], rigid, dt=0.1, coupling="pm"), "1000 constraints"
+    )
+
+
+def test_where_the_free_memory_is_unknown_nothing_is_refused(monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: None)
+    coupled().run(steps=10)
+
+
+def test_the_free_memory_is_a_plausible_number_here():
+    # /proc/meminfo or sysconf; above what this process has, below a petabyte
+    free = memory.available()
+    assert free is None or 1e6 < free < 1e15
