@@ -133,15 +133,17 @@ pma_status pma_unit_run_create(const pma_subdomain *s, pma_unit_run **out)
         return PMA_NO_MEMORY;
     r->lanes.parts = parts_in_lanes(&s->parts);
     r->lanes.update = s->update;
-    r->lam = calloc(3 * r->lanes.parts.link.p + 1, sizeof *r->lam);
-    r->end = r->lam + r->lanes.parts.link.p;
-    r->mean = r->end + r->lanes.parts.link.p;
-    const pma_status status = r->lam ? pma_response_create(&r->lanes, &r->response) : PMA_NO_MEMORY;
-    if (status == PMA_OK)
-        *out = r;
-    else
+    const size_t p = r->lanes.parts.link.p;
+    const pma_status status = pma_response_create(&r->lanes, &r->response);
+    r->lam = calloc(3 * p + 1, sizeof *r->lam);
+    if (status != PMA_OK || !r->lam) {
         pma_unit_run_destroy(r);
-    return status;
+        return PMA_NO_MEMORY;
+    }
+    r->end = r->lam + p;
+    r->mean = r->end + p;
+    *out = r;
+    return PMA_OK;
 }
 
 void pma_unit_run_destroy(pma_unit_run *r)

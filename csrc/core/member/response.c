@@ -20,18 +20,11 @@ struct pma_response {
 
 /* ---- making --------------------------------------------------------------------------------- */
 
-static size_t most(size_t a, size_t b)
-{
-    return a > b ? a : b;
-}
-
 pma_status pma_response_create(pma_subdomain *s, pma_response **out)
 {
     const size_t n = s->parts.n, nb = s->parts.nb;
     const size_t n_y = s->parts.mean ? n : 0;
-    size_t scratch = most(pma_factor_scratch(&s->parts.single.factor),
-                          s->parts.doubled ? pma_factor_scratch(&s->parts.twice.factor) : 0);
-    scratch = most(scratch, s->parts.mean ? pma_factor_scratch(&s->parts.mass) : 0);
+    const size_t scratch = pma_parts_scratch(&s->parts);
     *out = NULL;
     pma_response *r = calloc(1, sizeof *r);
     if (!r)

@@ -102,24 +102,16 @@ static size_t slab_of(const pma_subdomain *s)
     return s->reach <= NARROW * lanes && s->reach < n / 2 && !s->restores ? SLAB * lanes : n;
 }
 
-/* Numbers that the springs remember of a time level, and with the restoring function. */
-static size_t spring_numbers(const pma_parts *parts)
-{
-    return pma_springs_numbers(&parts->springs);
-}
-
+/* Of the springs and the restoring function, of a time level. */
 size_t pma_parts_memory(const pma_parts *parts)
 {
-    return spring_numbers(parts) + parts->restoring.memory;
+    return pma_springs_numbers(&parts->springs) + parts->restoring.memory;
 }
 
 static pma_status lay_out(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
-    const size_t single = pma_factor_scratch(&p->single.factor);
-    const size_t mass = p->mean ? pma_factor_scratch(&p->mass) : 0;
-    const size_t scratch =
-        most(most(single, mass), p->doubled ? pma_factor_scratch(&p->twice.factor) : 0);
+    const size_t scratch = pma_parts_scratch(p);
     const size_t extrapolated = s->extrapolates ? p->n : 0;
     const size_t history = p->internal.history;
     const size_t functions =
@@ -321,7 +313,7 @@ pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, co
 {
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
-    double *fresh = calloc(spring_numbers(p) + 1, sizeof *fresh);
+    double *fresh = calloc(pma_springs_numbers(&p->springs) + 1, sizeof *fresh);
     if (!fresh)
         return PMA_NO_MEMORY;
     memset(r, 0, p->n * sizeof(double));
@@ -353,13 +345,13 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
 {
     const size_t bytes = s->parts.n * sizeof(double);
     const pma_state *x = &s->levels.present;
-    memset(x->springs, 0, spring_numbers(&s->parts) * sizeof(double));
+    memset(x->springs, 0, pma_springs_numbers(&s->parts.springs) * sizeof(double));
     pma_springs_subtract(&s->parts.springs, u, x->springs, x->springs, x->a); /* a is scratch */
     memcpy(x->u, u, bytes);
     memcpy(x->v, v, bytes);
     memcpy(x->w, w, bytes);
     memcpy(x->a, w, bytes);
-    memcpy(x->springs + spring_numbers(&s->parts), s->remembered,
+    memcpy(x->springs + pma_springs_numbers(&s->parts.springs), s->remembered,
            s->parts.restoring.memory * sizeof(double));
     memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);

@@ -77,6 +77,16 @@ static inline double *pma_interface_of(const pma_subdomain *s, double *x)
     return x + (s->parts.n - s->parts.nb);
 }
 
+/* Doubles of scratch for each of its factors. */
+static inline size_t pma_parts_scratch(const pma_parts *p)
+{
+    const size_t single = pma_factor_scratch(&p->single.factor);
+    const size_t twice = p->doubled ? pma_factor_scratch(&p->twice.factor) : 0;
+    const size_t mass = p->mean ? pma_factor_scratch(&p->mass) : 0;
+    const size_t most = single > twice ? single : twice;
+    return most > mass ? most : mass;
+}
+
 /* ---- a substep: substep.c ------------------------------------------------------------------- */
 
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step);
