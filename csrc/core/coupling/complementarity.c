@@ -27,9 +27,10 @@ struct pma_complementarity {
     size_t *in;     /* rows: of the factor */
     size_t *wanted; /* rows: that are to push */
     size_t *active; /* rows: of the closed contacts */
-    bool *pushes;   /* rows */
-    bool *follows;  /* rows of the factor: it follows from those before */
-    double *y, *z;  /* rows */
+    size_t *top, *bottom; /* rows of the factor: where its columns begin and end */
+    bool *pushes;         /* rows */
+    bool *follows;        /* rows of the factor: it follows from those before */
+    double *y, *z;        /* rows */
     pma_cone *cone;
     size_t coned, *seen; /* closed rows of its last problem */
     size_t *at;          /* contacts+1: in the closed rows */
@@ -48,7 +49,7 @@ pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
     x->parts = *parts;
     x->rows = rows;
     x->block = calloc(rows * rows + 4 * rows + 1, sizeof(double));
-    x->in = calloc(5 * rows + 2, sizeof *x->in);
+    x->in = calloc(7 * rows + 2, sizeof *x->in);
     x->pushes = calloc(2 * rows + 1, sizeof *x->pushes);
     *out = x;
     if (!x->block || !x->in || !x->pushes || pma_cone_create(rows, &x->cone) != PMA_OK) {
@@ -65,7 +66,9 @@ pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
     x->load = x->mu + rows;
     x->factor = x->load + rows;
     x->seen = x->active + rows;
-    x->at = x->seen + rows;
+    x->top = x->seen + rows;
+    x->bottom = x->top + rows;
+    x->at = x->bottom + rows;
     return PMA_OK;
 }
 
@@ -168,6 +171,14 @@ static void factor(pma_complementarity *x, size_t n)
                                 A + end * n + begin, &ld, &one, A + end * n + end, &ld);
     }
     x->held = n;
+    for (size_t j = 0; j < n; j++) {
+        x->top[j] = 0;
+        x->bottom[j] = n;
+        while (x->top[j] < j && A[j * n + x->top[j]] == 0.0)
+            x->top[j]++;
+        while (x->bottom[j] > j + 1 && A[j * n + x->bottom[j] - 1] == 0.0)
+            x->bottom[j]--;
+    }
 }
 
 /* z (n) := A^-1 z, zero in rows that follow */
@@ -176,19 +187,19 @@ static void solve(const pma_complementarity *x, size_t n, double *z)
     const double *A = x->factor;
     for (size_t j = 0; j < n; j++) {
         z[j] = x->follows[j] ? 0.0 : z[j];
-        for (size_t i = j + 1; i < n; i++)
+        for (size_t i = j + 1; i < x->bottom[j]; i++)
             z[i] -= A[j * n + i] * z[j];
     }
     for (size_t j = n; j-- > 0;) {
         z[j] = x->follows[j] ? 0.0 : z[j] / A[j * n + j];
-        for (size_t i = 0; i < j; i++)
+        for (size_t i = x->top[j]; i < j; i++)
             z[i] -= A[j * n + i] * z[j];
     }
 }
 
 /* ---- without friction: block principal pivoting ---------------------------------------------- */
 
-/* P of W P + b = 0 in the rows that push, 0 in the others; y in all closed ones */
+/* P of W P + b = 0 in the rows that push, 0 in the others, whose y is found */
 static void solve_pushing(pma_complementarity *x, size_t count, const double *b, double *P)
 {
     size_t n = 0;
@@ -204,14 +215,18 @@ static void solve_pushing(pma_complementarity *x, size_t count, const double *b,
     for (size_t i = 0; i < n; i++)
         x->z[i] = -b[x->in[i]];
     solve(x, n, x->z);
+    size_t rest = 0;
     for (size_t i = 0; i < count; i++) {
-        P[x->active[i]] = 0.0;
-        x->y[x->active[i]] = b[x->active[i]];
+        const size_t k = x->active[i];
+        P[k] = 0.0;
+        x->y[k] = b[k];
+        if (!x->pushes[k])
+            x->wanted[rest++] = k;
     }
     for (size_t j = 0; j < n; j++) {
         P[x->in[j]] = x->z[j];
-        for (size_t i = 0; i < count; i++)
-            x->y[x->active[i]] += entry(x, x->active[i], x->in[j]) * x->z[j];
+        for (size_t i = 0; i < rest; i++)
+            x->y[x->wanted[i]] += entry(x, x->wanted[i], x->in[j]) * x->z[j];
     }
 }
 
