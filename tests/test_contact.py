@@ -116,6 +116,21 @@ def test_all_schemes_agree_on_a_ball():
         np.testing.assert_allclose(path, paths[0], atol=1e-12)
 
 
+def test_a_grazing_impact_between_two_levels_is_missed_and_has_a_small_velocity():
+    """A path that bends away by a, deeper than the floor by less than a h^2 / 8 between two levels,
+    meets it at less than a h / 2: the impulse that is missed is of order h, as of any impact."""
+    h, a, depth = 0.01, 2.0, 0.9 * 2.0 * 0.01**2 / 8.0
+    for middle, is_missed in ((0.505, True), (0.5, False)):  # between two levels, and at one
+        s = pm.Subdomain([1.0], [0.0], scheme=pm.Newmark(), force=[a], v0=[-a * middle])
+        floor = pm.contact(s, 0, gap=0.5 * a * middle**2 - depth, restitution=1.0)
+        history = pm.Coupler([s], floor, dt=h).run(1.0)
+        assert history.contacts[0].closed.any() != is_missed
+        met = np.sqrt(2.0 * a * depth)
+        exact = a * (1.0 - middle) + 2.0 * met
+        assert met < 0.5 * a * h
+        assert abs(history[0].v[-1, 0] - exact) < a * h  # (1 + e) a h / 2
+
+
 @ALL
 def test_a_ball_at_rest_pushes_with_its_weight(name):
     floor = ball(SCHEMES[name], 0.0, 2.0).contacts[0]

@@ -115,6 +115,29 @@ static void block_pivoting_solves_from_any_start(void)
     }
 }
 
+/* More rows than a block of columns, and little in each: what is not there is not read. */
+static void a_banded_matrix_is_solved(void)
+{
+    uint64_t seed = 7;
+    problem x;
+    for (size_t band = 0; band <= 5; band++) {
+        make(&x, ROWS, 0, 0, 0.02, &seed);
+        for (size_t i = 0; i < ROWS; i++) {
+            for (size_t j = 0; j < ROWS; j++) {
+                if (i > j + band || j > i + 2 * band)
+                    x.W[j * ROWS + i] = 0.0;
+            }
+            x.W[i * ROWS + i] += 4.0;
+        }
+        pma_complementarity *solver = create(&x);
+        double P[ROWS] = {0.0};
+        size_t row;
+        CHECK_STATUS(pma_complementarity_solve(solver, ROWS, x.closed, x.b, P, &row), PMA_OK);
+        check_frictionless(&x, P, SOLVED);
+        pma_complementarity_destroy(solver);
+    }
+}
+
 static void rows_that_are_open_have_no_impulse(void)
 {
     uint64_t seed = 2;
@@ -258,8 +281,13 @@ static void contacts_that_do_not_fit_are_refused(void)
 }
 
 const test CONTACT_TESTS[] = {
-    TEST(block_pivoting_solves_from_any_start), TEST(rows_that_are_open_have_no_impulse),
-    TEST(redundant_rows_have_right_sums),       TEST(sweeps_find_friction_on_a_cone),
-    TEST(friction_on_redundant_rows_is_solved), TEST(what_has_no_solution_names_a_row),
-    TEST(contacts_that_do_not_fit_are_refused), END_OF_TESTS,
+    TEST(block_pivoting_solves_from_any_start),
+    TEST(a_banded_matrix_is_solved),
+    TEST(rows_that_are_open_have_no_impulse),
+    TEST(redundant_rows_have_right_sums),
+    TEST(sweeps_find_friction_on_a_cone),
+    TEST(friction_on_redundant_rows_is_solved),
+    TEST(what_has_no_solution_names_a_row),
+    TEST(contacts_that_do_not_fit_are_refused),
+    END_OF_TESTS,
 };

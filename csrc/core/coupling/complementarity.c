@@ -119,30 +119,30 @@ static double size_with(const pma_complementarity *x, size_t count, const double
 /* ---- the factor of W in some rows: A = L U, L with a unit diagonal, without exchanges -------- */
 
 /* W need not be symmetric, but its symmetric part is positive semidefinite: pivots are not negative
- * but for rounding. Rows that follow from those before are left out. */
-static void factor_columns(pma_complementarity *x, size_t n, size_t begin, size_t end)
+ * but for rounding. Rows that follow from those before are left out; there is nothing below `low`. */
+static void factor_columns(pma_complementarity *x, size_t n, size_t begin, size_t end, size_t low)
 {
     double *A = x->factor;
     for (size_t j = begin; j < end; j++) {
         double *column = A + j * n;
         x->follows[j] = !(column[j] > LOST * entry(x, x->in[j], x->in[j]));
-        for (size_t i = j + 1; i < n; i++)
+        for (size_t i = j + 1; i < low; i++)
             column[i] = x->follows[j] ? 0.0 : column[i] / column[j];
         if (x->follows[j])
             column[j] = 1.0;
         for (size_t k = j + 1; k < end && !x->follows[j]; k++) {
             const double u = A[k * n + j];
-            for (size_t i = j + 1; i < n; i++)
+            for (size_t i = j + 1; i < low; i++)
                 A[k * n + i] -= column[i] * u;
         }
     }
 }
 
-/* U in the rows begin..end-1, right of them: what of it follows is not read */
-static void finish_rows(pma_complementarity *x, size_t n, size_t begin, size_t end)
+/* U in the rows begin..end-1, right of them up to `right`: what of it follows is not read */
+static void finish_rows(pma_complementarity *x, size_t n, size_t begin, size_t end, size_t right)
 {
     double *A = x->factor;
-    for (size_t k = end; k < n; k++) {
+    for (size_t k = end; k < right; k++) {
         for (size_t j = begin; j < end; j++) {
             const double u = A[k * n + j];
             for (size_t i = j + 1; i < end && !x->follows[j]; i++)
@@ -151,6 +151,31 @@ static void finish_rows(pma_complementarity *x, size_t n, size_t begin, size_t e
                 A[k * n + j] = 0.0;
         }
     }
+}
+
+/* Where the columns begin..end-1 of A end, at least at `end`. */
+static size_t lowest(const double *A, size_t n, size_t begin, size_t end)
+{
+    size_t low = end;
+    for (size_t j = begin; j < end; j++) {
+        size_t i = n;
+        while (i > low && A[j * n + i - 1] == 0.0)
+            i--;
+        low = i;
+    }
+    return low;
+}
+
+/* Where the rows begin..end-1 of A end, at least at `end`. */
+static size_t rightmost(const double *A, size_t n, size_t begin, size_t end)
+{
+    for (size_t k = n; k > end; k--) {
+        for (size_t i = begin; i < end; i++) {
+            if (A[(k - 1) * n + i] != 0.0)
+                return k;
+        }
+    }
+    return end;
 }
 
 static void factor(pma_complementarity *x, size_t n)
@@ -163,11 +188,12 @@ static void factor(pma_complementarity *x, size_t n)
     }
     for (size_t begin = 0; begin < n; begin += BLOCK) {
         const size_t end = n - begin < BLOCK ? n : begin + BLOCK;
-        factor_columns(x, n, begin, end);
-        finish_rows(x, n, begin, end);
-        int m = (int)(n - end), k = (int)(end - begin);
-        if (m > 0)
-            x->parts.blas.dgemm("N", "N", &m, &m, &k, &minus, A + begin * n + end, &ld,
+        const size_t low = lowest(A, n, begin, end), right = rightmost(A, n, begin, end);
+        factor_columns(x, n, begin, end, low);
+        finish_rows(x, n, begin, end, right);
+        int m = (int)(low - end), c = (int)(right - end), k = (int)(end - begin);
+        if (m > 0 && c > 0)
+            x->parts.blas.dgemm("N", "N", &m, &c, &k, &minus, A + begin * n + end, &ld,
                                 A + end * n + begin, &ld, &one, A + end * n + end, &ld);
     }
     x->held = n;
