@@ -37,7 +37,8 @@ class SubdomainHistory:
     t : (k,) array
         Times of the recorded time levels; the first is the beginning of the run.
     u, v, a : (k, dofs) arrays
-        Displacement, velocity and true acceleration (w of the equations).
+        Displacement, velocity and true acceleration (w of the equations); with contacts a is that
+        between impacts, without the mean M^-1 N^T force of `ContactHistory` over the step.
     dofs : (dofs,) array of int
         The dofs of the columns.
     deformation, force : (k, springs) arrays, or None

@@ -119,7 +119,7 @@ static double size_with(const pma_complementarity *x, size_t count, const double
 /* ---- the factor of W in some rows: A = L U, L with a unit diagonal, without exchanges -------- */
 
 /* W need not be symmetric, but its symmetric part is positive semidefinite: pivots are not negative
- * but for rounding. Rows that follow from those before are left out; there is nothing below `low`. */
+ * but for rounding. Rows that follow from those before are left out. Nothing is below `low`. */
 static void factor_columns(pma_complementarity *x, size_t n, size_t begin, size_t end, size_t low)
 {
     double *A = x->factor;
