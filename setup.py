@@ -16,11 +16,14 @@ spec = spec_from_file_location("stale", Path("pmalpha", "stale.py"))
 stale = module_from_spec(spec)
 spec.loader.exec_module(stale)
 
-if sys.platform not in ("linux", "darwin"):
-    sys.exit(f"pmalpha builds on Linux and macOS only, not on {sys.platform}.")
-
-# The stable ABI: one wheel for Python 3.11 and later. Interpreters without the GIL have none.
-STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED")
+# The stable ABI: one wheel for Python 3.11 and later. Interpreters without the GIL have none. On
+# Windows, where Microsoft's C has no atomics, setuptools links other compilers with the library of
+# one version of Python; packaging/wheels.py makes wheels for Windows elsewhere.
+STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED") and sys.platform != "win32"
+OPTIONS = {
+    "bdist_wheel": {"py_limited_api": "cp311"} if STABLE else {},
+    "build_ext": {"compiler": "mingw32"} if sys.platform == "win32" else {},
+}
 
 
 class Build(build_ext):
@@ -50,7 +53,7 @@ class Build(build_ext):
 
 setup(
     cmdclass={"build_ext": Build},
-    options={"bdist_wheel": {"py_limited_api": "cp311"}} if STABLE else {},
+    options=OPTIONS,
     ext_modules=[
         Extension(
             "pmalpha._core",

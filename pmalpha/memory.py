@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
 from pathlib import Path
 
 # Requests below this number of bytes are not checked, which would take longer than they do.
@@ -39,10 +41,20 @@ def _free_of_machine() -> int | None:
                 return int(line.split()[1]) * 1024
     except OSError:
         pass
+    if sys.platform == "win32":
+        return _free_of_windows()
     try:  # macOS does not report free memory: the total
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (OSError, ValueError):
         return None
+
+
+def _free_of_windows() -> int | None:
+    """What GlobalMemoryStatusEx reports as free physical memory."""
+    numbers = (ctypes.c_uint64 * 8)()  # length and load in the first, total, free, ...
+    numbers[0] = ctypes.sizeof(numbers)
+    library = getattr(ctypes, "windll").kernel32  # noqa: B009, for mypy on other systems
+    return int(numbers[2]) if library.GlobalMemoryStatusEx(numbers) else None
 
 
 def _free_of_group() -> int | None:

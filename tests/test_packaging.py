@@ -119,10 +119,15 @@ def test_files_name_the_version_that_wrote_them(tmp_path):
         assert file.attrs["pmalpha_version"] == pm.__version__
 
 
-def test_the_recipe_has_the_version_and_the_requirements_of_the_package():
+def test_recipe_citation_and_changelog_have_the_version_and_the_requirements_of_the_package():
     recipe, project = (ROOT / "conda" / "recipe.yaml").read_text(), PYPROJECT.read_text()
     version = re.search(r'^version = "(.*?)"', project, re.MULTILINE)[1]
     assert f'version: "{version}"' in recipe
+    (date,) = re.findall(
+        rf"^## \[{version}\] - (\d{{4}}-\d\d-\d\d)$", (ROOT / "CHANGELOG.md").read_text(), re.M
+    )
+    cited = (ROOT / "CITATION.cff").read_text()
+    assert f"version: {version}\ndate-released: {date}\n" in cited
     listed = set(re.findall(r"\b(numpy|scipy|threadpoolctl|pymetis)>=([\d.]+)", project))
     for name, lowest in listed - {("numpy", "2")}:
         assert f"    - {name} >={lowest}\n" in recipe, name

@@ -17,6 +17,7 @@ from test_binding import interrupt_at_entry, long_run
 import pmalpha as pm
 from pmalpha import models
 from pmalpha.results import history_file, recording
+from pmalpha.results.ring import MonitorFile
 
 h5py = pytest.importorskip("h5py")
 ROOT = Path(__file__).parent.parent
@@ -510,6 +511,36 @@ def test_the_descriptor_of_the_file_is_released(tmp_path):
         with pytest.raises(OSError):
             coupler.run(steps=3, record_to=tmp_path)
     assert open_files() == before
+
+
+def test_a_system_without_pwrite_writes_the_same_file(tmp_path, monkeypatch):
+    monkeypatch.delattr(os, "pwrite")  # as on Windows
+    monkeypatch.setattr(recording, "FILED_BYTES", 1.0)  # every macro step
+    ours, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
+    ours.run(steps=20, record_to=tmp_path / "run.h5")
+    require_identical(pm.History.load(tmp_path / "run.h5"), other.run(steps=20))
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="counts the open files of Linux")
+def test_no_file_is_open_or_mapped_when_it_is_renamed(tmp_path, monkeypatch):
+    renamed, replace = [], os.replace  # Windows refuses to rename those that are
+
+    def checked(old, new):
+        links = [os.path.join("/proc/self/fd", number) for number in os.listdir("/proc/self/fd")]
+        there = {os.readlink(link) for link in links if os.path.islink(link)}
+        mapped = Path("/proc/self/maps").read_text()
+        assert str(old) not in there and str(old) not in mapped
+        renamed.append(Path(new).name)
+        replace(old, new)
+
+    monkeypatch.setattr(os, "replace", checked)
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
+    coupler.run(steps=3, record_to=tmp_path / "run.h5").save(tmp_path / "run.npz")
+    monitor = MonitorFile(
+        tmp_path / "live", 3, {"dofs": {"A": [0]}, "period": 1.0, "t0": 0.0, "h": 1.0}
+    )
+    monitor.close()
+    assert renamed == ["run.h5", "run.npz", "live"]
 
 
 def test_rows_are_counted_as_the_core_counts_them():

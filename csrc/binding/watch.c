@@ -2,16 +2,20 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include <time.h>
+#include "workers/thread.h"
+
+#if defined(_WIN32)
+#include <io.h>
+#include <windows.h>
+#else
 #include <unistd.h>
+#endif
 
 enum { WATCH_MILLISECONDS = 50 };
 
 long long pma_watch_milliseconds(void)
 {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (long long)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+    return pma_timer_now() / 1000000;
 }
 
 /* ---- the GIL ------------------------------------------------------------------------------ */
@@ -64,12 +68,28 @@ static int check_signals(void *ctx)
     return PyErr_Occurred() || PyErr_CheckSignals() < 0 || report_fails(ctx);
 }
 
-/* Is anything written in the file? Does not wait. */
+#if defined(_WIN32)
+
+/* Is anything written in the pipe, if there is one? Does not wait, for which no flag is needed. */
+static bool has_arrived(int fd)
+{
+    char buffer[64];
+    DWORD count = 0;
+    if (fd < 0 || !PeekNamedPipe((HANDLE)_get_osfhandle(fd), NULL, 0, NULL, &count, NULL))
+        return false;
+    return count > 0 && _read(fd, buffer, count < sizeof buffer ? count : sizeof buffer) > 0;
+}
+
+#else
+
+/* The same; the file does not block. */
 static bool has_arrived(int fd)
 {
     char buffer[64];
     return read(fd, buffer, sizeof buffer) > 0;
 }
+
+#endif
 
 bool pma_watch_signals(void *ctx)
 {

@@ -153,9 +153,9 @@ class HistoryFile:
                     pool.submit(self._allocate, h5py, layout, arrays, end).result()
             except (OverflowError, RuntimeError, ValueError) as error:  # too large for HDF5
                 raise OSError(errno.EFBIG, str(error)) from error
-            self.descriptor = os.dup(file.fileno())
+            self.descriptor = file.fileno()
             try:
-                os.truncate(self.descriptor, layout.size)
+                os.ftruncate(self.descriptor, layout.size)
                 for offset, piece in layout.pieces:
                     self._write_at(np.frombuffer(piece, np.uint8), offset)
                 self._write_rows(
@@ -163,9 +163,10 @@ class HistoryFile:
                     lambda name: 0,
                 )
                 self._write_step(start)
-            except BaseException:
-                self.close()
-                raise
+            finally:
+                self.descriptor = -1
+        # opened again, since Windows renames no open file
+        self.descriptor = os.open(self.path, os.O_RDWR | getattr(os, "O_BINARY", 0))
 
     def _allocate(
         self, h5py: ModuleType, layout: Layout, arrays: Mapping[Any, Any], end: int
@@ -221,8 +222,14 @@ class HistoryFile:
     def _write_at(self, array: np.ndarray, offset: int) -> None:
         left = array.reshape(-1).view(np.uint8).data
         while len(left):
-            done = os.pwrite(self.descriptor, left[:LONGEST_WRITE], offset)
+            done = self._write_some(left[:LONGEST_WRITE], offset)
             left, offset = left[done:], offset + done
+
+    def _write_some(self, piece: Any, offset: int) -> int:
+        if hasattr(os, "pwrite"):
+            return os.pwrite(self.descriptor, piece, offset)
+        os.lseek(self.descriptor, offset, os.SEEK_SET)  # one thread at a time writes
+        return os.write(self.descriptor, piece)
 
     def close(self) -> None:
         if self.descriptor >= 0:

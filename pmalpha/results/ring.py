@@ -203,11 +203,10 @@ class MonitorFile:
             raise ValueError(f"a monitor has names and dofs in {HEADER} bytes, got {len(text)}")
         path = checked_path(path, "path")
         new = path.with_name(f"{path.name}.{os.getpid()}")
-        with open(new, "w+b") as file:
-            file.write(text.ljust(HEADER - 8) + bytes(8 + 8 * rows * columns))
-            file.flush()
+        new.write_bytes(text.ljust(HEADER - 8) + bytes(8 + 8 * rows * columns))
+        os.replace(new, path)  # before it is open, with which Windows does not rename it
+        with open(path, "r+b") as file:
             self.map = mmap.mmap(file.fileno(), 0)
-        os.replace(new, path)
         self.count = np.ndarray(1, dtype="<i8", buffer=self.map, offset=HEADER - 8)
         self.table = np.ndarray((rows, columns), dtype="<f8", buffer=self.map, offset=HEADER)
 

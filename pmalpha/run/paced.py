@@ -94,8 +94,8 @@ def _locked(lock_memory: bool) -> Iterator[None]:
     if not lock_memory:
         yield
         return
-    library = ctypes.CDLL(None, use_errno=True)
-    if not hasattr(library, "mlockall"):
+    library = None if sys.platform == "win32" else ctypes.CDLL(None, use_errno=True)
+    if library is None or not hasattr(library, "mlockall"):
         raise OSError(f"lock_memory must be False on {sys.platform}, which has no mlockall")
     if library.mlockall(MCL_CURRENT | MCL_FUTURE) != 0:
         number = ctypes.get_errno()
@@ -143,8 +143,9 @@ def signals_written() -> Iterator[int]:
         return
     read, write = os.pipe()
     try:
-        os.set_blocking(read, False)
-        os.set_blocking(write, False)
+        if sys.platform != "win32":  # where the core looks whether anything has arrived
+            os.set_blocking(read, False)
+            os.set_blocking(write, False)
         before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
         try:
             yield read

@@ -185,11 +185,25 @@ int64_t pma_timer_now(void)
     return (int64_t)(1e9 * ((double)count.QuadPart / (double)second.QuadPart));
 }
 
+#if !defined(CREATE_WAITABLE_TIMER_HIGH_RESOLUTION) /* of Windows 10, 1803 */
+#define CREATE_WAITABLE_TIMER_HIGH_RESOLUTION 2
+#endif
+
+/* Sleep would wake at the next tick of the system, every 15.6 ms as a rule. */
 void pma_timer_sleep(int64_t until)
 {
     const int64_t left = until - pma_timer_now();
-    if (left > 0)
+    const LARGE_INTEGER due = {.QuadPart = -(left / 100)}; /* from now on, in 100 ns */
+    if (left <= 0)
+        return;
+    HANDLE timer =
+        CreateWaitableTimerExW(NULL, NULL, CREATE_WAITABLE_TIMER_HIGH_RESOLUTION, TIMER_ALL_ACCESS);
+    if (timer && SetWaitableTimer(timer, &due, 0, NULL, NULL, FALSE))
+        WaitForSingleObject(timer, INFINITE);
+    else
         Sleep((DWORD)((left + 999999) / 1000000));
+    if (timer)
+        CloseHandle(timer);
 }
 
 #else

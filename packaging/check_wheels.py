@@ -1,0 +1,116 @@
+"""Checks wheels without running them: python packaging/check_wheels.py build/wheels
+
+Of each: the tag, the record, the same files as in the others but for the extension, the stable ABI
+(abi3audit), and that the extension takes from the system only what its oldest version has.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import lief
+import ziglang
+from wheels import PLATFORMS, STABLE_ABI, record
+
+lief.logging.disable()
+
+# Libraries that each system has, beside python3.dll.
+LIBRARIES = {
+    "manylinux": r"lib(c\.so\.6|m\.so\.6|pthread\.so\.0)|ld-linux-(aarch64\.so\.1|x86-64\.so\.2)",
+    "musllinux": r"libc\.so",
+    "macosx": r"/usr/lib/libSystem\.B\.dylib",
+    "win": r"python3\.dll|KERNEL32\.dll|api-ms-win-crt-\w+-l1-1-0\.dll",
+}
+GLIBC = (2, 17)
+OF_LINKERS = {"", "init", "fini", "__dso_handle", "_mh_dylib_header", "mh_dylib_header"}
+PROCESSORS = {
+    "x86_64": ("X86_64", "AMD64"),
+    "amd64": ("X86_64", "AMD64"),
+    "aarch64": ("AARCH64",),
+    "arm64": ("ARM64",),
+}
+
+
+def require(holds: bool, message: str) -> None:
+    if not holds:
+        sys.exit(f"refused: {message}")
+
+
+def of_elf(binary: lief.ELF.Binary, system: str) -> set[str]:
+    """What is taken from the system; glibc names the version that each symbol needs."""
+    undefined = [s for s in binary.dynamic_symbols if s.shndx == 0 and s.name]
+    for symbol in undefined:
+        version = symbol.symbol_version
+        if version is not None and version.has_auxiliary_version:
+            name = version.symbol_version_auxiliary.name
+            found = tuple(map(int, re.findall(r"\d+", name)))
+            require(name.startswith("GLIBC_") and found <= GLIBC, f"{symbol.name} of {name}")
+    if system == "musllinux":
+        known = Path(ziglang.__file__).parent / "lib" / "libc" / "musl" / "libc.S"
+        there = set(re.findall(r"^(\w+):", known.read_text(), re.MULTILINE))
+        weak = {s.name for s in undefined if s.binding == lief.ELF.Symbol.BINDING.WEAK}
+        missing = {s.name for s in undefined} - there - weak - set(STABLE_ABI)
+        require(not missing, f"musl has no {sorted(missing)}")
+    return {symbol.name for symbol in undefined}
+
+
+def of_macho(binary: lief.MachO.Binary) -> set[str]:
+    """Python's names are found at run time; all others have to be of a library that is linked."""
+    require(binary.build_version.minos[:2] == [11, 0], f"for macOS {binary.build_version.minos}")
+    for symbol in binary.imported_symbols:
+        python = symbol.name[1:] in STABLE_ABI
+        named = symbol.has_binding_info and symbol.binding_info.has_library
+        require(python or named, f"{symbol.name} is of no library")
+    return {symbol.name[1:] for symbol in binary.imported_symbols}
+
+
+def check_extension(content: bytes, tag: str) -> int:
+    """The number of names that the extension takes from Python and the system."""
+    system, processor = tag.split("_")[0], tag.split("_", 1)[1]
+    binary = lief.parse(content)
+    libraries = {getattr(library, "name", library) for library in binary.libraries}
+    for name in libraries - {"@rpath/_core.abi3.so"}:  # its own name, on macOS
+        require(bool(re.fullmatch(LIBRARIES[system], name)), f"{tag} needs {name}")
+    if isinstance(binary, lief.ELF.Binary):
+        taken, machine = of_elf(binary, system), binary.header.machine_type
+    elif isinstance(binary, lief.MachO.Binary):
+        taken, machine = of_macho(binary), binary.header.cpu_type
+    else:  # the import library had the names of the stable ABI only
+        taken, machine = {i.name for d in binary.imports for i in d.entries}, binary.header.machine
+    kinds = next(kinds for name, kinds in PROCESSORS.items() if processor.endswith(name))
+    require(machine.name in kinds, f"{tag} is for {machine.name}")
+    exported = {f.name.removeprefix("_") for f in binary.exported_functions} - OF_LINKERS
+    require(exported == {"PyInit__core"}, f"{tag} exports {sorted(exported)[:5]}")
+    return len(taken)
+
+
+def contents(path: Path, tag: str) -> dict[str, bytes]:
+    """The files that are the same in all wheels; the others are checked."""
+    extension = f"pmalpha/{PLATFORMS[tag].extension}"
+    with zipfile.ZipFile(path) as whole:
+        files = {name: whole.read(name) for name in whole.namelist()}
+    (info,) = {name.split("/")[0] for name in files if ".dist-info/" in name}
+    require(files.pop(f"{info}/RECORD") == record(files, info), f"the record of {path.name}")
+    said = files.pop(f"{info}/WHEEL").decode()
+    require(f"Tag: cp311-abi3-{tag}\n" in said, f"{path.name} says {said!r}")
+    count = check_extension(files.pop(extension), tag)
+    print(f"{path.name}: {path.stat().st_size} bytes, {count} names from outside")
+    return files
+
+
+def main(folder: Path) -> None:
+    wheels = sorted(folder.glob("*.whl"))
+    found = [contents(path, path.stem.split("-abi3-")[1]) for path in wheels]
+    require(bool(found), f"no wheel in {folder}")
+    for path, files in zip(wheels, found):
+        require(files == found[0], f"{path.name} has other files than {wheels[0].name}")
+    audit = Path(sys.executable).with_name("abi3audit")
+    subprocess.run([audit, "--strict", "--assume-minimum-abi3", "3.11", *wheels], check=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
