@@ -17,7 +17,7 @@ MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timi
               $(wildcard benchmarks/*.py))
 
 # what is tested with an extension under sanitizers
-SANITIZED := test_binding test_snapshot test_rig_delays
+SANITIZED := test_binding test_binding_arrays test_binding_panels test_binding_threads test_snapshot test_rig_delays
 RACES     := test_threads test_waiting
 LIBRARY    = $(shell $(CC) -print-file-name=$(1))
 

@@ -11,7 +11,7 @@ from threading import Barrier, Lock
 
 import numpy as np
 import pytest
-from test_binding import started
+from core_objects import started
 
 import pmalpha as pm
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import waits
 from problems import random_problem
-from test_binding import interrupt_at_entry, long_run
+from test_binding_threads import interrupt_at_entry, long_run
 
 import pmalpha as pm
 from pmalpha import models

@@ -1,0 +1,124 @@
+"""Objects of the C extension and their arguments, to be replaced one by one by invalid ones."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import waits
+from scipy.linalg import cython_blas
+
+from pmalpha import _core
+
+
+def i64(*x):
+    return np.array(x, dtype=np.int64)
+
+
+def i32(*x):
+    return np.array(x, dtype=np.int32)
+
+
+def f64(*x):
+    return np.array(x, dtype=np.float64)
+
+
+def operator(n=2, h=0.1):
+    """(h, inverse, R) of a unit matrix."""
+    return h, np.ones(n), None
+
+
+def subdomain_arguments(**others):
+    """Two masses, the last one in the only constraint; trapezoidal rule."""
+    parts = {"n": 2, "nb": 1, "substeps": 1, "K": f64(4.0, 9.0), "C": None}
+    h = 0.1 / max(others.get("substeps", 1), 1)  # of a macro step of 0.1
+    parts |= {"scheme": (0.0, 0.0, 0.25, 0.5), "single": operator(h=h), "twice": None}
+    parts |= {"link": (1, i64(0, 1), i32(0), f64(1.0))}
+    return parts | others
+
+
+def subdomain(**others):
+    return _core.Subdomain(**subdomain_arguments(**others))
+
+
+ONE = (np.ones(1), None)  # the factor of a 1 x 1 unit matrix
+NONE = (np.empty(0), None)
+
+
+def coupler_arguments(**others):
+    parts = {"subdomains": (subdomain(),), "p": 1, "H_start": ONE, "H": ONE}
+    return parts | {"dt": 0.1, "rebased": True, "motions": ()} | others
+
+
+def coupler(**others):
+    return _core.Coupler(**coupler_arguments(**others))
+
+
+def started(motions=(), subdomains=None, **of_subdomain):
+    """A coupler of one subdomain that moves, and the subdomain."""
+    s = subdomain(**of_subdomain) if subdomains is None else subdomains[0]
+    c = coupler(subdomains=(s,) if subdomains is None else subdomains, motions=motions)
+    s.start(f64(1.0, 0.5), f64(0.0, 0.25), f64(-4.0, -4.5), np.zeros(1))
+    c.start(0, np.zeros(1), np.zeros(1))
+    return c, s
+
+
+def record(rows=11, *, macro_rows=None, begin=0, every=0, parts=1, p=1, position=(0, 1), **others):
+    """(begin, every, nodes, multipliers, velocity jump, displacement jump)"""
+    columns = len(position)
+
+    def nodes():
+        given = {x: np.zeros((rows, columns)) for x in "uvw"} | {"position": i64(*position)}
+        given |= others
+        return tuple(given[x] for x in ("position", "u", "v", "w"))
+
+    macro = rows if macro_rows is None else macro_rows
+    jumps = np.zeros((rows, p)), np.zeros((rows, p)), np.zeros((macro, p))
+    return (begin, every, tuple(nodes() for _ in range(parts)), *jumps)
+
+
+def in_a_process(code):
+    """The output of another Python process with these helpers; its death by a signal fails."""
+    head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+    head += "import gc, signal, threading\nimport numpy as np, scipy.sparse as sp, waits\n"
+    head += "from core_objects import *\nfrom pmalpha import _core\n"
+    done = subprocess.run(
+        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=waits.LIMIT
+    )
+    assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-500:]}"
+    return done.stdout + done.stderr
+
+
+REFUSED = (TypeError, ValueError, OverflowError)  # never SystemError, which is a bug of the binding
+
+
+def check_refused(call):
+    with pytest.raises(REFUSED):
+        call()
+
+
+def panels_of(A, nb=0):
+    """A matrix and the arguments of factor_panels for it."""
+    S = sp.csr_array(A)
+    matrix = S.indptr.astype(np.int64), S.indices.astype(np.int32), S.data
+    structure = _core.supernodes(*matrix[:2], nb)
+    return matrix, structure, np.zeros(structure[3][-1]), np.zeros(S.shape[0])
+
+
+BLAS = tuple(cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
+SPD = 4.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1)
+# two full blocks, coupled by their last dofs: two supernodes, the first with rows below
+TWO_BLOCKS = np.kron(np.eye(2), np.ones((60, 60))) + 200.0 * np.eye(120)
+TWO_BLOCKS[50:60, 110:] = TWO_BLOCKS[110:, 50:60] = 1.0
+
+
+def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS, threads=2):
+    return _core.factor_panels(matrix, structure, values, inverse, lost, 1e8, *blas, threads)
+
+
+def read_only(*shape):
+    array = np.zeros(shape)
+    array.flags.writeable = False
+    return array
