@@ -25,7 +25,7 @@ from reference import State, Subdomain
 
 EPS = np.finfo(float).eps
 SHARE = 0.1  # of the largest force, below which no row has to be balanced (N7)
-UNKNOWN, MARGIN = 1e3, 10.0  # what is left where the rate is not known; of a predicted residual
+UNKNOWN, MARGIN = 1e3, 10.0  # what is left where the rate is not known; of an expected residual
 
 # ---- the problem ----------------------------------------------------------------------------
 
@@ -128,6 +128,7 @@ class Trial:
     def move(self, w, Lam):
         """Take the iterate w with the multipliers Lam; it is not yet evaluated."""
         self.w, self.Lam, self.R = w, Lam, None
+        self.energy = None  # of the correction that led here, if it is the whole one
 
     def displacement(self, w):
         return self.ut + self.al1 * w  # (8)
@@ -189,6 +190,8 @@ class Trial:
         du = self.displacement(self.w + dw) - self.old.u
         self.residual = self.part(load)
         energy = abs(self.al1 * dw @ load)
+        theta = np.sqrt(energy / self.energy) if self.energy else None
+        self.expected = min(1.0, MARGIN * rate_of(theta)) * self.residual
         return dw, energy, du @ self.member.tangent @ du / self.al1
 
     def closed(self):
@@ -378,6 +381,8 @@ class Iteration:
         last.slope = sum(x.al2 * dw @ x.R for x, (dw, _) in zip(trials, change, strict=True))
         self.last, self.tied = (last if self.tied else None), True
         self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
+        for x, energy in zip(trials, self.energies, strict=True):
+            x.energy = energy
         self.e, self.due = e, theta is not None and theta > 0.2
         motions = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
         motion = np.sqrt(sum(motions))
@@ -385,10 +390,9 @@ class Iteration:
             new if new > -100.0 * x.member.scale else old
             for x, old, new in zip(trials, self.scales, motions, strict=True)
         ]
-        residual = max(x.residual for x in trials)
-        rate, tol = rate_of(theta), self.newton.tol
-        self.close = rate * e <= tol * motion
-        balanced = fresh and min(1.0, MARGIN * rate) * residual <= tol
+        tol = self.newton.tol
+        self.close = rate_of(theta) * e <= tol * motion
+        balanced = fresh and max(x.expected for x in trials) <= tol
         return self.accepts((theta is not None and rounding) or (self.close and balanced))
 
 

@@ -6,9 +6,8 @@
 #define SLOW 0.2
 
 /* Where nothing is known of the next correction, or corrections hardly fall, what is left counts
- * this many times; and the residual ten times what is left of it.                          (N7) */
+ * this many times.                                                                         (N7) */
 #define UNKNOWN 1e3
-#define MARGIN 10.0
 
 /* Where the slope along a correction has grown to this part of the one before it, with the other
  * sign, the correction is too long; it is shortened to half that.                          (N10) */
@@ -39,15 +38,19 @@ typedef struct {
 
 /* ---- (N7)  is what is left small enough? ---------------------------------------------------- */
 
+double pma_newton_rate(double theta)
+{
+    return theta < 1.0 ? fmin(theta / (1.0 - theta), UNKNOWN) : UNKNOWN;
+}
+
 /* After a correction with the root energy e, theta of the one before. */
 static bool is_accepted(iteration *it, const pma_measure *m, double theta, bool fresh)
 {
     const double tolerance = it->newton->tolerance;
-    const double rate = theta < 1.0 ? fmin(theta / (1.0 - theta), UNKNOWN) : UNKNOWN;
-    it->close = rate * sqrt(m->correction) <= tolerance * sqrt(m->motion);
+    it->close = pma_newton_rate(theta) * sqrt(m->correction) <= tolerance * sqrt(m->motion);
     if (it->e > 0.0 && it->at.residual == 0.0)
         return true; /* (N8) */
-    return it->close && fresh && fmin(1.0, MARGIN * rate) * m->residual <= tolerance;
+    return it->close && fresh && m->residual <= tolerance;
 }
 
 /* ---- (N10)  line search --------------------------------------------------------------------- */

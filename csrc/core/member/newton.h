@@ -23,7 +23,7 @@ typedef struct {
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
     double slope; /* al2 dw . R: of the last correction at the iterate, of one at its beginning */
     double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8);
-                        before a correction with L^T dLam */
+                        of a correction: what is expected to be left of it */
 } pma_measure;
 
 static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
@@ -48,6 +48,10 @@ typedef struct {
     /* The residuals of this substep are rounding, and such of their size are from now on. (N9) */
     void (*remember_rounding)(void *ctx);
 } pma_equations;
+
+/* What is left after a correction, in parts of it; theta: its ratio to the one before it, infinite
+ * where there is none.                                                                     (N7) */
+double pma_newton_rate(double theta);
 
 /* Iterates until residual and error are below the tolerance. PMA_NOT_CONVERGED, or what an
  * operation comes back with.

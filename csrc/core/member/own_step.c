@@ -13,6 +13,9 @@
 /* No row has to be nearer to balance than this part of the largest own force asks for.      (N7) */
 #define SHARE 0.1
 
+/* Of a residual this many times as much may be left as of a correction.                     (N7) */
+#define SLOWER 10.0
+
 /* Rounding to come in its energy, and the part of the forces below which none is seen.      (N9) */
 #define MARGIN 100.0
 #define BALANCED 1e-6
@@ -111,6 +114,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     it->motion = it->scale;
     it->singular = SIZE_MAX;
     it->linearized = it->begun = false;
+    it->measure.correction = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
     memcpy(it->springs_n, from->springs, pma_iterate_spring_numbers(it) * sizeof(double));
@@ -133,6 +137,7 @@ static void restart(void *self, const double *lam)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
     it->linearized = false;
+    it->measure.correction = 0.0;
     memcpy(iterate_of(it)->w, it->guess, it->of->parts.n * sizeof(double));
     load_interface(it, lam, it->pull);
 }
@@ -142,6 +147,7 @@ static void move(void *self, double by)
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
     double *w = iterate_of(it)->w;
     it->linearized = false;
+    it->measure.correction = 0.0; /* another one than that whose energy is known */
     for (size_t i = 0; i < it->of->parts.n; i++)
         w[i] += by * it->dw[i];
 }
@@ -361,10 +367,13 @@ static void correct(void *self, const double *lam, pma_measure *m)
         it->u[i] = x->u[i] + c->al1 * x->w[i];
     }
     const double step = dot(n, it->dw, it->R), s2 = motion(it, c->al1);
-    it->left = it->measure.residual = largest_part(it);
+    const double e2 = fabs(c->al1 * step), before = it->measure.correction;
+    const double rate = pma_newton_rate(before > 0.0 ? sqrt(e2 / before) : INFINITY);
+    it->left = largest_part(it);
+    it->measure.residual = fmin(1.0, SLOWER * rate) * it->left;
     if (s2 > MARGIN * -it->scale)
         it->motion = fmax(it->scale, s2);
-    it->measure.correction = fabs(c->al1 * step);
+    it->measure.correction = e2;
     it->measure.motion = fmax(it->scale, s2);
     it->measure.slope = c->al2 * step;
     *m = it->measure;

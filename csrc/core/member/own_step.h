@@ -21,7 +21,7 @@ struct pma_iterate {
 
     double scale, motion;  /* energy of the largest motion so far, or less that of rounding (N9);
                               with the iterate */
-    double left;           /* measure.residual of the last correction */
+    double left;           /* the residual that the last correction began with, with L^T dLam */
     pma_measure measure;   /* of the residual at the iterate, and of the last correction */
     bool begun;            /* the substep has a residual: its forces are those of the first */
     double scale_present;  /* the same at the present */
