@@ -258,6 +258,33 @@ def test_other_steps_that_grow_are_warned_of_where_the_radius_is_cheap():
     assert radius(coupler) > 1.01
 
 
+def driven_shaft(schemes, dt, circulatory):
+    """A shaft of two masses with inner damping: K is unsymmetric, and the whirl grows."""
+    made = []
+    for k, scheme in enumerate(schemes):
+        K = 2.0 * np.eye(2) + circulatory * np.array([[0.0, 1.0], [-1.0, 0.0]])
+        options = dict(scheme=scheme, symmetric=False, substeps=2 - k, name="AB"[k])
+        made.append(pm.Subdomain(np.ones(2), K, 0.02 * np.eye(2), **options))
+    return coupled((made, pm.tie(made[0], [0, 1], made[1], [0, 1])), dt)
+
+
+def test_growth_of_the_structure_itself_is_not_that_of_the_steps():
+    """Warnings are errors here."""
+    coupler = driven_shaft((ALPHA(0.5), ALPHA(0.5)), 0.1, 0.4)
+    # u'' + 0.02 u' + (2 - 0.4 i) u = 0 for u_x + i u_y
+    exact = np.exp(0.1 * np.max(np.roots([1.0, 0.02, 2.0 - 0.4j]).real))
+    assert exact > 1.01
+    # the damping of the scheme takes a twentieth of it at 44 steps a period
+    np.testing.assert_allclose(np.log(radius(coupler)), np.log(exact), rtol=0.1)
+
+
+def test_growth_that_the_steps_add_to_that_of_a_structure_is_warned_of():
+    with pytest.warns(pm.StabilityWarning, match="of which .* is the growth of the structure"):
+        coupler = driven_shaft((pm.Newmark(), pm.CentralDifference()), 1.4, 0.06)
+    exact = np.exp(1.4 * np.max(np.roots([1.0, 0.02, 2.0 - 0.06j]).real))
+    assert radius(coupler) > 1.02 > exact
+
+
 def test_subdomains_without_constraints_are_not_warned_of():
     made = [pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), substeps=s) for s in (1, 2)]
     pm.Coupler(made, dt=0.3, coupling="gc", drift="removed")

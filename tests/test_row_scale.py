@@ -212,3 +212,13 @@ def test_messages_have_the_rows_of_the_user():
     rows = pm.Constraint({a: [[100.0]], b: [[-100.0]]})
     with pytest.warns(pm.ConstraintWarning, match="row 0: 100$"):
         pm.Coupler([a, b], rows, dt=0.1, coupling="pm")
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-310])
+def test_a_row_too_small_for_its_multiplier_is_refused_by_name(size):
+    a, b = (pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name=x) for x in "ab")
+    tie = pm.Constraint({a: [[1.0]], b: [[-1.0]]})
+    small = pm.Constraint({a: [[size]]})
+    words = rf"at least 1e-300, got {size:g} in row 1 \(row 0 of constraint 1\)"
+    with pytest.raises(pm.ConstraintError, match=words):
+        pm.Coupler([a, b], [tie, small], dt=0.1, coupling="gc")

@@ -287,7 +287,7 @@ class Assemblies:
             return  # nothing is coupled; or it is one macro step
         rows = CoreRows(self.row_position, np.ones(p))
         kinds = {"in_lanes": not self.tied, "alone": self.ranks is None}
-        warn_of_growth(doubts, otherwise, parts, core, self.coupling, rows, **kinds)
+        warn_of_growth(doubts, otherwise, parts, core, self.coupling, rows, layout.dt, **kinds)
 
     def _threads_of_tangents(self, parts: Sequence[Part]) -> int:
         """The maximum number of threads that factor a tangent: subdomains whose tangents are large

@@ -29,9 +29,22 @@ AT_ONCE = 100
 # Tolerance of the initial velocities in a constraint, relative to its terms: the rounding of
 # velocities that were computed.
 ROUNDING = 1e-9
+# The largest number of a row, at least: its multiplier is the force divided by it.
+TINY = 1e-300
 # The same relative to the largest velocity anywhere, for the end of a pulse that only rounding
 # carries to an interface.
 FAR = 1e-13
+
+
+def require_sizes(L: sp.csc_array, name: Callable[[int], str]) -> None:
+    """ConstraintError for a row whose multiplier would not be finite."""
+    sizes = row_sizes(sp.csr_array(L))
+    row = int(np.argmin(sizes))
+    if 0.0 < sizes[row] < TINY:
+        raise ConstraintError(
+            f"the largest number of a constraint must be at least {TINY:g}, got {sizes[row]:g} in "
+            f"row {name(row)}; a multiple of a constraint is the same one"
+        )
 
 
 def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
@@ -245,6 +258,7 @@ class ConstraintRows:
         begins = np.cumsum([0] + [s.n for s in subdomains])
         whole = self._stacked(constraints, begins)
         if constraints:
+            require_sizes(whole, self.name)
             require_independent(sp.csr_array(whole), self.name)
         self._sizes = np.zeros(self.p)  # the largest entry of each row
         np.maximum.at(self._sizes, whole.indices, np.abs(whole.data))
