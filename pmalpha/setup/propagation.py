@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 
 from .._core import LANES
 from ..errors import InstabilityError, StabilityWarning, warn
@@ -181,15 +180,17 @@ def growth_of_structure(parts: Sequence[Part]) -> float:
 
     That is the largest real part of z with (z^2 M + z C + K) u = 0, L u = 0.
     """
+    from scipy.linalg import block_diag, eigvals, null_space
+
     M, C, K = (
-        scipy.linalg.block_diag(*(np.zeros((n, n)) if A is None else dense(A) for A, n in own))
+        block_diag(*(np.zeros((n, n)) if A is None else dense(A) for A, n in own))
         for own in ([(getattr(p.subdomain, name), p.n) for p in parts] for name in "MCK")
     )
     L = np.hstack([part.L.matrix[:, part.position].toarray() for part in parts])
-    Z = scipy.linalg.null_space(L)
+    Z = null_space(L)
     M, C, K = (Z.T @ A @ Z for A in (M, C, K))
     one, zero = np.eye(len(K)), np.zeros_like(K)
-    z = scipy.linalg.eigvals(np.block([[zero, one], [-K, -C]]), np.block([[one, zero], [zero, M]]))
+    z = eigvals(np.block([[zero, one], [-K, -C]]), np.block([[one, zero], [zero, M]]))
     z = z[np.isfinite(z)]  # dofs without mass
     # double eigenvalues, rigid motions and their drift among them, to the root of the rounding
     rounding = ROOT * float(np.max(np.abs(z), initial=0.0))
