@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from numbers import Real
 from typing import Any
 
@@ -92,6 +92,13 @@ def check_word(value: Any, name: str, words: Sequence[str]) -> None:
     """ValueError unless the value is one of these words."""
     if not isinstance(value, str) or value not in words:
         raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
+
+
+def listed(values: Any, name: str, what: str) -> list[Any]:
+    """The items of an iterable that is no array."""
+    if not isinstance(values, Iterable) or hasattr(values, "ndim"):
+        raise TypeError(f"{name} must be {what}, got {values!r}")
+    return list(values)
 
 
 def plain_array(value: Any, name: str) -> np.ndarray:

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from inspect import signature
 from pathlib import Path
 from threading import local
 from types import FrameType
@@ -33,6 +34,13 @@ __all__ = [
 
 class PmalphaError(Exception):
     """Base class of the errors of pmalpha, other than plain ``ValueError`` and ``TypeError``."""
+
+
+class _Made(PmalphaError):
+    """An error that is pickled as its attributes, which have the names of its arguments."""
+
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        return type(self), tuple(getattr(self, name) for name in signature(type(self)).parameters)
 
 
 class ConstraintError(PmalphaError, ValueError):
@@ -61,9 +69,7 @@ class FactorizationError(PmalphaError):
         inertia: tuple[int, int, int] | None = None,
     ):
         super().__init__(message)
-        self.subdomain = subdomain
-        self.dof = dof
-        self.inertia = inertia
+        self.subdomain, self.dof, self.inertia = subdomain, dof, inertia
 
 
 class BucklingError(PmalphaError, ValueError):
@@ -85,7 +91,7 @@ class BucklingError(PmalphaError, ValueError):
         return type(self), (str(self), self.growth, self.mode)
 
 
-class InstabilityError(PmalphaError):
+class InstabilityError(_Made):
     """A value of the run is not finite, or exceeds all bounds.
 
     The coupler has the state of the last whole macro step.
@@ -108,16 +114,11 @@ class InstabilityError(PmalphaError):
             f"subdomain {subdomain!r} {what} in macro step {step}, "
             f"which begins at t = {time:g}: {cause or 'the run is unstable'}"
         )
-        self.step = step
-        self.time = time
-        self.subdomain = subdomain
-        self.cause = cause
-
-    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        return type(self), (self.step, self.time, self.subdomain, self.cause)
+        self.step, self.time = step, time
+        self.subdomain, self.cause = subdomain, cause
 
 
-class ConvergenceError(PmalphaError):
+class ConvergenceError(_Made):
     """The iteration of internal forces did not converge.
 
     Or a tangent is singular but for rounding; one that is indefinite, as in buckling, is no error.
@@ -157,16 +158,11 @@ class ConvergenceError(PmalphaError):
                 "and smaller steps converge faster"
             )
         super().__init__(text)
-        self.subdomain = subdomain
-        self.time = time
-        self.iterations = iterations
-        self.cause = cause
-
-    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        return type(self), (self.subdomain, self.time, self.iterations, self.cause)
+        self.subdomain, self.time = subdomain, time
+        self.iterations, self.cause = iterations, cause
 
 
-class LimitError(PmalphaError):
+class LimitError(_Made):
     """A specimen would have been commanded beyond its limits, or has returned too large a force.
 
     The last command that was given is within the limits; the coupler has the state of the last
@@ -211,12 +207,8 @@ class LimitError(PmalphaError):
         self.subdomain, self.quantity, self.dof = subdomain, quantity, dof
         self.value, self.limit, self.time = value, limit, time
 
-    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        own = (self.subdomain, self.quantity, self.dof, self.value, self.limit, self.time)
-        return type(self), own
 
-
-class PacingError(PmalphaError):
+class PacingError(_Made):
     """A fine step of `Coupler.run_paced` ended after the next one was due.
 
     The coupler has the state of the last whole macro step; ``coupler.last_history.pacing`` has the
@@ -235,11 +227,7 @@ class PacingError(PmalphaError):
             f"a fine step of macro step {step}, which begins at t = {time:g}, ended after the next "
             "one was due; coupler.last_history.pacing has the times"
         )
-        self.step = step
-        self.time = time
-
-    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        return type(self), (self.step, self.time)
+        self.step, self.time = step, time
 
 
 class UnboundedMotion(Exception):
@@ -251,7 +239,7 @@ class UnboundedMotion(Exception):
         self.cause = cause
 
 
-class CallbackError(PmalphaError):
+class CallbackError(_Made):
     """A compiled function of the user did not return 0.
 
     Attributes
@@ -273,17 +261,11 @@ class CallbackError(PmalphaError):
             f"the {what} of subdomain {subdomain!r} returned {code} in macro step {step}, which "
             f"begins at t = {time:g}"
         )
-        self.code = code
-        self.what = what
-        self.step = step
-        self.time = time
-        self.subdomain = subdomain
-
-    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        return type(self), (self.code, self.what, self.step, self.time, self.subdomain)
+        self.code, self.what, self.step = code, what, step
+        self.time, self.subdomain = time, subdomain
 
 
-class CasesError(PmalphaError):
+class CasesError(_Made):
     """Some of the cases of `Coupler.run_each` failed; the others were completed.
 
     Attributes
@@ -302,11 +284,7 @@ class CasesError(PmalphaError):
             f"{len(failures)} of {len(histories)} cases failed, first cases[{first}]: "
             f"{type(error).__name__}: {error}"
         )
-        self.failures = failures
-        self.histories = histories
-
-    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
-        return type(self), (self.failures, self.histories)
+        self.failures, self.histories = failures, histories
 
 
 class StabilityWarning(UserWarning):

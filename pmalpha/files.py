@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,6 +31,14 @@ def package_version() -> str:
 
 # Suffixes of files of NumPy and of HDF5.
 NPZ, HDF5 = (".npz",), (".h5", ".hdf5")
+
+
+def library(name: str, use: str, install: str) -> Any:
+    """A library that the package does not require; ImportError with what needs it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ImportError(f"{use} needs {name.split('.')[0]}: pip install {install}") from error
 
 
 def checked_path(

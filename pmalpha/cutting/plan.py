@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted
-from ..problem.matrices import Matrix
+from ..problem.matrices import Matrix, sparse
 from ..problem.ordering import graph_of
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -266,7 +266,7 @@ def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Ma
         return np.ones(n)
     rows, columns = [np.arange(0)], [np.arange(0)]
     for A, own in present:
-        whole = sp.coo_array(sp.diags_array(A) if A.ndim == 1 else sp.csr_array(A))
+        whole = sp.coo_array(sparse(A, own.size))
         rows.append(own[whole.row])
         columns.append(own[whole.col])
     row, column = np.concatenate(rows), np.concatenate(columns)

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from .._checks import counted, listing, numbered
 from ..problem.dofs import dof_array
 from ..problem.internal import InternalForce
+from ..problem.matrices import sparse
 from ..structures.pattern import Pattern
 from ..structures.structure import Structure, idle_dofs
 from .elements import Elements
@@ -403,8 +404,7 @@ def _sum(one: Any, other: Any) -> Any:
         return other
     if one.ndim == other.ndim:
         return one + other
-    both = (sp.diags_array(A) if A.ndim == 1 else A for A in (one, other))
-    return sp.csr_array(sum(both, start=sp.csr_array((len(other), len(other)))))
+    return sparse(one, other.shape[0]) + sparse(other, other.shape[0])
 
 
 def _parts_of(forces: Sequence[Any], number: np.ndarray, nodes: int) -> list[Any]:

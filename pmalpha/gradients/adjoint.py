@@ -23,6 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..problem.forces import SampledForce
+from ..problem.matrices import sparse
 from ..problem.schemes import Scheme
 from .filters import Filters, MeanFilters, responses_to_state
 from .parameters import Parameters
@@ -75,8 +76,8 @@ class Member:
         self.substeps, self.ratio, self.double = subdomain.substeps, ratio, double
         self.h = dt / subdomain.substeps
         self.scheme: Scheme = subdomain.scheme
-        self.M, self.K = (_operator(x, self.n) for x in (subdomain.M, subdomain.K))
-        self.C = _operator(subdomain.C, self.n)
+        self.M, self.K = (sparse(x, self.n) for x in (subdomain.M, subdomain.K))
+        self.C = sparse(subdomain.C, self.n)
         self.filters = Filters(self.scheme, self.h, double)
         al1, al2 = self.scheme.coefficients(2.0 * self.h if double else self.h)
         self.al1, self.al2 = al1, al2
@@ -343,12 +344,6 @@ def reversed_load(
     if values.shape[1] >= x.n:
         return SampledForce(values @ columns.T, x.h)
     return SampledForce(values, x.h, columns)
-
-
-def _operator(A: Any, n: int) -> Any:
-    if A is None:
-        return sp.csr_array((n, n))
-    return sp.diags_array(A, format="csr") if np.ndim(A) == 1 else sp.csr_array(A)
 
 
 class MeanMember(Member):

@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from ..files import library
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -85,10 +87,7 @@ def style() -> Iterator[None]:
     >>> [line.get_color() for line in lines] == [look["color"] for look in plot.LINES[:1:-1]]
     True
     """
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise ImportError("drawing needs matplotlib: pip install 'pmalpha[plot]'") from error
+    matplotlib = library("matplotlib", "drawing", "'pmalpha[plot]'")
     with matplotlib.rc_context(RC):
         yield
 

@@ -21,6 +21,7 @@ from .matrices import (
     largest_pairs,
     plain_matrices,
     product,
+    sparse,
 )
 from .ordering import elimination_order, graph_of
 
@@ -303,7 +304,7 @@ def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
 
     n, shift = B.shape[0], ARPACK_SHIFT * scale
     shifted: Any = combination([(1.0, A), (shift, B)])
-    S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))
+    S, mass = (sp.csc_array(sparse(x, n)) for x in (shifted, B))
     solve = positive_definite(S).solve
     start = np.random.default_rng(0).standard_normal(n)  # reproducible
 

@@ -330,6 +330,13 @@ def _sparse_sum(A: Any, B: Any) -> Any:
     return with_entries(A, data)
 
 
+def sparse(A: Matrix | None, n: int) -> sp.csr_array:
+    """A matrix (n, n) in inner form by rows; None and diagonals too."""
+    if A is None:
+        return sp.csr_array((n, n))
+    return sp.csr_array(sp.diags_array(A) if A.ndim == 1 else A)
+
+
 def dense(A: Any) -> np.ndarray:
     """A matrix in inner form as (n, n) array."""
     if sp.issparse(A):

@@ -24,7 +24,7 @@ from .argument_types import DofsLike
 from .dofs import dof_array, dof_list
 from .eigenmodes import FLOATING, modes, positive_definite, scale_to_one, softest
 from .forces import SampledForce, depends_on_motion
-from .matrices import Matrix, dense, diagonal, is_symmetric, product
+from .matrices import Matrix, dense, diagonal, is_symmetric, product, sparse
 
 __all__ = ["ReducedBasis"]
 
@@ -212,7 +212,7 @@ def _basis(
 
 def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Psi = -K_ii^-1 K_ib"""
-    whole = sp.csr_array(sp.diags_array(K) if K.ndim == 1 else K)
+    whole = sparse(K, K.shape[0])
     rows = whole[others]
     right = sp.csc_array(rows[:, kept])
     inner = sp.csc_array(rows[:, others])
@@ -268,7 +268,7 @@ def _symmetric(A: np.ndarray) -> np.ndarray:
 
 def _of_kept(A: Matrix, kept: np.ndarray, r: int, name: str) -> np.ndarray:
     """An estimate for a restoring force of the kept dofs."""
-    whole = sp.coo_array(sp.diags_array(A) if A.ndim == 1 else A)
+    whole = sp.coo_array(sparse(A, A.shape[0]))
     rows, columns = whole.coords
     outside = np.setdiff1d(np.concatenate([rows, columns])[np.tile(whole.data != 0.0, 2)], kept)
     if outside.size:

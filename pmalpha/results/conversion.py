@@ -9,6 +9,7 @@ import numpy as np
 
 from .._checks import counted
 from .._tables import html_table
+from ..files import library
 from .dof_motion import label_of, labels_of
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, TIMES, growing, of_columns
 
@@ -27,6 +28,7 @@ HEADINGS = (
     "largest |v|",
     "largest |a|",
 )
+
 # Numbers in the motion of a subdomain that are read for its largest values.
 MOST_READ = 20_000_000
 
@@ -67,20 +69,16 @@ def frames(history: Any) -> dict[str, pandas.DataFrame]:
 
 def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> pandas.DataFrame:
     """A table of quantities, the labels of their columns (None: numbers), and their values."""
-    try:
-        import pandas
-    except ImportError as error:
-        raise ImportError("to_pandas needs pandas: pip install 'pmalpha[pandas]'") from error
+    pd = library("pandas", "to_pandas", "'pmalpha[pandas]'")
     labels = [
         (quantity, i if isinstance(i, str) else int(i))
         for quantity, labels_of_columns, values in columns
         for i in (range(values.shape[1]) if labels_of_columns is None else labels_of_columns)
     ]
-    return pandas.DataFrame(
-        np.hstack([values for _, _, values in columns]),
-        index=pandas.Index(t, name="time"),
-        columns=pandas.MultiIndex.from_tuples(labels, names=names),
-    )
+    values = np.hstack([values for _, _, values in columns])
+    index = pd.MultiIndex.from_tuples(labels, names=names)
+    table: pandas.DataFrame = pd.DataFrame(values, pd.Index(t, name="time"), index)
+    return table
 
 
 def subdomain_dataset(s: Any) -> xarray.Dataset:
@@ -134,11 +132,9 @@ def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _dataset(variables: Any, coordinates: Any, **options: Any) -> xarray.Dataset:
-    try:
-        import xarray
-    except ImportError as error:
-        raise ImportError("to_xarray needs xarray: pip install 'pmalpha[xarray]'") from error
-    return xarray.Dataset(variables, coordinates, **options)
+    make = library("xarray", "to_xarray", "'pmalpha[xarray]'").Dataset
+    dataset: xarray.Dataset = make(variables, coordinates, **options)
+    return dataset
 
 
 def history_html(history: Any) -> str:

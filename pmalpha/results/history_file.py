@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import checked_path, mismatch, package_version, reading, replacing
+from ..files import checked_path, library, mismatch, package_version, reading, replacing
 from ..memory import require
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, of_columns
 
@@ -35,6 +35,7 @@ CONSERVED = (
     "a share in the conserved quantity, " + ENERGY[0],
     "F u / t^2; F u under mean coupling",
 )
+
 OUTPUT = "linear combinations of u, v and a, a row for each time level"
 UNITS = "any consistent system, that of the matrices, u and dt; F is the unit of K u"
 # In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
@@ -329,13 +330,8 @@ def group_names(names: Sequence[str]) -> list[str]:
     return groups
 
 
-def hdf5_library() -> ModuleType:
-    try:
-        import h5py
-    except ImportError as error:
-        raise ImportError("HDF5 files need h5py: pip install 'pmalpha[hdf5]'") from error
-    result: ModuleType = h5py
-    return result
+def hdf5_library() -> Any:
+    return library("h5py", "an HDF5 file", "'pmalpha[hdf5]'")
 
 
 def write(

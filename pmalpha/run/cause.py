@@ -104,10 +104,9 @@ def _remedy(s: Subdomain) -> str:
 def _frequency_of_springs(part: Part) -> float:
     """The largest circular frequency of the springs alone where they will be, or closed."""
     s = part.subdomain
-    levels = part.core.levels()
-    u, v = (levels[i][part.position] for i in (0, 1))
+    u, v, _, remembered = part.present()
     with np.errstate(over="ignore", invalid="ignore"):
-        _, tangents = springs_at(s, u + part.step * v, part.core.springs())
+        _, tangents = springs_at(s, u + part.step * v, remembered)
         larger = [np.maximum(x.largest_tangent, k) for x, k in zip(s.springs, tangents)]
         if not all(np.all(np.isfinite(k)) for k in larger):
             return np.inf
@@ -127,7 +126,4 @@ def warn_of_present_steps(parts: Sequence[Part], t: float) -> None:
 
 def _ratio(part: Part, t: float) -> StepRatio:
     assert part.internal is not None
-    levels = part.core.levels()
-    u, v = (levels[i][part.position] for i in (0, 1))
-    remembered, q = part.core.springs(), levels[6][: part.internal.initial.size]
-    return present_ratio(part.subdomain, part.internal, part.step, t, (u, v, q, remembered))
+    return present_ratio(part.subdomain, part.internal, part.step, t, part.present())

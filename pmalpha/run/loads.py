@@ -234,22 +234,19 @@ class Loads:
 
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
         """These loads, or others, without stored values of callables."""
-        forces = self.forces if forces is None else forces
-        return Loads(
-            self.core,
-            self.parts,
-            self.clock,
-            forces,
-            self.motions,
-            self.newton,
-            self.names,
-            self.obstacles,
-        )
+        return self.with_steps(self.core, self.parts, self.clock, forces)
 
-    def with_steps(self, core: Any, parts: Sequence[Part], clock: Clock) -> Loads:
-        """The same loads for other steps; without stored values of callables."""
-        forces, motions = self.forces, self.motions
-        return Loads(core, parts, clock, forces, motions, self.newton, self.names, self.obstacles)
+    def with_steps(
+        self,
+        core: Any,
+        parts: Sequence[Part],
+        clock: Clock,
+        forces: Sequence[Force] | None = None,
+    ) -> Loads:
+        """The same loads, or others, for other steps; without stored values of callables."""
+        forces = self.forces if forces is None else forces
+        others = self.motions, self.newton, self.names, self.obstacles
+        return Loads(core, parts, clock, forces, *others)
 
     def moved_to(self, core: Any, parts: Sequence[Part]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""

@@ -13,6 +13,7 @@ from types import FrameType
 from typing import Any
 
 from .._core import Guard
+from ..files import library
 
 # Seconds between two reports; the binding reads its clock at the same interval.
 INTERVAL = 0.05
@@ -67,10 +68,7 @@ def reporting(progress: Any, begin: int, end: int) -> Iterator[Report | None]:
 
 
 def _bar(total: int) -> Any:
-    try:
-        from tqdm.auto import tqdm
-    except ImportError as error:
-        raise ImportError("progress=True needs tqdm: pip install 'pmalpha[progress]'") from error
+    tqdm = library("tqdm.auto", "progress=True", "'pmalpha[progress]'").tqdm
     return tqdm(total=total, unit="step")
 
 

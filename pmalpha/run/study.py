@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import whole_number
+from .._checks import listed, whole_number
 from ..errors import CasesError, PmalphaError, for_line, users_line
 from ..files import HDF5, checked_path, package_version
 from ..results.history import History
@@ -191,9 +191,8 @@ class Study:
         """
         if not callable(map):
             raise TypeError(f"map must be a callable(function, cases), got {map!r}")
-        if not isinstance(cases, Iterable) or hasattr(cases, "ndim"):  # of arrays
-            raise TypeError(f"cases must be dicts of what reset takes, got {cases!r}")
-        cases, found, n = list(cases), list[CaseResult](), self.together
+        cases = listed(cases, "cases", "dicts of what reset takes")
+        found, n = list[CaseResult](), self.together
         file = nullcontext(lambda k, case: case) if save_to is None else _file(save_to, len(cases))
         with reporting(progress, 0, len(cases)) as report, file as kept:
             work = partial(for_line, users_line(), self._several)

@@ -94,11 +94,8 @@ def modes(session: Session, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarra
 
 def _present_matrices(part: Part, t: float) -> tuple[Matrix, Matrix, Matrix]:
     """M, C and K of a subdomain about its present state."""
-    levels, internal = part.core.levels(), part.internal
-    u, v = (levels[i][part.position] for i in (0, 1))
-    springs, history = part.core.springs(), levels[6]
-    q = history[: 0 if internal is None else internal.initial.size]
-    return part.subdomain.M, *matrices_at(part.subdomain, internal, u, v, t, q, springs)
+    u, v, *memory = part.present()
+    return part.subdomain.M, *matrices_at(part.subdomain, part.internal, u, v, t, *memory)
 
 
 def _buckling(error: IndefiniteStiffness, whole: Assembled, t: float) -> BucklingError:

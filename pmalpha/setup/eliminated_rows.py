@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import counted
 from ..memory import require
-from ..problem.matrices import Matrix
+from ..problem.matrices import Matrix, sparse
 
 # An entry of the elimination below this multiple of the largest one, 1 or so, is rounding.
 ROUNDING = 1e-14
@@ -80,7 +80,7 @@ def _sum(maps: Sequence[sp.csr_array], matrices: Sequence[Matrix]) -> sp.csr_arr
     total = sp.csr_array((n, n))
     for T, A in zip(maps, matrices):
         if A is not None:
-            total = total + T.T @ (sp.diags_array(A) if A.ndim == 1 else sp.csr_array(A)) @ T
+            total = total + T.T @ sparse(A, T.shape[0]) @ T
     total = sp.csr_array(total)
     total.sort_indices()
     return total

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from ..errors import ConvergenceError, FactorizationError
 from ..problem.eigenmodes import FLOATING, scale_to_one, softest
-from ..problem.matrices import Matrix, combination, product
+from ..problem.matrices import Matrix, combination, product, sparse
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import SYMMETRY
@@ -88,12 +88,6 @@ def _smallest_image(G: sp.csc_array) -> float:
 def _scaled(K: sp.csc_array, L: sp.csr_array) -> tuple[sp.dia_array, sp.csc_array, sp.csr_array]:
     scale = scale_to_one(K)
     return scale, sp.csc_array(scale @ K @ scale), sp.csr_array(L @ scale)
-
-
-def sparse(A: Matrix | None, n: int) -> sp.csc_array:
-    if A is None:
-        return sp.csc_array((n, n))
-    return sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)
 
 
 def require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:

@@ -12,7 +12,7 @@ from .._checks import counted, listing
 from ..blas import one_thread
 from ..errors import ConstraintWarning, StabilityWarning, warn
 from ..problem.eigenmodes import FLOATING, scales_to_one, softest
-from ..problem.matrices import Matrix, dense, diagonal, is_symmetric
+from ..problem.matrices import Matrix, dense, diagonal, is_symmetric, sparse
 from ..problem.subdomain import Subdomain
 from .constraint_rows import rows_of_size_one
 from .link import Link
@@ -206,12 +206,8 @@ def _rate(s: Subdomain) -> float:
 
 def _quotient(x: sp.csr_array, K: Matrix, M: Matrix) -> float:
     """The rate of growth in the direction x (n, 1)."""
-    k, m = (float((x.T @ (_sparse(A) @ x)).toarray()[0, 0]) for A in (K, M))
+    k, m = (float((x.T @ (sparse(A, x.size) @ x)).toarray()[0, 0]) for A in (K, M))
     return float(np.sqrt(-k / m)) if m > 0.0 else np.inf
-
-
-def _sparse(A: Matrix) -> sp.csr_array:
-    return sp.csr_array(sp.diags_array(A) if A.ndim == 1 else A)
 
 
 def _negative_direction(K: Matrix) -> sp.csr_array | None:

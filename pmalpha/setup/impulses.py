@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from ..problem.matrices import Matrix, combination, diagonal
+from ..problem.matrices import Matrix, combination, diagonal, sparse
 from .link import Link
 
 # Parts of the entries of C that are rounding of a0 M + a1 K.
@@ -34,9 +34,7 @@ def struck(part: Any) -> tuple[Any, ...] | None:
 
 
 def _columns(A: Matrix | None, n: int) -> sp.csc_array:
-    if A is None:
-        return sp.csc_array((n, n))
-    result = sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)
+    result = sp.csc_array(sparse(A, n))
     result.sort_indices()
     return result
 

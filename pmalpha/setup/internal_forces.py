@@ -22,6 +22,7 @@ from ..problem.matrices import (
     core_matrix,
     core_sparse,
     row_of_entries,
+    sparse,
 )
 from ..problem.ordering import Graph, elimination_order, graph_of, rows_of
 from ..problem.springs import assembled, core_springs, stiffness
@@ -181,9 +182,7 @@ class TangentPattern:
         values = np.zeros(self.pattern.nnz)
         if A is None:
             return values
-        if not sp.issparse(A):
-            A = sp.diags_array(A) if A.ndim == 1 else A
-        A = sp.csr_array(A)
+        A = sparse(A, A.shape[0])
         where, _ = Slots(self.pattern).of(keys_of(A))
         values[where] = A.data
         return values

@@ -227,6 +227,12 @@ class Part:
         mean = math.isclose(scheme.gamma, 2.0 * scheme.beta, rel_tol=1e-15)
         return mean and not scheme.explicit and s.damping == "implicit"
 
+    def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """u and v in the user's order, the histories, and what springs remember."""
+        levels, m = self.core.levels(), 0 if self.internal is None else self.internal.initial.size
+        u, v = (levels[i][self.position] for i in (0, 1))
+        return u, v, levels[6][:m], self.core.springs()
+
     def factor(self, A: Matrix | None, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
         names = Names(what, self.order, self.name)

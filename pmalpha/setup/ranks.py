@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..errors import PmalphaError
-from ..files import checked_path
+from ..files import checked_path, library
 from ..problem.forces import SampledForce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -271,11 +271,7 @@ def file_of(path: Any, rank: int) -> str:
 
 
 def _library() -> Any:
-    try:
-        from mpi4py import MPI
-    except ImportError as error:
-        raise ImportError("comm needs mpi4py: pip install 'pmalpha[mpi]'") from error
-    return MPI
+    return library("mpi4py.MPI", "comm", "'pmalpha[mpi]'")
 
 
 def _sendable(error: BaseException) -> tuple[bytes | None, str]:

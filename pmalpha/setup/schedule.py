@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, get_args
 
 import scipy.sparse as sp
 
-from .._checks import check_word, counted, listing, time_step, whole_number
+from .._checks import check_word, counted, listed, listing, time_step, whole_number
 from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Chosen, Constraint
 from ..problem.newton import Newton
@@ -83,18 +83,15 @@ def macro_double_steps(
 def checked_subdomains(subdomains: Any, *, may_be_empty: bool = False) -> tuple[Subdomain, ...]:
     if isinstance(subdomains, Subdomain):
         raise TypeError("subdomains must be a list of Subdomains, got a single one")
-    if not isinstance(subdomains, Iterable) or hasattr(subdomains, "ndim"):  # of arrays
-        raise TypeError(f"subdomains must be a list of Subdomains, got {subdomains!r}")
-    subdomains = tuple(subdomains)
-    for s in subdomains:
+    found = tuple(listed(subdomains, "subdomains", "a list of Subdomains"))
+    for s in found:
         if not isinstance(s, Subdomain):
             raise TypeError(f"subdomains must be Subdomains, got {s!r}")
-    if not subdomains and not may_be_empty:
+    if not found and not may_be_empty:
         raise ValueError("subdomains must not be empty")
-    if len(set(map(id, subdomains))) < len(subdomains):
+    if len(set(map(id, found))) < len(found):
         raise ValueError("subdomains must be different, got one of them twice")
-    result: tuple[Subdomain, ...] = subdomains
-    return result
+    return found
 
 
 @dataclass(frozen=True)
@@ -123,9 +120,7 @@ def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tu
         return (), ()
     if isinstance(constraints, (Constraint, Contact)):
         constraints = (constraints,)
-    if not isinstance(constraints, Iterable) or hasattr(constraints, "ndim"):  # of arrays
-        raise TypeError(f"constraints must be Constraints, got {constraints!r}")
-    constraints = tuple(constraints)
+    constraints = listed(constraints, "constraints", "Constraints")
     for c in constraints:
         if not isinstance(c, (Constraint, Contact)):
             raise TypeError(f"constraints must be Constraints, got {c!r}")

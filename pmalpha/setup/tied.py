@@ -18,7 +18,7 @@ from ..blas import one_thread
 from ..errors import FactorizationError, PerformanceWarning, warn
 from ..memory import require
 from ..problem.eigenmodes import scales_to_one
-from ..problem.matrices import Matrix, core_sparse, dense
+from ..problem.matrices import Matrix, core_sparse, dense, sparse
 from ..problem.schemes import Scheme
 from .constraint_rows import row_sizes
 from .factors import LOST
@@ -38,6 +38,7 @@ UNSTABLE = (
     'drift="removed" is unstable with these schemes and steps; coupling="mean" has no drift '
     "without it"
 )
+
 # Entries between two checks for Ctrl-C.
 BLOCK = 5e7
 # Of a spectral radius, a triple eigenvalue.
@@ -133,9 +134,9 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
     B = summed([n.times(a) for n, a in zip(N, al2)], p)
     D = summed([*G, *(n.times(-a) for n, a in zip(N, al1))], p)
     if H.ndim == 1:  # A too
-        return lu_factors(sp.csr_array(_sparse(D) + sp.diags_array(A / H) @ _sparse(B)), p)
+        return lu_factors(sp.csr_array(sparse(D, p) + sp.diags_array(A / H) @ sparse(B, p)), p)
     if sp.issparse(H):
-        return lu_factors(sp.block_array([[H, -_sparse(B)], [_sparse(A), _sparse(D)]]), p)
+        return lu_factors(sp.block_array([[H, -sparse(B, p)], [sparse(A, p), sparse(D, p)]]), p)
     require(6.0 * 8.0 * p**2, f"the displacement constraints of {counted(p, 'constraint')}")
     with one_thread():
         S = dense(D) + dense(A) @ _solution(H, dense(B), symmetric)
@@ -151,10 +152,6 @@ def _solution(H: np.ndarray, B: np.ndarray, symmetric: bool) -> np.ndarray:
         s * H * s.T, s * B, assume_a="pos" if symmetric else "gen"
     )
     return result
-
-
-def _sparse(A: Matrix) -> sp.csr_array:
-    return sp.csr_array(sp.diags_array(A)) if A.ndim == 1 else sp.csr_array(A)
 
 
 def check_work(parts: Sequence[Part]) -> None:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import listing, real_number, require_finite, require_moderate
-from ..files import reading
+from ..files import library, reading
 from ..problem.kinds import KINDS
 from ..results.history_file import SIGNATURE, own_array
 from .inp import Input
@@ -77,7 +77,8 @@ def read_mesh(mesh: Any, names: str | None) -> FileMesh:
 
 
 def _read(path: Path) -> Any:
-    meshio, file_format = _meshio(path), _format(path)
+    meshio = library("meshio", f"reading {path.name!r}", "'pmalpha[mesh]'")
+    file_format = _format(path)
     try:
         _require_own_arrays(path)
         if file_format not in ENDING:
@@ -89,16 +90,6 @@ def _read(path: Path) -> Any:
     except (Exception, SystemExit) as error:  # of a dozen types, for damaged files
         reason = str(error) or type(error).__name__
         raise ValueError(f"mesh must be a whole file, but {str(path)!r}: {reason}") from error
-
-
-def _meshio(path: Path) -> Any:
-    try:
-        import meshio
-    except ImportError as error:
-        raise ImportError(
-            f"reading {path.name!r} requires meshio: pip install pmalpha[mesh]"
-        ) from error
-    return meshio
 
 
 def _format(path: Path) -> str:
@@ -269,10 +260,7 @@ def grid_of(
     structure: Any, motion: Any, t: Any, cells: Mapping[str, np.ndarray] | None = None
 ) -> Any:
     """The implementation of `Structure.to_pyvista`, with numbers of the elements by name."""
-    try:
-        import pyvista
-    except ImportError as error:
-        raise ImportError("to_pyvista needs pyvista: pip install pyvista") from error
+    pyvista = library("pyvista", "to_pyvista", "pyvista")
     mesh = checked_mesh(structure.points, structure.elements)
     rows, kinds = [], []
     for kind, nodes in mesh.blocks:
