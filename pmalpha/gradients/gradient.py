@@ -83,19 +83,18 @@ def gradient(
 ) -> Gradient:
     """`Coupler.gradient`; `reporting` makes the report of a number of macro steps, or of runs, and
     `judge` warns of a run of this session."""
-    parameters = checked_parameters(parameters)
+    parameters, names = checked_parameters(parameters, session)
     if not callable(objective):
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
     if isinstance(objective, Misfit):
         objective = objective._placed(dict(session.keys), session.rows.p)
     block = None if block is None else whole_number(block, "block", low=1)
     if differences is not None:
-        return _by_differences(coupler, session, objective, end, parameters, differences, reporting)
+        of = list(zip(parameters, names))
+        return _by_differences(coupler, session, objective, end, of, differences, reporting)
     require_adjoint(session, "gradient without differences=")
     with from_beginning(coupler, session):
-        problem = Problem(coupler, session)
-        names = [subdomain_of(session.keys, p) for p in parameters]
-        steps = steps_of(session, end)
+        problem, steps = Problem(coupler, session), steps_of(session, end)
         block = fitting(problem.single.members, steps) if block is None else block
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
@@ -109,19 +108,17 @@ def _by_differences(
     session: Any,
     objective: Any,
     end: tuple[float | None, int | None],
-    parameters: Sequence[Parameters],
+    of: Sequence[tuple[Parameters, str]],
     differences: float,
     reporting: Callable[[int], AbstractContextManager[Any]],
 ) -> Gradient:
-    names = [subdomain_of(session.keys, p) for p in parameters]
     record = objective.record if isinstance(objective, Misfit) else None
     with from_beginning(coupler, session):
         steps = steps_of(session, end)
         history = coupler.run(steps=steps, record=record)
-    of = list(zip(parameters, names))
     runs = by_differences(session, type(coupler), of, steps, record, differences, reporting)
     slopes = np.array([(objective(b)[0] - objective(a)[0]) / h for a, b, h in runs])
-    split = np.split(slopes, np.cumsum([p.m for p in parameters])[:-1])
+    split = np.split(slopes, np.cumsum([p.m for p, _ in of])[:-1])
     return Gradient(objective(history)[0], split, {}, {}, {}, None, history)
 
 
@@ -264,13 +261,13 @@ class Blocks:
         return Gradient(value, totals, force, of_u0, of_v0, velocity, history)
 
 
-def checked_parameters(parameters: Any) -> list[Parameters]:
-    """A list of Parameters from one or several."""
+def checked_parameters(parameters: Any, session: Any) -> tuple[list[Parameters], list[str]]:
+    """One or several Parameters, and the subdomains they are of."""
     listed = [parameters] if isinstance(parameters, Parameters) else list(parameters)
     for p in listed:
         if not isinstance(p, Parameters):
             raise TypeError(f"parameters must be Parameters, got {type(p).__name__}")
-    return listed
+    return listed, [subdomain_of(session.keys, p) for p in listed]
 
 
 def checked_sources(
@@ -328,13 +325,12 @@ def jacobian(
     reporting: Callable[[int], AbstractContextManager[Any]],
 ) -> dict[str, np.ndarray]:
     """`Coupler.jacobian`; `reporting` makes the report of a number of parameters or runs."""
-    parameters = checked_parameters(parameters)
+    parameters, names = checked_parameters(parameters, session)
     if not parameters:
         raise ValueError("parameters must be at least one, got none")
     if what not in KINDS:
         raise ValueError(f"what must be one of {', '.join(KINDS)}, got {what!r}")
     sensors = checked_sensors(sensors, session.keys)
-    names = [subdomain_of(session.keys, p) for p in parameters]
     if differences is not None:
         with from_beginning(coupler, session):
             steps, of_names = steps_of(session, end), list(zip(parameters, names))

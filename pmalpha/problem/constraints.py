@@ -79,26 +79,8 @@ class Constraint(Frozen):
     """
 
     def __init__(self, matrices: MatricesLike, velocity: Any = None):
-        if not isinstance(matrices, Mapping) or not matrices:
-            raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
-        self.matrices: dict[Subdomain | str, sp.csr_array | Chosen] = {
-            s: _constraint_matrix(s, L) for s, L in matrices.items()
-        }
-        names = [name_of(s) for s in self.matrices]
-        if len(set(names) - {None}) < len(names) - names.count(None):
-            raise ValueError(f"matrices must not name a subdomain twice, got {listing(names)}")
-        rows = {L.shape[0] for L in self.matrices.values()}
-        if len(rows) > 1:
-            raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
-        self.p = rows.pop()
-        counts = sum(row_counts(L) for L in self.matrices.values())
-        if self.p == 0:
-            raise ValueError("matrices must have at least one row, got none")
-        if np.any(counts == 0):
-            empty = np.flatnonzero(counts == 0)
-            raise ValueError(
-                f"every constraint must have an entry, got none in {numbered('row', empty)}"
-            )
+        self.matrices = by_subdomain(matrices, "matrices", "L")
+        self.p = next(iter(self.matrices.values())).shape[0]
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
         if isinstance(velocity, SampledForce) and velocity.average:
@@ -172,15 +154,39 @@ def row_counts(L: sp.csr_array | Chosen) -> np.ndarray:
     return np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
 
 
-def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array | Chosen:
+def by_subdomain(
+    given: Any, name: str, each: str, rows: int | None = None
+) -> dict[Subdomain | str, sp.csr_array | Chosen]:
+    """Checked matrices of constraints or contacts, `each` in errors, with this number of rows."""
+    if not isinstance(given, Mapping) or not given:
+        raise TypeError(f"{name} must be a dict of matrices by subdomain, got {given!r}")
+    found = {s: _rows_on(s, L, name, each) for s, L in given.items()}
+    names = [name_of(s) for s in found]
+    if len(set(names) - {None}) < len(names) - names.count(None):
+        raise ValueError(f"{name} must not name a subdomain twice, got {listing(names)}")
+    counts = {L.shape[0] for L in found.values()} | ({rows} if rows is not None else set())
+    if len(counts) > 1:
+        raise ValueError(f"{name} must have the same number of rows, got {sorted(counts)}")
+    entries = np.sum([row_counts(L) for L in found.values()], axis=0)
+    if not entries.size:
+        raise ValueError(f"{name} must have at least one row, got none")
+    if np.any(entries == 0):
+        empty = np.flatnonzero(entries == 0)
+        raise ValueError(
+            f"every row of {name} must have an entry, got none in {numbered('row', empty)}"
+        )
+    return found
+
+
+def _rows_on(subdomain: Any, L: Any, name: str, each: str) -> sp.csr_array | Chosen:
     if not isinstance(subdomain, (Subdomain, str)):
-        raise TypeError(f"matrices must be keyed by Subdomain or name, got {subdomain!r}")
+        raise TypeError(f"{name} must be keyed by Subdomain or name, got {subdomain!r}")
     if isinstance(L, Chosen):  # of a tie
         return L
     if isinstance(L, str) or isinstance(L, (list, tuple)) and any(isinstance(x, str) for x in L):
         return chosen(L, subdomain, 1.0, f"dofs of {name_of(subdomain)!r}")
     columns = None if isinstance(subdomain, str) else subdomain.n
-    return rectangular(L, columns, f"L of {subdomain!r}", ndim=2)
+    return rectangular(L, columns, f"{each} of {subdomain!r}", ndim=2)
 
 
 def chosen(

@@ -6,14 +6,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered, plain_array, real_array
+from .._checks import counted, plain_array, real_array
 from .argument_types import DofsLike
-from .constraints import Chosen, MatricesLike, chosen, name_of, require_two, row_counts
+from .constraints import (
+    MatricesLike,
+    by_subdomain,
+    chosen,
+    name_of,
+    require_two,
+)
 from .forces import SampledForce
 from .frozen import Frozen
-from .matrices import rectangular
 from .subdomain import Subdomain
 
 __all__ = ["Contact", "contact"]
@@ -76,15 +80,14 @@ class Contact(Frozen):
         motion: Any = None,
         name: str | None = None,
     ):
-        self.matrices = _matrices(matrices, "matrices")
+        self.matrices = by_subdomain(matrices, "matrices", "matrices")
         self.rows = next(iter(self.matrices.values())).shape[0]
         if isinstance(tangents, Mapping) or not isinstance(tangents, Sequence):
             raise TypeError(f"tangents must be a list of at most two dicts, got {tangents!r}")
         if len(tangents) > MOST_TANGENTS:
             raise ValueError(f"tangents must be at most {MOST_TANGENTS}, got {len(tangents)}")
-        self.tangents = tuple(
-            _matrices(T, f"tangents[{k}]", self.rows) for k, T in enumerate(tangents)
-        )
+        names = [f"tangents[{k}]" for k in range(len(tangents))]
+        self.tangents = tuple(by_subdomain(*x, x[1], self.rows) for x in zip(tangents, names))
         self.gap = _numbers(gap, self.rows, "gap", -np.inf, np.inf)
         self.friction = _numbers(friction, self.rows, "friction", 0.0, np.inf)
         self.restitution = _numbers(restitution, self.rows, "restitution", 0.0, 1.0)
@@ -108,7 +111,7 @@ class Contact(Frozen):
 
     def __repr__(self) -> str:
         subdomains = [
-            repr(name_of(s) or f"subdomain of {counted(N.shape[1], 'dof')}")
+            repr(name_of(s) or f"subdomain of {counted(N.shape[1] or 0, 'dof')}")
             for s, N in self.matrices.items()
         ]
         name = "" if self.name is None else f" {self.name!r}"
@@ -230,36 +233,6 @@ def _of_pair(a: Any, b: Any, pair: Any, name: str) -> dict[Any, Any]:
     if not isinstance(pair, Sequence) or len(pair) != 2:
         raise TypeError(f"{name} must be a pair (dofs_a, dofs_b), got {pair!r}")
     return _two_sided(a, pair[0], b, pair[1], name)
-
-
-def _matrices(given: Any, name: str, rows: int | None = None) -> dict[Any, Any]:
-    """Checked matrices of one normal or tangential direction, by subdomain."""
-    if not isinstance(given, Mapping) or not given:
-        raise TypeError(f"{name} must be a dict of matrices by subdomain, got {given!r}")
-    found: dict[Any, sp.csr_array | Chosen] = {}
-    for s, N in given.items():
-        if not isinstance(s, (Subdomain, str)):
-            raise TypeError(f"{name} must be keyed by Subdomain or name, got {s!r}")
-        columns = None if isinstance(s, str) else s.n
-        if isinstance(N, Chosen):
-            found[s] = N
-            continue
-        found[s] = rectangular(N, columns, f"{name} of {s!r}", ndim=2)
-    names = [name_of(s) for s in found]
-    if len(set(names) - {None}) < len(names) - names.count(None):
-        raise ValueError(f"{name} must not name a subdomain twice, got {listing(names)}")
-    counts = {N.shape[0] for N in found.values()} | ({rows} if rows is not None else set())
-    if len(counts) > 1:
-        raise ValueError(f"{name} must have the same number of rows, got {sorted(counts)}")
-    entries = np.sum([row_counts(N) for N in found.values()], axis=0)
-    if not entries.size:
-        raise ValueError(f"{name} must have at least one row, got none")
-    if np.any(entries == 0):
-        empty = np.flatnonzero(entries == 0)
-        raise ValueError(
-            f"every row of {name} must have an entry, got none in {numbered('row', empty)}"
-        )
-    return found
 
 
 def _numbers(value: Any, rows: int, name: str, low: float, high: float) -> np.ndarray:

@@ -17,7 +17,6 @@ from .._core import Guard
 from ..errors import warn
 from ..problem.argument_types import Coupling
 from ..problem.forces import Force, checked_force, depends_on_motion
-from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from ..results.clock import Clock
@@ -44,7 +43,7 @@ from ..setup.schedule import (
 from ..setup.start import InitialAccelerations
 from .initial import InitialValues
 from .loads import Loads, warn_of_skipped
-from .motion import Motion, Obstacles, motions_of
+from .motion import Obstacles, motions_of
 from .transfer import Steps
 
 
@@ -186,7 +185,9 @@ def made(
             contacts=contacts,
         )
     assembly, forces = assemblies.first, [s.force for s in subdomains]
-    warn_of_skipped(assembly.parts, forces, motions, clock.dt / assembly.core.instants)
+    core, parts = assembly.core, assembly.parts
+    warn_of_skipped(parts, forces, motions, clock.dt / core.instants)
+    obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
     session = Session(
         guard=guard,
         ranks=ranks,
@@ -200,26 +201,11 @@ def made(
         steps=Steps(layout, clock),
         assembly=assembly,
         initial=initial,
-        loads=loads_of(assembly, clock, forces, motions, options.newton, names, contacts),
+        loads=Loads(core, parts, clock, forces, motions, options.newton, names, obstacles),
         accelerations=assemblies.accelerations,
     )
     take_loads(session)
     return session
-
-
-def loads_of(
-    assembly: Assembly,
-    clock: Clock,
-    forces: Sequence[Force],
-    motions: Sequence[Motion],
-    newton: Newton,
-    names: Sequence[str],
-    contacts: Contacts | None,
-) -> Loads:
-    """The loads of a new coupler."""
-    core, parts = assembly.core, assembly.parts
-    obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
-    return Loads(core, parts, clock, forces, motions, newton, names, obstacles)
 
 
 def contacts_of(

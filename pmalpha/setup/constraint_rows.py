@@ -304,33 +304,26 @@ class ConstraintRows:
 
     def check_velocities(self, velocities: Sequence[np.ndarray], g: np.ndarray) -> None:
         """ConstraintError unless sum L_i v_i = g at t = 0."""
-        rows, gaps = self._violated(velocities, g)
-        if rows.size:
-            amounts = [f"{self.name(int(r))} by {x:g}" for r, x in zip(rows, gaps)]
+        if violated := self._rows_violated(velocities, g, " by"):
             raise ConstraintError(
-                "the initial velocities v0 must satisfy the constraints, violated in "
-                f"{numbered('row', amounts)}"
+                f"the initial velocities v0 must satisfy the constraints, violated in {violated}"
             )
 
     def warn_of_gaps(self, displacements: Sequence[np.ndarray]) -> None:
         """ConstraintWarning unless sum L_i u_i = 0 at t = 0."""
-        rows, gaps = self._violated(displacements, 0.0)
-        if rows.size:
-            amounts = [f"{self.name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
+        if violated := self._rows_violated(displacements, 0.0):
             warn(
                 "the initial displacements u0 violate constraints; velocity constraints will not "
-                f"close the gaps in {numbered('row', amounts)}",
+                f"close the gaps in {violated}",
                 ConstraintWarning,
             )
 
     def check_gaps(self, displacements: Sequence[np.ndarray]) -> None:
         """ConstraintError unless sum L_i u_i = 0 at t = 0."""
-        rows, gaps = self._violated(displacements, 0.0)
-        if rows.size:
-            amounts = [f"{self.name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
+        if violated := self._rows_violated(displacements, 0.0):
             raise ConstraintError(
                 'the initial displacements u0 must satisfy the constraints under coupling="mean", '
-                f"which ties displacements, violated in {numbered('row', amounts)}"
+                f"which ties displacements, violated in {violated}"
             )
 
     def gaps(self, displacements: Sequence[np.ndarray]) -> np.ndarray:
@@ -339,6 +332,14 @@ class ConstraintRows:
         gaps = np.zeros(self.p)
         gaps[rows] = amounts
         return gaps
+
+    def _rows_violated(
+        self, values: Sequence[np.ndarray], g: np.ndarray | float, by: str = ":"
+    ) -> str:
+        """The names and amounts of violated rows, or empty."""
+        each = zip(*self._violated(values, g))
+        amounts = [f"{self.name(int(r))}{by} {x:g}" for r, x in each]
+        return numbered("row", amounts) if amounts else ""
 
     def _violated(
         self, values: Sequence[np.ndarray], g: np.ndarray | float

@@ -7,7 +7,7 @@ are stored where that is faster than repeating the substeps, (M8).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -93,19 +93,35 @@ def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
 def check_work(parts: Sequence[Part], coupling: str) -> None:
     """PerformanceWarning when the unit responses take long, ValueError for more than a day."""
     works = {part.name: work(part) for part in parts if part.responds}
-    seconds = sum(works.values()) / LANE_RATE
-    if seconds <= LONG:
+    if not works:
         return
     name = max(works, key=works.__getitem__)
     part = next(p for p in parts if p.name == name)
+    why = (
+        f"{counted(part.L.rows.size, 'constraint')} times {part.substeps} substeps times "
+        f"{part.core.entries} matrix entries"
+    )
+    option = f'coupling="{coupling}"'
+    warn_of_work(works, LANE_RATE, option, why, 'take coupling="pm" or "gc", which need none')
+
+
+def warn_of_work(
+    works: Mapping[str, float], rate: float, option: str, why: str, remedy: str
+) -> None:
+    """PerformanceWarning for a long set-up, ValueError with a remedy for more than a day.
+
+    `works` are matrix entries read for each subdomain, of which `rate` are read in a second.
+    """
+    seconds = sum(works.values()) / rate
+    if seconds <= LONG:
+        return
     text = (
-        f'coupling="{coupling}" needs about {seconds:.3g} s for unit responses before the first '
-        f"step (more than {LONG if seconds <= ABSURD else ABSURD:g} s), most of it for {name!r}: "
-        f"{counted(part.L.rows.size, 'constraint')} times {part.substeps} "
-        f"substeps times {part.core.entries} matrix entries"
+        f"{option} needs about {seconds:.3g} s before the first step (more than "
+        f"{LONG if seconds <= ABSURD else ABSURD:g} s), most of it for "
+        f"{max(works, key=works.__getitem__)!r}: {why}"
     )
     if seconds > ABSURD:
-        raise ValueError(f'{text}; take coupling="pm" or "gc", which need none')
+        raise ValueError(f"{text}; {remedy}")
     warn(f"{text}; it is worth it for long runs only", PerformanceWarning)
 
 

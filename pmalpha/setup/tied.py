@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing
 from ..blas import one_thread
-from ..errors import FactorizationError, PerformanceWarning, warn
+from ..errors import FactorizationError
 from ..memory import require
 from ..problem.eigenmodes import scales_to_one
 from ..problem.matrices import Matrix, core_sparse, dense, sparse
@@ -24,7 +24,7 @@ from .constraint_rows import row_sizes
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
-from .macro import ABSURD, LONG, RATE
+from .macro import RATE, warn_of_work
 from .part import Part
 from .ranks import Ranks, joined
 
@@ -161,17 +161,9 @@ def check_work(parts: Sequence[Part]) -> None:
         for part in parts
         if not part.is_diagonal
     }
-    seconds = sum(works.values()) / RATE
-    if seconds <= LONG:
-        return
-    text = (
-        f'drift="removed" needs about {seconds:.3g} s before the first step (more than '
-        f"{LONG if seconds <= ABSURD else ABSURD:g} s), most of it for "
-        f"{max(works, key=works.__getitem__)!r}: two sweeps for each of its constraints"
-    )
-    if seconds > ABSURD:
-        raise ValueError(f'{text}; take drift="kept", or schemes and steps with one beta h / gamma')
-    warn(text, PerformanceWarning)
+    remedy = 'take drift="kept", or schemes and steps with one beta h / gamma'
+    why = "two sweeps for each of its constraints"
+    warn_of_work(works, RATE, 'drift="removed"', why, remedy)
 
 
 def shifts(part: Part) -> Block:
