@@ -549,9 +549,8 @@ def test_an_invalid_input_of_abaqus_is_refused_by_its_keyword(tmp_path, change, 
 def test_without_meshio_a_file_is_refused_and_an_input_of_abaqus_is_read(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "meshio", None)
     (tmp_path / "mesh.msh").write_text(GMSH_41)
-    with pytest.raises(
-        ImportError, match=r"mesh.msh' requires meshio: pip install pmalpha\[mesh\]"
-    ):
+    message = r"mesh.msh' needs meshio: pip install 'pmalpha\[mesh\]'"
+    with pytest.raises(ImportError, match=message):
         structures.from_mesh(tmp_path / "mesh.msh", STEEL)
     (tmp_path / "job.inp").write_text(INPUT)
     with pytest.warns(UserWarning, match="SPRINGA"):

@@ -21,6 +21,7 @@ from ..setup.stability import SMALL, limit_of
 from .session import Session, begin
 
 __all__ = ["State"]
+
 HEADINGS = (
     "subdomain",
     "dofs",

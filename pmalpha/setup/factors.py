@@ -15,7 +15,7 @@ from ..errors import FactorizationError
 from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
 from ..problem.ordering import Graph, elimination_order, rows_of, with_full_nodes
-from .inertia import inertia
+from .inertia import Inertia, inertia
 
 # A pivot below this fraction of its diagonal entry has lost all digits.
 LOST = 64.0 * np.finfo(float).eps
@@ -59,31 +59,26 @@ class Names:
 
     def not_definite(self, A: Matrix, position: int) -> FactorizationError:
         """The error for a matrix in elimination order, with the signs of its pivots."""
-        n, number = self.numbers.size, int(self.numbers[position])
-        counted = inertia(A, n)
+        counted = inertia(A, self.numbers.size)
         kind, pivots = "singular or indefinite", "counting its pivots would take too long"
         if counted is not None:
             kind = "indefinite" if counted[0] else "singular"
             pivots = "pivots: {} negative, {} zero, {} positive".format(*counted)
-        unknown = "constraint" if self.subdomain is None else "dof"
-        return FactorizationError(
-            f"{self.what} is not positive definite: it is {kind}, first seen at {unknown} "
-            f"{number}; {pivots}",
-            subdomain=self.subdomain,
-            dof=None if self.subdomain is None else number,
-            inertia=counted,
-        )
+        text = f"is not positive definite: it is {kind}"
+        return self._error(text, position, f"; {pivots}", counted)
 
     def not_factored(self, found: str, position: int) -> FactorizationError:
         """The error for an unsymmetric matrix, with what was found at a position."""
-        number = int(self.numbers[position])
-        unknown = "constraint" if self.subdomain is None else "dof"
-        return FactorizationError(
-            f"{self.what} is singular, or its pivots on the diagonal lose the digits of its "
-            f"entries, first seen at {unknown} {number}: {found}",
-            subdomain=self.subdomain,
-            dof=None if self.subdomain is None else number,
-        )
+        text = "is singular, or its pivots on the diagonal lose the digits of its entries"
+        return self._error(text, position, f": {found}")
+
+    def _error(
+        self, text: str, position: int, rest: str, inertia: Inertia | None = None
+    ) -> FactorizationError:
+        number, subdomain = int(self.numbers[position]), self.subdomain
+        unknown, dof = ("constraint", None) if subdomain is None else ("dof", number)
+        message = f"{self.what} {text}, first seen at {unknown} {number}{rest}"
+        return FactorizationError(message, subdomain=subdomain, dof=dof, inertia=inertia)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from .interface import is_symmetric_sum, summed, total
 from .internal_forces import core_size, numeric, structure
 from .link import Block
 from .macro import compute_unit_responses, mass_of_interface, mean_blocks
-from .part import Part, core_subdomain
+from .part import Part, core_of_steps
 from .ranks import Ranks, joined
 
 
@@ -90,27 +90,12 @@ def linear_twin(part: Part) -> Part:
         known={},
     )
     try:
-        single, *twice = map(twin.operator, twin.lengths)
+        operators = list(map(twin.operator, twin.lengths))
     except FactorizationError:  # by (F10), whose pivots have any sign
         twin.indefinite = part.indefinite = True
-        single, *twice = map(twin.operator, twin.lengths)
-    twin.factors = [operator[1:] for operator in (single, *twice)]
-    twin.core = core_subdomain(
-        twin,
-        twin.subdomain.scheme,
-        twin.L,
-        single,
-        twice=twice[0] if twice else None,
-        substeps=twin.substeps,
-        K=twin.K,
-        C=twin.C,
-        D_r=twin.D_r,
-        lagged=twin.subdomain.damping == "lagged",
-        responds=twin.responds,
-        K_r=twin.K_r,
-        mass=mass_of_interface(twin) if twin.mean else None,
-        continues=twin.over is not None,
-    )
+        operators = list(map(twin.operator, twin.lengths))
+    mass = mass_of_interface(twin) if twin.mean else None
+    twin.core = core_of_steps(twin, operators, K_r=twin.K_r, mass=mass)
     return twin
 
 

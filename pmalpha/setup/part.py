@@ -394,6 +394,27 @@ def core_subdomain(
     )
 
 
+def core_of_steps(part: Part, operators: Sequence[tuple[Any, ...]], **others: Any) -> Any:
+    """The same for the steps of a subdomain, with the operators of its lengths."""
+    single, *twice = operators
+    part.factors = [operator[1:] for operator in operators]
+    return core_subdomain(
+        part,
+        part.subdomain.scheme,
+        part.L,
+        single,
+        twice=twice[0] if twice else None,
+        substeps=part.substeps,
+        K=part.K,
+        C=part.C,
+        D_r=part.D_r,
+        lagged=part.subdomain.damping == "lagged",
+        responds=part.responds,
+        continues=part.over is not None,
+        **others,
+    )
+
+
 def warn_of_factors(parts: Sequence[Part]) -> None:
     """PerformanceWarning when the sweeps of factors take most of explicit steps."""
     swept = {part.name: _costly_factor(part) for part in parts}
@@ -470,31 +491,20 @@ def looks_for_contact(s: Subdomain) -> bool:
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in so many threads."""
-    single, *twice = map(part.operator, part.lengths)
-    part.factors = [operator[1:] for operator in (single, *twice)]
-    part.known = {operator[0]: operator for operator in (single, *twice)}
-    part.core = core_subdomain(
+    operators = list(map(part.operator, part.lengths))
+    part.known = {operator[0]: operator for operator in operators}
+    part.core = core_of_steps(
         part,
-        part.subdomain.scheme,
-        part.L,
-        single,
-        twice=twice[0] if twice else None,
-        substeps=part.substeps,
-        K=part.K,
-        C=part.C,
+        operators,
         restoring=core_restoring(
             part.subdomain.restoring, part.name, part.order, part.h, watch_of(part), part.feedback
         ),
-        D_r=part.D_r,
-        lagged=part.subdomain.damping == "lagged",
-        responds=part.responds,
         K_r=part.K_r if part.responds or part.shifts or part.tangent is not None else None,
         springs=core_springs(part.subdomain.springs, part.position),
         **_internal(part, threads),
         mass=mass,
         waits=part.waits,
         shifts=part.shifts,
-        continues=part.over is not None,
         struck=struck(part),
     )
     if (limits := part.subdomain.limits) is not None:

@@ -24,6 +24,7 @@ from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
 
 __all__ = ["from_mesh", "submesh"]
+
 # Numbers of a material, by what it makes of elements; a thickness t besides where surfaces are
 LAWS = {"elastic": ("E", "nu", "rho"), "bar": ("EA", "rhoA"), "beam": ("EA", "EI", "rhoA")}
 

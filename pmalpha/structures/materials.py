@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from .checked import isotropic, not_negative, positive
 
 __all__ = ["J2Plasticity", "NeoHookean", "StVenantKirchhoff"]
+
 # Numbers of the components of a symmetric tensor, and how often each is in the full tensor.
 POSITIONS = {
     2: {(0, 0): 0, (1, 1): 1, (2, 2): 2, (0, 1): 3},
