@@ -405,6 +405,10 @@ def test_what_contacts_do_not_go_with_is_refused_with_the_row():
             [full], pm.contact(full, 1))  # fmt: skip
     light = pm.Subdomain([0.0, 1.0], np.eye(2), scheme=pm.GeneralizedAlpha(0.5), name="light")
     refused("dofs with mass, got none at dof 0 of 'light' .row 0", [light], pm.contact(light, 0))
+    shaft = pm.Subdomain(
+        np.ones(2), [[2.0, 0.5], [-0.5, 2.0]], scheme=pm.Newmark(), symmetric=False, name="shaft"
+    )
+    refused("symmetric matrices, got others of 'shaft'", [shaft], pm.contact(shaft, 0))
     soft = pm.Subdomain([1.0], None, scheme=pm.Newmark(), internal=pm.CubicSpring([0], 1.0, 1.0))
     refused("without internal forces", [soft], pm.contact(soft, 0))
     refused("row 0 of 'floor'", [ball(u0=[-0.1])], pm.contact("ball", 0, name="floor"))
