@@ -18,6 +18,7 @@ from problems import random_problem
 
 import pmalpha as pm
 from pmalpha.setup import factors
+from pmalpha.setup.schedule import most_threads
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads in /proc")
 IMPLICIT = pm.GeneralizedAlpha(0.5)
@@ -460,6 +461,19 @@ def test_solve_takes_a_number_of_threads_too():
     np.testing.assert_array_equal(pm.solve(subdomain, 0.1, 1.0, threads=2).u, expected.u)
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
         pm.solve(subdomain, 0.1, 1.0, threads=0)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
+def test_whether_threads_are_faster_is_timed_and_changes_no_result(coupling):
+    # with two processors 20 000 entries a substep promise a gain; a turn takes a millisecond
+    runs = []
+    for threads in (1, None):
+        coupler = row_of_subdomains(2, 20_000, threads=threads, coupling=coupling, dt=0.05)
+        promised = coupler.threads
+        runs.append(coupler.run(steps=40))
+    assert_identical(*runs)
+    assert coupling == "macro" or promised == min(2, most_threads(None)[0])
+    assert 1 <= coupler.threads <= promised
 
 
 # ---- created by the first step, ended with the coupler ----------------------------------------

@@ -62,5 +62,6 @@ extern const test DUFFING_TESTS[];
 extern const test ITERATED_RUNS_TESTS[];
 extern const test CONTACT_TESTS[];
 extern const test SPECIMEN_TESTS[];
+extern const test TRIAL_TESTS[];
 
 #endif

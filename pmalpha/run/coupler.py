@@ -63,7 +63,8 @@ class Coupler:
         How internal forces are iterated.
     threads : int, optional
         Maximum number of threads, including the caller; results are bitwise identical. Default: the
-        number of processors if (W1) to (W3) of docs/method.md predict a gain, else 1.
+        number of processors if (W1) to (W3) of docs/method.md predict a gain, else 1; while macro
+        steps are faster in one thread than in several, which is timed now and then, one.
     comm : mpi4py.MPI.Intracomm, optional
         Processes that share the problem: `subdomains` are those of this rank, `constraints` the
         same on every rank, and all ranks make the same calls; see docs/many.md.
@@ -163,7 +164,7 @@ class Coupler:
 
     @property
     def threads(self) -> int:
-        """Number of threads in use, including the caller."""
+        """Number of threads in use at present, including the caller."""
         threads: int = self._session.core.threads
         return threads
 

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "coupling/schedule.h"
+#include "workers/thread.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
 
@@ -269,9 +270,16 @@ int64_t pma_coupler_most_steps(const pma_coupler *c)
     return PMA_MOST_STEPS / (int64_t)most;
 }
 
+/* Does the team have to prove itself? Not where the user has said how many, where steps begin at
+ * times of a clock, or where other processes are waited for. */
+static bool is_tried(const pma_coupler *c)
+{
+    return c->team && c->parts.worthwhile && !c->pace && !c->exchange;
+}
+
 size_t pma_coupler_threads(const pma_coupler *c)
 {
-    return c->roster.workers;
+    return is_tried(c) && c->trial.chosen ? 1 : c->roster.workers;
 }
 
 size_t pma_coupler_worker(const pma_coupler *c, size_t i)
@@ -358,6 +366,18 @@ pma_status pma_coupler_meet(pma_coupler *c, pma_status status)
     return pma_exchange_present(c, status == PMA_OK && !c->started ? PMA_NOT_READY : status);
 }
 
+static void let_alone(pma_coupler *c, bool alone)
+{
+    c->alone = alone;
+    pma_team_let_alone(c->team, alone);
+}
+
+static void end_piece(pma_coupler *c)
+{
+    pma_trial_end_piece(&c->trial, pma_timer_now());
+    let_alone(c, c->trial.alone);
+}
+
 /* A macro step, up to where all have arrived at its end. */
 static pma_status take_step(pma_coupler *c)
 {
@@ -374,6 +394,11 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     if (c->team && steps > 0 && status == PMA_OK)
         status = pma_team_gather(c->team);
     begin(c, steps, record, poll);
+    const bool tried = is_tried(c);
+    if (tried)
+        pma_trial_begin(&c->trial, pma_timer_now());
+    if (c->team)
+        let_alone(c, tried && c->trial.alone);
     if (c->exchange && steps > 0)
         status = pma_exchange_present(c, status);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
@@ -382,6 +407,8 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
         status = take_step(c);
         if (status == PMA_OK) {
             reach(c);
+            if (tried)
+                end_piece(c);
         } else {
             status = c->exchange ? status : pma_look_ahead_end(c, status);
             abandon(c);

@@ -15,6 +15,7 @@
 #include "coupling/iteration.h"
 #include "workers/roster.h"
 #include "workers/team.h"
+#include "workers/trial.h"
 
 /* What a worker beside the fine steps is assigned to do with one subdomain, until it is awaited. */
 typedef struct {
@@ -101,6 +102,8 @@ struct pma_coupler {
     pma_coupled *split;  /* the one that all workers of the fine steps do together, or NULL */
     pma_workers workers; /* ... these */
     pma_team *team;      /* NULL when the caller is alone */
+    pma_trial trial;     /* of the team, where its size is not the user's choice */
+    bool alone;          /* the caller does all that the team is given */
     pma_task task;       /* what the team does, and with which members */
     pma_due due;
     atomic_bool has_failed; /* the task, with some member */

@@ -47,6 +47,7 @@ struct pma_team {
     size_t workers;
     size_t made;  /* seats with a thread, from worker 1 on */
     long process; /* in which they live */
+    bool alone;   /* the caller does all itself */
     seat *seats;  /* of worker 1, 2, ... */
 };
 
@@ -197,6 +198,11 @@ void pma_team_destroy(pma_team *t)
 
 /* ---- work ----------------------------------------------------------------------------------- */
 
+void pma_team_let_alone(pma_team *t, bool alone)
+{
+    t->alone = alone;
+}
+
 void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 {
     assert(worker >= 1 && worker <= t->made);
@@ -204,6 +210,10 @@ void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
     pma_team_await(t, worker, NULL, NULL);
     s->work = work;
     s->ctx = ctx;
+    if (t->alone && work) {
+        work(ctx, worker);
+        return;
+    }
     const unsigned posted = atomic_load_explicit(&s->posted, memory_order_relaxed);
     change(s, &s->posted, posted + 1, &s->worker_sleeps);
 }
