@@ -35,7 +35,8 @@ int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, con
     if (!PyArray_Check(obj))
         return pma_refuse(PyExc_TypeError, "%s must be an array, got %R", name, Py_TYPE(obj));
     PyArrayObject *array = (PyArrayObject *)obj;
-    if (PyArray_TYPE(array) != type || !PyArray_IS_C_CONTIGUOUS(array) ||
+    /* 32 bits are int or long on Windows, 64 bits long or long long on Linux */
+    if (!PyArray_EquivTypenums(PyArray_TYPE(array), type) || !PyArray_IS_C_CONTIGUOUS(array) ||
         !PyArray_ISBEHAVED_RO(array))
         return pma_refuse(PyExc_TypeError, "%s must be C-contiguous, aligned and of type %d", name,
                           type);
