@@ -48,6 +48,10 @@ def arguments():
         lambda bad: make(own=[singular] if bad else None, constraints=[pm.tie("r0", 0, "r1", 0)]),
         f"'r{SIZE - 1}'",
     )
+    obstacle = pm.contact("r0", [0], gap=1.0)
+    contacts = [*ties(), obstacle]
+    refusal = "contacts need a Coupler without comm"
+    one_of(ValueError, lambda bad: make(constraints=contacts), refusal, everywhere=True)
     coupler = make()
     one_of(ValueError, lambda bad: coupler.static(steps=1 + bad), "the call", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(steps=3 + bad), "the call must be", everywhere=True)
