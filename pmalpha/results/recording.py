@@ -34,6 +34,7 @@ from .stored import EarlierRows, check_new, contents_of
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
 # Names of what is recorded, by columns.
 IN_SUBDOMAIN, IN_INTERFACE = by_columns(OF_SUBDOMAIN), by_columns(OF_INTERFACE)
+COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
 
 
 class Recording:
@@ -47,8 +48,8 @@ class Recording:
         The constraints as the core has them.
     fine : int
         Interface problems per macro step.
-    middle : bool
-        The multipliers belong to the middle of a macro step, not to its end: mean coupling.
+    coupling : str
+        Under "mean" the multipliers belong to the middle of a macro step, not to its end.
     begin, end : int
         Macro steps.
     clock : Clock
@@ -71,7 +72,7 @@ class Recording:
         rows: CoreRows,
         *,
         fine: int,
-        middle: bool,
+        coupling: str,
         begin: int,
         end: int,
         clock: Clock,
@@ -87,7 +88,7 @@ class Recording:
         # by levels per macro step: of which macro steps, and the times; the same in all cases
         self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
         self.every = None if every is None else whole_number(every, "every", low=1)
-        self.fine, self.middle, self.conserved = fine, middle, conserved
+        self.fine, self.coupling, self.conserved = fine, coupling, conserved
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
@@ -98,7 +99,8 @@ class Recording:
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
-        require(8.0 * self._numbers(self._rows_in_memory), "the History", advice)
+        self.numbers = self._numbers(self._rows_in_memory)
+        require(8.0 * self.numbers, "the History", advice)
         self._make_arrays()
 
     def again(self) -> Recording:
@@ -114,9 +116,9 @@ class Recording:
     def _make_arrays(self) -> None:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
-        parts, rows = self.parts, self._rows_in_memory
-        numbers = self._numbers(rows) - rows(1) * self.energy_columns  # without the History's own
-        self.block, self.used = np.empty(int(numbers)), 0
+        parts = self.parts
+        of_history = self._rows_in_memory(1) * self.energy_columns  # energies once more
+        self.block, self.used = np.empty(int(self.numbers - of_history)), 0
         self.arrays = [
             {x: self._allocate(part.substeps, count) for x, count in columns.items()}
             for part, columns in zip(parts, self.columns)
@@ -140,7 +142,7 @@ class Recording:
     @property
     def numbers_kept(self) -> float:
         """Numbers that the History keeps in memory."""
-        return self._numbers(self._rows_in_memory)
+        return self.numbers
 
     def _interface_columns(self) -> dict[str, int]:
         """The number of columns of each array of the interface; contacts where there are any."""
@@ -187,10 +189,9 @@ class Recording:
 
     def _allocate(self, levels: int, columns: int) -> np.ndarray:
         """An array of the block."""
-        shape = self._rows_in_memory(levels), columns
-        begin = self.used
-        self.used += shape[0] * columns
-        return np.ndarray(shape, buffer=self.block, offset=8 * begin)
+        rows, begin = self._rows_in_memory(levels), self.used
+        self.used += rows * columns
+        return self.block[begin : self.used].reshape(rows, columns)
 
     def rows(self, levels: int, end: int) -> int:
         """Number of rows up to macro step `end`, with `levels` time levels per macro step."""
@@ -218,7 +219,7 @@ class Recording:
 
     def _multiplier_times(self, end: int) -> np.ndarray:
         times = self.times(self.fine, end)
-        if self.middle:
+        if self.coupling == "mean":
             times -= 0.5 * self.clock.dt
             if self.begin == self.clock.origin:  # the middle of the macro step before
                 times[0] = self.clock.t0 - 0.5 * self.clock.before
@@ -279,7 +280,7 @@ class Recording:
                     n=part.n,
                     dof_names=names_at(part.subdomain.dof_names, dofs),
                     **{
-                        name: x[:rows, 0].astype(int) if OF_SUBDOMAIN[name].is_count else x[:rows]
+                        name: x[:rows, 0].astype(int) if name in COUNTS else x[:rows]
                         for name, x in self.arrays[i].items()
                     },
                 )
@@ -298,6 +299,7 @@ class Recording:
             energy=self._energy_history(macro, end) if self.has_energy else None,
             substeps=self._substeps(macro),
             contact_layout=() if self.contacts is None else layouts(self.contacts),
+            coupling=self.coupling,
         )
 
     def _substeps(self, rows: int) -> np.ndarray:
@@ -327,7 +329,7 @@ class Recording:
 
     def _in_users_rows(self, name: str, x: np.ndarray) -> np.ndarray:
         """Forces or jumps of the constraints as the user has written them."""
-        if OF_INTERFACE[name].columns != "constraints":
+        if name not in IN_INTERFACE["constraints"]:
             return x
         rows = self.core_rows
         return rows.forces(x) if OF_INTERFACE[name].unit == "F" else rows.jumps(x)

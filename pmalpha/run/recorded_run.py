@@ -105,7 +105,7 @@ def recording_of(
         session.keys,
         session.core_rows,
         fine=session.fine,
-        middle=session.coupling == "mean",
+        coupling=session.coupling,
         begin=first,
         end=end,
         clock=session.clock,
@@ -129,7 +129,7 @@ def recorded(
     with noted() as messages:
         history = _recorded(session, recording, report, held, around)
         held.during(judge, session, history)
-    return replace(history, coupling=session.coupling, warnings=tuple(messages))
+    return replace(history, warnings=tuple(messages)) if messages else history
 
 
 def _recorded(
