@@ -228,7 +228,7 @@ static void release_limits(pma_subdomain *s)
 {
     for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
         pma_limits_destroy(s->sent[i]);
-    free(s->sent);
+    free((void *)s->sent);
     free(s->given);
     pma_limits_destroy(s->limits);
     s->sent = NULL;
@@ -468,7 +468,7 @@ pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
     release_limits(s);
     pma_status status = pma_limits_create(parts, &s->limits);
     if (status == PMA_OK && compensators > 0) {
-        s->sent = calloc(compensators, sizeof *s->sent);
+        s->sent = (pma_limits **)calloc(compensators, sizeof *s->sent);
         s->given = calloc(2 * parts->n, sizeof *s->given);
         status = s->sent && s->given ? PMA_OK : PMA_NO_MEMORY;
     }

@@ -36,7 +36,7 @@ static void end_turn(pma_trial *t)
     t->cost[t->alone][t->turns / 2] = (double)t->spent / (double)t->pieces;
     t->tried += t->spent;
     t->alone = !t->alone;
-    if (++t->turns == 2 * PMA_TURNS)
+    if (++t->turns == (size_t)2 * PMA_TURNS)
         choose(t);
 }
 
