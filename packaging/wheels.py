@@ -47,6 +47,8 @@ class Platform:
     link: tuple[str, ...] = ("-pthread", "-lm")
 
 
+# a hash in place of the time of the link
+WINDOWS = ("python3.lib", "-Wl,/Brepro")
 MACOS = ("-undefined", "dynamic_lookup", "-install_name", "@rpath/_core.abi3.so")
 PLATFORMS = {
     "manylinux_2_17_x86_64": Platform("x86_64-linux-gnu.2.17", "manylinux_2_28_x86_64"),
@@ -54,7 +56,7 @@ PLATFORMS = {
     "musllinux_1_2_x86_64": Platform("x86_64-linux-musl", "musllinux_1_2_x86_64"),
     "macosx_11_0_x86_64": Platform("x86_64-macos.11.0", "macosx_14_0_x86_64", link=MACOS),
     "macosx_11_0_arm64": Platform("aarch64-macos.11.0", "macosx_14_0_arm64", link=MACOS),
-    "win_amd64": Platform("x86_64-windows-gnu", "win_amd64", "_core.pyd", ("python3.lib",)),
+    "win_amd64": Platform("x86_64-windows-gnu", "win_amd64", "_core.pyd", WINDOWS),
 }
 
 # What Python.h has to know for the limited API, by what the compiler says of its target.
