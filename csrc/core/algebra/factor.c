@@ -120,82 +120,96 @@ static size_t rows_of_band(const pma_factor *f, size_t j)
     return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
 }
 
-/* clang-format off: bodies that are written once, see lanes.h */
-
-PMA_LOOP(divide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
-         number *own = (number *)x;
-         (void)work; for (size_t j = first; j < last; j++)
-             PMA_SCALE(f->inverse[j], &own[j - first], &own[j - first]);)
-
-PMA_LOOP(
-    eliminate_wide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+PMA_LOOP(divide, (const pma_factor *f, size_t first, size_t last, double *x, double *work), {
     number *own = (number *)x;
-    number xj = own[0]; (void)work; for (size_t j = first; j < last && j + 1 < f->n; j++) {
-        const double *column = f->values + j * f->width;
-        const size_t rows = rows_of_band(f, j);
-        number *below = own + (j + 1 - first);
-        number next = below[0];
-        PMA_SUBTRACT(column[0], &xj, &next);
-        for (size_t k = 1; k < rows; k++)
-            PMA_SUBTRACT(column[k], &xj, &below[k]);
-        below[0] = next;
-        xj = next;
-    })
+    (void)work;
+    for (size_t j = first; j < last; j++)
+        PMA_SCALE(f->inverse[j], &own[j - first], &own[j - first]);
+})
 
-PMA_LOOP(
-    substitute_wide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
-    const double *Q = f->values + f->Q;
-    number *own = (number *)x; number next = {0}; (void)work;
-    if (last < f->n) next = own[last - first]; for (size_t j = last; j-- > first;) {
-        const double *column = Q + j * f->width;
-        const number *below = own + (j + 1 - first);
-        const size_t rows = rows_of_band(f, j);
-        number xj;
-        PMA_SCALE(f->inverse[j], &own[j - first], &xj);
-        for (size_t k = 1; k < rows; k++)
-            PMA_SUBTRACT(column[k], &below[k], &xj);
-        if (rows > 0)
-            PMA_SUBTRACT(column[0], &next, &xj);
-        own[j - first] = next = xj;
-    })
+PMA_LOOP(eliminate_wide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+         {
+             number *own = (number *)x;
+             number xj = own[0];
+             (void)work;
+             for (size_t j = first; j < last && j + 1 < f->n; j++) {
+                 const double *column = f->values + j * f->width;
+                 const size_t rows = rows_of_band(f, j);
+                 number *below = own + (j + 1 - first);
+                 number next = below[0];
+                 PMA_SUBTRACT(column[0], &xj, &next);
+                 for (size_t k = 1; k < rows; k++)
+                     PMA_SUBTRACT(column[k], &xj, &below[k]);
+                 below[0] = next;
+                 xj = next;
+             }
+         })
 
-PMA_LOOP(
-    eliminate_sparse, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
-    number *own = (number *)x;
-    number xj = own[0]; (void)work; for (size_t j = first; j < last; j++) {
-        int64_t k = f->ptr[j];
-        const int64_t end = f->ptr[j + 1];
-        number next = {0};
-        if (j + 1 < f->n)
-            next = own[j + 1 - first];
-        if (k < end && (size_t)f->index[k] == j + 1) {
-            PMA_SUBTRACT(f->values[k++], &xj, &next);
-            own[j + 1 - first] = next;
-        }
-        for (; k < end; k++)
-            PMA_SUBTRACT(f->values[k], &xj, &own[(size_t)f->index[k] - first]);
-        xj = next;
-    })
+PMA_LOOP(substitute_wide, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+         {
+             const double *Q = f->values + f->Q;
+             number *own = (number *)x;
+             number next = {0};
+             (void)work;
+             if (last < f->n)
+                 next = own[last - first];
+             for (size_t j = last; j-- > first;) {
+                 const double *column = Q + j * f->width;
+                 const number *below = own + (j + 1 - first);
+                 const size_t rows = rows_of_band(f, j);
+                 number xj;
+                 PMA_SCALE(f->inverse[j], &own[j - first], &xj);
+                 for (size_t k = 1; k < rows; k++)
+                     PMA_SUBTRACT(column[k], &below[k], &xj);
+                 if (rows > 0)
+                     PMA_SUBTRACT(column[0], &next, &xj);
+                 own[j - first] = next = xj;
+             }
+         })
 
-PMA_LOOP(
-    substitute_sparse, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
-    const double *Q = f->values + f->Q;
-    number *own = (number *)x; number next = {0}; (void)work;
-    if (last < f->n) next = own[last - first]; for (size_t j = last; j-- > first;) {
-        int64_t k = f->ptr[j];
-        const int64_t end = f->ptr[j + 1];
-        number xj;
-        number sum = {0};
-        PMA_SCALE(f->inverse[j], &own[j - first], &xj);
-        if (k < end && (size_t)f->index[k] == j + 1)
-            PMA_SUBTRACT(Q[k++], &next, &xj);
-        for (; k < end; k++)
-            PMA_ADD(Q[k], &own[(size_t)f->index[k] - first], &sum);
-        PMA_SUBTRACT(1.0, &sum, &xj);
-        own[j - first] = next = xj;
-    })
+PMA_LOOP(eliminate_sparse,
+         (const pma_factor *f, size_t first, size_t last, double *x, double *work), {
+             number *own = (number *)x;
+             number xj = own[0];
+             (void)work;
+             for (size_t j = first; j < last; j++) {
+                 int64_t k = f->ptr[j];
+                 const int64_t end = f->ptr[j + 1];
+                 number next = {0};
+                 if (j + 1 < f->n)
+                     next = own[j + 1 - first];
+                 if (k < end && (size_t)f->index[k] == j + 1) {
+                     PMA_SUBTRACT(f->values[k++], &xj, &next);
+                     own[j + 1 - first] = next;
+                 }
+                 for (; k < end; k++)
+                     PMA_SUBTRACT(f->values[k], &xj, &own[(size_t)f->index[k] - first]);
+                 xj = next;
+             }
+         })
 
-/* clang-format on */
+PMA_LOOP(substitute_sparse,
+         (const pma_factor *f, size_t first, size_t last, double *x, double *work), {
+             const double *Q = f->values + f->Q;
+             number *own = (number *)x;
+             number next = {0};
+             (void)work;
+             if (last < f->n)
+                 next = own[last - first];
+             for (size_t j = last; j-- > first;) {
+                 int64_t k = f->ptr[j];
+                 const int64_t end = f->ptr[j + 1];
+                 number xj;
+                 number sum = {0};
+                 PMA_SCALE(f->inverse[j], &own[j - first], &xj);
+                 if (k < end && (size_t)f->index[k] == j + 1)
+                     PMA_SUBTRACT(Q[k++], &next, &xj);
+                 for (; k < end; k++)
+                     PMA_ADD(Q[k], &own[(size_t)f->index[k] - first], &sum);
+                 PMA_SUBTRACT(1.0, &sum, &xj);
+                 own[j - first] = next = xj;
+             }
+         })
 
 /* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] is unknown `first`. */
 static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x, double *work)

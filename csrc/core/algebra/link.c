@@ -19,41 +19,43 @@ pma_status pma_link_check(const pma_link *L)
     return PMA_OK;
 }
 
-/* clang-format off: bodies that are written once, see lanes.h */
-
 /* `L` is copied, or it would be read again after each number that is stored. */
-PMA_LOOP(
-    load, (const pma_link *L, const double *lam, double *xb), const pma_link l = *L;
-    const number *from = (const number *)lam; number *to = (number *)xb; int64_t k = 0;
+PMA_LOOP(load, (const pma_link *L, const double *lam, double *xb), {
+    const pma_link l = *L;
+    const number *from = (const number *)lam;
+    number *to = (number *)xb;
+    int64_t k = 0;
     for (size_t j = 0; j < l.nb; j++) {
         number sum = {0};
         for (; k < l.ptr[j + 1]; k++)
             PMA_ADD(l.values[k], &from[l.index[k]], &sum);
         to[j] = sum;
-    })
+    }
+})
 
-PMA_LOOP(
-    add, (const pma_link *L, const double *lam, double *xb),
+PMA_LOOP(add, (const pma_link *L, const double *lam, double *xb), {
     const number *from = (const number *)lam;
-    number *to = (number *)xb; for (size_t j = 0; j < L->nb; j++) {
+    number *to = (number *)xb;
+    for (size_t j = 0; j < L->nb; j++) {
         number sum = to[j];
         for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
             PMA_ADD(L->values[k], &from[L->index[k]], &sum);
         to[j] = sum;
-    })
+    }
+})
 
-PMA_LOOP(
-    gather, (const pma_link *L, double scale, const double *xb, double *jump),
+PMA_LOOP(gather, (const pma_link *L, double scale, const double *xb, double *jump), {
     const pma_link l = *L;
-    const number *from = (const number *)xb; number *to = (number *)jump; int64_t k = 0;
+    const number *from = (const number *)xb;
+    number *to = (number *)jump;
+    int64_t k = 0;
     for (size_t j = 0; j < l.nb; j++) {
         number x;
         PMA_SCALE(scale, &from[j], &x);
         for (; k < l.ptr[j + 1]; k++)
             PMA_ADD(l.values[k], &x, &to[l.index[k]]);
-    })
-
-/* clang-format on */
+    }
+})
 
 pma_link pma_link_in_lanes(const pma_link *each)
 {

@@ -253,43 +253,44 @@ static void subtract_zero(const pma_matrix *A, size_t begin, size_t end, const d
     (void)A, (void)begin, (void)end, (void)x, (void)y;
 }
 
-/* clang-format off: bodies that are written once, see lanes.h */
-
 PMA_LOOP(subtract_diagonal,
-         (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y),
-         const number *from = (const number *)x;
-         number *restrict to = (number *)y;
-         for (size_t i = begin; i < end; i++) PMA_SUBTRACT(A->values[i], &from[i], &to[i]);)
+         (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y), {
+             const number *from = (const number *)x;
+             number *restrict to = (number *)y;
+             for (size_t i = begin; i < end; i++)
+                 PMA_SUBTRACT(A->values[i], &from[i], &to[i]);
+         })
 
-PMA_LOOP(
-    subtract_sparse, (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y),
-    const number *from = (const number *)x;
-    number *to = (number *)y; for (size_t i = begin; i < end; i++) {
-        number sum = {0};
-        for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++)
-            PMA_ADD(A->values[k], &from[A->index[k]], &sum);
-        PMA_SUBTRACT(1.0, &sum, &to[i]);
-    })
+PMA_LOOP(subtract_sparse,
+         (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y), {
+             const number *from = (const number *)x;
+             number *to = (number *)y;
+             for (size_t i = begin; i < end; i++) {
+                 number sum = {0};
+                 for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++)
+                     PMA_ADD(A->values[k], &from[A->index[k]], &sum);
+                 PMA_SUBTRACT(1.0, &sum, &to[i]);
+             }
+         })
 
 /* Row by row */
-PMA_LOOP(
-    subtract_rows_of_band,
-    (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y),
-    const number *from = (const number *)x;
-    number *to = (number *)y; for (size_t i = begin; i < end; i++) {
-        number sum = to[i];
-        PMA_SUBTRACT(A->values[i], &from[i], &sum);
-        for (size_t d = 1; d <= A->width; d++) {
-            const double *above = A->values + d * A->n;
-            if (i + d < A->n)
-                PMA_SUBTRACT(above[i], &from[i + d], &sum);
-            if (i >= d)
-                PMA_SUBTRACT(above[A->below + i - d], &from[i - d], &sum);
-        }
-        to[i] = sum;
-    })
-
-/* clang-format on */
+PMA_LOOP(subtract_rows_of_band,
+         (const pma_matrix *A, size_t begin, size_t end, const double *x, double *y), {
+             const number *from = (const number *)x;
+             number *to = (number *)y;
+             for (size_t i = begin; i < end; i++) {
+                 number sum = to[i];
+                 PMA_SUBTRACT(A->values[i], &from[i], &sum);
+                 for (size_t d = 1; d <= A->width; d++) {
+                     const double *above = A->values + d * A->n;
+                     if (i + d < A->n)
+                         PMA_SUBTRACT(above[i], &from[i + d], &sum);
+                     if (i >= d)
+                         PMA_SUBTRACT(above[A->below + i - d], &from[i - d], &sum);
+                 }
+                 to[i] = sum;
+             }
+         })
 
 /* Up to this size a product is shorter than the preparations of the kernel, whose order it has. */
 enum { FEW = 4 };
