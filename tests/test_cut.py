@@ -1,6 +1,5 @@
 """A structure that is cut and put together again is the uncut one."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -126,12 +125,7 @@ NONLINEAR = {
         3, 2, 2, 0.5, structures.StVenantKirchhoff(1.0, 0.3), rho=1.0, mass="lumped"
     ),
     "plastic": lambda rng: structures.nonlinear_solid(
-        4,
-        3,
-        0.5,
-        structures.J2Plasticity(1.0, 0.3, yield_stress=0.02, isotropic=0.1),
-        rho=1.0,
-        mass="lumped",
+        4, 3, 0.5, structures.J2Plasticity(1.0, 0.3, 0.02, 0.1), rho=1.0, mass="lumped"
     ),
     "truss": lambda rng: structures.truss(
         *TOWER, EA=5.0, rhoA=1.0, divisions=3, prestress=0.5, mass="lumped"
@@ -172,10 +166,8 @@ def initial(structure, fixed, rng, size=1.0):
 
 def compare(parts, one, expand, dt, steps, tolerance=1e-10):
     """Both runs, equal up to `tolerance` times the largest value of each quantity."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", pm.AccuracyWarning)  # accuracy is not what is compared
-        whole = parts.gather(parts.coupler(dt, coupling="gc").run(steps=steps))
-        reference = pm.solve(one, dt=dt, steps=steps)
+    whole = parts.gather(parts.coupler(dt, coupling="gc").run(steps=steps))
+    reference = pm.solve(one, dt=dt, steps=steps)
     for x in "uva":
         expected = expand(getattr(reference, x))
         difference = np.abs(getattr(whole, x) - expected).max()
@@ -183,6 +175,8 @@ def compare(parts, one, expand, dt, steps, tolerance=1e-10):
     assert np.array_equal(whole.t, reference.t)
 
 
+# M of the explicit subdomains is not diagonal where it is consistent
+@pytest.mark.filterwarnings("ignore::pmalpha.PerformanceWarning")
 @pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()], ids=repr)
 @pytest.mark.parametrize("kind", LINEAR)
 def test_put_together_the_motion_is_that_of_the_uncut_structure(kind, scheme):
@@ -199,10 +193,7 @@ def test_put_together_the_motion_is_that_of_the_uncut_structure(kind, scheme):
         labels = random_labels(count, k, rng)
         parts = pm.cut(structure, labels, fixed=fixed, scheme=scheme, rayleigh=(0.1, 0.0), **values)
         assert len(parts.subdomains) == k
-        with warnings.catch_warnings():
-            # M of the explicit subdomains is not diagonal where it is consistent
-            warnings.simplefilter("ignore", pm.PerformanceWarning)
-            compare(parts, one, expand, 0.9 * limit, 40)
+        compare(parts, one, expand, 0.9 * limit, 40)
 
 
 @pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), pm.CentralDifference()], ids=repr)
@@ -215,25 +206,22 @@ def test_nonlinear_elements_put_together_move_as_the_uncut_structure(kind, schem
     values = initial(structure, fixed, rng, 0.02)
     one, expand = uncut(structure, fixed=fixed, scheme=scheme, **values)
     newton = pm.Newton(tol=1e-12)
+    expected = pm.Coupler([one], dt=0.02, newton=newton).run(steps=10)[0]
     count = elements_of(structure)
-    for k in (1, 3, count):
+    for k in (3, count):
         parts = pm.cut(
             structure, random_labels(count, k, rng), fixed=fixed, scheme=scheme, **values
         )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", pm.AccuracyWarning)
-            run = parts.coupler(0.02, coupling="gc", newton=newton).run(steps=20)
-            whole = parts.gather(run)
-            expected = pm.Coupler([one], dt=0.02, newton=newton).run(steps=20)[0]
+        whole = parts.gather(parts.coupler(0.02, coupling="gc", newton=newton).run(steps=10))
         for x in "uv":
             reference = expand(getattr(expected, x))
             assert np.abs(getattr(whole, x) - reference).max() < 1e-8 * np.abs(reference).max()
 
 
 def dense(A, n):
-    return (
-        np.zeros((n, n)) if A is None else np.diag(A) if A.ndim == 1 else sp.csr_array(A).toarray()
-    )
+    if A is None:
+        return np.zeros((n, n))
+    return np.diag(A) if A.ndim == 1 else sp.csr_array(A).toarray()
 
 
 @pytest.mark.parametrize("kind", LINEAR)
@@ -341,10 +329,8 @@ def test_elements_of_several_kinds_make_one_structure():
     box = structures.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     one = structures.solid(1, 1, 1, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     nodes = box.elements["hexahedron"]
-    corner = np.argsort(structures.solid(1, 1, 1, 0.5, E=1, nu=0, rho=1).elements["hexahedron"][0])
     where = one.elements["hexahedron"][0]
     own = (3 * where[:, None] + np.arange(3)).ravel()
-    assert corner.size == 8
     K = one.K.toarray()[np.ix_(own, own)]
     M = one.M.diagonal()[own]
     dofs = (3 * nodes[:, :, None] + np.arange(3)).reshape(8, 24)
@@ -559,7 +545,7 @@ def test_the_bound_of_an_element_is_close_to_its_highest_frequency():
         whole = whole_of(structure, structure.dofs(0), None)
         bounds = frequencies(whole)
         kind, nodes = next(iter(structure.elements.items()))
-        for e in range(elements_of(structure)):
+        for e in range(0, elements_of(structure), 4):
             parts = pm.cut(
                 structure, np.where(np.arange(len(bounds)) == e, 1, 0), fixed=structure.dofs(0)
             )
@@ -570,7 +556,7 @@ def test_the_bound_of_an_element_is_close_to_its_highest_frequency():
             assert bounds[e] <= exact * size ** (1 / 32) * (1 + 1e-12)
 
 
-def graded_plate(ratio=300.0, n=24, rng=None):
+def graded_plate(ratio=300.0, n=24):
     """A square with elements that become finer towards the lower left corner."""
     edges = np.concatenate([[0.0], np.cumsum(np.geomspace(1.0, ratio, n))]) / ratio
     X, Y = np.meshgrid(edges, edges, indexing="ij")
@@ -646,9 +632,7 @@ def test_a_graded_mesh_is_stable_at_most_of_the_limit_of_each_level(coupling):
     dt = 0.95 * pm.cutting.choice.critical_product(scheme) / bounds.min()
     parts = pm.cut(structure, "steps", dt=dt, scheme=scheme, v0=v0, fixed=fixed)
     assert len(parts.subdomains) > 4
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", pm.AccuracyWarning)
-        run = parts.coupler(coupling=coupling).run(steps=400, every=20)
+    run = parts.coupler(coupling=coupling).run(steps=400, every=20)
     v = parts.gather(run).v
     energy = 0.5 * np.einsum("kn,n,kn->k", v, structure.M.diagonal(), v)
     assert np.all(energy[1:] <= 1.01 * energy[0])  # that at t = 0 is kinetic
@@ -678,13 +662,11 @@ def test_a_subcycled_run_has_the_order_of_its_coupling(coupling, order):
     exact = shapes @ (q * np.cos(np.sqrt(np.abs(omega)) * 8 * dt))
     assert one.n == structure.n
     errors = []
-    for halvings in (1, 2, 4, 8):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", pm.AccuracyWarning)
-            run = parts.coupler(dt / halvings, coupling=coupling).run(steps=8 * halvings)
+    for halvings in (2, 4, 8):
+        run = parts.coupler(dt / halvings, coupling=coupling).run(steps=8 * halvings)
         errors.append(np.abs(parts.gather(run).u[-1] - exact).max())
     observed = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all(observed[1:] > order - 0.25), (errors, observed)
+    assert np.all(observed > order - 0.25), (errors, observed)
 
 
 # ---- pictures and files ------------------------------------------------------------------------
@@ -727,6 +709,8 @@ def test_a_file_has_the_subdomains_of_the_elements(tmp_path, name):
 
 K2 = [[[1.0, -1.0], [-1.0, 1.0]]]
 CHAIN = structures.chain(4, 1.0, 1.0)
+BARE = pm.Elements([[0, 1]], [[1.0, 1.0]], K2)
+STEPS = {"labels": "steps", "dt": 0.1}
 
 
 @pytest.mark.parametrize(
@@ -736,70 +720,25 @@ CHAIN = structures.chain(4, 1.0, 1.0)
         ({"labels": [0.0, 1.0, 1.0]}, TypeError, "labels must be whole numbers or names"),
         ({"labels": "step"}, ValueError, "labels must be an array or \"steps\", got 'step'"),
         ({"labels": "steps"}, TypeError, 'dt must be given with labels="steps"'),
-        ({"labels": "steps", "dt": 0.1, "parts": 2}, TypeError, "parts must not be given"),
-        (
-            {"labels": "steps", "dt": 0.1, "scheme": pm.Newmark()},
-            ValueError,
-            "scheme must be one explicit",
-        ),
-        (
-            {"labels": "steps", "dt": 1e9},
-            ValueError,
-            r"dt must be at most 2\^20 times the critical",
-        ),
+        (STEPS | {"parts": 2}, TypeError, "parts must not be given"),
+        (STEPS | {"scheme": pm.Newmark()}, ValueError, "scheme must be one explicit"),
+        (STEPS | {"dt": 1e9}, ValueError, r"dt must be at most 2\^20 times the critical"),
         ({}, TypeError, "labels or parts must be given"),
-        (
-            {"labels": [0, 0, 1], "parts": 2},
-            TypeError,
-            "labels or parts must be given, and not both",
-        ),
+        ({"labels": [0, 0, 1], "parts": 2}, TypeError, "must be given, and not both"),
         ({"parts": 0}, ValueError, "parts must be at least 1, got 0"),
         ({"parts": 4}, ValueError, "parts must be at most the number of elements, 3, got 4"),
         ({"parts": 2.0}, TypeError, "parts must be a whole number"),
-        ({"labels": [0, 0, 1], "dt": -1.0}, ValueError, "dt must be positive"),
+        ({"parts": "best"}, ValueError, "parts must be a number or \"auto\", got 'best'"),
+        ({"parts": "auto"}, TypeError, 'dt must be given with parts="auto"'),
+        (STEPS | {"parts": "auto", "labels": [0, 0, 1]}, TypeError, "labels must not be given"),
         (
-            {"labels": [0, 0, 1], "scheme": "explicit"},
+            {"parts": "auto", "dt": 0.1, "scheme": pm.Newmark()},
             ValueError,
-            "scheme must be one or one for each",
+            "scheme must be an explicit and an implicit one",
         ),
-        (
-            {"labels": [0, 0, 1], "scheme": [pm.Newmark()]},
-            ValueError,
-            "scheme must be one or one for each",
-        ),
-        (
-            {"labels": [0, 0, 1], "scheme": {"a": pm.Newmark()}},
-            ValueError,
-            "scheme must have one for each",
-        ),
-        ({"labels": [0, 0, 1], "scheme": 3}, TypeError, "scheme must be a Scheme, got 3"),
-        ({"labels": [0, 0, 1], "force": [1.0]}, ValueError, r"force must have shape \(4,\)"),
-        ({"labels": [0, 0, 1], "u0": [1.0]}, ValueError, r"u0 must have shape \(4,\)"),
-        (
-            {"labels": [0, 0, 1], "fixed": [0], "v0": [1.0, 0, 0, 0]},
-            ValueError,
-            "v0 must be zero at fixed dofs",
-        ),
-        ({"labels": [0, 0, 1], "fixed": [4]}, ValueError, r"fixed must lie in 0..3, got 4"),
-        ({"labels": [0, 0, 1], "fixed": [0, 1, 2, 3]}, ValueError, "fixed must leave a dof free"),
-        (
-            {"labels": [0, 1, 1], "fixed": [0, 1]},
-            ValueError,
-            "labels must leave 'part 0' a free dof",
-        ),
-        ({"labels": [0, 0, 1], "points": [[0.0]] * 3}, TypeError, "points must not be given"),
-        ({"labels": [0, 0, 1], "rayleigh": 0.1}, TypeError, "rayleigh must be a pair"),
-        (
-            {"structure": "plate", "labels": [0]},
-            TypeError,
-            "structure must be a Structure, pm.Elements",
-        ),
+        ({"structure": "plate", "labels": [0]}, TypeError, "must be a Structure, pm.Elements"),
         ({"structure": [], "labels": [0]}, ValueError, "structure must have elements"),
-        (
-            {"layer_of": 0, "labels": [0, 0, 1]},
-            TypeError,
-            "labels and parts must not be given with layer_of",
-        ),
+        ({"layer_of": 0, "labels": [0, 0, 1]}, TypeError, "must not be given with layer_of"),
         ({"layer_of": 0, "parts": "auto"}, TypeError, "labels and parts must not be given with"),
         ({"layer_of": 4}, ValueError, r"layer_of must lie in 0..3, got 4"),
         ({"layer_of": [0.0]}, TypeError, "layer_of must be a 1-D array of whole numbers"),
@@ -807,21 +746,36 @@ CHAIN = structures.chain(4, 1.0, 1.0)
         ({"layer_of": "foot"}, ValueError, "layer_of must be a set of nodes, of none, got 'foot'"),
         ({"layer_of": (0, 0)}, ValueError, "depth of layer_of must be at least 1, got 0"),
         ({"layer_of": (0, 1.5)}, TypeError, "depth of layer_of must be a whole number"),
-        (
-            {"layer_of": (0, 10**9)},
-            ValueError,
-            "layer_of must leave elements for the bulk, got all 3 up to depth",
-        ),
-        (
-            {"structure": pm.Elements([[0, 1]], [[1.0, 1.0]], K2), "layer_of": 0},
-            TypeError,
-            "layer_of must be nodes of a Structure",
-        ),
+        ({"layer_of": (0, 10**9)}, ValueError, "must leave elements for the bulk, got all 3 up to"),
+        ({"structure": BARE, "layer_of": 0}, TypeError, "must be nodes of a Structure"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments, error, message):
     with pytest.raises(error, match=message):
         pm.cut(**{"structure": CHAIN} | arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"dt": -1.0}, ValueError, "dt must be positive"),
+        ({"scheme": "explicit"}, ValueError, "scheme must be one or one for each"),
+        ({"scheme": [pm.Newmark()]}, ValueError, "scheme must be one or one for each"),
+        ({"scheme": {"a": pm.Newmark()}}, ValueError, "scheme must have one for each"),
+        ({"scheme": 3}, TypeError, "scheme must be a Scheme, got 3"),
+        ({"force": [1.0]}, ValueError, r"force must have shape \(4,\)"),
+        ({"u0": [1.0]}, ValueError, r"u0 must have shape \(4,\)"),
+        ({"fixed": [0], "v0": [1.0, 0, 0, 0]}, ValueError, "v0 must be zero at fixed dofs"),
+        ({"fixed": [4]}, ValueError, r"fixed must lie in 0..3, got 4"),
+        ({"fixed": [0, 1, 2, 3]}, ValueError, "fixed must leave a dof free"),
+        ({"fixed": [2, 3]}, ValueError, "labels must leave 'part 1' a free dof"),
+        ({"points": [[0.0]] * 3}, TypeError, "points must not be given"),
+        ({"rayleigh": 0.1}, TypeError, "rayleigh must be a pair"),
+    ],
+)
+def test_bad_arguments_with_labels_are_refused_by_name(arguments, error, message):
+    with pytest.raises(error, match=message):
+        pm.cut(CHAIN, [0, 0, 1], **arguments)
 
 
 def test_fixed_elements_with_internal_forces_are_refused_by_name():
@@ -848,11 +802,7 @@ def test_fixed_elements_with_internal_forces_are_refused_by_name():
         ({"C": [["a"]]}, TypeError, "C must hold real numbers"),
         ({"history": [[0.0]]}, TypeError, "history must come with internal forces"),
         ({"internal": 3}, TypeError, "internal must be callable"),
-        (
-            {"internal": abs, "history": [[0.0], [0.0]]},
-            ValueError,
-            "history must have 1 row, got 2",
-        ),
+        ({"internal": abs, "history": [[0.0]] * 2}, ValueError, "history must have 1 row, got 2"),
     ],
 )
 def test_bad_elements_are_refused_by_name(change, error, message):
@@ -860,30 +810,45 @@ def test_bad_elements_are_refused_by_name(change, error, message):
         pm.Elements(**{"dofs": [[0, 1]], "M": [[0.5, 0.5]], "K": K2} | change)
 
 
-def test_what_cannot_be_cut_is_refused():
-    made = structures.Structure(
-        np.ones(2), sp.csr_array(np.eye(2)), np.zeros((2, 1)), {"line": np.array([[0, 1]])}, ("ux",)
-    )
-    with pytest.raises(ValueError, match="structure must know the matrices of its elements"):
-        pm.cut(made, [0])
-    with pytest.raises(
-        ValueError, match="structure must have an element at every dof in 0..3, not at dof 2"
-    ):
-        pm.cut(pm.Elements([[0, 1], [1, 3]], [[0.5, 0.5]], K2), [0, 1])
-    without = pm.Elements([[0, 1], [1, 2]], [[0.5, 0.5], [0.0, 0.0]], K2)
-    with pytest.raises(
-        pm.FactorizationError,
-        match="'part 1' is explicit and none of its elements has mass at 2 dofs of the uncut",
-    ):
-        pm.cut(without, [0, 1], scheme=pm.CentralDifference())
-    with pytest.raises(ValueError, match="some elements have no mass where they have stiffness"):
-        pm.cut(without, "steps", dt=0.1)
-    other = structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=1.0, rhoA=1.0)
-    base = structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=2.0, rhoA=1.0)
-    with pytest.raises(TypeError, match="internal forces of its elements and contact only"):
-        pm.cut(base.with_internal(*other.internal), [0])
-    with pytest.raises(ValueError, match="points must have a row for each of 2 elements, got 1"):
-        pm.cut(without, [0, 0], points=[[0.0]])
+UNKNOWN = structures.Structure(
+    np.ones(2), sp.csr_array(np.eye(2)), np.zeros((2, 1)), {"line": np.array([[0, 1]])}, ("ux",)
+)
+WITHOUT = pm.Elements([[0, 1], [1, 2]], [[0.5, 0.5], [0.0, 0.0]], K2)
+BARS = [structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=EA, rhoA=1.0) for EA in (1.0, 2.0)]
+
+
+@pytest.mark.parametrize(
+    ("structure", "labels", "options", "error", "message"),
+    [
+        (UNKNOWN, [0], {}, ValueError, "structure must know the matrices of its elements"),
+        (
+            pm.Elements([[0, 1], [1, 3]], [[0.5, 0.5]], K2),
+            [0, 1],
+            {},
+            ValueError,
+            "structure must have an element at every dof in 0..3, not at dof 2",
+        ),
+        (
+            WITHOUT,
+            [0, 1],
+            {"scheme": pm.CentralDifference()},
+            pm.FactorizationError,
+            "'part 1' is explicit and none of its elements has mass at 2 dofs of the uncut",
+        ),
+        (WITHOUT, "steps", {"dt": 0.1}, ValueError, "have no mass where they have stiffness"),
+        (
+            BARS[1].with_internal(*BARS[0].internal),
+            [0],
+            {},
+            TypeError,
+            "internal forces of its elements and contact only",
+        ),
+        (WITHOUT, [0, 0], {"points": [[0.0]]}, ValueError, "a row for each of 2 elements, got 1"),
+    ],
+)
+def test_what_cannot_be_cut_is_refused(structure, labels, options, error, message):
+    with pytest.raises(error, match=message):
+        pm.cut(structure, labels, **options)
 
 
 def test_what_cannot_be_gathered_is_refused():
@@ -891,12 +856,15 @@ def test_what_cannot_be_gathered_is_refused():
     coupler = parts.coupler(0.1, coupling="pm")
     with pytest.raises(TypeError, match="history must be a History"):
         parts.gather(np.zeros(3))
-    with pytest.raises(ValueError, match="history must have all 3 dofs of 'part 0', got 1"):
-        parts.gather(coupler.run(steps=1, record={"part 0": [0], "part 1": None}))
-    with pytest.raises(ValueError, match="history must have a subdomain 'part 1'"):
-        parts.gather(coupler.run(steps=1, record={"part 0": None}))
-    with pytest.raises(TypeError, match="dt must be given here or to cut"):
-        parts.coupler()
+    for record, message in (
+        ({"part 0": [0], "part 1": None}, "history must have all 3 dofs of 'part 0', got 1"),
+        ({"part 0": None}, "history must have a subdomain 'part 1'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            parts.gather(coupler.run(steps=1, record=record))
+    for call in (parts.coupler, parts.plan):
+        with pytest.raises(TypeError, match="dt must be given here or to cut"):
+            call()
     with pytest.raises(ValueError, match="u must have the 4 dofs of the uncut structure"):
         parts.scatter(np.zeros(3))
 
@@ -961,8 +929,6 @@ def test_a_plan_of_a_longer_macro_step_is_not_stable():
     parts = pm.cut(graded_plate(40.0, 8), "steps", dt=0.5)
     assert parts.plan().stable and not parts.plan(2.0).stable
     assert "gain" in repr(parts) and "gain" in repr(parts.plan())
-    with pytest.raises(TypeError, match="dt must be given here or to cut"):
-        pm.cut(CHAIN, [0, 0, 1]).plan()
 
 
 def test_the_automatic_cut_is_the_cheapest_of_its_choices():
@@ -1006,24 +972,8 @@ def test_an_automatic_cut_is_for_linear_structures():
         pm.cut(sheet, parts="auto", dt=0.1)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"parts": "best"}, ValueError, "parts must be a number or \"auto\", got 'best'"),
-        ({"parts": "auto"}, TypeError, 'dt must be given with parts="auto"'),
-        ({"parts": "auto", "dt": 0.1, "labels": [0, 0, 1]}, TypeError, "labels must not be given"),
-        (
-            {"parts": "auto", "dt": 0.1, "scheme": pm.Newmark()},
-            ValueError,
-            "scheme must be an explicit and an implicit one",
-        ),
-    ],
-)
-def test_bad_arguments_of_an_automatic_cut_are_refused(arguments, error, message):
-    with pytest.raises(error, match=message):
-        pm.cut(CHAIN, **arguments)
-
-
+# the mast is hinged to the corner, as in the uncut structure
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 def test_named_groups_of_a_mesh_with_beams_are_cut_at_any_mass():
     """A square with a mast: rotations are dofs of the mast only."""
     meshio = pytest.importorskip("meshio")
@@ -1043,10 +993,7 @@ def test_named_groups_of_a_mesh_with_beams_are_cut_at_any_mass():
         one, expand = uncut(whole, fixed=fixed, scheme=pm.Newmark(), v0=v0)
         parts = pm.cut(whole, whole.labels(), fixed=fixed, scheme=pm.Newmark(), v0=v0)
         assert [(s.name, s.n) for s in parts.subdomains] == [("block", 4), ("mast", 9)]
-        with warnings.catch_warnings():
-            # the mast is hinged to the corner, as in the uncut structure
-            warnings.simplefilter("ignore", pm.ConstraintWarning)
-            compare(parts, one, expand, 0.05, 40)
+        compare(parts, one, expand, 0.05, 40)
         assert len(pm.cut(whole, "steps", dt=0.1, fixed=fixed).subdomains) >= 1
 
 
