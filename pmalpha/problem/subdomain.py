@@ -123,62 +123,58 @@ class Subdomain(Frozen):
     Parameters
     ----------
     M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, a number, or a reader's result
-        Mass and stiffness, symmetric; a 1-D array is a diagonal. M is positive definite for an
-        explicit scheme, else semidefinite: a dof without mass is a zero row and column, and
-        requires an implicit scheme that damps at infinite frequency. K may be None beside a
-        restoring or internal force.
+        Mass and stiffness, symmetric; a 1-D array is a diagonal. A dof without mass, a zero row and
+        column of M, requires an implicit scheme that damps at infinite frequency. K may be None
+        with a restoring or internal force.
     C : like M and K, optional
         Viscous damping, symmetric unless `symmetric` is False. Default: none.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
-        Number of substeps in a macro step dt.
+        Substeps in a macro step dt.
     double_step : bool, optional
-        Whether the subdomain takes double steps, from t_{n-1} to t_{n+1}. Default under "pm": if
-        it is implicit and coarser than the finest, or the first of equal ones; else False.
+        Whether to take double steps, from t_{n-1} to t_{n+1}. Default under "pm": if implicit and
+        coarser than the finest, or the first of equal ones; else False.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
-        External load at the end of each substep. A callable ``f(t)`` is evaluated in advance, once
-        for each substep; ``f(t, u, v)``, such as a controller, when `restoring` is. A
-        ``scipy.LowLevelCallable`` is ``int (double t, intptr_t n, double *f, void *user)``.
+        External load at the end of each substep. A callable ``f(t)`` is evaluated in advance;
+        ``f(t, u, v)``, such as a controller, when `restoring` is. A ``scipy.LowLevelCallable`` is
+        ``int (double t, intptr_t n, double *f, void *user)``.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
         A further force, equation (R2), such as a specimen: ``r(u, v, t)`` is evaluated exactly
-        once for each substep, in the order of time, at predicted displacements and velocities. A
+        once a substep, in the order of time, at predicted displacements and velocities. A
         ``scipy.LowLevelCallable`` is ``int (double t, intptr_t n, double *u, double *v, double *r,
         void *user)``.
     restoring_stiffness, restoring_damping : like M and K, optional
-        Estimates K_r, D_r of its stiffness and damping. An implicit subdomain is stable for any
-        step if K_r is at least the tangent. Default: the initial tangent of springs.
+        Estimates K_r, D_r of its stiffness and damping; an implicit subdomain is stable if K_r is
+        at least the tangent. Default: the initial tangent of springs.
     internal : callable, `InternalForce`, springs, or a list of them, optional
         A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
-        returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)``, a function of its
-        arguments alone. Nonlinear elements of `structures` are such callables.
+        returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` of its arguments alone.
     limits : `pmalpha.rig.Limits`, optional
-        Of a test specimen: a command or a measured force beyond them ends the run with a
-        `LimitError`, before the command is given.
+        Of a test specimen: a command or a measured force beyond them is a `LimitError`, before
+        the command is given.
     damping : {"implicit", "lagged"}, default "implicit"
-        "lagged": C acts on the extrapolated velocity, (R4), so that an explicit subdomain needs no
-        factor, and its critical step is smaller, (C2).
+        "lagged": C acts on the extrapolated velocity, (R4): no factor in an explicit subdomain,
+        and a smaller critical step, (C2).
     rayleigh : (c_m, c_k), optional
         Rayleigh damping c_m M + c_k K, added to C.
     damping_ratio : dict, optional
         The same by damping ratios at two periods: ``{1.2: 0.05, 0.1: 0.05}``.
     symmetric : bool, default True
-        False admits unsymmetric K, C, estimates and tangents: gyroscopic and circulatory terms,
-        follower forces.
+        False admits unsymmetric K, C, estimates and tangents, as of gyroscopic and follower forces.
     u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
-        Default: "subdomain i", where i is its index in the Coupler.
+        Default: "subdomain i", with its index in the Coupler.
     dof_names : sequence of n str, optional
-        Names of the dofs, such as "roof", which are accepted wherever numbers of dofs are: in
-        `tie`, springs, ``run(record=)``, ``run(outputs=)``, plots, and
-        ``history["frame"]["roof"]``. Negative numbers count from the end. Subdomains of a mesh have
-        the component and the number of the node, "ux 12".
+        Names of the dofs, such as "roof", accepted wherever numbers of dofs are, and in
+        ``history["frame"]["roof"]``. Subdomains of a mesh have the component and the number of the
+        node, "ux 12".
 
     Raises
     ------
     TypeError, ValueError
-        For an argument of the wrong kind, unsymmetric or infinite entries.
+        For wrong arguments, unsymmetric or infinite entries.
     FactorizationError
         For a dof without mass in an explicit subdomain.
 

@@ -273,31 +273,29 @@ class Coupler:
         steps : int
             Number of macro steps, 0 or more.
         record : dict, optional
-            Dofs by subdomain: numbers, names or a mask, None for all dofs of one; a subdomain left
-            out is not recorded. Default: all dofs of all subdomains.
+            Dofs by subdomain: numbers, names or a mask, None for all of them; a subdomain left out
+            is not recorded. Default: all.
         every : int, optional
-            Record only time levels at which `step_count` is a multiple of this, and the first.
+            Record the first time level, and those at which `step_count` is a multiple of this.
         energy : bool, default False
             Record the energies of all subdomains in ``history.energy``, an `Energy`.
         record_to : str or path, optional
             New HDF5 file to which the History is written during the run; `History.load` reads it
-            meanwhile and after a kill. With `comm` each rank writes a file of its own.
+            meanwhile and after a kill. With `comm` one file per rank.
         append : bool, default False
-            Continue the file of `record_to` from the present state, which it must contain; rows
-            after it are replaced. Not with energies.
+            Continue the file of `record_to` from the present state; rows after it are replaced. Not
+            with energies.
         overwrite : bool, default False
             Replace an existing file before the first step.
         record_springs : dict, optional
-            Springs whose deformation and force are recorded: indices by subdomain, None for all.
+            Springs of which deformation and force are recorded: indices by subdomain, None for all.
         outputs : dict, optional
             Linear combinations of the motion, such as base shears, by subdomain and name: a matrix
             W, (rows, n) or (n,), for W u, weights by dof, ``{"roof": 1.0, "floor": -1.0}``, or a
-            dict of these by "u", "v" and "a". They are recorded as
-            ``history[name].outputs[output]``. In a subdomain of a mesh with fixed dofs W may have
-            all of them, such as `Structure.storey_drifts`.
+            dict of these by "u", "v" and "a"; in ``history[name].outputs[output]``.
         tolerance : float or dict of float, optional
-            With "gc": choose substeps, powers of two up to 4096, so that the local error of the
-            displacements per unit of time stays below this, (Q5) and (Q6).
+            With "gc": choose substeps so that the local error of the displacements per unit of time
+            stays below this, (Q5) and (Q6).
         progress : True or callable, optional
             True: a tqdm bar; or called as ``progress(done, total)`` about every 50 ms.
 
@@ -309,26 +307,25 @@ class Coupler:
         Raises
         ------
         TypeError, ValueError
-            For wrong arguments, and for a wrong result of a load.
+            For wrong arguments or loads.
         ConvergenceError
             When the iteration of internal forces does not converge.
         InstabilityError
-            When a value is not finite, or steps have added energy without bound, (B10).
+            When a value is not finite, or steps have added too much energy, (B10).
         CallbackError
             When a compiled function did not return 0.
         MemoryError, ImportError, OSError
-            When the History exceeds the memory, tqdm or h5py is missing, or `record_to` exists.
+            For a History beyond the memory, without tqdm or h5py, or if `record_to` exists.
 
         Warns
         -----
         AccuracyWarning, StabilityWarning
-            When steps are too coarse, above the critical step of forces seen in the run, or have
-            added energy, (B10).
+            When steps are too coarse, above a critical step found in the run, or add energy, (B10).
 
         Notes
         -----
-        After any exception, of a function too, and after Ctrl-C the coupler is at the last
-        completed macro step, `last_history` has the run up to it, and the run can continue.
+        After any exception, and after Ctrl-C, the coupler is at the last completed macro step,
+        `last_history` has the run up to it, and the run can continue.
 
         Examples
         --------
