@@ -29,10 +29,7 @@ STEP = 100  # macro step of the printed amplitudes: two and a half periods of th
 def main(arguments: list[str] | None = None) -> int:
     """Run the experiment, print the results and draw figure 7.
 
-    Returns
-    -------
-    int
-        Exit code: 0, or 1 if the figure could not be drawn.
+    Returns exit code: 0, or 1 if the figure could not be drawn.
     """
     options = _options(arguments)
     model = four_dof(0.5, substeps=SUBSTEPS)
@@ -133,17 +130,9 @@ def figure7(model: FourDof, histories: Mapping[str, History]) -> "Figure":
     Displacements (left) and amplitudes of the modes of the uncut system (right), both at the macro
     time levels.
 
-    Parameters
-    ----------
-    model : FourDof
-        From `pmalpha.models.four_dof`, with the initial values of the histories.
-    histories : dict
-        History by title of its row, from top to bottom.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row for each history.
+    model: from `pmalpha.models.four_dof`, with the initial values of the histories.
+    histories: history by title of its row, from top to bottom.
+    Returns a row for each history.
     """
     with style():
         from matplotlib.figure import Figure

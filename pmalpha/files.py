@@ -66,10 +66,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     Written atomically: after an exception an existing file is unchanged, and the temporary file is
     removed.
 
-    Raises
-    ------
-    OSError
-        When it cannot be written.
+    Raises OSError when it cannot be written.
     """
     whole = checked_path(path)
     target = Path(os.path.realpath(whole))  # of a link the target is replaced
@@ -112,10 +109,7 @@ def reading(path: str | os.PathLike[str]) -> BinaryIO:
 
     It is the context: one made of a generator could be left open by Ctrl-C.
 
-    Raises
-    ------
-    OSError
-        When there is no such file.
+    Raises OSError when there is no such file.
     """
     whole = checked_path(path)
     if whole.exists() and not whole.is_file() and not whole.is_dir():
@@ -141,12 +135,8 @@ def read_npz(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file that `write_npz` wrote with this format and version.
 
-    Raises
-    ------
-    OSError
-        When there is no such file.
-    ValueError
-        For any other file, with the reason.
+    Raises OSError when there is no such file.
+    Raises ValueError for any other file, with the reason.
     """
     name = str(checked_path(path))
     with reading(path) as file:

@@ -93,10 +93,7 @@ def _bound(B: np.ndarray) -> np.ndarray:
 def levels_of(omega: np.ndarray, dt: float, scheme: Scheme, *, check: bool = True) -> np.ndarray:
     """The smallest levels l >= 0 with dt / 2^l up to 0.95 times the critical step.
 
-    Raises
-    ------
-    ValueError
-        For a macro step more than 2^20 times as long, with `check`.
+    Raises ValueError for a macro step more than 2^20 times as long, with `check`.
     """
     limit = critical_product(scheme)
     if not np.isfinite(limit):
@@ -183,10 +180,8 @@ def _connected(whole: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def partition(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
     """(elements,): labels 0 .. parts - 1 of parts with nearly equal sums of costs, none empty.
 
-    Raises
-    ------
-    TypeError, ValueError
-        For more parts than elements, and where there is neither METIS nor coordinates.
+    Raises TypeError, ValueError for more parts than elements, and where there is neither METIS nor
+        coordinates.
     """
     k = whole_number(parts, "parts", low=1)
     if k > whole.count:

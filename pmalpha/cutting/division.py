@@ -18,15 +18,10 @@ ROUNDING = 1e-12
 class Division:
     """The dofs of an uncut structure in the subdomains.
 
-    Parameters
-    ----------
-    n : int
-        Number of dofs of the uncut structure.
-    dofs : sequence of (n_i,) arrays
-        Uncut dofs of each subdomain, in rising order.
-    weights : sequence of (n_i,) arrays
-        Of each dof of a subdomain, not negative: a load on a dof of several subdomains is divided
-        in proportion. Equal shares where all are zero.
+    n: number of dofs of the uncut structure.
+    dofs: sequence of (n_i,) arrays, uncut dofs of each subdomain, in rising order.
+    weights: sequence of (n_i,) arrays, of each dof of a subdomain, not negative: a load on a dof of
+        several subdomains is divided in proportion. Equal shares where all are zero.
     """
 
     def __init__(self, n: int, dofs: Sequence[np.ndarray], weights: Sequence[np.ndarray]):

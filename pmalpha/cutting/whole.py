@@ -133,18 +133,13 @@ class Blocks(NamedTuple):
 class Whole:
     """What is cut.
 
-    Attributes
-    ----------
-    n : int
-        Number of dofs, the fixed ones included.
-    free : (n,) array of bool
-    linear : bool
-        Without internal forces.
-    links : list of (e, a) arrays of int
-        Of each group of elements what connects them: nodes of a mesh or dofs, -1 for none.
-    entries : list of int
-        Of each group, the entries of an element matrix.
-    centroids : (elements, dim) array, or None where coordinates are not known
+    n: number of dofs, the fixed ones included.
+    free: (n,) array of bool.
+    linear: without internal forces.
+    links: list of (e, a) arrays of int, of each group of elements what connects them: nodes of a
+        mesh or dofs, -1 for none.
+    entries: of each group, the entries of an element matrix.
+    centroids: (elements, dim) array, or None where coordinates are not known.
     """
 
     n: int
@@ -172,12 +167,9 @@ class Whole:
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         """The matrices of some elements.
 
-        Parameters
-        ----------
-        chosen : (elements,) array of bool
-        owned : array of bool
-            Of what `links` numbers: whose forces that belong to no element, such as contact, this
-            portion has.
+        chosen: (elements,) array of bool.
+        owned: array of bool, of what `links` numbers: whose forces that belong to no element, such
+            as contact, this portion has.
         """
         raise NotImplementedError
 

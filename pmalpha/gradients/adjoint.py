@@ -56,17 +56,10 @@ class Sources:
 class Member:
     """A subdomain as its adjoint needs it.
 
-    Parameters
-    ----------
-    name : str
-    subdomain : Subdomain
-    L : (p, n) sparse
-    dt : float
-        Macro step.
-    ratio : int
-        Interface levels in a substep; under "macro" 1.
-    double : bool
-        Whether its steps are double ones.
+    L: (p, n) sparse.
+    dt: macro step.
+    ratio: interface levels in a substep; under "macro" 1.
+    double: whether its steps are double ones.
     """
 
     def __init__(
@@ -121,19 +114,13 @@ class Handed:
 class Adjoint:
     """The adjoint of runs of one coupler.
 
-    Parameters
-    ----------
-    members : list of Member
-    macro : bool
-        Whether the interface is solved at macro steps only.
-    dt : float
-        Macro step.
-    fine : int
-        Interface levels in a macro step.
-    reverse : callable
-        ``reverse(forces, steps, g, double)``, the History of a run of this number of macro steps
-        from rest under these loads by name, with the transposed matrices. g: velocities (levels, p)
-        of the constraints, None for zero. double: steps are double after the first macro step.
+    macro: whether the interface is solved at macro steps only.
+    dt: macro step.
+    fine: interface levels in a macro step.
+    reverse: ``reverse(forces, steps, g, double)``, the History of a run of this number of macro
+        steps from rest under these loads by name, with the transposed matrices. g: velocities
+        (levels, p) of the constraints, None for zero. double: steps are double after the first
+        macro step.
     """
 
     # Whose responses, of u, v and a, the constraints are on.
@@ -167,27 +154,15 @@ class Adjoint:
     ) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray], np.ndarray]:
         """The adjoint of macro steps first + 1 to last.
 
-        Parameters
-        ----------
-        sources : dict of Sources
-            By name.
-        of_lam : (interface levels, p) array or None
-            dJ/dlam from t = 0 on.
-        first, last : int
-            The block.
-        handed : Handed
-            From the block after it.
-
-        Returns
-        -------
-        mu : list of (levels, n)
-            dJ/dF at the levels after the first, of each subdomain; at the last one without eta.
-        nu : (interface levels, p)
-            dJ/dg.
-        start : list of (1 or 2, 4, n)
-            The adjoints of the states in which the block begins.
-        lam : (p,)
-            Those of its multipliers.
+        sources: dict of Sources, by name.
+        of_lam: (interface levels, p) array or None, dJ/dlam from t = 0 on.
+        first, last: the block.
+        handed: from the block after it.
+        Returns mu: list of (levels, n), dJ/dF at the levels after the first, of each subdomain; at
+            the last one without eta.
+        Returns nu: (interface levels, p), dJ/dg.
+        Returns start: list of (1 or 2, 4, n), the adjoints of the states in which the block begins.
+        Returns lam: (p,), those of its multipliers.
         """
         g = None if of_lam is None else self._velocities(of_lam, first, last)
         lead = int(self.double or g is not None)

@@ -39,20 +39,12 @@ def by_differences(
 ) -> Iterator[tuple[Any, Any, float]]:
     """For each parameter the Histories with it smaller and larger, and the difference of the two.
 
-    Parameters
-    ----------
-    session : Session
-    make : callable
-        Makes a coupler, with the arguments of `Coupler`.
-    of : sequence of (Parameters, name of their subdomain)
-    steps : int
-        Macro steps.
-    record
-        As for `Coupler.run`.
-    differences : float
-        By which each parameter is changed to both sides.
-    reporting : callable
-        Makes the report of a number of runs.
+    make: makes a coupler, with the arguments of `Coupler`.
+    of: sequence of (Parameters, name of their subdomain).
+    steps: macro steps.
+    record: as for `Coupler.run`.
+    differences: by which each parameter is changed to both sides.
+    reporting: makes the report of a number of runs.
     """
     h = real_number(differences, "differences", low=SMALLEST)
     count, total = 0, 2 * sum(p.m for p, _ in of)

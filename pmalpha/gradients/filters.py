@@ -60,10 +60,7 @@ class Filters:
 
     Double steps have z^2 and 2 h in (A1), and Phi = 2 d m(z^2) / (1 + z).
 
-    Attributes
-    ----------
-    phi : Filter
-        (A5), from the accelerations of the reversed run to the adjoint mu.
+    phi: (A5), from the accelerations of the reversed run to the adjoint mu.
     """
 
     def __init__(self, scheme: Scheme, h: float, double: bool):
@@ -136,11 +133,8 @@ def _displacement(scheme: Scheme) -> list[Factor]:
 def responses_to_state(scheme: Scheme, h: float, levels: int, double: bool) -> np.ndarray:
     """u, v, a of steps after a unit in u, v, w, a at a start level, with w = 0 after it, (A11).
 
-    Returns
-    -------
-    (units, 3, levels + 1) array
-        By unit, component and level. Units: u, v, w, a at level 0; with double steps, which begin
-        two levels before their end, the same at level -1 too.
+    Returns (units, 3, levels + 1) array, by unit, component and level. Units: u, v, w, a at level
+        0; with double steps, which begin two levels before their end, the same at level -1 too.
     """
     if double:
         chain = responses_to_state(scheme, 2.0 * h, (levels + 1) // 2, False)

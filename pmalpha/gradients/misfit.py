@@ -96,17 +96,10 @@ class Misfit(Frozen):
     def _placed(self, subdomains: Mapping[str, Subdomain], p: int) -> Misfit:
         """The same with numbers of dofs that fit the subdomains of a coupler.
 
-        Parameters
-        ----------
-        subdomains : dict
-            By name.
-        p : int
-            Number of constraints.
-
-        Raises
-        ------
-        KeyError, ValueError
-            For a subdomain that is not there, or dofs and weights that do not fit.
+        subdomains: by name.
+        p: number of constraints.
+        Raises KeyError, ValueError for a subdomain that is not there, or dofs and weights that do
+            not fit.
         """
         placed = copy(self)
         measured = {

@@ -22,11 +22,8 @@ TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma
 class Problem:
     """A linear coupled problem.
 
-    Attributes
-    ----------
-    single, steady : Adjoint
-        Of the first macro step, whose steps are single, and of the others; one object where all
-        steps are single.
+    single, steady: of the first macro step, whose steps are single, and of the others; one object
+        where all steps are single.
     """
 
     def __init__(self, coupler: Any, session: Any):

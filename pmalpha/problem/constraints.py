@@ -119,20 +119,11 @@ class Chosen:
     """Rows with one entry, in dofs of a subdomain that is given by its name.
 
     Their numbers are known where the subdomain is, in the `Coupler`.
-
-    Attributes
-    ----------
-    dofs : sequence
-        Numbers and names, one a row.
-    entry : float
-        Of all rows.
-    what : str
-        The argument, for errors.
     """
 
-    dofs: Sequence[Any]
-    entry: float
-    what: str
+    dofs: Sequence[Any]  # numbers and names, one a row
+    entry: float  # of all rows
+    what: str  # the argument, for errors
 
     @property
     def shape(self) -> tuple[int, None]:

@@ -33,28 +33,14 @@ def damping_matrix(
 ) -> Matrix:
     """C + c_m M + c_k K in inner form.
 
-    Parameters
-    ----------
-    C : matrix or None
-        As given by the user.
-    rayleigh : (float, float) or None
-        c_m and c_k.
-    n : int
-        Number of dofs.
-    M, K : matrices in inner form
-    given : K as given by the user
-    symmetric : bool, default True
-        Whether C has to be symmetric.
-
-    Raises
-    ------
-    TypeError, ValueError
-        For a C that `canonical` refuses, or that is c_m M + c_k K with M added to every row.
-
-    Warns
-    -----
-    PerformanceWarning
-        For a dense C beside a sparse or diagonal K.
+    C: as given by the user.
+    rayleigh: (float, float) or None, c_m and c_k.
+    n: number of dofs.
+    given: K as given by the user.
+    symmetric: whether C has to be symmetric.
+    Raises TypeError, ValueError for a C that `canonical` refuses, or that is c_m M + c_k K with M
+        added to every row.
+    PerformanceWarning for a dense C beside a sparse or diagonal K.
     """
     if C is not None and not sp.issparse(C):
         _refuse_broadcast(plain_array(C, "C"), M, K, symmetric)

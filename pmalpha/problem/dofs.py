@@ -20,14 +20,9 @@ class NodeNames(Sequence[str]):
 
     They are not stored: a mesh may have millions of dofs.
 
-    Parameters
-    ----------
-    components : sequence of str
-        Of a node, in the order of its dofs.
-    numbers : (n,) array of int
-        The dofs, in the numbering of all dofs of the mesh.
-    whole : int
-        Number of all dofs of the mesh.
+    components: of a node, in the order of its dofs.
+    numbers: (n,) array of int, the dofs, in the numbering of all dofs of the mesh.
+    whole: number of all dofs of the mesh.
     """
 
     def __init__(self, components: Sequence[str], numbers: np.ndarray, whole: int):
@@ -115,20 +110,11 @@ def dof_array(
 
     Where n is not known, None, they are numbers that are not negative.
 
-    Parameters
-    ----------
-    value : int, str, array_like of them, or mask
-    n : int or None
-        Number of dofs.
-    name : str
-        Of the argument, for errors.
-    names : sequence of str, optional
-        Of the n dofs.
-
-    Returns
-    -------
-    ndarray of int
-        Of the shape of the value; of a mask the numbers, (k,).
+    value: int, str, array_like of them, or mask.
+    n: number of dofs.
+    name: of the argument, for errors.
+    names: of the n dofs.
+    Returns ndarray of int, of the shape of the value; of a mask the numbers, (k,).
     """
     dofs = plain_array(numbers_of(value, name, names), name)
     if dofs.size == 0:

@@ -135,12 +135,8 @@ def softest(G: sp.csc_array | np.ndarray, factors: Factors | DenseFactors | None
 class IndefiniteStiffness(ValueError):
     """K has a negative omega^2.
 
-    Attributes
-    ----------
-    square : float
-        The lowest one that was found.
-    shape : (n,) array
-        Its mode, mass-normalised.
+    square: the lowest one that was found.
+    shape: (n,) array, its mode, mass-normalised.
     """
 
     square: float

@@ -22,10 +22,8 @@ def evaluated(
 ) -> Values:
     """One evaluation with copies of u, v (n,) and q (m,), checked but for values not finite.
 
-    Raises
-    ------
-    TypeError, ValueError
-        For values of the wrong kind or shape; the message begins with `what`.
+    Raises TypeError, ValueError for values of the wrong kind or shape; the message begins with
+        `what`.
     """
     value = force(u.copy(), v.copy(), t, q.copy())
     try:
@@ -62,24 +60,12 @@ def numbers(value: Any, name: str, size: int) -> np.ndarray:
 class CheckedInternal:
     """The internal forces of a subdomain for the core, in the user's order of dofs.
 
-    Parameters
-    ----------
-    forces : sequence of InternalForce
-    name : str
-        Name of the subdomain.
-    pattern : csr_array
-        Of `first_tangent`.
-    damped : bool
-        Whether a first tangent C_t was returned; later ones are refused otherwise.
-    labels : sequence of str, optional
-        What the forces are called in messages. Default: by their number.
-    symmetric : bool, default True
-        Whether the sums of the tangents have to be symmetric.
-
-    Attributes
-    ----------
-    history : (m,) array
-        The histories at t = 0, of one force after the other.
+    name: name of the subdomain.
+    pattern: csr_array, of `first_tangent`.
+    damped: whether a first tangent C_t was returned; later ones are refused otherwise.
+    labels: what the forces are called in messages. Default: by their number.
+    symmetric: whether the sums of the tangents have to be symmetric.
+    history: (m,) array, the histories at t = 0, of one force after the other.
     """
 
     def __init__(
@@ -104,23 +90,14 @@ class CheckedInternal:
     ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray]:
         """The sum of the forces, of their tangents, and their histories.
 
-        Parameters
-        ----------
-        u, v : (n,) array
-        t : float
-        q : (m,) array
-            History at the beginning of the substep.
-        wanted : bool
-            Whether the tangents are. Without them a force that has no history is evaluated by its
-            `residual`, if it has one.
-
-        Returns
-        -------
-        f : (n,) array
-        K, C : (nnz,) array or None
-            Values of the pattern; None where they are not wanted. C is None where no force is
-            `damped`.
-        q1 : (m,) array
+        u, v: (n,) array.
+        q: (m,) array, history at the beginning of the substep.
+        wanted: whether the tangents are. Without them a force that has no history is evaluated by
+            its `residual`, if it has one.
+        Returns f: (n,) array.
+        Returns K, C: (nnz,) array or None, values of the pattern; None where they are not wanted. C
+            is None where no force is `damped`.
+        Returns q1: (m,) array.
         """
         f, q1 = np.zeros(self.n), np.empty_like(self.history)
         K = np.zeros(self.slots.nnz) if wanted else None
@@ -212,29 +189,14 @@ def first_tangent(
     Each force is evaluated once. The pattern is the union of those of the forces (`pattern`, or
     their first tangents) made symmetric, with the diagonal.
 
-    Parameters
-    ----------
-    forces : sequence of InternalForce
-    n : int
-    u0, v0 : (n,) array
-        Initial values, in the user's order of dofs.
-    q0 : (m,) array
-        The histories at t = 0, of one force after the other.
-    name : str
-        Name of the subdomain.
-    labels, symmetric
-        As for `CheckedInternal`.
-
-    Returns
-    -------
-    pattern : (n, n) csr_array
-    K, C : (nnz,) array
-        Values of the pattern; C is None where no force returned a C_t.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `CheckedInternal`, and for values that are not finite or not symmetric.
+    u0, v0: (n,) array, initial values, in the user's order of dofs.
+    q0: (m,) array, the histories at t = 0, of one force after the other.
+    name: name of the subdomain.
+    labels, symmetric: as for `CheckedInternal`.
+    Returns pattern: (n, n) csr_array.
+    Returns K, C: (nnz,) array, values of the pattern; C is None where no force returned a C_t.
+    Raises TypeError, ValueError as `CheckedInternal`, and for values that are not finite or not
+        symmetric.
     """
     own = histories(forces)[1]
     what = names(forces, name, labels)

@@ -73,30 +73,16 @@ def canonical(
 ) -> tuple[Matrix, int]:
     """Check a user's matrix and convert it to the inner form; the input is copied.
 
-    Parameters
-    ----------
-    value : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number for one dof
-        Or the result of a reader. Real or integer numbers, symmetric.
-    name : str
-        Name in messages.
-    n : int, optional
-        The required size.
-    symmetric : bool, optional
-        What the user said of the matrix: False admits an unsymmetric one, and where the user can
-        say it, the error names it. One that is symmetric up to rounding becomes exactly symmetric
-        in any case.
-
-    Returns
-    -------
-    matrix, size
-        The matrix is read-only, since factors that are made of it must remain valid.
-
-    Raises
-    ------
-    TypeError
-        For complex or other non-real entries.
-    ValueError
-        For a wrong shape, an entry that is not finite, or an unsymmetric matrix.
+    value: (n,) array, (n, n) array, scipy.sparse matrix or array, or a number for one dof, or the
+        result of a reader. Real or integer numbers, symmetric.
+    name: name in messages.
+    n: the required size.
+    symmetric: what the user said of the matrix: False admits an unsymmetric one, and where the user
+        can say it, the error names it. One that is symmetric up to rounding becomes exactly
+        symmetric in any case.
+    Returns the matrix is read-only, since factors that are made of it must remain valid.
+    Raises TypeError for complex or other non-real entries.
+    Raises ValueError for a wrong shape, an entry that is not finite, or an unsymmetric matrix.
     """
     value = plain_matrix(value)
     A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (0, 1, 2))
@@ -163,21 +149,12 @@ def rectangular(
 ) -> sp.csr_array:
     """A user's matrix with this number of columns, by rows, without stored zeros; a copy.
 
-    Parameters
-    ----------
-    value : (rows, columns) array, or scipy.sparse matrix or array
-        A (columns,) array is one row, if `ndim` has 1; likewise a number for one column.
-    columns : int or None
-        None where any number is right.
-    name : str
-        Name in messages.
-    ndim : int or tuple of int
-        Allowed dimensions of an array.
-
-    Raises
-    ------
-    TypeError, ValueError
-        For entries that are not real and finite, and for a wrong shape.
+    value: (rows, columns) array, or scipy.sparse matrix or array, a (columns,) array is one row, if
+        `ndim` has 1; likewise a number for one column.
+    columns: None where any number is right.
+    name: name in messages.
+    ndim: allowed dimensions of an array.
+    Raises TypeError, ValueError for entries that are not real and finite, and for a wrong shape.
     """
     value = plain_matrix(value)
     if sp.issparse(value):

@@ -25,17 +25,10 @@ FEW_NODES = 100
 
 
 class Graph(NamedTuple):
-    """A symmetric graph without loops, in the types of the core.
+    """A symmetric graph without loops, in the types of the core."""
 
-    Attributes
-    ----------
-    ptr : (n + 1,) array of int64
-    index : array of int32
-        The neighbours of vertex i are index[ptr[i]:ptr[i + 1]], ascending in what `graph_of`
-        returns.
-    """
-
-    ptr: np.ndarray
+    ptr: np.ndarray  # (n + 1,) array of int64
+    # the neighbours of vertex i are index[ptr[i]:ptr[i + 1]], ascending in what `graph_of` returns
     index: np.ndarray  # type: ignore[assignment]  # hides the method of a tuple
 
     @property
@@ -72,17 +65,9 @@ def elimination_order(n: int, graph: Graph | None, last: np.ndarray) -> np.ndarr
     The order of least fill among the natural order, minimum degree and, where pymetis is installed,
     nested dissection. It is found on the graph of the nodes, so the dofs of one node stay together.
 
-    Parameters
-    ----------
-    n : int
-    graph : Graph or None
-        From `graph_of`; None for the natural order.
-    last : (nb,) sorted array of int
-        Interface dofs, which come last.
-
-    Returns
-    -------
-    (n,) array of int
+    graph: from `graph_of`; None for the natural order.
+    last: (nb,) sorted array of int, interface dofs, which come last.
+    Returns (n,) array of int.
     """
     if n == 0 or graph is None:
         interior = np.setdiff1d(np.arange(n), last, assume_unique=True)
@@ -95,23 +80,12 @@ def elimination_order(n: int, graph: Graph | None, last: np.ndarray) -> np.ndarr
 
 @dataclass(frozen=True)
 class NodeGraph:
-    """The graph of the nodes, with the nodes of the interface last.
-
-    Attributes
-    ----------
-    graph : Graph
-    border : int
-        Number of nodes of the interface.
-    dofs : (n,) array of int
-        Dofs node by node.
-    start : (N + 1,) array of int
-        Index in `dofs` at which the dofs of each node begin.
-    """
+    """The graph of the nodes, with the nodes of the interface last."""
 
     graph: Graph
-    border: int
-    dofs: np.ndarray
-    start: np.ndarray
+    border: int  # number of nodes of the interface
+    dofs: np.ndarray  # (n,) array of int, dofs node by node
+    start: np.ndarray  # (N + 1,) array of int, index in `dofs` at which the dofs of each node begin
 
     def dofs_of(self, order: np.ndarray) -> np.ndarray:
         """The order of the dofs that follows from an order of the nodes."""

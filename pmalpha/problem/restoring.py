@@ -87,19 +87,11 @@ class NotFinite(ValueError):
 class Feedback:
     """A force f(t, u, v) of a subdomain, which is evaluated with its restoring forces.
 
-    Parameters
-    ----------
-    what : str
-        Its name in messages, such as "force of subdomain 'rig'".
-    n : int
-        Number of dofs.
-
-    Attributes
-    ----------
-    function : callable or None
-        The present one; None while the load is another one, by `Coupler.reset`.
-    last : (n,) array
-        Its last value, which the core reads for its work.
+    what: its name in messages, such as "force of subdomain 'rig'".
+    n: number of dofs.
+    function: callable or None, the present one; None while the load is another one, by
+        `Coupler.reset`.
+    last: (n,) array, its last value, which the core reads for its work.
     """
 
     def __init__(self, what: str, n: int):
@@ -126,17 +118,12 @@ def _checked(value: Any, n: int, where: str) -> np.ndarray:
 class CheckedRestoring:
     """The sum of Python callables for the core, whose values are checked.
 
-    Parameters
-    ----------
-    functions : sequence of (callable, str)
-        r(u, v, t) -> (n,), and its name in messages, such as "restoring of subdomain 'rig'". Each
-        gets copies of u and v, and is evaluated once in a call, in this order.
-    n : int
-        Number of dofs.
-    watch : Watch, optional
-        Called after each evaluation as ``watch(u, v, r, t)``, r the sum.
-    feedback : Feedback, optional
-        A load, evaluated after them; the sum contains it with a minus.
+    functions: sequence of (callable, str), r(u, v, t) -> (n,), and its name in messages, such as
+        "restoring of subdomain 'rig'". Each gets copies of u and v, and is evaluated once in a
+        call, in this order.
+    n: number of dofs.
+    watch: called after each evaluation as ``watch(u, v, r, t)``, r the sum.
+    feedback: a load, evaluated after them; the sum contains it with a minus.
     """
 
     def __init__(

@@ -18,11 +18,8 @@ LONGEST = np.iinfo(np.int32).max
 def check_arrays(value: Any, name: str) -> None:
     """ValueError for a sparse matrix whose arrays do not fit each other or its shape.
 
-    Parameters
-    ----------
-    value : scipy.sparse matrix or array
-    name : str
-        Name in messages.
+    value: scipy.sparse matrix or array.
+    name: name in messages.
     """
     if value.ndim != 2:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")

@@ -25,10 +25,8 @@ SYMMETRY = 1e-9
 def checked_tangent(value: Any, name: str, n: int) -> Tangent:
     """A user's tangent, checked for kind and shape; not copied, and it may have infinite entries.
 
-    Raises
-    ------
-    TypeError, ValueError
-        For complex and other entries that are not real, and for wrong shapes.
+    Raises TypeError, ValueError for complex and other entries that are not real, and for wrong
+        shapes.
     """
     if value is None:
         return None
@@ -100,10 +98,7 @@ def keys_of(A: Any) -> np.ndarray:
 class Slots:
     """The values of a pattern: which of them an entry of a matrix belongs to.
 
-    Parameters
-    ----------
-    pattern : csr_array
-        Of `symmetric_union`: sorted, symmetric, with the diagonal.
+    pattern: csr_array, of `symmetric_union`: sorted, symmetric, with the diagonal.
     """
 
     def __init__(self, pattern: sp.csr_array):

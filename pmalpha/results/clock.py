@@ -12,23 +12,12 @@ TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Clock:
-    """Macro steps of length dt since macro step `origin` at time `t0`, where they began.
-
-    Attributes
-    ----------
-    dt : float
-    origin : int, default 0
-        The macro step of the last change of the steps.
-    t0 : float, default 0
-        Its time.
-    before : float, default 0
-        The length of the macro step before it; 0 where there was none.
-    """
+    """Macro steps of length dt since macro step `origin` at time `t0`, where they began."""
 
     dt: float
-    origin: int = 0
-    t0: float = 0.0
-    before: float = 0.0
+    origin: int = 0  # the macro step of the last change of the steps
+    t0: float = 0.0  # its time
+    before: float = 0.0  # the length of the macro step before it; 0 where there was none
 
     def count(self, step: int) -> int:
         """Macro steps from the origin to this one."""

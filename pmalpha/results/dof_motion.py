@@ -84,25 +84,13 @@ def columns_of(
 ) -> list[int]:
     """The columns of dofs among the recorded ones.
 
-    Parameters
-    ----------
-    given : int, str, or sequence of them
-        Dofs of the subdomain.
-    dofs : (k,) array of int
-        Those of the columns.
-    n : int or None
-        Number of dofs of the subdomain; None in files of older versions.
-    names : sequence of str or None
-        Of the columns.
-    what : str
-        Of the argument, for errors.
-    one : bool, default False
-        Whether it must be a single dof.
-
-    Raises
-    ------
-    TypeError, ValueError
-        For what is not a dof, or was not recorded.
+    given: dofs of the subdomain.
+    dofs: (k,) array of int, those of the columns.
+    n: number of dofs of the subdomain; None in files of older versions.
+    names: of the columns.
+    what: of the argument, for errors.
+    one: whether it must be a single dof.
+    Raises TypeError, ValueError for what is not a dof, or was not recorded.
     """
     if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
         raise TypeError(f"{what} must be a name or a number, got {given!r}")

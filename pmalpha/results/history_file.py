@@ -51,11 +51,7 @@ STATES = {name for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items() if x.is_stat
 def describe(whole: Any, header: Mapping[str, Any]) -> None:
     """Write the attributes of a file whose datasets exist.
 
-    Parameters
-    ----------
-    whole : h5py.File
-    header : dict
-        From `contents_of`.
+    header: from `contents_of`.
     """
     whole.attrs.update(
         {
@@ -110,26 +106,14 @@ def row_count(begin: int, end: int, every: int, levels: int) -> int:
 class HistoryFile:
     """A file to which a run writes the rows of its arrays.
 
-    Parameters
-    ----------
-    path : str or path
-        An existing file is replaced when the arrays are allocated.
-    header : dict
-        From `contents_of`, with "begin" and "every" of the run, and "nodes", the number of
-        time levels per macro step of each growing array.
-    arrays : dict
-        The rows of the growing arrays up to `start`, and all rows of the others.
-    end : int
-        The macro step at which the run ends.
-    start : int, optional
-        The macro step up to which the arrays are complete. Default: "begin".
-
-    Raises
-    ------
-    ImportError
-        If h5py is missing.
-    OSError
-        When the file cannot be written.
+    path: an existing file is replaced when the arrays are allocated.
+    header: from `contents_of`, with "begin" and "every" of the run, and "nodes", the number of time
+        levels per macro step of each growing array.
+    arrays: the rows of the growing arrays up to `start`, and all rows of the others.
+    end: the macro step at which the run ends.
+    start: the macro step up to which the arrays are complete. Default: "begin".
+    Raises ImportError if h5py is missing.
+    Raises OSError when the file cannot be written.
     """
 
     def __init__(
@@ -355,12 +339,8 @@ def read(
     That is "step_count" in the header. The growing arrays are mapped and read on access. With
     `may_lead` it may be a file of `write_master`, which leads to others in its folder.
 
-    Raises
-    ------
-    ImportError
-        If h5py is missing.
-    ValueError
-        For any other file, or a damaged one; the message has the reason.
+    Raises ImportError if h5py is missing.
+    Raises ValueError for any other file, or a damaged one; the message has the reason.
     """
     h5py, name = hdf5_library(), str(checked_path(path))
     try:
@@ -404,15 +384,9 @@ def write_master(
 ) -> None:
     """Write the file that reads as one History of the files of several ranks beside it.
 
-    Parameters
-    ----------
-    path : Path
-    files : sequence of str
-        Their names, by rank.
-    first : sequence of int
-        The number of the first subdomain of each rank, and the number of all.
-    names : sequence of str
-        Of all subdomains.
+    files: their names, by rank.
+    first: the number of the first subdomain of each rank, and the number of all.
+    names: of all subdomains.
     """
     h5py, groups = hdf5_library(), group_names(names)
     content = io.BytesIO()

@@ -24,17 +24,10 @@ RESERVED = (*OF_SUBDOMAIN, "time", "dof", "spring")
 
 @dataclass(frozen=True)
 class Outputs:
-    """The outputs of a subdomain, y = W_u u + W_v v + W_a a, one below the other.
+    """The outputs of a subdomain, y = W_u u + W_v v + W_a a, one below the other."""
 
-    Attributes
-    ----------
-    sizes : dict of int
-        Number of rows by name.
-    weights : tuple of (rows, n) csr_array or None
-        W_u, W_v and W_a of all outputs; None without entries.
-    """
-
-    sizes: dict[str, int]
+    sizes: dict[str, int]  # number of rows by name
+    # W_u, W_v and W_a of all outputs; None without entries
     weights: tuple[sp.csr_array | None, ...]
 
     @property
@@ -62,16 +55,10 @@ def chosen_outputs(
 ) -> list[Outputs | None]:
     """The outputs of each subdomain, None for a subdomain without.
 
-    Parameters
-    ----------
-    outputs : dict or None
-        As for `Coupler.run`.
-    keys : sequence of (name, Subdomain)
-
-    Raises
-    ------
-    TypeError, ValueError
-        For anything but dicts of matrices with n columns, and for names that are taken.
+    outputs: dict or None, as for `Coupler.run`.
+    keys: sequence of (name, Subdomain).
+    Raises TypeError, ValueError for anything but dicts of matrices with n columns, and for names
+        that are taken.
     """
     chosen: list[Outputs | None] = [None] * len(keys)
     for i, given in by_index(outputs, keys, "outputs").items():

@@ -27,29 +27,18 @@ ROUNDING = 1e-12
 
 
 class Quantity(NamedTuple):
-    """An array of a History.
+    """An array of a History."""
 
-    Attributes
-    ----------
-    columns : str
-        Of what its columns are, such as "dofs", of `column_counts`; "" for an array without.
-    what, unit : str
-        Its description in files.
-    levels : {"own", "fine", "macro", ""}
-        Its rows: time levels of the subdomain, of the interface problems, or macro time levels;
-        "" for an array without, the numbers of the columns.
-    is_state : bool
-        Finite in every run. Others are sums of products.
-    is_count : bool
-        Whole numbers; one column is then an array of one dimension.
-    """
-
+    # of what its columns are, such as "dofs", of `column_counts`; "" for an array without
     columns: str
+    # what, unit: its description in files
     what: str
     unit: str
+    # {"own", "fine", "macro", ""}, its rows: time levels of the subdomain, of the interface
+    # problems, or macro time levels; "" for an array without, the numbers of the columns
     levels: str = "own"
-    is_state: bool = False
-    is_count: bool = False
+    is_state: bool = False  # finite in every run. Others are sums of products.
+    is_count: bool = False  # whole numbers; one column is then an array of one dimension
 
 
 # ---- the table -----------------------------------------------------------------------------------

@@ -40,29 +40,16 @@ COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
 class Recording:
     """The record of a run from macro step `begin` to at most `end`.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-    keys : sequence of (name, Subdomain)
-    rows : CoreRows
-        The constraints as the core has them.
-    fine : int
-        Interface problems per macro step.
-    coupling : str
-        Under "mean" the multipliers belong to the middle of a macro step, not to its end.
-    begin, end : int
-        Macro steps.
-    clock : Clock
-    record : dict or None
-        Dofs, or None for all, by subdomain; None records all dofs of all subdomains.
-    every : int or None
-    energy : bool
-    conserved : {"dual", "energy"} or None
-        What `Energy.conserved` is, from `conserved_quantity`.
-    record_springs : dict or None
-        Springs, or None for all, by subdomain.
-    outputs : dict or None
-        As for `Coupler.run`.
+    keys: sequence of (name, Subdomain).
+    rows: the constraints as the core has them.
+    fine: interface problems per macro step.
+    coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
+    begin, end: macro steps.
+    record: dict or None, dofs, or None for all, by subdomain; None records all dofs of all
+        subdomains.
+    conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
+    record_springs: dict or None, springs, or None for all, by subdomain.
+    outputs: dict or None, as for `Coupler.run`.
     """
 
     def __init__(

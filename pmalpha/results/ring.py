@@ -34,11 +34,7 @@ class RingRecording(FiledRecording):
     copies what is complete from there to the arrays of this one and writes it. What finds no free
     rows is lost, and NaN in the file.
 
-    Parameters
-    ----------
-    core : _core.Coupler
-    path, append, overwrite, and others
-        As for `FiledRecording`.
+    path, append, overwrite, and others: as for `FiledRecording`.
     """
 
     def __init__(self, core: Any, *args: Any, **options: Any):
@@ -184,13 +180,8 @@ class Monitored:
 class MonitorFile:
     """The file, written by one process: a table whose rows are used in turn.
 
-    Parameters
-    ----------
-    path : path
-        A new file takes the place of one that is there, which its readers keep.
-    rows : int
-    about : dict
-        "period", "t0" and "h" of the fine steps, "dofs" by name of the subdomain.
+    path: a new file takes the place of one that is there, which its readers keep.
+    about: "period", "t0" and "h" of the fine steps, "dofs" by name of the subdomain.
     """
 
     def __init__(self, path: str | os.PathLike[str], rows: int, about: Mapping[str, Any]):

@@ -33,12 +33,8 @@ def write_history(path: str | PathLike[str], history: Any) -> None:
 def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """The contents of a file of a History.
 
-    Returns
-    -------
-    header : dict
-        Format, version, names and steps.
-    arrays : dict of arrays
-        By name.
+    Returns header: dict, format, version, names and steps.
+    Returns arrays: dict of arrays, by name.
     """
     header = {
         "format": FORMAT,
@@ -137,17 +133,10 @@ def check_new(path: Path) -> None:
 class EarlierRows:
     """The complete rows of a file of ``run(record_to=)`` up to the present macro step.
 
-    Parameters
-    ----------
-    path : Path
-    present : int
-        The macro step at which the run continues. Rows after it are left out: those that were
+    present: the macro step at which the run continues. Rows after it are left out: those that were
         written after the checkpoint from which the run continues.
-
-    Raises
-    ------
-    ValueError
-        For any other file; for a file that ends before the present or begins at it or after it.
+    Raises ValueError for any other file; for a file that ends before the present or begins at it or
+        after it.
     """
 
     def __init__(self, path: Path, present: int):

@@ -37,22 +37,13 @@ BYTE_ORDERS = {"little": "<", "big": ">"}
 
 
 class Sizes(NamedTuple):
-    """The first message: numbers of values sent by the client and by the server, and the length.
+    """The first message: numbers of values sent by the client and by the server, and the length."""
 
-    Attributes
-    ----------
-    control, daq : tuple of int
-        By `KINDS`.
-    doubles : int
-        Length of each later message.
-    order : {"<", ">"}
-        Byte order.
-    """
-
+    # control, daq: by `KINDS`
     control: tuple[int, ...]
     daq: tuple[int, ...]
-    doubles: int
-    order: str = "<"
+    doubles: int  # length of each later message
+    order: str = "<"  # {"<", ">"}, byte order
 
     @property
     def n(self) -> int:
@@ -78,10 +69,7 @@ class Sizes(NamedTuple):
 def sizes_of(head: bytes, peer: str) -> Sizes:
     """The first message in the byte order in which it makes sense.
 
-    Raises
-    ------
-    ConnectionError
-        For one that makes sense in neither.
+    Raises ConnectionError for one that makes sense in neither.
     """
     found = []
     for order in BYTE_ORDERS.values():
@@ -99,13 +87,8 @@ def sizes_of(head: bytes, peer: str) -> Sizes:
 class Wire:
     """A connection on which messages have a known length.
 
-    Parameters
-    ----------
-    connection : socket
-    timeout : float or None
-        Longest wait for a message, in seconds.
-    peer : str
-        The other side in messages.
+    timeout: longest wait for a message, in seconds.
+    peer: the other side in messages.
     """
 
     def __init__(self, connection: socket.socket, timeout: float | None, peer: str):
@@ -174,13 +157,7 @@ class Wire:
 
 
 class Doubles:
-    """Messages of a fixed number of doubles.
-
-    Parameters
-    ----------
-    wire : Wire
-    sizes : Sizes
-    """
+    """Messages of a fixed number of doubles."""
 
     def __init__(self, wire: Wire, sizes: Sizes):
         self.wire, self.sizes = wire, sizes
@@ -217,10 +194,7 @@ def _digest(secret: bytes, *parts: bytes) -> bytes:
 def prove(wire: Wire, secret: bytes, *, server: bool) -> None:
     """Both sides show that they know the secret, without sending it.
 
-    Raises
-    ------
-    ConnectionError
-        When the other side does not.
+    Raises ConnectionError when the other side does not.
     """
     own = os.urandom(NONCE)
     wire.send(own)

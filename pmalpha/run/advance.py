@@ -52,20 +52,9 @@ def advance(
 ) -> None:
     """Advance to macro step `end`.
 
-    Parameters
-    ----------
-    core : _core.Coupler
-    loads : Loads
-    end : int
-    record : tuple, optional
-        From `Recording.core_record`.
-    report : Report, optional
-    ranks : Ranks, optional
-
-    Raises
-    ------
-    InstabilityError, ConvergenceError, CallbackError, and any exception of a callable
-        The core is then at the last completed macro step.
+    record: from `Recording.core_record`.
+    Raises InstabilityError, ConvergenceError, CallbackError, and any exception of a callable: the
+        core is then at the last completed macro step.
     """
     iterates = loads.iterates or ranks is not None  # subdomains of any process
     with one_thread() if iterates else nullcontext():  # the core calls BLAS

@@ -71,11 +71,6 @@ class Lanes:
     """`LANES` cases of one coupled problem.
 
     Number i of lane l is at ``i * LANES + l`` of every array of the core.
-
-    Parameters
-    ----------
-    core : _core.Coupler
-    parts : sequence of Part
     """
 
     def __init__(self, core: Any, parts: Sequence[Part]):
@@ -132,15 +127,9 @@ class Lanes:
 class Group:
     """Cases that advance side by side, in a thread of their own or in that of the caller.
 
-    Attributes
-    ----------
-    cases : list of int
-    recordings : list of Recording
-        One for each case.
-    steps : int
-        Macro steps done, of all cases together.
-    is_sound : bool
-        False where a value of one of the cases was not finite, or steps added energy.
+    recordings: one for each case.
+    steps: macro steps done, of all cases together.
+    is_sound: False where a value of one of the cases was not finite, or steps added energy.
     """
 
     def __init__(self, lanes: Lanes, cases: list[int], recordings: list[Recording]):
@@ -162,13 +151,7 @@ class Crew:
     With one thread it is that of the caller. An exception in the caller, Ctrl-C for example, ends
     the groups at hand within about 50 ms.
 
-    Parameters
-    ----------
-    core : _core.Coupler
-    parts : sequence of Part
-    threads : int
-    tell : callable
-        Called by the caller's thread with the macro steps done of the groups at hand.
+    tell: called by the caller's thread with the macro steps done of the groups at hand.
     """
 
     def __init__(self, core: Any, parts: Sequence[Part], threads: int, tell: Callable[[int], None]):

@@ -70,20 +70,11 @@ def constants(
 ) -> dict[str, Any]:
     """The constant facts of a problem, by the name that an error shows.
 
-    Parameters
-    ----------
-    options : Options
-    names : sequence of str
-        Of the subdomains of all processes.
-    p : int
-        Number of constraints.
-    parts : sequence of Part
-        Of this process.
-    matrices : sequence of (p, n_i) csc_array
-        L_i, in the user's order.
-    iterates : bool
-        Whether some subdomain has internal forces.
-    contacts : Contacts or None
+    names: of the subdomains of all processes.
+    p: number of constraints.
+    parts: of this process.
+    matrices: sequence of (p, n_i) csc_array, L_i, in the user's order.
+    iterates: whether some subdomain has internal forces.
     """
     facts = {**options._asdict(), "newton": repr(options.newton)}
     facts |= {"names": list(names), "conditions": p}
@@ -342,10 +333,7 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
 def restore(state: CoreState, parts: Sequence[Part], core: Any, clock: Clock, step: int) -> None:
     """Set a state in the core, at this macro step of the clock.
 
-    Raises
-    ------
-    ValueError
-        For a kept tangent that is singular; the state is then unchanged.
+    Raises ValueError for a kept tangent that is singular; the state is then unchanged.
     """
     set_iterations(state.iterations, parts)
     for part, levels in zip(parts, state.levels):
@@ -391,13 +379,8 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
 
     Those to which the file led before are removed, and what is left of a save that was interrupted.
 
-    Parameters
-    ----------
-    path : Path
-    files : sequence of str
-        Their names beside it, by rank.
-    first : sequence of int
-        The number of the first subdomain of each rank, and the number of all.
+    files: their names beside it, by rank.
+    first: the number of the first subdomain of each rank, and the number of all.
     """
     own = re.escape(path.name) + OF_A_RANK
     older = [x.name for x in path.parent.iterdir() if re.fullmatch(own, x.name)]
@@ -415,21 +398,12 @@ def read(
 ) -> tuple[int, dict[str, np.ndarray], dict[str, Any] | None]:
     """Macro step, arrays and changed steps of a file that was written for the same problem.
 
-    Parameters
-    ----------
-    path : str or path
-        Of a file of `write`, or of `write_master`.
-    problem : dict
-        The facts of the problem here, from `constants` and `loads`.
-    own : range
-        The numbers of the subdomains of this process among all: the others are not read.
-
-    Raises
-    ------
-    OSError
-        When there is no such file.
-    ValueError
-        For any other file, a damaged one, or another problem; the message lists what differs.
+    path: of a file of `write`, or of `write_master`.
+    problem: the facts of the problem here, from `constants` and `loads`.
+    own: the numbers of the subdomains of this process among all: the others are not read.
+    Raises OSError when there is no such file.
+    Raises ValueError for any other file, a damaged one, or another problem; the message lists what
+        differs.
     """
     header, arrays = read_npz(path, FORMAT, VERSION)
     if "files" in header:

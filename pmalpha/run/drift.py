@@ -32,15 +32,9 @@ def warn_if_drifting(
 ) -> None:
     """AccuracyWarning when macro steps are too long for the forces that cross the interfaces.
 
-    Parameters
-    ----------
-    history : History
-    parts : sequence of Part
-        No warning unless one, of any process, has substeps under macro coupling.
-    rows : ConstraintRows
-        With the processes, all of which call this; each of them warns.
-    motions : sequence of Motion
-        Prescribed velocities; the displacements of their rows are not tied.
+    parts: no warning unless one, of any process, has substeps under macro coupling.
+    rows: with the processes, all of which call this; each of them warns.
+    motions: prescribed velocities; the displacements of their rows are not tied.
     """
     if not any(joined(rows.ranks, [part.responds for part in parts])):
         return

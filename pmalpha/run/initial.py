@@ -20,16 +20,10 @@ from .motion import Motion, all_known, slopes_at_start, values_at_start
 
 
 class StartValues(NamedTuple):
-    """What a run starts from.
-
-    Attributes
-    ----------
-    states : list of (u, v, w), (n_i,) each
-    lam, g, gap : (p,) arrays
-        Multipliers, prescribed velocities, and gaps of the displacements.
-    """
+    """What a run starts from."""
 
     states: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    # lam, g, gap: (p,) arrays, multipliers, prescribed velocities, and gaps of the displacements
     lam: np.ndarray
     g: np.ndarray
     gap: np.ndarray
@@ -43,16 +37,9 @@ class StartValues(NamedTuple):
 class InitialValues:
     """Displacements and velocities of all subdomains at t = 0.
 
-    Parameters
-    ----------
-    keys : sequence of (name, Subdomain)
-    rows : ConstraintRows
-    u0, v0 : dict, optional
-        Values by subdomain that replace those of the `Subdomain`.
-
-    Attributes
-    ----------
-    values : list of (u, v), (n_i,) each, in the user's order
+    keys: sequence of (name, Subdomain).
+    u0, v0: values by subdomain that replace those of the `Subdomain`.
+    values: list of (u, v), (n_i,) each, in the user's order.
     """
 
     def __init__(
@@ -71,16 +58,9 @@ class InitialValues:
 
         With `tied` the displacements are constrained too.
 
-        Raises
-        ------
-        ConstraintError
-            When the velocities violate a constraint, or the displacements where they are tied; for
-            a gap of a contact that is negative.
-
-        Warns
-        -----
-        ConstraintWarning
-            When the displacements violate a constraint.
+        Raises ConstraintError when the velocities violate a constraint, or the displacements where
+            they are tied; for a gap of a contact that is negative.
+        ConstraintWarning when the displacements violate a constraint.
         """
         if all_known(motions):
             self._check_velocities(motions)
@@ -175,13 +155,8 @@ def consistent_in_lanes(
 
     Bitwise those of `InitialValues.consistent`, in a column for each case; without the gaps.
 
-    Parameters
-    ----------
-    initials : sequence of InitialValues
-        What is computed of one that several cases share is computed once.
-    forces : for each case the force on each subdomain
-    loads : Loads
-        With the prescribed velocities of all cases.
+    initials: what is computed of one that several cases share is computed once.
+    loads: with the prescribed velocities of all cases.
     """
     parts, p = loads.parts, rows.p
     states = {initial: initial.in_order(parts) for initial in initials}

@@ -95,14 +95,8 @@ def warn_of_skipped(
 ) -> None:
     """One AccuracyWarning for all sampled loads of which the steps skip what matters.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-    forces : sequence of Force
-        One for each subdomain.
-    motions : sequence of Motion
-    fine : float
-        Time between two interface problems, at which those are evaluated.
+    forces: one for each subdomain.
+    fine: time between two interface problems, at which those are evaluated.
     """
     taken = [(f"the force on {part.name!r}", f, part.step) for part, f in zip(parts, forces)]
     taken += [(f"the {motion.what}", motion.velocity, fine) for motion in motions]
@@ -186,20 +180,10 @@ class Loads:
     evaluated ahead of the core and their values stored, so that other loads, or another present
     time, need a new object.
 
-    Parameters
-    ----------
-    core : _core.Coupler
-    parts : sequence of Part
-    clock : Clock
-    forces : sequence of Force
-        One for each subdomain.
-    motions : sequence of Motion
-    newton : Newton
-        How internal forces are iterated.
-    names : sequence of str, optional
-        The subdomains as the core numbers them. Default: those of the parts.
-    obstacles : Obstacles, optional
-        Of contacts.
+    forces: one for each subdomain.
+    newton: how internal forces are iterated.
+    names: the subdomains as the core numbers them. Default: those of the parts.
+    obstacles: of contacts.
     """
 
     def __init__(
@@ -384,9 +368,7 @@ class Loads:
     ) -> list[list[np.ndarray]]:
         """For each subdomain the terms of r = F(0) - C v - K u - r(u, v, 0), equation (S1).
 
-        Parameters
-        ----------
-        states : for each subdomain (u, v), (n_i,) each
+        states: for each subdomain (u, v), (n_i,) each.
         """
         forces = [self.at_start(i) for i in range(len(self.parts))]
         return [[F, *own] for F, own in zip(forces, self.terms_of_motion(states))]

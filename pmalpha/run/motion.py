@@ -22,17 +22,10 @@ SHARE = 0.01
 class CallbackLoad:
     """A Python callable, evaluated ahead of the core: once per substep, in the order of time.
 
-    Parameters
-    ----------
-    force : callable
-        f(t) -> (n,)
-    what : str
-        Its name in messages, such as "force of subdomain 'rig'".
-    order : (n,) array
-        Elimination order.
-    substeps : int
-        Evaluations per macro step.
-    clock : Clock
+    force: f(t) -> (n,).
+    what: its name in messages, such as "force of subdomain 'rig'".
+    order: (n,) array, elimination order.
+    substeps: evaluations per macro step.
     """
 
     def __init__(
@@ -124,20 +117,13 @@ class CallbackLoad:
 class Motion:
     """The prescribed velocity of one constraint.
 
-    Parameters
-    ----------
-    velocity : array, SampledForce or callable
-    what : str
-        Its name in messages, such as "velocity of constraint 0".
-    rows : array of int
-        Its rows among all constraints.
-    scale : array
-        Of these rows, by which the core has them divided.
-    fine : int
-        Interface problems per macro step.
-    clock : Clock
-    apart : float, optional
-        Time between the values of a callable of which g'(0) is made. Default: 1/16 of a fine step.
+    velocity: array, SampledForce or callable.
+    what: its name in messages, such as "velocity of constraint 0".
+    rows: array of int, its rows among all constraints.
+    scale: array, of these rows, by which the core has them divided.
+    fine: interface problems per macro step.
+    apart: time between the values of a callable of which g'(0) is made. Default: 1/16 of a fine
+        step.
     """
 
     def __init__(
@@ -241,14 +227,8 @@ def slopes_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
 class Obstacles:
     """d and d' of all contact rows at fine steps, evaluated ahead of the core.
 
-    Parameters
-    ----------
-    contacts : Contacts
-    fine : int
-        Fine steps per macro step.
-    clock : Clock
-    apart : float, optional
-        Time over which differences are taken. Default: a hundredth of a fine step.
+    fine: fine steps per macro step.
+    apart: time over which differences are taken. Default: a hundredth of a fine step.
     """
 
     def __init__(self, contacts: Contacts, fine: int, clock: Clock, apart: float | None = None):

@@ -47,10 +47,7 @@ def on_time(priority: int | None, lock_memory: bool) -> Iterator[None]:
 
     All is as before afterwards. Threads made meanwhile do not inherit the priority.
 
-    Raises
-    ------
-    OSError
-        Where the system does not allow it, with what it needs; nothing is changed then.
+    Raises OSError where the system does not allow it, with what it needs; nothing is changed then.
     """
     with _locked(lock_memory), _scheduled(priority), _without_slack():
         yield
@@ -158,14 +155,7 @@ def signals_written() -> Iterator[int]:
 
 @dataclass(frozen=True)
 class Monitor:
-    """What later paced runs write: where, how many fine steps, and of which dofs.
-
-    Attributes
-    ----------
-    path : path
-    rows : int
-    dofs : dict of (dofs,) arrays by index of the subdomain
-    """
+    """What later paced runs write: where, how many fine steps, and of which dofs."""
 
     path: Any
     rows: int

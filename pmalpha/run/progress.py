@@ -28,12 +28,8 @@ class Report:
     The core calls it during its steps with the number of the macro step; `if_due` calls it between
     two calls of the core.
 
-    Attributes
-    ----------
-    begin : int
-        The macro step at which nothing is done.
-    failed : bool
-        Whether `progress` raised an exception.
+    begin: the macro step at which nothing is done.
+    failed: whether `progress` raised an exception.
     """
 
     def __init__(self, progress: Callable[[int, int], Any], begin: int, end: int):

@@ -49,68 +49,40 @@ from .transfer import Steps
 
 @dataclass
 class Session:
-    """What a `Coupler` was made of, and its present state.
+    """What a `Coupler` was made of, and its present state."""
 
-    Attributes
-    ----------
-    guard : Guard
-        One call at a time: a load that used its own coupler would see an incomplete step.
-    ranks : Ranks or None
-        The processes that share the problem.
-    everything : sequence
-        The subdomains of all processes, or what is known of those of others.
-    keys : tuple of (name, Subdomain)
-        Of this process.
-    options : Options
-    threads_allowed : (int, bool)
-        From `most_threads`.
-    rows, core_rows
-        The constraints, as the user has written them and as the core has them.
-    assemblies, steps, assembly
-        What was made for each set of steps; the present steps, and what belongs to them.
-    initial, loads
-        Initial values and loads of the last start or `reset`.
-    accelerations : InitialAccelerations or None
-        The solver of the initial ones, while it is kept.
-    started, was_reset : bool
-        Whether the initial accelerations are in the core; whether there was a `reset`.
-    last_history : History or None
-    completed : weak reference or None
-        To the History of the last run that was completed.
-    changed : bool
-        Whether `change_steps` was called since the start.
-    constants : dict or None
-        Facts of the problem for a checkpoint, once they were needed.
-    table : list or None
-        The rows of the repr, until the steps change.
-    monitor : Monitor or None
-        What paced runs write for another process to look at.
-    judges : bool
-        Whether results are judged by warnings; those of other runs within a call are not.
-    """
-
+    # one call at a time: a load that used its own coupler would see an incomplete step
     guard: Guard
-    ranks: Ranks | None
+    ranks: Ranks | None  # the processes that share the problem
+    # the subdomains of all processes, or what is known of those of others
     everything: Sequence[Any]
-    keys: tuple[tuple[str, Subdomain], ...]
+    keys: tuple[tuple[str, Subdomain], ...]  # of this process
     options: Options
-    threads_allowed: tuple[int, bool]
+    threads_allowed: tuple[int, bool]  # from `most_threads`
+    # rows, core_rows: the constraints, as the user has written them and as the core has them
     rows: ConstraintRows
     core_rows: CoreRows
+    # assemblies, steps, assembly: what was made for each set of steps; the present steps, and what
+    # belongs to them
     assemblies: Assemblies
     steps: Steps
     assembly: Assembly
+    # initial, loads: initial values and loads of the last start or `reset`
     initial: InitialValues
     loads: Loads
-    accelerations: InitialAccelerations | None
+    accelerations: InitialAccelerations | None  # the solver of the initial ones, while it is kept
+    # started, was_reset: whether the initial accelerations are in the core; whether there was a
+    # `reset`
     started: bool = False
     was_reset: bool = False
     last_history: History | None = None
-    completed: ref[History] | None = None
-    changed: bool = False
+    completed: ref[History] | None = None  # to the History of the last run that was completed
+    changed: bool = False  # whether `change_steps` was called since the start
+    # facts of the problem for a checkpoint, once they were needed
     constants: dict[str, Any] | None = None
-    table: list[tuple[str, ...]] | None = None
-    monitor: Any = None
+    table: list[tuple[str, ...]] | None = None  # the rows of the repr, until the steps change
+    monitor: Any = None  # what paced runs write for another process to look at
+    # whether results are judged by warnings; those of other runs within a call are not
     judges: bool = True
 
     @property

@@ -105,12 +105,7 @@ def power_of_two(count: float) -> int:
 class Controller:
     """Chooses substeps from powers of two.
 
-    Parameters
-    ----------
-    tolerances : list of (float or None)
-        r, by subdomain.
-    parts : sequence of Part
-    dt : float
+    tolerances: list of (float or None), r, by subdomain.
     """
 
     def __init__(self, tolerances: list[float | None], parts: Sequence[Part], dt: float):
@@ -156,11 +151,7 @@ def least_substeps(part: Part, dt: float) -> int:
 class Pieces:
     """What is kept of each macro step.
 
-    Parameters
-    ----------
-    session : Session
-    chosen : dict
-        Arguments of `run`: record, every, energy, record_springs, outputs.
+    chosen: arguments of `run`: record, every, energy, record_springs, outputs.
     """
 
     def __init__(self, session: Session, chosen: Mapping[str, Any]):

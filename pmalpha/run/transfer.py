@@ -19,19 +19,12 @@ FIELDS, W, A = 7, 2, 3
 
 @dataclass(frozen=True)
 class Steps:
-    """The steps of a coupler since they changed.
-
-    Attributes
-    ----------
-    layout : Layout
-    clock : Clock
-    first : Layout or None
-        Of the macro step after a change, if it is still to come and there are double steps: they
-        span the change, or begin anew. None from then on.
-    """
+    """The steps of a coupler since they changed."""
 
     layout: Layout
     clock: Clock
+    # of the macro step after a change, if it is still to come and there are double steps: they span
+    # the change, or begin anew. None from then on.
     first: Layout | None = None
 
     @property
@@ -75,18 +68,13 @@ class Steps:
 
 
 class Lengths(NamedTuple):
-    """The steps that made the variables a of a subdomain, or for which they were changed by (Q1).
+    """The steps that made the variables a of a subdomain, or for which (Q1) changed them."""
 
-    Attributes
-    ----------
-    present, previous : float
-        At the present time level, and at the one before in a subdomain with double steps.
-    gap : float or None
-        Time between these two; None where there is no previous level that a step can start from.
-    """
-
+    # present, previous: at the present time level, and at the one before in a subdomain with double
+    # steps
     present: float
     previous: float
+    # time between these two; None where there is no previous level that a step can start from
     gap: float | None
 
 
@@ -109,14 +97,10 @@ def moves(
 ) -> list[Move]:
     """The state of each subdomain for other steps; nothing is changed yet.
 
-    Parameters
-    ----------
-    old, new : Assembly
-        With the present state, and the one that continues.
-    made, wanted : callables
-        The lengths of the variables a, and those of the steps to come, by subdomain of all.
-    first : bool
-        The next macro step is the first after a change: double steps begin unless they span it.
+    old, new: with the present state, and the one that continues.
+    made, wanted: the lengths of the variables a, and those of the steps to come, by subdomain of
+        all.
+    first: the next macro step is the first after a change: double steps begin unless they span it.
     """
     found = []
     for i, (o, n) in enumerate(zip(old.parts, new.parts), new.first):

@@ -44,24 +44,13 @@ KEPT = 32
 
 @dataclass(frozen=True)
 class Layout:
-    """The lengths of all steps of a coupled problem, of the subdomains of all processes.
+    """The lengths of all steps of a coupled problem, of the subdomains of all processes."""
 
-    Attributes
-    ----------
-    dt : float
-        Macro step.
-    substeps : tuple of int
-        By subdomain.
-    doubles : tuple of bool
-        Which subdomains take double steps.
-    overs : tuple of (float or None), optional
-        Lengths of the double steps that span a change of the steps, in the macro step after it;
-        None for the others. Default: no subdomain has one.
-    """
-
-    dt: float
-    substeps: tuple[int, ...]
-    doubles: tuple[bool, ...]
+    dt: float  # macro step
+    substeps: tuple[int, ...]  # by subdomain
+    doubles: tuple[bool, ...]  # which subdomains take double steps
+    # lengths of the double steps that span a change of the steps, in the macro step after it; None
+    # for the others. Default: no subdomain has one.
     overs: tuple[float | None, ...] = ()
 
     def of(self, i: int) -> tuple[float, int, bool, float | None]:
@@ -77,51 +66,27 @@ class Layout:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A coupled problem for steps of one layout.
+    """A coupled problem for steps of one layout."""
 
-    Attributes
-    ----------
-    parts : tuple of Part
-        The subdomains in elimination order, each with its object of the core.
-    core : the coupler of the core
-    first : int
-        The number of the first of these subdomains among those of all processes.
-    """
-
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...]  # the subdomains in elimination order, each with its object of the core
     core: Any
-    first: int = 0
+    first: int = 0  # the number of the first of these subdomains among those of all processes
 
 
 class Assemblies:
     """A coupled problem, ordered once, and its assemblies for the layouts that were asked for.
 
-    Parameters
-    ----------
-    keys : sequence of (name, Subdomain)
-    links : sequence of Link
-        L_i, independent rows, in the user's order.
-    p : int
-        Number of rows.
-    layout : Layout
-        Of the first assembly.
-    prescribed : sequence of arrays of int
-        The rows of each prescribed velocity.
-    coupling, start, drift, newton
-        As for `Coupler`.
-    threads : (int, bool)
-        Maximum number of threads, and whether to use fewer where more are not faster.
-    ranks : Ranks, optional
-        The processes, of which each has the subdomains in `keys`, and in other arguments.
-    contacts : Contacts, optional
-        Under "pm" and "gc".
-
-    Attributes
-    ----------
-    first : Assembly
-    row_position : (p,) array of int
-        Position of each constraint in the core's order.
-    accelerations : InitialAccelerations
+    keys: sequence of (name, Subdomain).
+    links: L_i, independent rows, in the user's order.
+    p: number of rows.
+    layout: of the first assembly.
+    prescribed: sequence of arrays of int, the rows of each prescribed velocity.
+    coupling, start, drift, newton: as for `Coupler`.
+    threads: (int, bool), maximum number of threads, and whether to use fewer where more are not
+        faster.
+    ranks: the processes, of which each has the subdomains in `keys`, and in other arguments.
+    contacts: under "pm" and "gc".
+    row_position: (p,) array of int, position of each constraint in the core's order.
     """
 
     def __init__(

@@ -26,9 +26,7 @@ def warn_of_bounces(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) ->
     K_r makes closed contact stable at any step, and (C4) has no limit; but a stop that opens within
     a step goes on to push.
 
-    Parameters
-    ----------
-    steps : iterable of (name, subdomain, length of the step that it takes, ratio of `step_ratio`)
+    steps: iterable of (name, subdomain, length of the step that it takes, ratio of `step_ratio`).
     """
     for name, subdomain, step, ratio in steps:
         gain, Omega = bounce_of(subdomain, step)

@@ -157,14 +157,9 @@ class CoreRows:
     With L = s * (row of the core), a jump is s times that of the core, and a multiplier is that of
     the core divided by s.
 
-    Parameters
-    ----------
-    position : (p,) array of int
-        Position of each constraint in the core's order.
-    scale : (p,) array
-        s of each constraint.
-    contacts : Contacts, optional
-        Beside them, in the user's order.
+    position: (p,) array of int, position of each constraint in the core's order.
+    scale: (p,) array, s of each constraint.
+    contacts: beside them, in the user's order.
     """
 
     def __init__(self, position: np.ndarray, scale: np.ndarray, contacts: Any = None):
@@ -216,32 +211,14 @@ def scale_of_rows(sizes: np.ndarray) -> np.ndarray:
 class ConstraintRows:
     """The stacked constraints of a coupler, equation (2), in the user's order of rows and dofs.
 
-    Parameters
-    ----------
-    constraints : sequence of Rows
-    subdomains : sequence of Subdomain
-        Of all processes.
-    own : slice, optional
-        Those of this process. Default: all.
-    ranks : Ranks, optional
-    contacts : Contacts, optional
-        Beside them.
-
-    Attributes
-    ----------
-    p : int
-        Number of rows.
-    scale : (p,) array
-        What each row is divided by for the core.
-    links : list of Link
-        L_i of every subdomain of this process, with the rows divided by `scale`.
-    matrices : list of (p, n_i) csc_array
-        L_i as given, for products.
-
-    Raises
-    ------
-    ConstraintError
-        When the rows are linearly dependent.
+    subdomains: of all processes.
+    own: those of this process. Default: all.
+    contacts: beside them.
+    p: number of rows.
+    scale: (p,) array, what each row is divided by for the core.
+    links: L_i of every subdomain of this process, with the rows divided by `scale`.
+    matrices: list of (p, n_i) csc_array, L_i as given, for products.
+    Raises ConstraintError when the rows are linearly dependent.
     """
 
     def __init__(

@@ -35,21 +35,9 @@ class Contacts:
 
     Each contact row is a normal one and the tangents that follow it.
 
-    Parameters
-    ----------
-    contacts : sequence of Contact
-    subdomains : sequence of Subdomain
-    names : sequence of str
-
-    Attributes
-    ----------
-    contacts : tuple of Contact
-    names : tuple of str
-        Of the contacts.
-    first : (contact rows + 1,) array of int
-        The row of each contact row, and the number of all.
-    N : dict of (rows, n_i) csc_array
-        By index of the subdomain.
+    names: of the contacts.
+    first: (contact rows + 1,) array of int, the row of each contact row, and the number of all.
+    N: dict of (rows, n_i) csc_array, by index of the subdomain.
     """
 
     def __init__(

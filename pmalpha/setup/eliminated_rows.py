@@ -17,19 +17,14 @@ ROUNDING = 1e-14
 
 
 class Assembled(NamedTuple):
-    """The assembled structure, from `Coupler.assembled`.
+    """The assembled structure, from `Coupler.assembled`."""
 
-    Attributes
-    ----------
-    M, C, K : (n, n) csr_array
-    map : dict of (n_i, n) csr_array by name
-        The dofs of a subdomain from those of the structure, u_i = map[name] @ u. Entries are 0 and
-        1 for ties.
-    """
-
+    # M, C, K: (n, n) csr_array
     M: sp.csr_array
     C: sp.csr_array
     K: sp.csr_array
+    # the dofs of a subdomain from those of the structure, u_i = map[name] @ u. Entries are 0 and 1
+    # for ties.
     map: dict[str, sp.csr_array]
 
     def __repr__(self) -> str:
@@ -50,19 +45,11 @@ def assembled(
 ) -> Assembled:
     """M, C and K on the motions that satisfy the constraints.
 
-    Parameters
-    ----------
-    names : sequence of str
-    matrices : sequence of (M, C, K) in inner form, (n_i, n_i) each
-    constraints : sequence of (p, n_i) csc_array
-        L_i, with independent rows.
-
-    Raises
-    ------
-    ValueError
-        When the constraints leave no motion.
-    MemoryError
-        When rows that are not ties and share dofs are too many for a dense factorization.
+    matrices: sequence of (M, C, K) in inner form, (n_i, n_i) each.
+    constraints: sequence of (p, n_i) csc_array, L_i, with independent rows.
+    Raises ValueError when the constraints leave no motion.
+    Raises MemoryError when rows that are not ties and share dofs are too many for a dense
+        factorization.
     """
     sizes = [L.shape[1] for L in constraints]
     T = kernel(sp.csr_array(sp.hstack(constraints)))

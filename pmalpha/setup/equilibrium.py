@@ -43,17 +43,10 @@ def static_displacements(
 ) -> list[np.ndarray]:
     """The displacements u_i, (n_i,) each.
 
-    Parameters
-    ----------
-    stiffnesses : sequence of (n_i, n_i) matrices in inner form
-    constraints : sequence of (p, n_i) csr_array
-        L_i, with independent rows.
-    forces : sequence of (n_i,) arrays
-
-    Raises
-    ------
-    FactorizationError
-        When the structure is floating or its stiffness indefinite.
+    stiffnesses: sequence of (n_i, n_i) matrices in inner form.
+    constraints: sequence of (p, n_i) csr_array, L_i, with independent rows.
+    forces: sequence of (n_i,) arrays.
+    Raises FactorizationError when the structure is floating or its stiffness indefinite.
     """
     from scipy.sparse.linalg import splu
 
@@ -123,17 +116,11 @@ class _Trial:
 class Equilibrium:
     """Newton's method for the static equilibrium of tied subdomains.
 
-    Parameters
-    ----------
-    subdomains : sequence of (name, Subdomain)
-    internal : sequence of InternalForces or None
-    constraints : sequence of (p, n_i) csr_array
-        L_i, with independent rows.
-    forces : sequence of (n_i,) arrays
-    newton : Newton
-        Tolerance, and iterations in a load step.
-    ranks : Ranks, optional
-        The subdomains are those of this process: all of them solve for the whole structure, each
+    subdomains: sequence of (name, Subdomain).
+    constraints: sequence of (p, n_i) csr_array, L_i, with independent rows.
+    forces: sequence of (n_i,) arrays.
+    newton: tolerance, and iterations in a load step.
+    ranks: the subdomains are those of this process: all of them solve for the whole structure, each
         evaluates the forces of its own.
     """
 
@@ -161,11 +148,9 @@ class Equilibrium:
         The residual of `begin` and its gaps are removed in load steps, `steps` equal ones at first;
         one that does not converge is halved, and the step after one that converges is doubled.
 
-        Raises
-        ------
-        FactorizationError
-            When the structure is floating or its tangent indefinite at the solution.
-        ConvergenceError
+        Raises FactorizationError when the structure is floating or its tangent indefinite at the
+            solution.
+        Raises ConvergenceError.
         """
         u, lam = np.concatenate(joined(self.ranks, begin)), np.zeros(self.L.shape[0])
         self.first, self.gap = self._residual(u), self.L @ u

@@ -42,20 +42,12 @@ Factor = tuple[np.ndarray, Any]
 
 @dataclass(frozen=True)
 class Names:
-    """Names of a matrix and its unknowns in messages.
-
-    Attributes
-    ----------
-    what : str
-    numbers : (n,) array of int
-        Dof, or constraint, at each position of the elimination order.
-    subdomain : str or None
-        None: the unknowns are the multipliers of constraints.
-    """
+    """Names of a matrix and its unknowns in messages."""
 
     what: str
+    # (n,) array of int, dof, or constraint, at each position of the elimination order
     numbers: np.ndarray
-    subdomain: str | None = None
+    subdomain: str | None = None  # None: the unknowns are the multipliers of constraints
 
     def not_definite(self, A: Matrix, position: int) -> FactorizationError:
         """The error for a matrix in elimination order, with the signs of its pivots."""
@@ -139,26 +131,14 @@ def factorize(
 ) -> Factor:
     """R and the reciprocals of D, in the forms of the core; R and Q of an unsymmetric matrix.
 
-    Parameters
-    ----------
-    A : matrix in inner form
-        Already in elimination order.
-    names : Names
-    nb : int, default 0
-        Number of interface unknowns, which are last and swept separately.
-    structure : Structure, optional
-        Of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
-    symmetric : bool, default True
-        A is symmetric, and has to be positive definite. Otherwise pivots have any sign.
-    threads : int, default 1
-        Maximum number of threads that make a factor in panels.
-
-    Raises
-    ------
-    FactorizationError
-        When A is not positive definite; if unsymmetric, for pivots that are too small or too large.
-    MemoryError
-        When the factor would not fit, predicted before the factorization.
+    A: already in elimination order.
+    nb: number of interface unknowns, which are last and swept separately.
+    structure: of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
+    symmetric: A is symmetric, and has to be positive definite. Otherwise pivots have any sign.
+    threads: maximum number of threads that make a factor in panels.
+    Raises FactorizationError when A is not positive definite; if unsymmetric, for pivots that are
+        too small or too large.
+    Raises MemoryError when the factor would not fit, predicted before the factorization.
     """
     if A is None:
         raise names.not_definite(A, 0)
@@ -461,24 +441,14 @@ def _block_of_band(band: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Elimination:
-    """The factorization of the sparse matrices of a subdomain.
+    """The factorization of the sparse matrices of a subdomain."""
 
-    Attributes
-    ----------
-    order : (n,) array of int
-        Dof at each position of the subdomain's vectors; the interface dofs last.
-    nb : int
-        Number of interface dofs.
-    structure : Structure or None
-        One symbolic analysis for Mbar(h), Mbar(2 h) and M; None where nothing is sparse.
-    threads : int
-        Maximum number of threads that make one.
-    """
-
+    # (n,) array of int, dof at each position of the subdomain's vectors; the interface dofs last
     order: np.ndarray
-    nb: int
+    nb: int  # number of interface dofs
+    # one symbolic analysis for Mbar(h), Mbar(2 h) and M; None where nothing is sparse
     structure: Structure | None = None
-    threads: int = 1
+    threads: int = 1  # maximum number of threads that make one
 
     @property
     def swept(self) -> int:
@@ -525,13 +495,8 @@ class Eliminations:
 def elimination(n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
     """The elimination with little fill, the interface dofs last.
 
-    Parameters
-    ----------
-    n : int
-    graph : Graph or None
-        Of all matrices to factor, from `graph_of`.
-    last : (nb,) sorted array of int
-        Interface dofs.
+    graph: of all matrices to factor, from `graph_of`.
+    last: (nb,) sorted array of int, interface dofs.
     """
     order = elimination_order(n, graph, last)
     if graph is None:

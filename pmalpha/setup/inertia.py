@@ -26,11 +26,7 @@ def inertia(A: Matrix | None, n: int) -> Inertia | None:
     sparse matrix the pivots of A + ZERO I and A - ZERO I are counted, since a zero pivot would stop
     the factorization of A.
 
-    Parameters
-    ----------
-    A : (n, n) matrix in inner form
-        If sparse, in elimination order.
-    n : int
+    A: (n, n) matrix in inner form, if sparse, in elimination order.
     """
     from scipy.linalg import eigvalsh
 

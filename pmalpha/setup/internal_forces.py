@@ -39,23 +39,13 @@ Group = Sequence[tuple[InternalForce, str]]
 
 @dataclass(frozen=True)
 class InternalForces:
-    """The internal forces of a subdomain, in the user's order of dofs.
+    """The internal forces of a subdomain, in the user's order of dofs."""
 
-    Attributes
-    ----------
-    functions : tuple of (function, history, csr_array)
-        Each function for the core, the numbers in its history, and the pattern of its tangents.
-    initial : (m,) array
-        The histories at t = 0, of one function after the other.
-    pattern : csr_array
-        Of Mbar with all tangents: symmetric, with the diagonal, all values 1.
-    K, C : Matrix
-        The tangents at t = 0.
-    """
-
+    # each function for the core, the numbers in its history, and the pattern of its tangents
     functions: tuple[tuple[Any, int, sp.csr_array], ...]
-    initial: np.ndarray
-    pattern: sp.csr_array
+    initial: np.ndarray  # (m,) array, the histories at t = 0, of one function after the other
+    pattern: sp.csr_array  # of Mbar with all tangents: symmetric, with the diagonal, all values 1
+    # K, C: the tangents at t = 0
     K: Matrix | None
     C: Matrix | None
 
@@ -63,10 +53,8 @@ class InternalForces:
 def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
     """The internal forces of a subdomain, each evaluated once, at t = 0.
 
-    Raises
-    ------
-    TypeError, ValueError
-        For a value of a force of the wrong kind or shape, and for a tangent that is not symmetric.
+    Raises TypeError, ValueError for a value of a force of the wrong kind or shape, and for a
+        tangent that is not symmetric.
     """
     if s.internal is None:
         return None
@@ -142,23 +130,12 @@ def _pairs(s: Subdomain) -> list[sp.csr_array]:
 
 @dataclass(frozen=True)
 class TangentPattern:
-    """The pattern of Mbar with all tangents in elimination order, and its symbolic factorization.
+    """The pattern of Mbar with all tangents in elimination order, with its structure."""
 
-    Attributes
-    ----------
-    order : (n,) array of int
-        Dof at each position; the interface dofs last.
-    pattern : csr_array
-        In elimination order, all values 1.
-    nb : int
-        Number of interface dofs.
-    structure : tuple or None
-        The panels of the factor; None where the pattern is the diagonal.
-    """
-
-    order: np.ndarray
-    pattern: sp.csr_array
-    nb: int
+    order: np.ndarray  # (n,) array of int, dof at each position; the interface dofs last
+    pattern: sp.csr_array  # in elimination order, all values 1
+    nb: int  # number of interface dofs
+    # the panels of the factor; None where the pattern is the diagonal
     structure: tuple[Any, ...] | None
 
     @property
@@ -253,10 +230,7 @@ def numeric(
 ) -> tuple[Any, ...]:
     """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again.
 
-    Raises
-    ------
-    MemoryError
-        When the factor does not fit.
+    Raises MemoryError when the factor does not fit.
     """
     from scipy.linalg import cython_blas
 
@@ -326,9 +300,7 @@ def internal_at(
 
     Without `tangent` K and C are None. What is not finite stays so.
 
-    Raises
-    ------
-    PmalphaError, and any exception of a function
+    Raises PmalphaError, and any exception of a function.
     """
     f, at = np.zeros(n), 0
     stiff: list[tuple[float, Matrix]] = []

@@ -18,23 +18,14 @@ from .factors import Factor, interface_block, sides
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """L (p, n) by columns, since most of its rows are empty.
+    """L (p, n) by columns, since most of its rows are empty."""
 
-    Attributes
-    ----------
-    p : int
-        Number of constraints.
-    ptr : (n + 1,) array of int64
-        The entries of column j are those from ptr[j] to ptr[j + 1].
-    index : (entries,) array of int32
-        The constraint of each entry, ascending in each column.
-    values : (entries,) array
-    """
-
-    p: int
+    p: int  # number of constraints
+    # (n + 1,) array of int64, the entries of column j are those from ptr[j] to ptr[j + 1]
     ptr: np.ndarray
+    # (entries,) array of int32, the constraint of each entry, ascending in each column
     index: np.ndarray
-    values: np.ndarray
+    values: np.ndarray  # (entries,) array
 
     @classmethod
     def of(cls, L: sp.csc_array) -> Link:
@@ -153,19 +144,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Block:
-    """A block of H.
+    """A block of H."""
 
-    Attributes
-    ----------
-    rows : (k,) array of int
-        Its constraints, the rows and columns of H.
-    values : (k, k) or (entries,) array
-    places : (row, column) or None
-        Of each entry, in 0..k-1; None where all entries are stored.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # (k,) array of int, its constraints, the rows and columns of H
     values: np.ndarray
+    # of each entry, in 0..k-1; None where all entries are stored
     places: tuple[np.ndarray, np.ndarray] | None = None
 
     @classmethod

@@ -156,20 +156,11 @@ def unit_responses(
 
     Threads share the constraints; the responses are bitwise the same for any number of threads.
 
-    Returns
-    -------
-    end, mean : (k, k) array
-        What the core ties at the end of the macro step, and its mean over it; a row for each
-        response.
-    states : (k, 4, n) array, or None
-        U, where it is to be stored.
-
-    Raises
-    ------
-    MemoryError
-        When the blocks do not fit.
-    ValueError
-        When a response is not finite: the steps are far above the critical one.
+    Returns end, mean: (k, k) array, what the core ties at the end of the macro step, and its mean
+        over it; a row for each response.
+    Returns states: (k, 4, n) array, or None, U, where it is to be stored.
+    Raises MemoryError when the blocks do not fit.
+    Raises ValueError when a response is not finite: the steps are far above the critical one.
     """
     k = rows.size
     threads = max(1, min(part.elimination.threads, int(work(part) // SHARE), -(-k // LANES)))
@@ -203,18 +194,10 @@ def warn_of_resonance(
 ) -> None:
     """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
 
-    Parameters
-    ----------
-    H : (p, p) matrix in inner form
-        (M4).
-    factor : Factor
-        Of H.
-    parts : sequence of Part
-    position : (p,) array of int
-        Position of each constraint in the core's order.
+    H: (p, p) matrix in inner form, (M4).
+    factor: of H.
+    position: (p,) array of int, position of each constraint in the core's order.
 
-    Notes
-    -----
     The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
     the mean velocities in the macro step; of unsymmetric matrices, by size.
     """

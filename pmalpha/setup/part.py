@@ -51,93 +51,60 @@ STEP_NUMBERS = 12
 class Part:
     """A subdomain in its elimination order, with its object of the core, for steps of one length.
 
-    Attributes
-    ----------
-    h, substeps : float, int
-        Length and number of its substeps in a macro step.
-    over : float or None
-        Length of its double steps, where they span a change of the steps and are not of length 2 h.
-    known : dict
-        Step length and factor of Mbar in the form of the core, by length: those of its steps and,
-        before it is built, others that have been made.
-    order, position : (n,) array of int
-        Dof at each position, and position of each dof.
-    L : Link
-        Its constraints, dofs in elimination order, rows in the order of the multipliers.
-    nb : int
-        Number of interface dofs, the last of the order.
-    mass_factor : Factor or None
-        Of M, where Mbar = M: explicit, with no damping in Mbar.
-    stiffness, damping : matrices
-        The matrices in Mbar with the factors al1 and al2, equations (12), (R3) and (R4).
-    D_r, K_r : matrices
-        Estimates of the damping and the stiffness of the restoring force.
-    factors : list of Factor
-        Of Mbar(h) and, for a double step, of Mbar(2 h).
-    elimination : Elimination
-        The factorization of its sparse matrices.
-    blocks : dict
-        Its blocks of H computed so far, by whether they are of the double step.
-    internal : InternalForces or None
-    tangent : TangentPattern or None
-        Where its steps are iterated: implicit, with internal forces.
-    mean : bool
-        Responds to a constant acceleration of the interface (K3): mean coupling.
-    reuses : bool
-        Whether tangents are kept from step to step.
-    shifts : bool
-        Its predictors can be shifted (V1): displacements tied under gc.
-    responds : bool
-        Has link responses (M3): more than one substep under macro coupling.
-    response_blocks : pair of Block, or None
-        If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
-    step_ratio : StepRatio or None
-        Its step divided by its critical step, as far as set-up computed it.
-    gain_reported, impact_reported : bool
-        Whether the energy that its steps add has been warned of since the last start.
-    feedback : Feedback or None
-        Its load if that depends on the motion, for steps of all lengths.
-    indefinite : bool
-        Tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign.
-    N : Link or None
-        The rows of contacts on it, dofs in elimination order.
+    order, position: (n,) array of int, dof at each position, and position of each dof.
     """
 
     subdomain: Subdomain
     name: str
     double: bool
+    # h, substeps: length and number of its substeps in a macro step
     h: float
     substeps: int
-    elimination: Elimination
+    elimination: Elimination  # the factorization of its sparse matrices
     position: np.ndarray
     M: Matrix
     K: Matrix | None
     C: Matrix | None
+    # stiffness, damping: the matrices in Mbar with the factors al1 and al2, equations (12), (R3)
+    # and (R4)
     stiffness: Matrix | None
     damping: Matrix | None
+    # D_r, K_r: estimates of the damping and the stiffness of the restoring force
     D_r: Matrix | None
     K_r: Matrix | None
-    L: Link
-    nb: int
+    L: Link  # its constraints, dofs in elimination order, rows in the order of the multipliers
+    nb: int  # number of interface dofs, the last of the order
     core: Any = None
-    mass_factor: Factor | None = None
+    mass_factor: Factor | None = None  # of M, where Mbar = M: explicit, with no damping in Mbar
+    # of Mbar(h) and, for a double step, of Mbar(2 h)
     factors: list[Factor] = field(default_factory=list)
+    # its blocks of H computed so far, by whether they are of the double step
     blocks: dict[bool, Any] = field(default_factory=dict)
     internal: InternalForces | None = None
+    # where its steps are iterated: implicit, with internal forces
     tangent: TangentPattern | None = None
-    reuses: bool = False
-    mean: bool = False
-    shifts: bool = False
-    responds: bool = False
+    reuses: bool = False  # whether tangents are kept from step to step
+    mean: bool = False  # responds to a constant acceleration of the interface (K3): mean coupling
+    shifts: bool = False  # its predictors can be shifted (V1): displacements tied under gc
+    responds: bool = False  # has link responses (M3): more than one substep under macro coupling
+    # if it responds: its block of H (M4), and the one from the mean velocities in the macro step
     response_blocks: tuple[Block, Block] | None = None
+    # its step divided by its critical step, as far as set-up computed it
     step_ratio: StepRatio | None = None
+    # gain_reported, impact_reported: whether the energy that its steps add has been warned of since
+    # the last start
     gain_reported: bool = False
     impact_reported: bool = False
+    # length of its double steps, where they span a change of the steps and are not of length 2 h
     over: float | None = None
+    # step length and factor of Mbar in the form of the core, by length: those of its steps and,
+    # before it is built, others that have been made
     known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
+    # its load if that depends on the motion, for steps of all lengths
     feedback: Feedback | None = None
+    # tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign
     indefinite: bool = False
-    N: Link | None = None
+    N: Link | None = None  # the rows of contacts on it, dofs in elimination order
 
     @property
     def step(self) -> float:

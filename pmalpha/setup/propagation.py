@@ -54,17 +54,7 @@ def propagation(
 class Layout:
     """The order of the numbers of all subdomains in X.
 
-    Parameters
-    ----------
-    parts : tuple of Part
-    core : _core.Coupler
-    coupling : str
-    rows : CoreRows
-
-    Attributes
-    ----------
-    size : int
-        Numbers in X.
+    size: numbers in X.
     """
 
     def __init__(self, parts: Sequence[Part], core: Any, coupling: str, rows: CoreRows):
@@ -141,19 +131,10 @@ def warn_of_growth(
 ) -> None:
     """StabilityWarning for each of the doubts, unless no step grows more than the structure does.
 
-    Parameters
-    ----------
-    doubts : sequence of str
-        Why a coupling of these schemes can grow.
-    otherwise : str or None
-        What to say if it grows and there are none; None where none grows without one.
-    parts, core
-        The assembly; without `in_lanes` the state of the core is lost.
-    coupling : str
-    rows : CoreRows
-    dt : float
-    in_lanes, alone : bool
-        Whether the core has lanes, and the subdomains of no other process.
+    doubts: why a coupling of these schemes can grow.
+    otherwise: what to say if it grows and there are none; None where none grows without one.
+    parts, core: the assembly; without `in_lanes` the state of the core is lost.
+    in_lanes, alone: whether the core has lanes, and the subdomains of no other process.
     """
     if not doubts and otherwise is None:
         return

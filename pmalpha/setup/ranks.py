@@ -51,21 +51,11 @@ class Elsewhere(Exception):
 class Ranks:
     """The processes of a communicator.
 
-    Parameters
-    ----------
-    comm : mpi4py.MPI.Intracomm
-        It is duplicated, so that no message of the user can be taken for one of these.
-
-    Attributes
-    ----------
-    rank, size : int
-    first : (size + 1,) array of int
-        The number of the first subdomain of each rank, from `described` on.
-
-    Raises
-    ------
-    ImportError, TypeError
-        Without mpi4py, and for anything else than one of its communicators.
+    comm: it is duplicated, so that no message of the user can be taken for one of these.
+    first: (size + 1,) array of int, the number of the first subdomain of each rank, from
+        `described` on.
+    Raises ImportError, TypeError: without mpi4py, and for anything else than one of its
+        communicators.
     """
 
     def __init__(self, comm: Any):

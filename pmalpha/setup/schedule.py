@@ -33,11 +33,8 @@ def double_steps(
 ) -> tuple[bool, ...]:
     """Whether each subdomain takes double steps, with these numbers of substeps.
 
-    Raises
-    ------
-    ValueError
-        When all subdomains of the finest step would: odd and even time levels would be two
-        unrelated runs.
+    Raises ValueError when all subdomains of the finest step would: odd and even time levels would
+        be two unrelated runs.
     """
     if coupling == "gc" or len(subdomains) == 1:
         return (False,) * len(subdomains)
@@ -174,10 +171,7 @@ def _rows(L: Any, subdomain: Any, s: Any, what: str) -> sp.csr_array:
 def chosen_coupling(coupling: Any, count: int) -> Any:
     """The coupling of this number of subdomains: one subdomain needs none.
 
-    Raises
-    ------
-    TypeError
-        For none with several subdomains.
+    Raises TypeError for none with several subdomains.
     """
     if coupling is not None:
         return coupling

@@ -45,20 +45,10 @@ ZERO, LEFT = 1e-12, 1e-9
 class InitialAccelerations:
     """Solves (S1) for any right-hand side, with factors made once.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-    p : int
-        Number of constraints.
-    rows : (p,) array of int
-        Numbers of the constraints, in the order of the multipliers.
-    ranks : optional
-        As for `assemble`.
-
-    Raises
-    ------
-    FactorizationError
-        When a mass matrix is singular beyond its zero rows.
+    p: number of constraints.
+    rows: (p,) array of int, numbers of the constraints, in the order of the multipliers.
+    ranks: as for `assemble`.
+    Raises FactorizationError when a mass matrix is singular beyond its zero rows.
     """
 
     def __init__(
@@ -104,21 +94,11 @@ class InitialAccelerations:
     ) -> tuple[list[np.ndarray], np.ndarray]:
         """w_i and Lam for the terms of r_i, in elimination order.
 
-        Parameters
-        ----------
-        terms : for each subdomain the (n_i,) arrays F(0), -C v, -K u
-        g : (p,) array
-            Derivative of the prescribed velocities.
-
-        Returns
-        -------
-        w : list of (n_i,) arrays
-        lam : (p,) array
-
-        Warns
-        -----
-        ConstraintWarning
-            When the equation of a dof without mass does not hold at t = 0.
+        terms: for each subdomain the (n_i,) arrays F(0), -C v, -K u.
+        g: (p,) array, derivative of the prescribed velocities.
+        Returns w: list of (n_i,) arrays.
+        Returns lam: (p,) array.
+        ConstraintWarning when the equation of a dof without mass does not hold at t = 0.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # then w is not finite either
             r: list[Any] = [sum(t) for t in terms]

@@ -56,15 +56,9 @@ class StiffnessWatch:
     limit as in (C4). Contact, which lasts fewer increments, is seen by its first one, with the gain
     of speed of (C5).
 
-    Parameters
-    ----------
-    subdomain : Subdomain
-        Without dofs that have no mass.
-    name : str
-    step : float
-        The step really taken, 2 h if double.
-    free : int, optional
-        Substeps of a free macro run, which does not go on from the last one.
+    subdomain: without dofs that have no mass.
+    step: the step really taken, 2 h if double.
+    free: substeps of a free macro run, which does not go on from the last one.
     """
 
     def __init__(self, subdomain: Subdomain, name: str, step: float, free: int = 0):

@@ -102,21 +102,12 @@ def _doubt(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> str:
 def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tuple[Any, ...]:
     """The factors L U of S_mu, equation (V4), for the core.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        With their factors and objects of the core, single steps.
-    p : int
-        Number of constraints.
-    ranks : Ranks, optional
-        The sums are over the subdomains of all processes.
-
-    Raises
-    ------
-    FactorizationError
-        For a singular S_mu.
-    MemoryError, ValueError
-        For matrices that do not fit; for shifts that would take longer than a day.
+    parts: with their factors and objects of the core, single steps.
+    p: number of constraints.
+    ranks: the sums are over the subdomains of all processes.
+    Raises FactorizationError for a singular S_mu.
+    Raises MemoryError, ValueError for matrices that do not fit; for shifts that would take longer
+        than a day.
     """
     if p == 0:
         return lu_factors(np.empty(0), 0)

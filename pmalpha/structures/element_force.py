@@ -243,13 +243,7 @@ class Conservative(ElementForce):
     def potential(self, u: Any) -> float:
         """The energy whose derivative with respect to u is the force, zero without strain.
 
-        Parameters
-        ----------
-        u : (n,) array_like
-
-        Returns
-        -------
-        float
+        u: (n,) array_like.
         """
         return self._potential(self._displacements(u))
 
