@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from active_forces import ACTIVE_FORCES
 
 import pmalpha as pm
 from pmalpha import analysis, structures
@@ -297,19 +298,7 @@ def test_a_moderate_gain_of_iterated_contact_is_warned_of_once(scheme):
 
 
 @pytest.mark.parametrize("scheme", [EXPLICIT, IMPLICIT, pm.Newmark(), pm.GeneralizedAlpha(0.0)])
-@pytest.mark.parametrize(
-    "force",
-    [
-        lambda u, v, t: -0.2 * v,  # negative damping: it grows a million times
-        lambda u, v, t: -np.sin(6.0 * t) * np.ones(1),  # a load
-        lambda u, v, t: u - 2.0 * (1.0 - u * u) * v,
-        lambda u, v, t: np.clip(30.0 * u, -1.0, 1.0),
-        lambda u, v, t: 0.3 * np.sign(v),
-        lambda u, v, t: 4.0 * u + 0.1 * np.sin(1e5 * t),
-        lambda u, v, t: -1.0 * (t > 1.0) * np.ones(1),
-    ],
-    ids=["active", "load", "van der Pol", "plastic", "friction", "noise", "step"],
-)
+@pytest.mark.parametrize("force", ACTIVE_FORCES.values(), ids=ACTIVE_FORCES)
 def test_forces_that_feed_in_energy_are_not_taken_for_the_steps(force, scheme):
     part = pm.Subdomain([1.0], [1.0], scheme=scheme, u0=[0.1], restoring=force)
     coupler = pm.Coupler([part], dt=0.05)

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from active_forces import ACTIVE_FORCES
 from scipy import LowLevelCallable
 
 import pmalpha as pm
@@ -141,7 +142,7 @@ def test_growth_in_free_macro_runs_ends_in_an_error_with_its_cause(scheme, resto
     assert 3.0 < speeds.max() < 1e3  # it had begun to grow, of a speed of 1
 
 
-def test_inner_time_levels_of_a_watched_subdomain_do_not_depend_on_the_watch():
+def test_a_watched_subdomain_moves_the_same_whether_inner_time_levels_are_recorded_or_not():
     """With K_r = k the free run and the link response are those of a spring in K: no gain."""
     one = struck(IMPLICIT, pm.CubicSpring([0], 300.0, 0.0), 300.0)
     two = struck(IMPLICIT, pm.CubicSpring([0], 300.0, 0.0), 300.0)
@@ -151,19 +152,7 @@ def test_inner_time_levels_of_a_watched_subdomain_do_not_depend_on_the_watch():
 
 
 @pytest.mark.parametrize("scheme", [EXPLICIT, IMPLICIT, pm.Newmark(), pm.GeneralizedAlpha(0.0)])
-@pytest.mark.parametrize(
-    "force",
-    [
-        lambda u, v, t: -0.2 * v,  # negative damping: it grows a million times
-        lambda u, v, t: -np.sin(6.0 * t) * np.ones(1),  # a load
-        lambda u, v, t: u - 2.0 * (1.0 - u * u) * v,
-        lambda u, v, t: np.clip(30.0 * u, -1.0, 1.0),
-        lambda u, v, t: 0.3 * np.sign(v),
-        lambda u, v, t: 4.0 * u + 0.1 * np.sin(1e5 * t),
-        lambda u, v, t: -1.0 * (t > 1.0) * np.ones(1),
-    ],
-    ids=["active", "load", "van der Pol", "plastic", "friction", "noise", "step"],
-)
+@pytest.mark.parametrize("force", ACTIVE_FORCES.values(), ids=ACTIVE_FORCES)
 def test_forces_that_feed_in_energy_are_not_taken_for_macro_steps(force, scheme):
     a = pm.Subdomain([0.5], [0.5], scheme=pm.Newmark(), u0=[0.1], name="a")
     b = pm.Subdomain([0.5], [0.5], scheme=scheme, substeps=3, u0=[0.1], restoring=force, name="b")
@@ -205,6 +194,25 @@ def test_contact_of_a_compiled_function_is_compared_like_that_of_a_python_one(es
     coupler.reset()
     with pytest.warns(pm.StabilityWarning, match="compiled restoring function .* closes"):
         coupler.step(20)
+
+
+@pytest.mark.parametrize("by_python, by_core", [(K, 0.0), (0.0, K), (0.5 * K, 0.5 * K)])
+def test_a_contact_among_python_and_compiled_functions_is_warned_of_once(by_python, by_core):
+    def stop(u, v, t):
+        return by_python * np.maximum(u - 0.1, 0.0)
+
+    force = compiled(lambda u: by_core * max(u - 0.1, 0.0))
+    part = pm.Subdomain(
+        [1.0], None, scheme=IMPLICIT, v0=[1.0], restoring=[stop, force], name="ball"
+    )
+    coupler = pm.Coupler([part], dt=DT)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", pm.StabilityWarning)
+        coupler.step(20)
+        coupler.step(20)
+    of_contact = [str(w.message) for w in seen if "closes a contact" in str(w.message)]
+    assert len(of_contact) == 1
+    assert ("compiled" in of_contact[0]) == (by_python == 0.0)
 
 
 def test_contact_of_a_compiled_function_that_is_resolved_is_not_reported():

@@ -63,8 +63,8 @@ def cause_of(part: Part) -> str:
 def _of_impact(part: Part) -> str:
     """Of a contact of compiled functions that the steps do not resolve, or empty."""
     square, share, t = part.core.impact
-    if square == 0.0:
-        return ""
+    if square == 0.0 or (part.watch is not None and part.watch.has_found(t)):
+        return ""  # nothing, or the values of a Python function, which has a warning of its own
     omega = float(np.sqrt(square))
     gain = gain_of_contact(part.subdomain.scheme, part.step, omega, share)
     kind = "compiled restoring function"

@@ -95,6 +95,7 @@ class Part:
     # the last start
     gain_reported: bool = False
     impact_reported: bool = False
+    watch: StiffnessWatch | None = None  # what looks at the values of its Python functions
     # length of its double steps, where they span a change of the steps and are not of length 2 h
     over: float | None = None
     # step length and factor of Mbar in the form of the core, by length: those of its steps and,
@@ -460,11 +461,12 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in so many threads."""
     operators = list(map(part.operator, part.lengths))
     part.known = {operator[0]: operator for operator in operators}
+    part.watch = watch_of(part)
     part.core = core_of_steps(
         part,
         operators,
         restoring=core_restoring(
-            part.subdomain.restoring, part.name, part.order, part.h, watch_of(part), part.feedback
+            part.subdomain.restoring, part.name, part.order, part.h, part.watch, part.feedback
         ),
         K_r=part.K_r if part.responds or part.shifts or part.tangent is not None else None,
         springs=core_springs(part.subdomain.springs, part.position),

@@ -22,6 +22,8 @@ EXCESS = 1.1
 # Contact: the stiffness rises by this factor between two increments, and the work of the rise is
 # this multiple of the largest kinetic energy so far; friction and noise are below.
 CLOSES, IMPACT = 10.0, 4.0
+# A later contact is another one where it is stiffer by this factor, as in the core (balance.c).
+STIFFER = 4.0
 # Growth of the motion after the warning that ends the run; that of the kinetic energy by contact.
 GROWTH = 1e6
 # Displacements that no motion has: this multiple of all before, or above the second one.
@@ -75,6 +77,8 @@ class StiffnessWatch:
         self.sums: deque[np.ndarray] = deque(maxlen=WINDOW)
         self.largest, self.cause = 0.0, ""
         self.kinetic, self.seen, self.impact = 0.0, np.inf, np.inf
+        # of the run: the time and omega^2 of what is too stiff, the first or a much stiffer one
+        self.found_at, self.stiffest = -np.inf, 0.0
 
     def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
         """Take in an evaluation; StabilityWarning once, then UnboundedMotion."""
@@ -83,6 +87,7 @@ class StiffnessWatch:
             self.sums.clear()
             self.largest = self.kinetic = 0.0
             self.seen = self.impact = np.inf
+            self.found_at, self.stiffest = -np.inf, 0.0
             self.count = -1
         elif self.free and self.count % self.free == 0:
             self.last = self.increment = None
@@ -90,18 +95,28 @@ class StiffnessWatch:
         with np.errstate(over="ignore", invalid="ignore"):
             contact = self._take(u, v, r)
             omega2, is_resolved = self._estimate()
+        is_stiff = omega2 * self.step**2 > EXCESS * self.Omega**2
+        self._keep(omega2 if is_stiff else 0.0 if contact is None else contact[0] ** 2, t)
         if self.kinetic > GROWTH * self.impact:
             raise UnboundedMotion(self.name, self.cause)
         size = float(np.max(np.abs(u), initial=0.0))
         if not self.cause or len(self.sums) < WINDOW:
             self.largest = max(self.largest, size)
-            if not self.cause and omega2 * self.step**2 > EXCESS * self.Omega**2:
+            if not self.cause and is_stiff:
                 self._warn(np.sqrt(omega2))
             elif not self.cause and contact is not None:
                 self._warn_of_contact(*contact, t)
                 self.impact = self.kinetic
         elif size > GROWTH * self.largest and not is_resolved:
             raise UnboundedMotion(self.name, self.cause)
+
+    def _keep(self, omega2: float, t: float) -> None:
+        if omega2 > STIFFER * self.stiffest:
+            self.found_at, self.stiffest = t, omega2
+
+    def has_found(self, t: float) -> bool:
+        """Whether the values at about this time were found too stiff by this watch itself."""
+        return abs(t - self.found_at) <= WINDOW * self.step
 
     def runaway(self, u: np.ndarray) -> UnboundedMotion | None:
         """The error for a u beyond all that the motion before could reach in a step, or None."""
