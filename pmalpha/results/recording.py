@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
@@ -35,19 +36,18 @@ FILED_BYTES, FILED_SECONDS = 16e6, 0.3
 # Names of what is recorded, by columns.
 IN_SUBDOMAIN, IN_INTERFACE = by_columns(OF_SUBDOMAIN), by_columns(OF_INTERFACE)
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
+# Of a subdomain, what the core takes as one tuple.
+IN_TUPLE = [name for x, names in IN_SUBDOMAIN.items() if x not in APART for name in names]
 
 
-class Recording:
-    """The record of a run from macro step `begin` to at most `end`.
+class Recorded:
+    """What runs record of the subdomains and of the interface, whatever their length.
 
     keys: sequence of (name, Subdomain).
     rows: the constraints as the core has them.
     fine: interface problems per macro step.
-    coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
-    begin, end: macro steps.
     record: dict or None, dofs, or None for all, by subdomain; None records all dofs of all
         subdomains.
-    conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     record_springs: dict or None, springs, or None for all, by subdomain.
     outputs: dict or None, as for `Coupler.run`.
     """
@@ -59,31 +59,73 @@ class Recording:
         rows: CoreRows,
         *,
         fine: int,
-        coupling: str,
-        begin: int,
-        end: int,
-        clock: Clock,
-        record: Mapping[Any, Any] | None,
-        every: int | None,
+        record: Mapping[Any, Any] | None = None,
         energy: bool = False,
-        conserved: str | None = None,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
     ):
-        self.parts, self.keys, self.core_rows = parts, tuple(keys), rows
-        self.begin, self.end, self.clock = begin, end, clock
-        # by levels per macro step: of which macro steps, and the times; the same in all cases
-        self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
-        self.every = None if every is None else whole_number(every, "every", low=1)
-        self.fine, self.coupling, self.conserved = fine, coupling, conserved
+        self.parts, self.keys, self.core_rows, self.fine = parts, tuple(keys), rows, fine
+        self.contacts = rows.contacts
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.columns = [recorded_columns(*own) for own in zip(parts, self.dofs, self.springs)]
-        self.contacts = rows.contacts
-        self.interface_columns = self._interface_columns()
+        self.interface = self._interface()
         self.has_energy = energy
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
+        self.positions = [
+            None if dofs is None else part.position[dofs] for part, dofs in zip(parts, self.dofs)
+        ]
+        self.weights = [
+            () if own is None else own.in_order(part.position)
+            for part, own in zip(parts, self.outputs)
+        ]
+        self.numbers = Counter({1: 2 * self.energy_columns})  # also as a History has them
+        for part, columns, own in zip(parts, self.columns, self.outputs):
+            self.numbers[part.substeps] += sum(columns.values()) + (0 if own is None else own.rows)
+        for levels, count in self.interface.values():
+            self.numbers[levels] += count
+
+    def _interface(self) -> dict[str, tuple[int, int]]:
+        """Contacts are recorded where there are any."""
+        counts = {"constraints": self.core_rows.p}
+        if self.contacts is not None:
+            counts |= {"contact rows": self.contacts.rows, "contacts": self.contacts.count}
+        return {
+            name: (self.levels_of(name), count)
+            for x, count in counts.items()
+            for name in IN_INTERFACE[x]
+        }
+
+    def levels_of(self, name: str) -> int:
+        """Time levels per macro step of an array of the interface."""
+        return self.fine if OF_INTERFACE[name].levels == "fine" else 1
+
+
+class Recording:
+    """The record of a run from macro step `begin` to at most `end`.
+
+    coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
+    begin, end: macro steps.
+    conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
+    """
+
+    def __init__(
+        self,
+        of: Recorded,
+        *,
+        coupling: str,
+        begin: int,
+        end: int,
+        clock: Clock,
+        every: int | None,
+        conserved: str | None = None,
+    ):
+        self.of, self.begin, self.end, self.clock = of, begin, end, clock
+        # by levels per macro step: of which macro steps, and the times; the same in all cases
+        self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
+        self.every = None if every is None else whole_number(every, "every", low=1)
+        self.coupling, self.conserved = coupling, conserved
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
         self.numbers = self._numbers(self._rows_in_memory)
@@ -93,54 +135,39 @@ class Recording:
     def again(self) -> Recording:
         """The same record of another case, in arrays of its own; their memory is not checked."""
         other = copy(self)
-        other.dofs, other.springs = (
-            [None if x is None else x.copy() for x in chosen]
-            for chosen in (self.dofs, self.springs)
-        )
         other._make_arrays()
         return other
 
     def _make_arrays(self) -> None:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
-        parts = self.parts
-        of_history = self._rows_in_memory(1) * self.energy_columns  # energies once more
-        self.block, self.used = np.empty(int(self.numbers - of_history)), 0
+        of, rows = self.of, {levels: self._rows_in_memory(levels) for levels in self.of.numbers}
+        of_history = rows[1] * of.energy_columns  # energies once more
+        self.block = np.empty(int(self.numbers - of_history))
+        used = 0
+
+        def allocate(levels: int, columns: int) -> np.ndarray:
+            nonlocal used
+            begin, used = used, used + rows[levels] * columns
+            return self.block[begin:used].reshape(rows[levels], columns)
+
         self.arrays = [
-            {x: self._allocate(part.substeps, count) for x, count in columns.items()}
-            for part, columns in zip(parts, self.columns)
+            {x: allocate(part.substeps, count) for x, count in columns.items()}
+            for part, columns in zip(of.parts, of.columns)
         ]
         self.output_values = [
-            None if own is None else self._allocate(part.substeps, own.rows)
-            for part, own in zip(parts, self.outputs)
+            None if own is None else allocate(part.substeps, own.rows)
+            for part, own in zip(of.parts, of.outputs)
         ]
-        self.weights = [
-            () if own is None else own.in_order(part.position)
-            for part, own in zip(parts, self.outputs)
-        ]
-        self.interface = {
-            name: self._allocate(self._levels_of(name), count)
-            for name, count in self.interface_columns.items()
-        }
-        self.energy = self._allocate(1, self.energy_columns)
-        assert self.used == self.block.size
+        self.interface = {name: allocate(*shape) for name, shape in of.interface.items()}
+        self.energy = allocate(1, of.energy_columns)
+        assert used == self.block.size
         self.in_core = self._in_core()
 
     @property
     def numbers_kept(self) -> float:
         """Numbers that the History keeps in memory."""
         return self.numbers
-
-    def _interface_columns(self) -> dict[str, int]:
-        """The number of columns of each array of the interface; contacts where there are any."""
-        counts = {"constraints": self.core_rows.p}
-        if self.contacts is not None:
-            counts |= {"contact rows": self.contacts.rows, "contacts": self.contacts.count}
-        return {name: count for x, count in counts.items() for name in IN_INTERFACE[x]}
-
-    def _levels_of(self, name: str) -> int:
-        """Time levels per macro step of an array of the interface."""
-        return self.fine if OF_INTERFACE[name].levels == "fine" else 1
 
     def __enter__(self) -> Recording:
         return self
@@ -166,19 +193,7 @@ class Recording:
 
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
-        numbers = 2.0 * rows(1) * self.energy_columns  # also as a History has them
-        for name, count in self.interface_columns.items():
-            numbers += rows(self._levels_of(name)) * count
-        for part, columns, own in zip(self.parts, self.columns, self.outputs):
-            outputs = 0 if own is None else own.rows
-            numbers += rows(part.substeps) * (sum(columns.values()) + outputs)
-        return numbers
-
-    def _allocate(self, levels: int, columns: int) -> np.ndarray:
-        """An array of the block."""
-        rows, begin = self._rows_in_memory(levels), self.used
-        self.used += rows * columns
-        return self.block[begin : self.used].reshape(rows, columns)
+        return sum(rows(levels) * count for levels, count in self.of.numbers.items())
 
     def rows(self, levels: int, end: int) -> int:
         """Number of rows up to macro step `end`, with `levels` time levels per macro step."""
@@ -205,7 +220,7 @@ class Recording:
         return clock.t0 + done * clock.dt
 
     def _multiplier_times(self, end: int) -> np.ndarray:
-        times = self.times(self.fine, end)
+        times = self.times(self.of.fine, end)
         if self.coupling == "mean":
             times -= 0.5 * self.clock.dt
             if self.begin == self.clock.origin:  # the middle of the macro step before
@@ -218,81 +233,69 @@ class Recording:
 
     def _in_core(self) -> tuple[Any, ...]:
         """The arrays in the form of the core."""
-        selections: list[tuple[Any, ...] | None] = [None] * len(self.parts)
-        for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
-            arrays, springs, outputs = self.arrays[i], self.springs[i], self.outputs[i]
-            if dofs is not None:
+        of, interface = self.of, self.interface
+        selections: list[tuple[Any, ...] | None] = [None] * len(of.parts)
+        for i, (position, arrays) in enumerate(zip(of.positions, self.arrays)):
+            if position is not None:
+                springs, outputs = of.springs[i], self.output_values[i]
                 selections[i] = (
-                    part.position[dofs],
-                    *(arrays[name] for name in IN_SUBDOMAIN["dofs"]),
+                    position,
+                    *[arrays[name] for name in IN_SUBDOMAIN["dofs"]],
                     springs
                     if springs is None
-                    else (springs, *(arrays[x] for x in IN_SUBDOMAIN["springs"])),
-                    None if outputs is None else (self.output_values[i], *self.weights[i]),
-                    tuple(
-                        arrays.get(name)
-                        for x, names in IN_SUBDOMAIN.items()
-                        if x not in APART
-                        for name in names
-                    ),
+                    else (springs, *[arrays[name] for name in IN_SUBDOMAIN["springs"]]),
+                    None if outputs is None else (outputs, *of.weights[i]),
+                    tuple(map(arrays.get, IN_TUPLE)),
                 )
-        energy = self._energies(self.energy) if self.has_energy else None
-        interface = (self.interface[name] for name in IN_INTERFACE["constraints"])
+        energy = self._energies(self.energy) if of.has_energy else None
+        constraints = [interface[name] for name in IN_INTERFACE["constraints"]]
         contacts = None
-        if self.contacts is not None:
-            contacts = self.interface["contact_impulses"], self.interface["contact_gaps"]
-        return (tuple(selections), *interface, energy, contacts)
+        if of.contacts is not None:
+            contacts = interface["contact_impulses"], interface["contact_gaps"]
+        return (tuple(selections), *constraints, energy, contacts)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro time level, subdomain and kind."""
-        return rows.reshape(len(rows), len(self.parts), len(ENERGIES))
+        return rows.reshape(len(rows), len(self.of.parts), len(ENERGIES))
 
     def history(self, end: int) -> History:
         """The History up to macro step `end`."""
-        subdomains: list[SubdomainHistory | None] = []
-        for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
-            rows = self.rows(part.substeps, end)
+        of, rows = self.of, {levels: self.rows(levels, end) for levels in self.of.numbers}
+        subdomains: list[SubdomainHistory | None] = [None] * len(of.parts)
+        for i, (part, dofs, springs) in enumerate(zip(of.parts, of.dofs, of.springs)):
             if dofs is None:
-                subdomains.append(None)
                 continue
-            subdomains.append(
-                SubdomainHistory(
-                    name=part.name,
-                    t=self.times(part.substeps, end),
-                    dofs=dofs,
-                    springs=self.springs[i],
-                    outputs=self._output_values(i, rows),
-                    substep=part.h,
-                    double_after=self._double_after(part),
-                    n=part.n,
-                    dof_names=names_at(part.subdomain.dof_names, dofs),
-                    **{
-                        name: x[:rows, 0].astype(int) if name in COUNTS else x[:rows]
-                        for name, x in self.arrays[i].items()
-                    },
-                )
+            own = rows[part.substeps]
+            subdomains[i] = SubdomainHistory(
+                name=part.name,
+                t=self.times(part.substeps, end),
+                dofs=dofs.copy(),
+                springs=None if springs is None else springs.copy(),
+                outputs=self._output_values(i, own),
+                substep=part.h,
+                double_after=self._double_after(part),
+                n=part.n,
+                dof_names=names_at(part.subdomain.dof_names, dofs),
+                **{
+                    name: x[:own, 0].astype(int) if name in COUNTS else x[:own]
+                    for name, x in self.arrays[i].items()
+                },
             )
         interface: dict[str, Any] = {
-            name: self._in_users_rows(name, x[: self.rows(self._levels_of(name), end)])
+            name: self._in_users_rows(name, x[: rows[of.interface[name][0]]])
             for name, x in self.interface.items()
         }
-        macro = self.rows(1, end)
         return History(
             subdomains=tuple(subdomains),
             **interface,
             multiplier_times=self._multiplier_times(end),
             macro_times=self.times(1, end),
-            keys=self.keys,
-            energy=self._energy_history(macro, end) if self.has_energy else None,
-            substeps=self._substeps(macro),
-            contact_layout=() if self.contacts is None else layouts(self.contacts),
+            keys=of.keys,
+            energy=self._energy_history(rows[1], end) if of.has_energy else None,
+            substeps=np.array([[part.substeps for part in of.parts]] * rows[1], dtype=np.int64),
+            contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
         )
-
-    def _substeps(self, rows: int) -> np.ndarray:
-        substeps = np.empty((rows, len(self.parts)), dtype=np.int64)
-        substeps[:] = [part.substeps for part in self.parts]
-        return substeps
 
     def _double_after(self, part: Part) -> float | None:
         if not part.double:
@@ -301,7 +304,7 @@ class Recording:
 
     def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded outputs of a subdomain by name."""
-        own, values = self.outputs[i], self.output_values[i]
+        own, values = self.of.outputs[i], self.output_values[i]
         return {} if own is None or values is None else own.split(values[:rows])
 
     def _energy_history(self, rows: int, end: int) -> Energy:
@@ -310,7 +313,7 @@ class Recording:
         stored = kinds["kinetic"] + kinds["strain"]
         if self.conserved is None:
             kinds["conserved"] = None
-        if self.contacts is None:
+        if self.of.contacts is None:
             kinds["contact"] = None
         return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
 
@@ -318,7 +321,7 @@ class Recording:
         """Forces or jumps of the constraints as the user has written them."""
         if name not in IN_INTERFACE["constraints"]:
             return x
-        rows = self.core_rows
+        rows = self.of.core_rows
         return rows.forces(x) if OF_INTERFACE[name].unit == "F" else rows.jumps(x)
 
 
@@ -345,7 +348,7 @@ class FiledRecording(Recording):
         # all that before the start evaluates a restoring force, on a test rig say
         check_replaceable(path, "record_to")
         if append and self.path.exists():
-            if self.has_energy:
+            if self.of.has_energy:
                 raise ValueError(f"append must come without energies: {WORKS}")
             self.earlier = EarlierRows(self.path, self.begin)
         elif not overwrite:
@@ -386,21 +389,22 @@ class FiledRecording(Recording):
 
     def _levels(self) -> dict[str, int]:
         """Time levels per macro step of all growing arrays, by name."""
-        columns = self.interface_columns
         levels = {
-            name: self._levels_of(name)
+            name: self.of.levels_of(name)
             for name, x in OF_INTERFACE.items()
-            if name in columns or not x.columns.startswith("contact")
+            if name in self.of.interface or not x.columns.startswith("contact")
         }
-        for i, (part, columns, own) in enumerate(zip(self.parts, self.columns, self.outputs)):
-            if self.dofs[i] is not None:
+        for i, (part, columns, own) in enumerate(
+            zip(self.of.parts, self.of.columns, self.of.outputs)
+        ):
+            if self.of.dofs[i] is not None:
                 levels |= {f"{i}.{name}": part.substeps for name in ("t", *columns)}
                 count = 0 if own is None else len(own.sizes)
                 levels |= {output_array(i, k): part.substeps for k in range(count)}
         fields = [*ENERGY_FIELDS]
         fields += ["conserved"] * (self.conserved is not None)
-        fields += ["contact"] * (self.contacts is not None)
-        return levels | {f"energy.{name}": 1 for name in fields if self.has_energy}
+        fields += ["contact"] * (self.of.contacts is not None)
+        return levels | {f"energy.{name}": 1 for name in fields if self.of.has_energy}
 
     def keep(self, end: int) -> None:
         if end > self.begin:
@@ -413,7 +417,7 @@ class FiledRecording(Recording):
             return super().history(end)
         with suppress(OSError):  # the run has raised it already; completed rows are in the file
             self.keep(end)
-        return replace(History.load(self.file.path), keys=self.keys)
+        return replace(History.load(self.file.path), keys=self.of.keys)
 
 
 def same_steps(earlier: Sequence[Any] | None, steps: Sequence[Any]) -> list[Any]:

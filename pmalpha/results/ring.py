@@ -112,7 +112,7 @@ class RingRecording(FiledRecording):
         units = np.arange(self._recorded(self.begin), self._recorded(end))
         slots = units % self.held.size
         lost = self.held[slots] != units
-        for i, (part, own) in enumerate(zip(self.parts, self.arrays)):
+        for i, (part, own) in enumerate(zip(self.of.parts, self.arrays)):
             for name, x in own.items():
                 empty = 0.0 if OF_SUBDOMAIN[name].is_count else np.nan
                 self._take(x, self.ring.arrays[i][name], part.substeps, slots, lost, empty)
@@ -120,7 +120,7 @@ class RingRecording(FiledRecording):
             if outputs is not None and given is not None:
                 self._take(outputs, given, part.substeps, slots, lost)
         for name, x in self.interface.items():
-            self._take(x, self.ring.interface[name], self._levels_of(name), slots, lost)
+            self._take(x, self.ring.interface[name], self.of.levels_of(name), slots, lost)
         self._take(self.energy, self.ring.energy, 1, slots, lost)
 
     def _take(

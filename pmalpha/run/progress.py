@@ -7,7 +7,7 @@ import _signal  # type: ignore[import-not-found]
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from time import perf_counter
 from types import FrameType
 from typing import Any
@@ -49,18 +49,21 @@ class Report:
             self(step)
 
 
-@contextmanager
-def reporting(progress: Any, begin: int, end: int) -> Iterator[Report | None]:
+def reporting(progress: Any, begin: int, end: int) -> AbstractContextManager[Report | None]:
     """The reports of a run: to a tqdm bar for True, to a callable, or None."""
     if progress is None or progress is False:
-        yield None
-    elif progress is True:
-        with _bar(end - begin) as bar:
-            yield Report(lambda done, total: bar.update(done - bar.n), begin, end)
-    elif callable(progress):
-        yield Report(progress, begin, end)
-    else:
-        raise TypeError(f"progress must be True or a callable(done, total), got {progress!r}")
+        return nullcontext()
+    if progress is True:
+        return _on_bar(begin, end)
+    if callable(progress):
+        return nullcontext(Report(progress, begin, end))
+    raise TypeError(f"progress must be True or a callable(done, total), got {progress!r}")
+
+
+@contextmanager
+def _on_bar(begin: int, end: int) -> Iterator[Report]:
+    with _bar(end - begin) as bar:
+        yield Report(lambda done, total: bar.update(done - bar.n), begin, end)
 
 
 def _bar(total: int) -> Any:

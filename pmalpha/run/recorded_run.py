@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from os import PathLike
@@ -17,7 +17,7 @@ from ..problem.matrices import core_matrix, skew_part
 from ..results.energy import conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
-from ..results.recording import FiledRecording, Recording, recording_class
+from ..results.recording import FiledRecording, Recorded, Recording, recording_class
 from ..results.stored import check_new
 from ..setup.ranks import Elsewhere, file_of
 from .accuracy import estimated_error, warn_if_coarse
@@ -91,6 +91,7 @@ def recording_of(
     *,
     kind: Callable[..., Callable[..., Recording]] = recording_class,
     energy: bool = False,
+    every: int | None = None,
     **chosen: Any,
 ) -> Recording:
     """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`,
@@ -101,18 +102,26 @@ def recording_of(
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
     return make(
-        session.parts,
-        session.keys,
-        session.core_rows,
-        fine=session.fine,
+        recorded_of(session, energy, chosen),
         coupling=session.coupling,
         begin=first,
         end=end,
         clock=session.clock,
-        energy=energy,
+        every=every,
         conserved=conserved,
-        **chosen,
     )
+
+
+def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Recorded:
+    """What a run records; `chosen` are record, record_springs and outputs, where given."""
+    is_whole = not energy and all(x is None for x in chosen.values())
+    if is_whole and session.whole is not None:
+        return session.whole
+    own = session.parts, session.keys, session.core_rows
+    recorded = Recorded(*own, fine=session.fine, energy=energy, **chosen)
+    if is_whole:
+        session.whole = recorded
+    return recorded
 
 
 def recorded(
@@ -141,8 +150,10 @@ def _recorded(
 ) -> History:
     session.last_history = None
     held.during(begin, session)
-    energies = recording.has_energy, recording.conserved
-    with summed_works(session, *energies), recording:
+    works: AbstractContextManager[None] = nullcontext()
+    if recording.of.has_energy:
+        works = summed_works(session, recording.conserved)
+    with works, recording:
         record_present(session, recording)
         try:
             with around:
@@ -218,18 +229,17 @@ def write_master_of(session: Session, own: Path) -> None:
 
 
 @contextmanager
-def summed_works(session: Session, wanted: bool, conserved: str | None) -> Iterator[None]:
+def summed_works(session: Session, conserved: str | None) -> Iterator[None]:
     """Sum the works of each substep in the core; its memory for them is released afterwards."""
     try:
-        if wanted:
-            lam, loads = session.core.multipliers, session.loads
-            for i, part in enumerate(session.parts):
-                loads.evaluate_present(i)
-                scheme = part.subdomain.scheme
-                weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
-                own = (core_matrix(part.M), core_matrix(skew_part(part.K), symmetric=False))
-                part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
+        lam, loads = session.core.multipliers, session.loads
+        for i, part in enumerate(session.parts):
+            loads.evaluate_present(i)
+            scheme = part.subdomain.scheme
+            weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
+            own = (core_matrix(part.M), core_matrix(skew_part(part.K), symmetric=False))
+            part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
         yield
     finally:
-        for part in session.parts if wanted else ():
+        for part in session.parts:
             part.core.end_energy()

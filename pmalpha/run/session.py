@@ -22,6 +22,7 @@ from ..problem.unilateral import Contact
 from ..results.clock import Clock
 from ..results.history import History
 from ..results.keys import by_index
+from ..results.recording import Recorded
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.contact_rows import Contacts
@@ -81,6 +82,7 @@ class Session:
     # facts of the problem for a checkpoint, once they were needed
     constants: dict[str, Any] | None = None
     table: list[tuple[str, ...]] | None = None  # the rows of the repr, until the steps change
+    whole: Recorded | None = None  # what runs record of everything, until the steps change
     monitor: Any = None  # what paced runs write for another process to look at
     # whether results are judged by warnings; those of other runs within a call are not
     judges: bool = True
@@ -263,7 +265,8 @@ def require_linear(session: Session, what: str) -> None:
 
 def take(session: Session, steps: Steps, assembly: Assembly) -> None:
     """Continue with these steps and this assembly."""
-    session.steps, session.assembly, session.table = steps, assembly, None
+    session.steps, session.assembly = steps, assembly
+    session.table = session.whole = None
 
 
 def take_first_steps(session: Session) -> None:

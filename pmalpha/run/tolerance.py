@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -282,7 +283,7 @@ def one_step(
     """One macro step, kept or to be repeated with more substeps; none at the end of the run."""
     before, step = snapshot_of(session), session.core.step_count
     recording = pieces.recording()
-    with summed_works(session, pieces.energy, recording.conserved):
+    with summed_works(session, recording.conserved) if pieces.energy else nullcontext():
         record_present(session, recording)
         if not pieces.histories:
             pieces.begin(recording)
