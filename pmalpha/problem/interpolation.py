@@ -187,9 +187,7 @@ def interpolate(
         which a quad and a tetra have.
     nodes_a : array of int, optional
         The nodes of a to tie, each of which must be in an element. Default: all that are.
-    components : int, default 1
-        As for `tie_coincident`.
-    dofs_per_node : int or dict by subdomain, optional
+    components, dofs_per_node : optional
         As for `tie_coincident`.
     tol : float, optional
         A node at up to this distance from an element is tied to a point of it at that distance or

@@ -76,8 +76,7 @@ def constants(
     matrices: sequence of (p, n_i) csc_array, L_i, in the user's order.
     iterates: whether some subdomain has internal forces.
     """
-    facts = {**options._asdict(), "newton": repr(options.newton)}
-    facts |= {"names": list(names), "conditions": p}
+    facts = options.facts | {"names": list(names), "conditions": p}
     if len(names) == 1 and options.coupling == "gc":
         facts["coupling"] = "pm"  # the same; files of older versions have it
     if options.drift == "kept":

@@ -381,23 +381,13 @@ class Coupler:
             special rights. Other threads do not inherit it. Default: that of the thread.
         lock_memory : bool, default False
             Lock all memory of the process during the steps, so that none is paged. Needs rights.
-        record : dict, optional
-            As for `run`.
-        every : int, optional
-            As for `run`.
-        energy : bool, default False
+        record, every, energy : optional
             As for `run`.
         record_to : str or path, optional
             As for `run`, but a thread of its own writes the file, from a ring of 16 MB. The steps
             never wait for it: macro steps that find the ring full are NaN in the file, and counted
             in ``pacing.lost``.
-        append : bool, default False
-            As for `run`.
-        overwrite : bool, default False
-            As for `run`.
-        record_springs : dict, optional
-            As for `run`.
-        outputs : dict, optional
+        append, overwrite, record_springs, outputs : optional
             As for `run`.
         progress : True or callable, optional
             As for `run`. It takes the GIL every 50 ms.
@@ -521,17 +511,13 @@ class Coupler:
             As for `run`.
         record : dict, optional
             As for `run`, the same for all cases, and so are the next two.
-        every : int, optional
-            As for `run`.
-        energy : bool, default False
+        every, energy : optional
             As for `run`.
         record_to : iterable of str or path, optional
             One HDF5 file for each case.
         overwrite : bool, default False
             Replace existing files of `record_to`.
-        record_springs : dict, optional
-            As for `run`, the same for all cases.
-        outputs : dict, optional
+        record_springs, outputs : dict, optional
             As for `run`, the same for all cases.
         progress : True or callable, optional
             As for `run`, in macro steps of all cases together.

@@ -34,7 +34,6 @@ from ..setup.schedule import (
     checked_constraints,
     checked_options,
     checked_subdomains,
-    chosen_coupling,
     double_steps,
     finest,
     most_threads,
@@ -132,13 +131,13 @@ def made(
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
     threads_allowed = most_threads(threads)
     everything, own = _of_all(ranks, subdomains)
-    chosen = chosen_coupling(options.coupling, len(everything))
-    options, coupling = checked_options(options._replace(coupling=chosen)), chosen
+    options = checked_options(options, len(everything))
+    coupling = options.coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
     given = checked_constraints(bilateral, everything, names := names_of(everything))
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
-        require_equal_problems(ranks, given, (*options[:-1], repr(options.newton)))
+        require_equal_problems(ranks, given, options.facts)
     clock = Clock(options.dt)
     keys = tuple(zip(names[own], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
@@ -153,7 +152,7 @@ def made(
             rows.p,
             layout,
             [motion.rows for motion in motions],
-            **{x: getattr(options, x) for x in ("coupling", "start", "drift", "newton")},
+            options=options,
             threads=threads_allowed,
             ranks=ranks,
             contacts=contacts,

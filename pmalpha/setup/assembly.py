@@ -11,7 +11,6 @@ import numpy as np
 
 from .. import _core
 from ..blas import one_thread
-from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .bounce import warn_of_bounces
 from .constraint_rows import CoreRows
@@ -34,6 +33,7 @@ from .macro import (
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
 from .propagation import warn_of_growth
 from .ranks import Ranks, joined, processes, remote_of
+from .schedule import Options
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
 from .tied import UNSTABLE, check_tied, doubts_of_schemes, gap_factors
@@ -81,7 +81,6 @@ class Assemblies:
     p: number of rows.
     layout: of the first assembly.
     prescribed: sequence of arrays of int, the rows of each prescribed velocity.
-    coupling, start, drift, newton: as for `Coupler`.
     threads: (int, bool), maximum number of threads, and whether to use fewer where more are not
         faster.
     ranks: the processes, of which each has the subdomains in `keys`, and in other arguments.
@@ -97,19 +96,15 @@ class Assemblies:
         layout: Layout,
         prescribed: Sequence[np.ndarray],
         *,
-        coupling: str,
-        start: str,
-        drift: str,
-        newton: Newton,
+        options: Options,
         threads: tuple[int, bool],
         ranks: Ranks | None = None,
         contacts: Contacts | None = None,
     ):
         self.ranks = ranks
         self.first_own = 0 if ranks is None else ranks.own.start
-        self.coupling, self.start, self.newton = coupling, start, newton
-        self.threads = threads
-        self.tied = drift == "removed"
+        self.options, self.coupling, self.threads = options, options.coupling, threads
+        self.tied = options.drift == "removed"
         self.contacts = contacts
         reached = {} if contacts is None else contacts.dofs
         warn_of_loose(keys, links, reached)
@@ -117,8 +112,8 @@ class Assemblies:
         # elimination order of each subdomain, and of the rows
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
         N = [None] * len(keys) if contacts is None else contacts.links(len(keys))
-        parts = _ordered(keys, links, N, steps, coupling, self.tied, newton, threads[0])
-        if coupling == "mean":
+        parts = _ordered(keys, links, N, steps, options, threads[0])
+        if options.coupling == "mean":
             check_mean(parts)
         if self.tied:
             check_tied(parts)
@@ -180,7 +175,7 @@ class Assemblies:
     def _factored(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
-        _check_start(parts, self.start, self.coupling)
+        _check_start(parts, self.options)
         if self.contacts is not None:
             names = [part.name for part in parts]
             self.contacts.check_steps(names, layout.substeps, layout.doubles)
@@ -198,7 +193,7 @@ class Assemblies:
 
         # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
         H, H_start = self._interface_factors(layout, parts)
-        iteration = iteration_of(parts, p, self.newton, macro or mean, self.ranks)
+        iteration = iteration_of(parts, p, self.options.newton, macro or mean, self.ranks)
         others = self._of_the_schedule(parts)
         for part in parts:
             if part.internal is None and not mean:  # else they cost more than a sweep
@@ -214,7 +209,7 @@ class Assemblies:
             H_start,
             H,
             layout.dt,
-            self.start == "rebased",
+            self.options.start == "rebased",
             self.motions,
             *self.threads,
             self._schedule(iterated=iteration is not None),
@@ -318,10 +313,10 @@ class Assemblies:
         return H, H_start
 
 
-def _check_start(parts: Sequence[Part], start: str, coupling: str) -> None:
+def _check_start(parts: Sequence[Part], options: Options) -> None:
     """ValueError for the plain start of iterated double steps, for which it is not defined."""
     double = [part.name for part in parts if part.tangent is not None and part.double]
-    if double and start == "plain" and coupling == "pm":
+    if double and options.start == "plain" and options.coupling == "pm":
         raise ValueError(
             'start must be "rebased" with internal forces in subdomains with double steps, got '
             f'"plain" and {", ".join(map(repr, double))}'
@@ -333,9 +328,7 @@ def _ordered(
     links: Sequence[Link],
     contacts: Sequence[Link | None],
     steps: Sequence[tuple[float, int, bool, float | None]],
-    coupling: str,
-    tied: bool,
-    newton: Newton,
+    options: Options,
     threads: int,
 ) -> tuple[Part, ...]:
     """The subdomains in elimination order, with warnings of factors that are large."""
@@ -350,10 +343,10 @@ def _ordered(
             L,
             eliminations,
             threads=threads,
-            responds=_responds(coupling, substeps),
-            mean=coupling == "mean",
-            shifts=tied,
-            reuses=newton.tangent == "reuse",
+            responds=_responds(options.coupling, substeps),
+            mean=options.coupling == "mean",
+            shifts=options.drift == "removed",
+            reuses=options.newton.tangent == "reuse",
             N=N,
         )
         for (name, s), L, N, (h, substeps, double, _) in zip(keys, links, contacts, steps)

@@ -233,9 +233,10 @@ def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
     return everything
 
 
-def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: tuple[Any, ...]) -> None:
+def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: dict[str, Any]) -> None:
     """ValueError unless constraints and options are the same on all ranks."""
-    ranks.require_equal("dt, coupling, start, drift and newton", options)
+    *others, last = options
+    ranks.require_equal(f"{', '.join(others)} and {last}", options)
     parts = [
         (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
     ]

@@ -190,13 +190,21 @@ class Options(NamedTuple):
     drift: Drift
     newton: Newton
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The options by name, in the form in which problems are compared."""
+        return {**self._asdict(), "newton": repr(self.newton)}
 
-def checked_options(options: Options) -> Options:
-    """The options with dt as a number; TypeError and ValueError for others than there are."""
+
+def checked_options(options: Options, count: int) -> Options:
+    """The options of a coupler of this number of subdomains, with dt as a number; TypeError and
+    ValueError for others than there are."""
+    options = options._replace(coupling=chosen_coupling(options.coupling, count))
     check_word(options.coupling, "coupling", get_args(Coupling))
     check_word(options.start, "start", get_args(Start))
     check_drift(options.drift, options.coupling)
-    check_newton(options.newton)
+    if not isinstance(options.newton, Newton):
+        raise TypeError(f"newton must be a Newton, got {options.newton!r}")
     return options._replace(dt=time_step(options.dt, "dt"))
 
 
@@ -212,11 +220,6 @@ def check_drift(value: Any, coupling: str) -> None:
             f'drift must be "kept" with coupling="{coupling}", where removing it is unstable, got '
             '"removed"; coupling="mean" has no drift, and coupling="gc" can remove it'
         )
-
-
-def check_newton(value: Any) -> None:
-    if not isinstance(value, Newton):
-        raise TypeError(f"newton must be a Newton, got {value!r}")
 
 
 def finest(substeps: Sequence[int], coupling: str) -> int:

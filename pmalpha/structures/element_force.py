@@ -125,9 +125,7 @@ class ElementForce:
         ----------
         u, v : (n,) array_like
             As for a call.
-        t : float, default 0
-            As for a call.
-        q : (m,) array_like, optional
+        t, q : optional
             As for a call.
 
         Returns
