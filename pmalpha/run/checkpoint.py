@@ -76,13 +76,12 @@ def constants(
     matrices: sequence of (p, n_i) csc_array, L_i, in the user's order.
     iterates: whether some subdomain has internal forces.
     """
-    facts = options.facts | {"names": list(names), "conditions": p}
+    same = {name for name, x in Options._field_defaults.items() if getattr(options, name) == x}
+    same = same - {"newton"} if iterates else same | {"newton"}  # which nothing uses
+    facts = {name: x for name, x in options.facts.items() if name not in same}
+    facts |= {"names": list(names), "conditions": p}
     if len(names) == 1 and options.coupling == "gc":
         facts["coupling"] = "pm"  # the same; files of older versions have it
-    if options.drift == "kept":
-        del facts["drift"]  # the same
-    if not iterates:
-        del facts["newton"]  # which nothing uses, and files of older versions do not have
     for part, L in zip(parts, matrices):
         s, of = part.subdomain, f"of {part.name!r}"
         scheme = s.scheme

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from .._checks import check_word, counted, listed, listing, time_step, whole_number
 from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Chosen, Constraint
-from ..problem.newton import Newton
+from ..problem.newton import DEFAULT, Newton
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 
@@ -182,13 +182,16 @@ def chosen_coupling(coupling: Any, count: int) -> Any:
 
 
 class Options(NamedTuple):
-    """The options of a coupler that are part of its problem, as it was made."""
+    """The options of a coupler that are part of its problem, as it was made.
+
+    Those with a default are not in a checkpoint where they have it: older versions lack them.
+    """
 
     dt: float
     coupling: Coupling
     start: Start
-    drift: Drift
-    newton: Newton
+    drift: Drift = "kept"
+    newton: Newton = DEFAULT
 
     @property
     def facts(self) -> dict[str, Any]:
