@@ -11,7 +11,7 @@ import numpy as np
 from .._checks import real_array, real_number
 from .dof_motion import DofMotion, State, columns_of, label_of
 from .keys import position
-from .quantities import OF_SUBDOMAIN, of_columns
+from .quantities import OF_SUBDOMAIN, growing, of_columns
 
 __all__ = ["Instant", "Peak"]
 
@@ -124,13 +124,13 @@ def resampled(history: Any, times: Any) -> Any:
 
 def _resampled(s: Any, t: np.ndarray) -> Any:
     u, v, a = hermite(t, s.t, s.u, s.v, s.a)
-    others: dict[str, Any] = dict.fromkeys(("iterations", "q", "substep", "double_after"))
+    others: dict[str, Any] = dict.fromkeys((*growing(s), "substep", "double_after"))
     others |= {
         name: None if getattr(s, name) is None else _linear(t, s.t, getattr(s, name))
         for name in of_columns(OF_SUBDOMAIN, "springs")
     }
     outputs = {name: _linear(t, s.t, x) for name, x in s.outputs.items()}
-    return replace(s, t=t, u=u, v=v, a=a, outputs=outputs, **others)
+    return replace(s, **(others | dict(t=t, u=u, v=v, a=a)), outputs=outputs)
 
 
 def within(history: Any, times: np.ndarray, name: str) -> np.ndarray:

@@ -218,7 +218,7 @@ def _in_lane(selection: tuple[Any, ...] | None, lane: int) -> tuple[Any, ...] | 
     """What a case records of a subdomain, in the form of the core, for its lane."""
     if selection is None:
         return None
-    position, u, v, w, springs, outputs, history = selection
+    position, *motion, springs, outputs, history = selection
     if springs is not None:
         springs = (springs[0] * LANES + lane, *springs[1:])
     if outputs is not None:
@@ -226,7 +226,7 @@ def _in_lane(selection: tuple[Any, ...] | None, lane: int) -> tuple[Any, ...] | 
             None if x is None else (x[0], x[1] * LANES + lane, x[2]) for x in outputs[1:]
         )
         outputs = (outputs[0], *combinations)
-    return position * LANES + lane, u, v, w, springs, outputs, history
+    return (position * LANES + lane, *motion, springs, outputs, history)
 
 
 def checked_cases(
