@@ -10,6 +10,8 @@ import numpy as np
 
 # Quantities of one subdomain by their name in a History, and in an oracle.
 MOTION = {"u": "displacement", "v": "velocity", "a": "acceleration"}
+# Of quantities that differ first at one time: these are named before the motion.
+FIRST = {"multiplier": 0, "velocity jump": 1, "displacement jump": 2}
 
 
 def largest(*arrays):
@@ -43,7 +45,8 @@ def assert_run_agrees(history, expected, within, *, force=0.0):
 
     Each quantity is compared relative to the largest of its kind in all subdomains, multipliers to
     themselves and to `force`, the size of other forces, as they may be rounding. The message is of
-    what differs first in time, and names what else differs and what agrees.
+    what differs first in time, the interface before the motion that follows from it, and names
+    what else differs and what agrees.
     """
     found, agreeing = [], []
 
@@ -52,7 +55,8 @@ def assert_run_agrees(history, expected, within, *, force=0.0):
         if difference is None:
             agreeing.append(what)
         else:
-            found.append((*difference, what))
+            time, message = difference
+            found.append((time, FIRST.get(what, len(FIRST)), message, what))
 
     scale = {x: largest(*(_of(s, x) for s in expected.subdomains)) for x in MOTION}
     for i, (ours, theirs) in enumerate(zip(history.subdomains, expected.subdomains, strict=True)):
@@ -84,8 +88,8 @@ def assert_motion_agrees(history, expected, within):
 
 
 def _told(found, agreeing):
-    time, message, first = min(found)
-    others = [f"{what} from {time:g} s" for time, _, what in sorted(found) if what != first]
+    (_, _, message, _), *others = sorted(found)
+    others = [f"{what} from {time:g} s" for time, _, _, what in others]
     return (
         f"{message}\n  then apart: {', '.join(others) or 'nothing else'}"
         f"\n  agreeing: {', '.join(agreeing) or 'nothing'}"

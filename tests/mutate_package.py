@@ -15,6 +15,7 @@ import shutil
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 from mutate import ROOT, Mutant, report, run
@@ -100,7 +101,7 @@ def all_mutants(only):
             yield from mutants_of(path, file.read_text())
 
 
-def killed(folder, tests, seconds):
+def killed(tests, folder, seconds):
     """What killed the mutant in this folder, or None."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     done = run(command, folder, seconds, PYTHONPATH=str(folder))
@@ -115,7 +116,7 @@ def parsed():
     parser.add_argument("--only", default="", metavar="TEXT", help="in files with this in the path")
     parser.add_argument("--list", action="store_true", help="name the mutants and run nothing")
     parser.add_argument("tests", nargs="*", help="files that must catch them")
-    return parser.parse_args()
+    return parser.parse_intermixed_args()
 
 
 def main():
@@ -132,10 +133,11 @@ def main():
             copy = shutil.copytree if (ROOT / entry).is_dir() else shutil.copy
             copy(ROOT / entry, folder / entry)
         begin = time.monotonic()
-        if killed(folder, options.tests, 3600.0) is not None:
+        suite = partial(killed, options.tests)
+        if suite(folder, 3600.0) is not None:
             sys.exit("the tests fail without any mutation")
         limit = 60.0 + 5.0 * (time.monotonic() - begin)
-        survivors = report(folder, chosen, [(killed, options.tests)], [limit])
+        survivors = report(folder, chosen, [(suite, ())], [limit])
     print(f"{survivors} of {len(chosen)} survived")
 
 

@@ -43,4 +43,8 @@ def test_a_run_is_compared_in_all_quantities_and_the_first_in_time_is_named():
     with pytest.raises(AssertionError, match=named) as error:
         assert_run_agrees(history, wrong, 1e-9)
     assert "then apart: multiplier from" in str(error.value)
+    wrong.multipliers[:] *= 1.01  # at one time: the motion follows from them
+    wrong.subdomains[0].v[0] += 1.0
+    with pytest.raises(AssertionError, match=r"^multiplier at time level 0"):
+        assert_run_agrees(history, wrong, 1e-9)
     assert "agreeing: displacement of subdomain 0, " in str(error.value)

@@ -337,9 +337,10 @@ KILLED = """
 """
 
 
-def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path):
-    # 20 kills, from before the file exists to after many blocks
-    program = textwrap.dedent(KILLED.format(kills=20, folder=str(tmp_path)))
+@pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.gate)])
+def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path, kills):
+    # from before the file exists to after many blocks
+    program = textwrap.dedent(KILLED.format(kills=kills, folder=str(tmp_path)))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.run(
         [sys.executable, "-c", program], env=environment, check=True, timeout=waits.LIMIT
@@ -347,8 +348,8 @@ def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path):
     other = models.four_dof().coupler(0.05, coupling="pm")
     other.step(3)
     whole = other.run(steps=100_000, energy=True)
-    counts = [count_after_kill(tmp_path / str(kill), whole) for kill in range(20)]
-    assert len(set(counts)) > 5, counts
+    counts = [count_after_kill(tmp_path / str(kill), whole) for kill in range(kills)]
+    assert len(set(counts)) > kills // 4, counts
 
 
 def count_after_kill(path, whole):

@@ -1,8 +1,6 @@
 """Figures that show themselves, and results as files and objects of other libraries."""
 
-import subprocess
 import sys
-import textwrap
 
 import numpy as np
 import pytest
@@ -39,9 +37,11 @@ def test_a_plot_is_a_figure_of_pyplot_so_that_show_shows_it(pyplot):
 
 def test_many_plots_do_not_warn(pyplot):
     motion = oscillation()
-    assert len({id(motion.plot()) for _ in range(22)}) == 22  # warnings are errors
+    with pyplot.rc_context({"figure.max_open_warning": 2}):
+        assert len({id(motion.plot()) for _ in range(4)}) == 4  # warnings are errors
 
 
+@pytest.mark.gate  # a kernel of Jupyter
 def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
@@ -55,22 +55,6 @@ def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
         sum("image/png" in x.get("data", {}) for x in cell.outputs) for cell in notebook.cells
     ]
     assert pictures == [0, 1, 1, 1, 2]
-
-
-def test_a_script_shows_the_plot(tmp_path):
-    pytest.importorskip("matplotlib")
-    code = """
-        import matplotlib
-        matplotlib.use("agg")
-        import matplotlib.pyplot as plt, pmalpha as pm
-        pm.models.four_dof().coupler(0.05, coupling="pm").run(steps=9).plot()
-        plt.show = lambda: print(len(plt.get_fignums()))
-        plt.show()
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "1\n"
 
 
 def test_units_are_in_the_labels(pyplot):

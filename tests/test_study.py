@@ -72,6 +72,7 @@ def test_processes_have_a_coupler_each(study, monkeypatch):
     assert os.getpid() not in {case.value["process"] for case in found}
 
 
+@pytest.mark.gate
 def test_joblib(study):
     joblib = pytest.importorskip("joblib")
 
@@ -83,6 +84,7 @@ def test_joblib(study):
     check(study.run(studied.cases(5), map=by_joblib), 5)
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore")  # of dask and of what it starts
 def test_dask(study):
     distributed = pytest.importorskip("distributed")
@@ -96,6 +98,7 @@ def test_dask(study):
     check(found, 5)
 
 
+@pytest.mark.gate
 def test_mpi4py():
     pytest.importorskip("mpi4py")
     mpiexec = Path(sys.executable).with_name("mpiexec")

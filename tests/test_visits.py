@@ -4,8 +4,11 @@ A run opens the next substep when it closes one, except at its end and where ene
 So the same run step by step, or with energies, closes and opens one by one.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
+from pairwise import pairwise
 
 import pmalpha as pm
 
@@ -13,14 +16,15 @@ IMPLICIT = pm.GeneralizedAlpha(0.8)
 DT, STEPS = 0.1, 12
 
 
+@cache
+def block_mesh(i):
+    material = {"E": 100.0, "nu": 0.3, "rho": 1.0, "mass": "lumped"}
+    return pm.structures.solid(7, 6, 6, 1.0, **material, origin=(7 * i, 0, 0))
+
+
 def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, coupling="pm", **options):
     """Blocks of hexahedra in a row, each with a factor of some hundred thousand entries."""
-    meshes = [
-        pm.structures.solid(
-            7, 6, 6, 1.0, E=100.0, nu=0.3, rho=1.0, origin=(7 * i, 0, 0), mass="lumped"
-        )
-        for i in range(count)
-    ]
+    meshes = [block_mesh(i) for i in range(count)]
     members = [
         mesh.subdomain(
             scheme=IMPLICIT,
@@ -43,15 +47,15 @@ def assert_same(a, b):
     np.testing.assert_array_equal(a.multipliers, b.multipliers)
 
 
-@pytest.mark.parametrize("coupling", ["pm", "gc"])
-@pytest.mark.parametrize("count, substeps", [(1, (1,)), (2, (1, 1)), (2, (1, 2)), (2, (3, 1))])
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(
+    "substeps, coupling, threads",
+    pairwise([(1,), (1, 1), (1, 2), (3, 1)], ["pm", "gc"], [1, 2]),
+)
 def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
-    count, substeps, coupling, threads
+    substeps, coupling, threads
 ):
     options = {"substeps": substeps, "coupling": coupling, "threads": threads}
-    at_once, one_by_one = blocks(count, **options), blocks(count, **options)
-    observed = blocks(count, **options)
+    at_once, one_by_one, observed = (blocks(len(substeps), **options) for _ in range(3))
     at_once.step(STEPS)
     for _ in range(STEPS):
         one_by_one.step()
@@ -128,7 +132,7 @@ def test_an_error_in_a_load_leaves_the_last_macro_level(at):
 
 
 @pytest.mark.parametrize("step", [3, 4])
-@pytest.mark.parametrize("broken", [(0, 1), (0, 1, 2), (1, 2)])
+@pytest.mark.parametrize("broken", [(0, 1, 2), (1, 2)])
 def test_of_several_subdomains_that_overflow_the_first_is_named_in_either_order(broken, step):
     with pytest.warns(pm.ConstraintWarning):  # tied, the interface would overflow first
         coupler = pm.Coupler(
