@@ -10,6 +10,8 @@ import numpy as np
 
 # Quantities of one subdomain by their name in a History, and in an oracle.
 MOTION = {"u": "displacement", "v": "velocity", "a": "acceleration"}
+INTERFACE = ("multipliers", "multiplier_times", "velocity_jump", "displacement_jump", "macro_times")
+WORKS = ("t", "kinetic", "strain", "dissipated", "external", "interface", "balance")
 # Of quantities that differ first at one time: these are named before the motion.
 FIRST = {"multiplier": 0, "velocity jump": 1, "displacement jump": 2}
 
@@ -85,6 +87,37 @@ def assert_motion_agrees(history, expected, within):
             got, wanted = getattr(ours, x), _of(theirs, x)
             what = f"{word} of subdomain {i}"
             assert_close(got, wanted, within, what, size=largest(wanted), times=ours.t)
+
+
+def assert_identical(history, other):
+    """Two histories to the last bit, minus zero and NaN included; shapes and types too."""
+    assert [name for name, _ in history.keys] == [name for name, _ in other.keys]
+    for i, (x, y) in enumerate(zip(history.subdomains, other.subdomains, strict=True)):
+        assert (x is None) == (y is None), f"subdomain {i} is recorded in one of the two"
+        for name in ("t", "u", "v", "a", "dofs") if x is not None else ():
+            assert_same_bits(getattr(x, name), getattr(y, name), f"{name} of subdomain {i}")
+    for name in INTERFACE:
+        assert_same_bits(getattr(history, name), getattr(other, name), name)
+    assert (history.energy is None) == (other.energy is None)
+    for name in WORKS if history.energy is not None else ():
+        assert_same_bits(getattr(history.energy, name), getattr(other.energy, name), name)
+
+
+def assert_same_levels(coupler, other):
+    """The present of two couplers to the last bit: time levels in the core, and multipliers."""
+    pairs = zip(coupler._session.parts, other._session.parts, strict=True)
+    for i, (x, y) in enumerate(pairs):
+        for array, same in zip(x.core.levels(), y.core.levels(), strict=True):
+            assert_same_bits(array, same, f"a time level of subdomain {i}")
+    assert_same_bits(coupler.multipliers, other.multipliers, "multipliers")
+
+
+def assert_same_bits(x, y, what="array"):
+    x, y = np.asarray(x), np.asarray(y)
+    assert (x.shape, x.dtype) == (y.shape, y.dtype), f"{what} has another shape or type"
+    if x.tobytes() != y.tobytes():
+        assert_close(x, y, 0.0, what)
+        raise AssertionError(f"{what} differs in the sign of a zero, or in NaN")
 
 
 def _told(found, agreeing):

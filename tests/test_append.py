@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from agreement import assert_identical
 from problems import random_problem
-from test_record_to import require_identical
 
 import pmalpha as pm
 from pmalpha import models
@@ -52,7 +52,7 @@ def test_overwrite_replaces_the_file(tmp_path):
     coupler.run(steps=5, record_to=path)
     coupler.run(steps=4, record_to=path, overwrite=True)
     other.step(5)
-    require_identical(pm.History.load(path), other.run(steps=4))
+    assert_identical(pm.History.load(path), other.run(steps=4))
 
 
 @pytest.mark.parametrize(
@@ -83,8 +83,8 @@ def test_a_file_continued_in_pieces_is_that_of_one_run(tmp_path, seed, options):
     for steps in (4, 1, 7):
         history = ours.run(steps=steps, record_to=path, append=True, **options)
     whole = theirs.run(steps=12, **options)
-    require_identical(history, whole)
-    require_identical(pm.History.load(path), whole)
+    assert_identical(history, whole)
+    assert_identical(pm.History.load(path), whole)
 
 
 def test_energies_are_not_continued_since_works_count_from_the_beginning_of_a_run(tmp_path):
@@ -115,7 +115,7 @@ def test_a_failed_run_leaves_the_rows_before_it(tmp_path):
     ours.run(steps=5, record_to=path)
     with pytest.raises(ZeroDivisionError):
         ours.run(steps=50, record_to=path, append=True)
-    require_identical(ours.last_history, coupler().run(steps=ours.step_count))
+    assert_identical(ours.last_history, coupler().run(steps=ours.step_count))
     assert ours.step_count == 10 == ours.last_history.macro_times.size - 1
 
 
@@ -158,7 +158,7 @@ def test_a_file_of_something_else_is_not_continued(tmp_path):
 def test_joined_histories_are_that_of_one_run(seed, options):
     ours, theirs = (random_problem(seed).coupler() for _ in range(2))
     pieces = [ours.run(steps=steps, **options) for steps in (6, 0, 12, 6)]
-    require_identical(pm.History.join(pieces), theirs.run(steps=24, **options))
+    assert_identical(pm.History.join(pieces), theirs.run(steps=24, **options))
 
 
 def test_joined_springs_are_those_of_one_run():

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 import waits
-from test_record_to import require_identical
+from agreement import assert_identical
 
 import pmalpha as pm
 from pmalpha import models
@@ -84,7 +84,7 @@ def test_what_solve_returns_is_saved_and_loaded(tmp_path, name):
     motion.save(tmp_path / name)
     loaded = pm.History.load(tmp_path / name)
     assert [key for key, _ in loaded.keys] == [motion.name] and loaded.multipliers.shape == (21, 0)
-    require_identical(loaded, OneSubdomain(motion))
+    assert_identical(loaded, OneSubdomain(motion))
     for x in ("deformation", "force", "springs"):
         assert np.array_equal(getattr(loaded[0], x), getattr(motion, x))
 

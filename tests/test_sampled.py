@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from agreement import assert_identical
 
 import pmalpha as pm
 from pmalpha import models, structures
@@ -149,14 +150,6 @@ def record_pair(coupling="pm", **options):
     return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05, coupling=coupling, **options)
 
 
-def same(a, b):
-    return all(
-        np.array_equal(getattr(x, q), getattr(y, q))
-        for x, y in zip(a.subdomains, b.subdomains)
-        for q in "uva"
-    )
-
-
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
 def test_means_do_not_depend_on_how_a_run_is_made(coupling, tmp_path):
     """In pieces, from a file, a snapshot, after a reset, as a case, by a change of steps there and
@@ -169,14 +162,14 @@ def test_means_do_not_depend_on_how_a_run_is_made(coupling, tmp_path):
     rest = c.run(steps=23)
     assert np.array_equal(rest["a"].u, whole["a"].u[17:])
     c.restore(kept)
-    assert same(c.run(steps=23), rest)
+    assert_identical(c.run(steps=23), rest)
     other = record_pair(coupling)
     other.load(tmp_path / "state.npz")
-    assert same(other.run(steps=23), rest)
+    assert_identical(other.run(steps=23), rest)
     other.change_steps(dt=0.03)
     other.step(3)
     other.reset()
-    assert same(other.run(steps=40), whole)
+    assert_identical(other.run(steps=40), whole)
     (case,) = other.run_each([{}], 2.0)
     np.testing.assert_allclose(
         case["a"].u, whole["a"].u, rtol=0, atol=1e-12 * abs(whole["a"].u).max()

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import steps_reference as reference
+from agreement import assert_identical
 from problems import random_problem, reference_subdomain
 from reference import Subdomain
 from steps_problems import RHO, U0, K, M, error, exact, lengths, order, pair
@@ -183,14 +184,7 @@ def test_a_change_before_the_first_step_equals_a_coupler_made_with_these_steps(c
     """Bitwise."""
     changed, made = pair(0.1, (1, 4), coupling=coupling), pair(0.03, (1, 2), coupling=coupling)
     changed.change_steps(dt=0.03, substeps={"B": 2})
-    assert same(changed.run(steps=7), made.run(steps=7))
-
-
-def same(a, b):
-    pairs = [(a.multipliers, b.multipliers), (a.macro_times, b.macro_times)]
-    for x, y in zip(a.subdomains, b.subdomains):
-        pairs += [(getattr(x, q), getattr(y, q)) for q in "tuva"]
-    return all(np.array_equal(x, y) for x, y in pairs)
+    assert_identical(changed.run(steps=7), made.run(steps=7))
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -199,7 +193,7 @@ def test_a_change_to_the_same_steps_changes_nothing(coupling):
     for c in (changed, other):
         c.step(4)
     changed.change_steps(dt=0.1, substeps={"A": 1, "B": 2})
-    assert same(changed.run(steps=3), other.run(steps=3))
+    assert_identical(changed.run(steps=3), other.run(steps=3))
 
 
 def test_states_and_multipliers_stay_at_a_change():
@@ -334,7 +328,7 @@ def test_wrong_arguments_change_nothing(arguments, kind, words):
         x.step(3)
     with pytest.raises(kind, match=words):
         c.change_steps(**arguments)
-    assert same(c.run(steps=3), other.run(steps=3))
+    assert_identical(c.run(steps=3), other.run(steps=3))
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -352,7 +346,7 @@ def test_an_error_halfway_changes_nothing(coupling, where, monkeypatch):
         with pytest.raises(MemoryError):
             c.change_steps(dt=0.03, substeps={"B": 4})
     assert c.dt == 0.1
-    assert same(c.run(steps=3), other.run(steps=3))
+    assert_identical(c.run(steps=3), other.run(steps=3))
 
 
 def test_an_error_in_the_macro_step_after_a_change_leaves_the_change_to_come():
@@ -378,7 +372,7 @@ def test_an_error_in_the_macro_step_after_a_change_leaves_the_change_to_come():
     assert c.step_count in (3, 4)
     c.step(5 - c.step_count)
     other.step(2)
-    assert same(c.run(steps=3), other.run(steps=3))
+    assert_identical(c.run(steps=3), other.run(steps=3))
 
 
 def test_an_unstable_new_step_warns_and_can_be_refused():

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from agreement import assert_identical
 from steps_problems import RHO, U0, K, M, pair
-from test_steps import COUPLINGS, same
+from test_steps import COUPLINGS
 
 import pmalpha as pm
 
@@ -33,7 +34,7 @@ def test_a_checkpoint_has_the_steps(tmp_path, coupling, double, after):
     fresh = pair(0.1, coupling=coupling, double=double)
     fresh.load(tmp_path / "state.npz")
     assert (fresh.dt, fresh.step_count, fresh.time) == (c.dt, c.step_count, c.time)
-    assert same(fresh.run(steps=6), c.run(steps=6))
+    assert_identical(fresh.run(steps=6), c.run(steps=6))
     fresh.reset()
     assert (fresh.dt, fresh.time) == (0.1, 0.0)
 
@@ -45,7 +46,7 @@ def test_an_unchanged_checkpoint_returns_to_the_first_steps(tmp_path):
     other = changed("pm", after=2)
     other.load(tmp_path / "state.npz")
     assert other.dt == 0.1
-    assert same(other.run(steps=6), c.run(steps=6))
+    assert_identical(other.run(steps=6), c.run(steps=6))
 
 
 def test_a_coupler_made_with_the_changed_steps_is_another_problem(tmp_path):
@@ -65,12 +66,12 @@ def test_a_snapshot_is_restored_across_a_change(coupling, double, after):
     c.step(3)
     c.restore(kept)
     assert c.dt == 0.08
-    assert same(c.run(steps=6), other.run(steps=6))
+    assert_identical(c.run(steps=6), other.run(steps=6))
     c.restore(kept)
     c.change_steps(dt=0.1, substeps={"B": 1})
     again, other = c.run(steps=4), changed(coupling, double, after)
     other.change_steps(dt=0.1, substeps={"B": 1})
-    assert same(again, other.run(steps=4))
+    assert_identical(again, other.run(steps=4))
 
 
 @pytest.mark.parametrize(("coupling", "double"), DOUBLE)
@@ -79,7 +80,7 @@ def test_reset_returns_to_the_first_steps(coupling, double):
     c, fresh = changed(coupling, double), pair(0.1, coupling=coupling, double=double)
     c.reset()
     assert (c.dt, c.time, c.step_count) == (0.1, 0.0, 0)
-    assert same(c.run(steps=6), fresh.run(steps=6))
+    assert_identical(c.run(steps=6), fresh.run(steps=6))
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -94,7 +95,7 @@ def test_reset_returns_to_the_first_time_after_a_change_there_and_back(coupling)
     c.change_steps(dt=0.05)
     c.change_steps(dt=0.1)
     c.reset()
-    assert same(c.run(steps=4), fresh.run(steps=4))
+    assert_identical(c.run(steps=4), fresh.run(steps=4))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -120,7 +121,7 @@ def test_after_a_reset_a_coupler_is_as_one_just_made(coupling, double, seed):
     act(c, [*before, ("reset",), *after])
     act(fresh, after)
     assert (c.time, c.dt, c.step_count) == (fresh.time, fresh.dt, fresh.step_count)
-    assert same(c.run(steps=3), fresh.run(steps=3))
+    assert_identical(c.run(steps=3), fresh.run(steps=3))
 
 
 def test_load_cases_run_with_the_first_steps():
@@ -128,13 +129,13 @@ def test_load_cases_run_with_the_first_steps():
     before = c.time, c.dt, c.state("A").u
     cases = [{}, {"v0": {"A": [0.5, 0.0]}}]
     for ours, theirs in zip(c.run_each(cases, 0.6), fresh.run_each(cases, 0.6)):
-        assert same(ours, theirs)
+        assert_identical(ours, theirs)
     assert (c.time, c.dt) == before[:2] and np.array_equal(c.state("A").u, before[2])
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_threads_do_not_change_bits(coupling):
-    assert same(*(changed(coupling, threads=n).run(steps=6) for n in (1, 2)))
+    assert_identical(*(changed(coupling, threads=n).run(steps=6) for n in (1, 2)))
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -179,8 +180,8 @@ def test_a_file_continues_over_a_change(tmp_path, every, substeps):
         return
     history = c.run(0.7, record_to=path, append=True, every=every)
     pieces.append(other.run(0.7, every=every))
-    assert same(history, pm.History.join(pieces))
-    assert same(pm.History.load(path), history)
+    assert_identical(history, pm.History.join(pieces))
+    assert_identical(pm.History.load(path), history)
 
 
 @pytest.mark.parametrize(("coupling", "double"), DOUBLE)
@@ -340,7 +341,8 @@ def test_a_read_before_an_early_change_does_not_change_the_results(tmp_path, cou
     for x in (c, other, loaded):
         x.change_steps(dt=0.03, substeps={"B": 2})
     history = c.run(steps=5)
-    assert same(history, other.run(steps=5)) and same(history, loaded.run(steps=5))
+    assert_identical(history, other.run(steps=5))
+    assert_identical(history, loaded.run(steps=5))
     assert np.abs(history["B"].v).max() > 0.01  # pulled by A
 
 
@@ -388,7 +390,7 @@ def test_analysis_sees_the_present_steps_and_leaves_the_state():
     G = pm.analysis.amplification_matrix(c)
     made = pair(0.08, (1, 3), coupling="pm")
     np.testing.assert_allclose(G, pm.analysis.amplification_matrix(made), atol=1e-12)
-    assert same(c.run(steps=4), other.run(steps=4))
+    assert_identical(c.run(steps=4), other.run(steps=4))
 
 
 def test_the_repr_shows_the_present_steps():

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import waits
+from agreement import assert_identical
 from problems import random_problem
 
 import pmalpha as pm
@@ -46,14 +47,6 @@ def row_of_subdomains(count=4, n=20, *, dt=0.1, force=None, coupling="pm", **opt
     ]
     ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
     return pm.Coupler(subdomains, ties, dt=dt, coupling=coupling, **options)
-
-
-def assert_identical(a, b):
-    for x, y in zip(a.subdomains, b.subdomains, strict=True):
-        for name in ("t", "u", "v", "a"):
-            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
-    for name in ("multipliers", "velocity_jump", "displacement_jump"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
 def tasks():
@@ -518,7 +511,8 @@ def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
         """
         import os
         import numpy as np
-        from test_threads import assert_identical, row_of_subdomains
+        from agreement import assert_identical
+        from test_threads import row_of_subdomains
 
         expected = row_of_subdomains(threads=1)
         expected.step(5)

@@ -4,11 +4,13 @@ import time
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import interpolate, reduce, tie_coincident
 
 SCHEME = pm.GeneralizedAlpha(0.5)
+MATERIAL = {"E": 1.0, "nu": 0.3, "rho": 1.0, "mass": "lumped"}
 
 
 def masses(n, name=None):
@@ -256,41 +258,18 @@ def test_a_hundred_thousand_nodes_are_tied_in_about_a_second():
     np.testing.assert_array_equal(order[tied.matrices[b].indices], tied.matrices[a].indices)
 
 
-def plate_matrices(points, elements, E=1.0, nu=0.3):
-    """Plane-stress bilinear quads, 2 x 2 Gauss points: lumped mass (2 n,) and K (2 n, 2 n)."""
-    D = E / (1.0 - nu**2) * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, (1.0 - nu) / 2]])
-    M, K = np.zeros(2 * len(points)), np.zeros((2 * len(points),) * 2)
-    sign = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    for nodes in elements:
-        dofs = np.column_stack([2 * nodes, 2 * nodes + 1]).ravel()
-        for xi in sign / np.sqrt(3.0):
-            slopes = 0.25 * sign * (1.0 + sign * xi)[:, ::-1]
-            J = points[nodes].T @ slopes
-            dN = slopes @ np.linalg.inv(J)
-            B = np.zeros((3, 8))
-            B[0, ::2], B[1, 1::2], B[2, ::2], B[2, 1::2] = dN[:, 0], dN[:, 1], dN[:, 1], dN[:, 0]
-            K[np.ix_(dofs, dofs)] += B.T @ D @ B * np.linalg.det(J)
-            M[dofs] += np.repeat(np.prod(1.0 + sign * xi, axis=1) / 4.0, 2) * np.linalg.det(J)
-    return M, (K + K.T) / 2.0
-
-
 def test_a_plate_cut_in_four_moves_like_the_uncut_one():
     x = np.linspace(0.0, 1.0, 3)
     points = {(i, j): grid(x + i, x + j) for i in range(2) for j in range(2)}
-    M, K = plate_matrices(points[0, 0], quads(3, 3))
+    part, wall = (pm.structures.plate(n, n, 0.5, **MATERIAL) for n in (2, 4))
     start = {key: np.sin(p @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for key, p in points.items()}
     subdomains = {
-        key: pm.Subdomain(M, K, scheme=SCHEME, u0=start[key], name=str(key)) for key in points
+        key: part.subdomain(scheme=SCHEME, u0=start[key], name=str(key)) for key in points
     }
     tied = tie_coincident({subdomains[key]: points[key] for key in points}, components=2)
     history = pm.Coupler(list(subdomains.values()), tied, dt=0.1, coupling="gc").run(steps=30)
 
-    all_points = grid(np.linspace(0.0, 2.0, 5), np.linspace(0.0, 2.0, 5))
-    whole = pm.Subdomain(
-        *plate_matrices(all_points, quads(5, 5)),
-        scheme=SCHEME,
-        u0=np.sin(all_points @ [[2.0, 1.0], [1.0, 3.0]]).ravel(),
-    )
+    whole = wall.subdomain(scheme=SCHEME, u0=np.sin(wall.points @ [[2.0, 1.0], [1.0, 3.0]]).ravel())
     uncut = pm.solve(whole, dt=0.1, t_end=3.0)
     for key, p in points.items():
         nodes = np.rint(p @ [10.0, 2.0]).astype(int)
@@ -636,10 +615,8 @@ class CutPlate:
             "b": np.arange(coarse + 1),
         }
         for name, explicit, substeps in (("a", True, 8), ("b", False, 1)):
-            M, K = plate_matrices(self.points[name], tables[name])
-            self.subdomains[name] = pm.Subdomain(
-                M,
-                K,
+            plate = pm.structures.plate_on(self.points[name], tables[name], **MATERIAL)
+            self.subdomains[name] = plate.subdomain(
                 scheme=pm.GeneralizedAlpha(0.5, explicit=explicit),
                 substeps=substeps,
                 name=name,
@@ -715,9 +692,7 @@ def static_error(fine, coarse):
         n = int(np.sqrt(len(plate.points[name])))
         load.append(tractions(plate.points[name], quads(n, n)))
         blocks.append(plate.subdomains[name].K)
-    K = np.zeros((sum(map(len, blocks)),) * 2)
-    K[: len(blocks[0]), : len(blocks[0])] = blocks[0]
-    K[len(blocks[0]) :, len(blocks[0]) :] = blocks[1]
+    K = sp.block_diag(blocks).toarray()
     L = dense(plate.tied, *plate.subdomains.values())
     # K u - L^T Lam = f, L u = 0; rigid motions are left open
     system = np.block([[K, -L.T], [L, np.zeros((len(L), len(L)))]])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_steps import same
+from agreement import assert_identical
 
 import pmalpha as pm
 from pmalpha.run import tolerance
@@ -90,13 +90,13 @@ def test_a_run_in_two_pieces_is_bitwise_one_run(tmp_path):
     fresh.load(tmp_path / "state.npz")
     second = fresh.run(1.0, tolerance=0.02)
     joined = pm.History.join([first, second])
-    assert same(joined, whole)
+    assert_identical(joined, whole)
     assert np.array_equal(joined.substeps[1:], whole.substeps[1:])
 
 
 def test_threads_do_not_change_bits():
     runs = [two(threads=n, **PROBLEMS["burst"]).run(1.0, tolerance=0.02) for n in (1, 2)]
-    assert same(*runs)
+    assert_identical(*runs)
 
 
 def test_what_is_recorded_is_chosen():
@@ -140,7 +140,8 @@ def test_a_file_is_written_at_the_end(tmp_path):
     path = tmp_path / "run.h5"
     history = two(**PROBLEMS["burst"]).run(1.0, tolerance=0.02, record_to=path)
     loaded = pm.History.load(path)
-    assert same(loaded, history) and np.array_equal(loaded.substeps, history.substeps)
+    assert_identical(loaded, history)
+    assert np.array_equal(loaded.substeps, history.substeps)
     with pytest.raises(FileExistsError):
         two().run(1.0, tolerance=0.02, record_to=path)
     with pytest.raises(ValueError, match="append"):

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from agreement import assert_same_levels
 from pairwise import pairwise
 
 import pmalpha as pm
@@ -39,14 +40,6 @@ def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, coupling="pm", **
     return pm.Coupler(members, ties, dt=DT, coupling=coupling, **options)
 
 
-def assert_same(a, b):
-    for i in range(len(a.subdomains)):
-        x, y = a.state(i), b.state(i)
-        for name in ("u", "v", "a"):
-            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
-    np.testing.assert_array_equal(a.multipliers, b.multipliers)
-
-
 @pytest.mark.parametrize(
     "substeps, coupling, threads",
     pairwise([(1,), (1, 1), (1, 2), (3, 1)], ["pm", "gc"], [1, 2]),
@@ -59,9 +52,9 @@ def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
     at_once.step(STEPS)
     for _ in range(STEPS):
         one_by_one.step()
-    assert_same(at_once, one_by_one)
+    assert_same_levels(at_once, one_by_one)
     observed.run(steps=STEPS, energy=True)
-    assert_same(at_once, observed)
+    assert_same_levels(at_once, observed)
 
 
 def large_block(**options):
@@ -81,10 +74,10 @@ def test_one_solid_by_several_threads_is_bitwise_identical(threads):
         np.testing.assert_array_equal(getattr(found[0], name), getattr(expected[0], name))
     for _ in range(STEPS):
         one_by_one.step()
-    assert_same(shared, one_by_one)
+    assert_same_levels(shared, one_by_one)
     shared.run(steps=3, energy=True)
     alone.run(steps=3, energy=True)
-    assert_same(shared, alone)
+    assert_same_levels(shared, alone)
 
 
 def test_what_is_recorded_of_a_visit_is_what_is_recorded_one_by_one():
@@ -128,7 +121,7 @@ def test_an_error_in_a_load_leaves_the_last_macro_level(at):
         stopped.step(STEPS)
     reached.step(stopped.step_count)
     assert stopped.step_count == int(at / DT)
-    assert_same(stopped, reached)
+    assert_same_levels(stopped, reached)
 
 
 @pytest.mark.parametrize("step", [3, 4])
@@ -155,4 +148,4 @@ def test_values_that_are_not_finite_leave_the_last_macro_level():
     reached = blocks(scale=1e307)
     for _ in range(stopped.step_count):
         reached.step()
-    assert_same(stopped, reached)
+    assert_same_levels(stopped, reached)
