@@ -58,15 +58,16 @@ static pma_member make(oscillator *o, pma_scheme scheme, size_t substeps, bool d
 }
 
 /* (18)  H = sum_i al2_i L_i Mbar_i^-1 L_i^T; the first macro step is made of single steps */
-static pma_interface interface_of(const pma_member *m, bool later, double *inverse, pma_ldl *ldl)
+static pma_interface interface_of(const pma_member *m, bool later, double *inverse)
 {
     double unit = 1.0, H = 0.0;
     for (size_t i = 0; i < 2; i++)
         pma_member_compliance(&m[i], later && m[i].doubling != PMA_SINGLE, &unit, &H);
     *inverse = 1.0 / H;
     const pma_factor factor = {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = inverse};
-    must(pma_ldl_create(&factor, ldl), "interface");
-    return pma_ldl_interface(ldl);
+    pma_interface interface;
+    must(pma_interface_create(&factor, &interface), "interface");
+    return interface;
 }
 
 int main(void)
@@ -75,11 +76,10 @@ int main(void)
     const double lam = A.K - A.M * OMEGA_SQUARED, g = 0.0; /* (S1)  M w + K u = L^T Lam for A */
     const pma_member m[2] = {make(&A, TRAPEZOIDAL, 1, true, lam), make(&B, CENTRAL, 4, false, lam)};
     double inverse[2];
-    pma_ldl ldl[2];
     pma_coupler_parts parts = {.count = 2, .members = m, .p = 1, .dt = DT, .rebased = true};
     parts.schedule = &pma_fine_schedule; /* "pm", since A is doubled; else "gc" */
-    parts.H_start = interface_of(m, false, &inverse[0], &ldl[0]);
-    parts.H = interface_of(m, true, &inverse[1], &ldl[1]);
+    parts.H_start = interface_of(m, false, &inverse[0]);
+    parts.H = interface_of(m, true, &inverse[1]);
     pma_coupler *c;
     must(pma_coupler_create(&parts, &c), "coupler");
     pma_coupler_start(c, 0, &lam, &g); /* at t = 0, no velocity is prescribed */
@@ -93,7 +93,7 @@ int main(void)
     pma_coupler_destroy(c);
     pma_subdomain_destroy(A.core);
     pma_subdomain_destroy(B.core);
-    pma_ldl_destroy(&ldl[0]);
-    pma_ldl_destroy(&ldl[1]);
+    pma_interface_destroy(&parts.H_start);
+    pma_interface_destroy(&parts.H);
     return EXIT_SUCCESS;
 }

@@ -112,11 +112,11 @@ static int spread_motions(const pma_coupler_parts *of, CouplerObject *self, pma_
     return 0;
 }
 
-static int take_interface(const pma_ldl *of, pma_ldl *ldl, pma_interface *out)
+static int take_interface(const pma_interface *of, pma_interface *own, pma_interface *out)
 {
     const pma_factor factor = pma_factor_in_lanes(&of->factor);
-    const pma_status status = pma_ldl_create(&factor, ldl);
-    *out = pma_ldl_interface(ldl);
+    const pma_status status = pma_interface_create(&factor, own);
+    *out = *own;
     return pma_check(status, "in_lanes");
 }
 

@@ -32,13 +32,13 @@ static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
 }
 
 static int take_interface_factor(PyObject *obj, npy_intp p, const char *name, PyObject *arrays,
-                                 pma_ldl *ldl, pma_interface *out)
+                                 pma_interface *own, pma_interface *out)
 {
     pma_factor factor;
     if (pma_take_factor(obj, p, p, name, arrays, &factor) < 0)
         return -1;
-    const pma_status status = pma_ldl_create(&factor, ldl);
-    *out = pma_ldl_interface(ldl);
+    const pma_status status = pma_interface_create(&factor, own);
+    *out = *own;
     return pma_check(status, name);
 }
 
@@ -109,11 +109,9 @@ static int take_gap(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts
         return 0;
     if (pma_take_lu(obj, (npy_intp)parts->p, self->arrays, &S) < 0)
         return -1;
-    const pma_status status = pma_gap_create(&S, &self->gap);
-    if (pma_check(status, "gap") < 0)
-        return -1;
-    parts->gap = pma_gap_interface(&self->gap);
-    return 0;
+    const pma_status status = pma_interface_create_lu(&S, &self->gap);
+    parts->gap = self->gap;
+    return pma_check(status, "gap");
 }
 
 /* Under mean coupling, the part of H of double steps; None if there are none */
@@ -193,9 +191,9 @@ static void coupler_dealloc(CouplerObject *self)
     PyObject_GC_UnTrack(self);
     pma_coupler_destroy(self->core);
     pma_release_processes(self->processes);
-    pma_ldl_destroy(&self->H_start);
-    pma_ldl_destroy(&self->H);
-    pma_gap_destroy(&self->gap);
+    pma_interface_destroy(&self->H_start);
+    pma_interface_destroy(&self->H);
+    pma_interface_destroy(&self->gap);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);

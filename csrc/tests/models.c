@@ -52,9 +52,9 @@ static pma_interface make_interface(model *m, bool later)
                                .nb = m->p,
                                .inverse = m->inverse[later],
                                .values = m->R[later]};
-    pma_ldl_destroy(&m->ldl[later]);
-    CHECK_STATUS(pma_ldl_create(&factor, &m->ldl[later]), PMA_OK);
-    return pma_ldl_interface(&m->ldl[later]);
+    pma_interface_destroy(&m->interfaces[later]);
+    CHECK_STATUS(pma_interface_create(&factor, &m->interfaces[later]), PMA_OK);
+    return m->interfaces[later];
 }
 
 /* Of the multipliers of the last macro step, which a double step feels too                  (K4) */
@@ -267,11 +267,11 @@ void destroy_model(model *m)
     pma_coupler_destroy(m->coupler);
     for (size_t i = 0; i < m->count; i++)
         pma_subdomain_destroy(m->parts[i].core);
-    pma_ldl_destroy(&m->ldl[0]);
-    pma_ldl_destroy(&m->ldl[1]);
-    pma_gap_destroy(&m->lu[0].gap);
-    pma_gap_destroy(&m->lu[1].gap);
-    pma_gap_destroy(&m->S_mu.gap);
+    pma_interface_destroy(&m->interfaces[0]);
+    pma_interface_destroy(&m->interfaces[1]);
+    pma_interface_destroy(&m->lu[0].gap);
+    pma_interface_destroy(&m->lu[1].gap);
+    pma_interface_destroy(&m->S_mu.gap);
 }
 
 snapshot present(const model *m)

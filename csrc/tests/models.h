@@ -38,7 +38,7 @@ struct model {
 
     double H[2][CONSTRAINTS * CONSTRAINTS]; /* of the first macro step, of the later ones */
     double R[2][CONSTRAINTS * CONSTRAINTS], inverse[2][CONSTRAINTS];
-    pma_ldl ldl[2];
+    pma_interface interfaces[2];
     dense_lu lu[2], S_mu; /* of H under mean coupling, which need not be symmetric; of (V4) */
     double doubled[CONSTRAINTS * CONSTRAINTS]; /* the part of H of double steps */
     double lam0[CONSTRAINTS];

@@ -18,18 +18,10 @@ typedef struct {
     double inverse[MANY];
 } diagonal;
 
-static void solve_diagonal(void *self, double *x)
-{
-    const diagonal *d = self;
-    for (size_t i = 0; i < d->p; i++)
-        x[i] *= d->inverse[i];
-}
-
-static const pma_interface_table DIAGONAL = {.solve = solve_diagonal};
-
 static pma_interface known_inverse(const diagonal *d)
 {
-    return (pma_interface){.table = &DIAGONAL, .self = (void *)d, .p = d->p, .entries = d->p};
+    const pma_factor D = {.form = PMA_DIAGONAL, .n = d->p, .nb = d->p, .inverse = d->inverse};
+    return (pma_interface){.factor = D, .p = d->p, .entries = d->p};
 }
 
 /* A (p*p) = D + sum_k a_k b_k^T of rank RANK, D the diagonal */

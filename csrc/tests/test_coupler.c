@@ -75,17 +75,17 @@ static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
     const int64_t none[3] = {0, 0, 0};
     const int32_t places[2] = {0, 1};
     const pma_lu S = {2, 2, one, none, NULL, NULL, none, NULL, NULL, places, places};
-    pma_gap gap;
+    pma_interface gap;
     make_oscillator(&m, (split){0.1, 2, false, false, TRAPEZOIDAL, CENTRAL_DIFFERENCE});
     pma_coupler_parts parts = describe_coupler(&m);
     parts.schedule = &pma_tied_schedule;
-    CHECK_STATUS(pma_gap_create(&S, &gap), PMA_OK);
+    CHECK_STATUS(pma_interface_create_lu(&S, &gap), PMA_OK);
     pma_member_table shifting = *m.members[0].table;
     shifting.shift = shift_nothing;
     for (size_t i = 0; i < m.count; i++)
         m.members[i].table = &shifting;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* no matrix */
-    parts.gap = pma_gap_interface(&gap);
+    parts.gap = gap;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* of two constraints, not one */
     parts.gap.p = m.p;
     CHECK_STATUS(status_of(&parts), PMA_OK);
@@ -94,7 +94,7 @@ static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
     m.members[1].table = &shifting;
     m.members[0].doubling = PMA_DOUBLED;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
-    pma_gap_destroy(&gap);
+    pma_interface_destroy(&gap);
     destroy_model(&m);
 }
 
@@ -117,7 +117,7 @@ static pma_status status_of_substeps(size_t first, size_t second)
 {
     const double H = 1.0;
     part x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true), y = x;
-    pma_ldl empty;
+    pma_interface empty;
     x.substeps = first;
     y.substeps = second;
     x.h = 0.1 / (double)first;
@@ -125,19 +125,18 @@ static pma_status status_of_substeps(size_t first, size_t second)
     make_part(&x);
     make_part(&y);
     const pma_factor factor = {.form = PMA_DIAGONAL, .inverse = &H};
-    CHECK_STATUS(pma_ldl_create(&factor, &empty), PMA_OK);
+    CHECK_STATUS(pma_interface_create(&factor, &empty), PMA_OK);
     const pma_member both[2] = {pma_subdomain_member(x.core), pma_subdomain_member(y.core)};
-    const pma_interface none = pma_ldl_interface(&empty);
     const pma_coupler_parts parts = {.count = 2,
                                      .members = both,
-                                     .H_start = none,
-                                     .H = none,
+                                     .H_start = empty,
+                                     .H = empty,
                                      .dt = 0.1,
                                      .schedule = &pma_fine_schedule};
     const pma_status status = status_of(&parts);
     pma_subdomain_destroy(x.core);
     pma_subdomain_destroy(y.core);
-    pma_ldl_destroy(&empty);
+    pma_interface_destroy(&empty);
     return status;
 }
 

@@ -98,10 +98,10 @@ static void a_solution_is_that_of_the_product_of_the_factors(void)
 static void check_refused(const pma_lu *f, pma_status expected)
 {
     double unused = 1.0;
-    pma_gap gap = {.work = &unused};
-    CHECK_STATUS(pma_gap_create(f, &gap), expected);
+    pma_interface gap = {.work = &unused};
+    CHECK_STATUS(pma_interface_create_lu(f, &gap), expected);
     CHECK_INT(gap.work != NULL, expected == PMA_OK);
-    pma_gap_destroy(&gap);
+    pma_interface_destroy(&gap);
 }
 
 static void factors_that_are_no_triangles_are_refused(void)

@@ -23,7 +23,7 @@ typedef struct {
     double H[2], inverse[2]; /* of the first macro step, of the later ones */
     double U[4 * MOST];      /* response of B to a unit of multiplier, u v w a */
     int64_t row;
-    pma_ldl ldl[2];
+    pma_interface interfaces[2];
     pma_member members[2];
     pma_coupler *coupler;
 } pair;
@@ -64,9 +64,9 @@ static pma_coupler_parts describe_pair(pair *q)
         .count = 2, .members = q->members, .p = 1, .dt = 0.3, .schedule = &pma_macro_schedule};
     for (int later = 0; later <= 1; later++) {
         const pma_factor H = {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = &q->inverse[later]};
-        pma_ldl_destroy(&q->ldl[later]);
-        CHECK_STATUS(pma_ldl_create(&H, &q->ldl[later]), PMA_OK);
-        *(later ? &parts.H : &parts.H_start) = pma_ldl_interface(&q->ldl[later]);
+        pma_interface_destroy(&q->interfaces[later]);
+        CHECK_STATUS(pma_interface_create(&H, &q->interfaces[later]), PMA_OK);
+        *(later ? &parts.H : &parts.H_start) = q->interfaces[later];
     }
     return parts;
 }
@@ -119,8 +119,8 @@ static void destroy_pair(pair *q)
     pma_coupler_destroy(q->coupler);
     pma_subdomain_destroy(q->A.core);
     pma_subdomain_destroy(q->B.core);
-    pma_ldl_destroy(&q->ldl[0]);
-    pma_ldl_destroy(&q->ldl[1]);
+    pma_interface_destroy(&q->interfaces[0]);
+    pma_interface_destroy(&q->interfaces[1]);
 }
 
 /* known + U dLam                                                                          (M5) */

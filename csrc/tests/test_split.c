@@ -30,7 +30,7 @@ typedef struct {
     double one[2], minus_one[1], K_C[1], inverse_C[1];
     pma_subdomain *subdomains[3]; /* B, A, C */
     pma_member members[3];
-    pma_ldl H_factor;
+    pma_interface H_factor;
     pma_coupler *coupler;
 } large;
 
@@ -146,8 +146,8 @@ static void couple(large *m, size_t threads)
         m->inverse_H[row] = 1.0 / column[row];
     }
     const pma_factor factor = {.form = PMA_DIAGONAL, .n = p, .nb = p, .inverse = m->inverse_H};
-    CHECK_STATUS(pma_ldl_create(&factor, &m->H_factor), PMA_OK);
-    const pma_interface H = pma_ldl_interface(&m->H_factor);
+    CHECK_STATUS(pma_interface_create(&factor, &m->H_factor), PMA_OK);
+    const pma_interface H = m->H_factor;
     const pma_coupler_parts parts = {.count = m->count,
                                      .members = m->members,
                                      .p = p,
@@ -178,7 +178,7 @@ static void destroy_large(large *m)
     pma_coupler_destroy(m->coupler);
     for (size_t i = 0; i < 3; i++)
         pma_subdomain_destroy(m->subdomains[i]);
-    pma_ldl_destroy(&m->H_factor);
+    pma_interface_destroy(&m->H_factor);
     double *const arrays[6] = {m->K_A, m->R_A, m->inverse_A, m->K, m->inverse, m->load};
     for (size_t i = 0; i < 6; i++)
         free(arrays[i]);

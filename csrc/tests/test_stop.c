@@ -75,7 +75,7 @@ static void a_run_polls_about_every_given_number_of_entries(void)
     make_chain(&m, MIXED, 1.0);
     for (size_t i = 0; i < m.count; i++)
         entries += m.parts[i].substeps * m.members[i].entries;
-    entries += FINE * 2 * pma_factor_entries(&m.ldl[1].factor);
+    entries += FINE * 2 * pma_factor_entries(&m.interfaces[1].factor);
     CHECK_INT(count_polls(0), STEPS * FINE);
     CHECK_INT(count_polls(SIZE_MAX), 0);
     /* at the first fine step after every macro step; the last one is not followed by any */

@@ -214,7 +214,7 @@ static pma_status advance_and_interrupt(void *self, const pma_substep *closed,
 }
 
 /* As a coupler does it, which takes the member for one that is worth several workers. */
-static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
+static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_interface *none)
 {
     const pma_factor empty = {.form = PMA_DIAGONAL};
     pma_member member = pma_subdomain_member(s);
@@ -224,8 +224,8 @@ static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
     interrupted = *usual;
     interrupted.advance = advance_and_interrupt;
     member.table = &interrupted;
-    CHECK_STATUS(pma_ldl_create(&empty, none), PMA_OK);
-    const pma_interface H = pma_ldl_interface(none);
+    CHECK_STATUS(pma_interface_create(&empty, none), PMA_OK);
+    const pma_interface H = *none;
     const pma_coupler_parts parts = {.count = 1,
                                      .members = &member,
                                      .H_start = H,
@@ -256,7 +256,7 @@ static pma_tree *draw_alone(structure *m, uint64_t seed)
 static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
 {
     static structure m;
-    pma_ldl none;
+    pma_interface none;
     pma_tree *T = draw_alone(&m, 83);
     for (size_t doubled = 0; doubled < 2; doubled++) {
         const pma_parts parts = describe_tree(&m, T, doubled);
@@ -264,7 +264,7 @@ static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
         pma_coupler *c = couple(alone, 1, &none);
         CHECK_STATUS(pma_coupler_advance(c, MACROS, NULL, NULL), PMA_OK);
         pma_coupler_destroy(c);
-        pma_ldl_destroy(&none);
+        pma_interface_destroy(&none);
         for (size_t threads = 2; threads <= 4; threads++) {
             pma_subdomain *shared = start(&parts);
             c = couple(shared, threads, &none);
@@ -272,7 +272,7 @@ static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
             CHECK_STATUS(pma_coupler_advance(c, 1, NULL, NULL), PMA_OK);
             check_same(shared, alone, 0);
             pma_coupler_destroy(c);
-            pma_ldl_destroy(&none);
+            pma_interface_destroy(&none);
             pma_subdomain_destroy(shared);
         }
         pma_subdomain_destroy(alone);
@@ -286,7 +286,7 @@ static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
  * macro steps of `alone`, and goes on from there. */
 static bool check_stop(const pma_parts *parts, size_t threads, size_t stop_at)
 {
-    pma_ldl none[2];
+    pma_interface none[2];
     pma_subdomain *s = start(parts), *alone = start(parts);
     pma_coupler *c = couple(s, threads, &none[0]), *other = couple(alone, 1, &none[1]);
     const pma_poll poll = {poll_interrupter, &stop, 0};
@@ -307,7 +307,7 @@ static bool check_stop(const pma_parts *parts, size_t threads, size_t stop_at)
     pma_coupler_destroy(c);
     pma_coupler_destroy(other);
     for (size_t i = 0; i < 2; i++)
-        pma_ldl_destroy(&none[i]);
+        pma_interface_destroy(&none[i]);
     pma_subdomain_destroy(s);
     pma_subdomain_destroy(alone);
     return stopped;
@@ -332,7 +332,7 @@ static void a_stop_in_the_middle_of_a_visit_leaves_the_last_macro_level(void)
 static void a_step_of_visits_does_not_allocate(void)
 {
     static structure m;
-    pma_ldl none;
+    pma_interface none;
     if (!count_allocations())
         return;
     pma_tree *T = draw_alone(&m, 85);
@@ -347,7 +347,7 @@ static void a_step_of_visits_does_not_allocate(void)
         CHECK_STATUS(pma_coupler_advance(c, MACROS, NULL, NULL), PMA_OK);
         CHECK_INT(allocations_counted(), before);
         pma_coupler_destroy(c);
-        pma_ldl_destroy(&none);
+        pma_interface_destroy(&none);
         pma_subdomain_destroy(s);
     }
     pma_tree_destroy(T);

@@ -32,7 +32,7 @@ void pma_broyden_begin(const pma_broyden *b, double *scratch)
     for (size_t k = 0; is_dense(b->p) && k < b->p; k++) {
         memset(scratch, 0, b->p * sizeof(double));
         scratch[k] = 1.0;
-        b->start->table->solve(b->start->self, scratch);
+        pma_interface_solve(b->start, scratch);
         for (size_t i = 0; i < b->p; i++)
             b->state[i * b->p + k] = scratch[i];
     }
@@ -72,7 +72,7 @@ static void apply(const pma_broyden *b, bool more, const double *r, double *x)
         return;
     }
     memcpy(x, r, b->p * sizeof(double));
-    b->start->table->solve(b->start->self, x);
+    pma_interface_solve(b->start, x);
     apply_pairs(b, first_of((size_t)b->state[0] + more), x);
 }
 

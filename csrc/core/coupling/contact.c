@@ -164,7 +164,7 @@ static void respond(pma_coupler *c, pma_contact *x, const pma_interface *H, cons
     }
     if (!x->tied)
         return;
-    H->table->solve(H->self, lam);
+    pma_interface_solve(H, lam);
     for (size_t i = 0; i < x->parts.sides; i++) {
         const side *s = &x->sides[i];
         const pma_member *m = member_of(c, s);

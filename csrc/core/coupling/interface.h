@@ -1,8 +1,7 @@
-/* interface.h - the interface problem H Lam = b (18), as the coupler sees it.
+/* interface.h - the interface problem H Lam = b (18), by a finished factor of H.
  *
  * H = sum_i al2_i L_i Mbar_i^-1 L_i^T is the dual Schur complement, a discrete Steklov-Poincare
- * operator. A coupler knows it by a table of operations, so that there can be other factors behind
- * it: pma_ldl is the one of this core. */
+ * operator. */
 #ifndef PMA_INTERFACE_H
 #define PMA_INTERFACE_H
 
@@ -12,43 +11,22 @@
 #include "algebra/lu.h"
 #include "status.h"
 
+/* A value that can be copied, all copies with one scratch. */
 typedef struct {
-    /* x (p) := H^-1 x. Called by one thread at a time; does not allocate. */
-    void (*solve)(void *self, double *x);
-} pma_interface_table;
-
-typedef struct {
-    const pma_interface_table *table;
-    void *self;
-    size_t p;       /* constraints */
-    size_t entries; /* matrix entries read by one solve */
+    pma_factor factor; /* of any form, all p unknowns on the interface: nb = n = p */
+    pma_lu lu;         /* of S_mu (V4), which is not symmetric; n = 0: the factor is used */
+    size_t p;          /* constraints */
+    size_t entries;    /* matrix entries read by one solution */
+    double *work;      /* scratch of the sweeps */
 } pma_interface;
 
-/* ---- H = R D R^T, whatever form R has ------------------------------------------------------- */
-
-typedef struct {
-    pma_factor factor; /* all p unknowns are on the interface: nb = n = p */
-    double *work;      /* scratch of the sweeps */
-} pma_ldl;
-
 /* Checks the factor, whose arrays are the caller's, and allocates scratch. PMA_BAD_SIZE unless
- * nb = n, and what pma_factor_check finds; *out is then empty. */
-pma_status pma_ldl_create(const pma_factor *H, pma_ldl *out);
-void pma_ldl_destroy(pma_ldl *ldl); /* an empty one is allowed */
+ * nb = n, and what pma_factor_check finds; *out is then empty. The same for two triangles. */
+pma_status pma_interface_create(const pma_factor *H, pma_interface *out);
+pma_status pma_interface_create_lu(const pma_lu *S, pma_interface *out);
+void pma_interface_destroy(pma_interface *x); /* an empty one is allowed */
 
-/* What a coupler is given; ldl has to outlive it. */
-pma_interface pma_ldl_interface(pma_ldl *ldl);
-
-/* ---- an unsymmetric matrix, by factors L U: S_mu of (V4) ------------------------------------- */
-
-typedef struct {
-    pma_lu factor;
-    double *work;
-} pma_gap;
-
-/* The same for these factors; entries is that of two triangles. */
-pma_status pma_gap_create(const pma_lu *S, pma_gap *out);
-void pma_gap_destroy(pma_gap *gap);
-pma_interface pma_gap_interface(pma_gap *gap);
+/* x (p) := H^-1 x. One thread at a time; does not allocate. */
+void pma_interface_solve(const pma_interface *H, double *x);
 
 #endif

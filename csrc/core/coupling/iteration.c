@@ -11,7 +11,7 @@ void pma_iteration_destroy(pma_iteration *it)
 {
     if (!it)
         return;
-    pma_ldl_destroy(&it->ldl);
+    pma_interface_destroy(&it->interface);
     pma_numeric_destroy(&it->H);
     free(it->members);
     free(it->positions);
@@ -98,10 +98,10 @@ pma_status pma_iteration_create_fine(pma_coupler *c, const pma_iteration_parts *
     if (status == PMA_OK)
         status = pma_numeric_create(&parts->H, &c->iteration->H);
     if (status == PMA_OK)
-        status = pma_ldl_create(&c->iteration->H.factor, &c->iteration->ldl);
+        status = pma_interface_create(&c->iteration->H.factor, &c->iteration->interface);
     if (status != PMA_OK)
         return status;
-    c->parts.H = c->parts.H_start = pma_ldl_interface(&c->iteration->ldl);
+    c->parts.H = c->parts.H_start = c->iteration->interface;
     return place_blocks(c);
 }
 

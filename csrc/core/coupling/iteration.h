@@ -49,7 +49,7 @@ typedef struct {
 typedef struct {
     pma_iteration_parts parts;
     pma_numeric H;
-    pma_ldl ldl;
+    pma_interface interface;
     pma_iteration_member *members; /* one for each member; those that are not iterated are empty */
     bool stale;                    /* some block has changed since H was factored */
     double *lam_begin;             /* p: the multipliers at the beginning of the substeps at hand */

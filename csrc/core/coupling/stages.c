@@ -44,7 +44,7 @@ static size_t find_unstable(const pma_coupler *c)
 pma_status pma_coupler_solve(pma_coupler *c)
 {
     const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
-    H->table->solve(H->self, c->working.lam);
+    pma_interface_solve(H, c->working.lam);
     c->unpolled += H->entries;
     if (pma_is_finite(c->parts.p, c->working.lam))
         return PMA_OK;

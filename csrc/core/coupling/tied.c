@@ -54,7 +54,7 @@ static void find_shift(pma_coupler *c)
     }
     for (size_t row = 0; row < c->parts.p; row++)
         mu[row] = c->working.gap[row] - c->sums[row];
-    c->parts.gap.table->solve(c->parts.gap.self, mu);
+    pma_interface_solve(&c->parts.gap, mu);
     c->unpolled += c->parts.gap.entries;
 }
 
