@@ -366,16 +366,10 @@ pma_status pma_coupler_meet(pma_coupler *c, pma_status status)
     return pma_exchange_present(c, status == PMA_OK && !c->started ? PMA_NOT_READY : status);
 }
 
-static void let_alone(pma_coupler *c, bool alone)
-{
-    c->alone = alone;
-    pma_team_let_alone(c->team, alone);
-}
-
 static void end_piece(pma_coupler *c)
 {
     pma_trial_end_piece(&c->trial, pma_timer_now());
-    let_alone(c, c->trial.alone);
+    pma_team_let_alone(c->team, c->trial.alone);
 }
 
 /* A macro step, up to where all have arrived at its end. */
@@ -398,7 +392,7 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     if (tried)
         pma_trial_begin(&c->trial, pma_timer_now());
     if (c->team)
-        let_alone(c, tried && c->trial.alone);
+        pma_team_let_alone(c->team, tried && c->trial.alone);
     if (c->exchange && steps > 0)
         status = pma_exchange_present(c, status);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {

@@ -58,7 +58,7 @@ static bool all(const pma_coupled *m)
 /* Worker 0 polls, the others see what came of it. */
 bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m)
 {
-    if (m->worker > 0 && !c->alone)
+    if (m->worker > 0 && !pma_team_is_alone(c->team))
         return atomic_load(&c->stopped);
     const bool stopped = pma_coupler_is_stopped(c);
     c->unpolled += m->member.entries;

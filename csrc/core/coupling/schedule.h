@@ -103,7 +103,6 @@ struct pma_coupler {
     pma_workers workers; /* ... these */
     pma_team *team;      /* NULL when the caller is alone */
     pma_trial trial;     /* of the team, where its size is not the user's choice */
-    bool alone;          /* the caller does all that the team is given */
     pma_task task;       /* what the team does, and with which members */
     pma_due due;
     atomic_bool has_failed; /* the task, with some member */

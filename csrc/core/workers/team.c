@@ -203,6 +203,11 @@ void pma_team_let_alone(pma_team *t, bool alone)
     t->alone = alone;
 }
 
+bool pma_team_is_alone(const pma_team *t)
+{
+    return t->alone;
+}
+
 void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 {
     assert(worker >= 1 && worker <= t->made);

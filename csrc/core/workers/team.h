@@ -32,6 +32,7 @@ pma_status pma_team_gather(pma_team *t);
 
 /* From now on the caller does what it posts itself, at once, in place of the workers; or not. */
 void pma_team_let_alone(pma_team *t, bool alone);
+bool pma_team_is_alone(const pma_team *t);
 
 /* Worker 1, 2, ... begins with work(ctx, worker), having finished what it was given before. */
 void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx);
