@@ -7,6 +7,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 SPRING_LAWS: dict[str, int]  # number of each law of springs
+MOST_SWEEPS: int  # over contacts with friction
 LANES: int  # vectors side by side: unit responses of one pass, load cases
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64

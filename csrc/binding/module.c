@@ -1,6 +1,8 @@
 /* The module: its types, functions and constants. */
 #include "binding.h"
 
+#include "coupling/cone.h"
+
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
 {
     PyTypeObject *type = (PyTypeObject *)PyType_FromModuleAndSpec(module, spec, NULL);
@@ -28,7 +30,8 @@ static int module_exec(PyObject *module)
         PyModule_AddFunctions(module, pma_specimen_functions) < 0 ||
         PyModule_AddFunctions(module, pma_estimate_functions) < 0 ||
         PyModule_AddFunctions(module, pma_case_functions) < 0 ||
-        PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0)
+        PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0 ||
+        PyModule_AddIntConstant(module, "MOST_SWEEPS", PMA_MOST_SWEEPS) < 0)
         return -1;
     PyObject *laws = pma_spring_laws();
     const int failed = laws ? PyModule_AddObjectRef(module, "SPRING_LAWS", laws) : -1;

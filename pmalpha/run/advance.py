@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from .._checks import real_number, time_step, whole_number
+from .._core import MOST_SWEEPS
 from ..blas import one_thread
 from ..errors import (
     CallbackError,
@@ -38,8 +39,6 @@ AHEAD = 32_000_000
 # Macro steps of a chunk. Not by the clock: a callable that reads what another function wrote, which
 # it should not, would then return something else in every run.
 CHUNK = 32
-# Sweeps of the core over contacts with friction.
-MOST_SWEEPS = 5000
 
 
 def advance(

@@ -12,7 +12,7 @@
 /* Newton's method before the sweeps up to the one number of rows, after them up to the other, where
  * a factor would cost more than all of the sweeps. */
 enum { SMALL = 200, MOST_FACTORED = 1000 };
-enum { FEW_SWEEPS = 50, MOST_SWEEPS = 5000, MOST_ITERATIONS = 20 };
+enum { FEW_SWEEPS = 50, MOST_ITERATIONS = 20 };
 enum { MOST_POINTS = 60, MOST_BETWEEN = 300 };
 
 /* Parts of the largest b: the rounding of a solution; where sweeps end; what is not a push. Pivots
@@ -435,7 +435,7 @@ pma_status pma_cone_solve(pma_cone *x, const pma_cone_problem *p, size_t *row)
     find_velocities(p);
     if (p->rows <= SMALL && is_exact(x, p))
         return PMA_OK;
-    for (size_t turn = 1; turn <= MOST_SWEEPS; turn++) {
+    for (size_t turn = 1; turn <= PMA_MOST_SWEEPS; turn++) {
         const bool ends = sweep(p, row) <= tolerance;
         if (exact && (ends || turn == FEW_SWEEPS) && is_exact(x, p))
             return PMA_OK;

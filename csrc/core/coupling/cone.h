@@ -30,6 +30,8 @@ void pma_cone_destroy(pma_cone *x); /* NULL is allowed */
 /* W is another one. */
 void pma_cone_forget(pma_cone *x);
 
+enum { PMA_MOST_SWEEPS = 5000 };
+
 /* PMA_NO_IMPULSES when the sweeps do not come to an end; *row is then the row that is furthest from
  * it. The last digits do not depend on what was kept. Does not allocate. */
 pma_status pma_cone_solve(pma_cone *x, const pma_cone_problem *p, size_t *row);
