@@ -76,79 +76,6 @@ PMA_INLINE void subtract_products(const double *A, size_t ld, size_t rows, const
         x[j] -= ((sum[j][0] + sum[j][1]) + (sum[j][2] + sum[j][3])) + rest[j];
 }
 
-/* Columns j..j+columns-1: their triangle, then all rows below it at once. */
-PMA_INLINE void eliminate_group(const double *panel, size_t ld, size_t height, size_t j,
-                                const size_t columns, double *x)
-{
-    const double *diagonal = panel + j * ld + j;
-    double own[GROUP];
-#pragma GCC unroll 8
-    for (size_t k = 0; k < columns; k++) {
-        own[k] = x[j + k];
-#pragma GCC unroll 8
-        for (size_t l = 0; l < k; l++)
-            own[k] -= diagonal[l * ld + k] * own[l];
-        x[j + k] = own[k];
-    }
-    subtract_columns(diagonal + columns, ld, height - j - columns, columns, own, x + j + columns);
-}
-
-PMA_INLINE void substitute_group(const double *panel, size_t ld, size_t height, size_t j,
-                                 const size_t columns, double *x)
-{
-    const double *diagonal = panel + j * ld + j;
-    double *own = x + j;
-    subtract_products(diagonal + columns, ld, height - j - columns, columns, own + columns, own);
-#pragma GCC unroll 8
-    for (size_t l = columns; l-- > 0;) {
-#pragma GCC unroll 8
-        for (size_t k = columns; k-- > l + 1;)
-            own[l] -= diagonal[l * ld + k] * own[k];
-    }
-}
-
-PMA_INLINE void eliminate(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    size_t j = 0;
-    for (; j + GROUP <= width; j += GROUP)
-        eliminate_group(panel, ld, height, j, GROUP, x);
-    if (width & 4)
-        eliminate_group(panel, ld, height, j, 4, x);
-    j += width & 4;
-    if (width & 2)
-        eliminate_group(panel, ld, height, j, 2, x);
-    j += width & 2;
-    if (width & 1)
-        eliminate_group(panel, ld, height, j, 1, x);
-}
-
-PMA_INLINE void substitute(const double *panel, size_t ld, size_t height, size_t width, double *x)
-{
-    size_t j = width - (width & 1);
-    if (width & 1)
-        substitute_group(panel, ld, height, j, 1, x);
-    j -= width & 2;
-    if (width & 2)
-        substitute_group(panel, ld, height, j, 2, x);
-    j -= width & 4;
-    if (width & 4)
-        substitute_group(panel, ld, height, j, 4, x);
-    while (j > 0) {
-        j -= GROUP;
-        substitute_group(panel, ld, height, j, GROUP, x);
-    }
-}
-
-PMA_INLINE void subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
-                         double *y)
-{
-    size_t j = 0;
-    for (; j + GROUP <= columns; j += GROUP)
-        subtract_columns(A + j * ld, ld, rows, GROUP, x + j, y);
-    for (; j < columns; j++)
-        subtract_columns(A + j * ld, ld, rows, 1, x + j, y);
-}
-
 /* One row after the other of each four columns, which is their order in memory. */
 PMA_INLINE void multiply_rows(const double *values, const size_t rows, size_t columns,
                               const int32_t *index, const double *x, double *product)
@@ -329,72 +256,6 @@ PMA_INLINE void subtract_products_lanes(const double *A, size_t ld, size_t rows,
     }
 }
 
-PMA_INLINE void eliminate_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
-                                      const size_t columns, double *x)
-{
-    const double *diagonal = panel + j * ld + j;
-    double *own = x + j * PMA_LANES;
-    for (size_t l = 0; l + 1 < columns; l++)
-        subtract_columns_lanes(diagonal + l * ld + l + 1, ld, columns - l - 1, 1,
-                               own + l * PMA_LANES, own + (l + 1) * PMA_LANES);
-    subtract_columns_lanes(diagonal + columns, ld, height - j - columns, columns, own,
-                           own + columns * PMA_LANES);
-}
-
-PMA_INLINE void substitute_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
-                                       const size_t columns, double *x)
-{
-    const double *diagonal = panel + j * ld + j;
-    double *own = x + j * PMA_LANES;
-    subtract_products_lanes(diagonal + columns, ld, height - j - columns, columns,
-                            own + columns * PMA_LANES, own);
-    for (size_t l = columns; l-- > 0;) {
-        for (size_t k = columns; k-- > l + 1;)
-            subtract_columns_lanes(diagonal + l * ld + k, ld, 1, 1, own + k * PMA_LANES,
-                                   own + l * PMA_LANES);
-    }
-}
-
-PMA_INLINE void eliminate_lanes(const double *panel, size_t ld, size_t height, size_t width,
-                                double *x)
-{
-    size_t j = 0;
-    for (; j + GROUP <= width; j += GROUP)
-        eliminate_group_lanes(panel, ld, height, j, GROUP, x);
-    for (; j + 2 <= width; j += 2)
-        eliminate_group_lanes(panel, ld, height, j, 2, x);
-    if (j < width)
-        eliminate_group_lanes(panel, ld, height, j, 1, x);
-}
-
-PMA_INLINE void substitute_lanes(const double *panel, size_t ld, size_t height, size_t width,
-                                 double *x)
-{
-    size_t j = width - (width & 1);
-    if (width & 1)
-        substitute_group_lanes(panel, ld, height, j, 1, x);
-    j -= width & 2;
-    if (width & 2)
-        substitute_group_lanes(panel, ld, height, j, 2, x);
-    j -= width & 4;
-    if (width & 4)
-        substitute_group_lanes(panel, ld, height, j, 4, x);
-    while (j > 0) {
-        j -= GROUP;
-        substitute_group_lanes(panel, ld, height, j, GROUP, x);
-    }
-}
-
-PMA_INLINE void subtract_lanes(const double *A, size_t ld, size_t rows, size_t columns,
-                               const double *x, double *y)
-{
-    size_t j = 0;
-    for (; j + GROUP <= columns; j += GROUP)
-        subtract_columns_lanes(A + j * ld, ld, rows, GROUP, x + j * PMA_LANES, y);
-    for (; j < columns; j++)
-        subtract_columns_lanes(A + j * ld, ld, rows, 1, x + j * PMA_LANES, y);
-}
-
 PMA_INLINE void multiply_strip_lanes(const double *values, size_t rows, size_t columns,
                                      const int32_t *index, const double *x, double *product)
 {
@@ -415,21 +276,120 @@ PMA_INLINE void multiply_strip_lanes(const double *values, size_t rows, size_t c
     }
 }
 
+/* ---- columns of a panel, of one vector (lanes = 1) or of those in lanes ----------------------- */
+
+/* Columns j..j+columns-1: their triangle, then all rows below it at once. */
+PMA_INLINE void eliminate_group(const double *panel, size_t ld, size_t height, size_t j,
+                                const size_t columns, const size_t lanes, double *x)
+{
+    const double *diagonal = panel + j * ld + j;
+    const size_t below = height - j - columns;
+    if (lanes > 1) {
+        double *first = x + j * lanes;
+        for (size_t l = 0; l + 1 < columns; l++)
+            subtract_columns_lanes(diagonal + l * ld + l + 1, ld, columns - l - 1, 1,
+                                   first + l * lanes, first + (l + 1) * lanes);
+        subtract_columns_lanes(diagonal + columns, ld, below, columns, first,
+                               first + columns * lanes);
+        return;
+    }
+    double own[GROUP];
+#pragma GCC unroll 8
+    for (size_t k = 0; k < columns; k++) {
+        own[k] = x[j + k];
+#pragma GCC unroll 8
+        for (size_t l = 0; l < k; l++)
+            own[k] -= diagonal[l * ld + k] * own[l];
+        x[j + k] = own[k];
+    }
+    subtract_columns(diagonal + columns, ld, below, columns, own, x + j + columns);
+}
+
+PMA_INLINE void substitute_group(const double *panel, size_t ld, size_t height, size_t j,
+                                 const size_t columns, const size_t lanes, double *x)
+{
+    const double *diagonal = panel + j * ld + j;
+    const size_t below = height - j - columns;
+    double *own = x + j * lanes;
+    if (lanes > 1) {
+        subtract_products_lanes(diagonal + columns, ld, below, columns, own + columns * lanes, own);
+        for (size_t l = columns; l-- > 0;) {
+            for (size_t k = columns; k-- > l + 1;)
+                subtract_columns_lanes(diagonal + l * ld + k, ld, 1, 1, own + k * lanes,
+                                       own + l * lanes);
+        }
+        return;
+    }
+    subtract_products(diagonal + columns, ld, below, columns, own + columns, own);
+#pragma GCC unroll 8
+    for (size_t l = columns; l-- > 0;) {
+#pragma GCC unroll 8
+        for (size_t k = columns; k-- > l + 1;)
+            own[l] -= diagonal[l * ld + k] * own[k];
+    }
+}
+
+PMA_INLINE void eliminate(const double *panel, size_t ld, size_t height, size_t width,
+                          const size_t lanes, double *x)
+{
+    size_t j = 0;
+    for (; j + GROUP <= width; j += GROUP)
+        eliminate_group(panel, ld, height, j, GROUP, lanes, x);
+    if (width & 4)
+        eliminate_group(panel, ld, height, j, 4, lanes, x);
+    j += width & 4;
+    if (width & 2)
+        eliminate_group(panel, ld, height, j, 2, lanes, x);
+    j += width & 2;
+    if (width & 1)
+        eliminate_group(panel, ld, height, j, 1, lanes, x);
+}
+
+PMA_INLINE void substitute(const double *panel, size_t ld, size_t height, size_t width,
+                           const size_t lanes, double *x)
+{
+    size_t j = width - (width & 1);
+    if (width & 1)
+        substitute_group(panel, ld, height, j, 1, lanes, x);
+    j -= width & 2;
+    if (width & 2)
+        substitute_group(panel, ld, height, j, 2, lanes, x);
+    j -= width & 4;
+    if (width & 4)
+        substitute_group(panel, ld, height, j, 4, lanes, x);
+    while (j > 0) {
+        j -= GROUP;
+        substitute_group(panel, ld, height, j, GROUP, lanes, x);
+    }
+}
+
+PMA_INLINE void subtract(const double *A, size_t ld, size_t rows, size_t columns,
+                         const size_t lanes, const double *x, double *y)
+{
+    for (size_t j = 0, some; j < columns; j += some) {
+        some = j + GROUP <= columns ? GROUP : 1;
+        if (lanes > 1)
+            subtract_columns_lanes(A + j * ld, ld, rows, some, x + j * lanes, y);
+        else if (some == GROUP)
+            subtract_columns(A + j * ld, ld, rows, GROUP, x + j, y);
+        else
+            subtract_columns(A + j * ld, ld, rows, 1, x + j, y);
+    }
+}
+
 /* clang-format on */
 
 /* ---- for each kind of processor ------------------------------------------------------------- */
 
-PMA_COMPILED(void, eliminate,
-             (const double *panel, size_t ld, size_t height, size_t width, double *x),
-             eliminate(panel, ld, height, width, x);)
+#define PANEL (const double *panel, size_t ld, size_t height, size_t width, double *x)
+#define BLOCK (const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y)
 
-PMA_COMPILED(void, substitute,
-             (const double *panel, size_t ld, size_t height, size_t width, double *x),
-             substitute(panel, ld, height, width, x);)
-
-PMA_COMPILED(void, subtract,
-             (const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y),
-             subtract(A, ld, rows, columns, x, y);)
+PMA_COMPILED(void, eliminate, PANEL, eliminate(panel, ld, height, width, 1, x);)
+PMA_COMPILED(void, eliminate_lanes, PANEL, eliminate(panel, ld, height, width, PMA_LANES, x);)
+PMA_COMPILED(void, substitute, PANEL, substitute(panel, ld, height, width, 1, x);)
+PMA_COMPILED(void, substitute_lanes, PANEL, substitute(panel, ld, height, width, PMA_LANES, x);)
+PMA_COMPILED(void, subtract, BLOCK, subtract(A, ld, rows, columns, 1, x, y);)
+PMA_COMPILED(void, subtract_lanes, BLOCK, subtract(A, ld, rows, columns, PMA_LANES, x, y);)
 
 PMA_COMPILED(void, subtract_strips,
              (const pma_strips *S, size_t begin, size_t end, const double *x, double *y),
@@ -439,18 +399,6 @@ PMA_COMPILED(void, subtract_band,
              (const double *above, const double *below, size_t n, size_t width, size_t begin,
               size_t end, const double *x, double *y),
              subtract_band(above, below, n, width, begin, end, x, y);)
-
-PMA_COMPILED(void, eliminate_lanes,
-             (const double *panel, size_t ld, size_t height, size_t width, double *x),
-             eliminate_lanes(panel, ld, height, width, x);)
-
-PMA_COMPILED(void, substitute_lanes,
-             (const double *panel, size_t ld, size_t height, size_t width, double *x),
-             substitute_lanes(panel, ld, height, width, x);)
-
-PMA_COMPILED(void, subtract_lanes,
-             (const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y),
-             subtract_lanes(A, ld, rows, columns, x, y);)
 
 PMA_COMPILED(void, multiply_strip_lanes,
              (const double *values, size_t rows, size_t columns, const int32_t *index,
