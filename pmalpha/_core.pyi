@@ -18,7 +18,6 @@ _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
 _Schedule = Literal[
     "fine",
-    "distributed",
     "iterated",
     "tied",
     "macro",

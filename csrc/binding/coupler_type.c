@@ -70,12 +70,14 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
 static const struct {
     const char *word;
     const pma_schedule *schedule;
-} SCHEDULES[] = {
-    {"fine", &pma_fine_schedule},         {"distributed", &pma_distributed_schedule},
-    {"iterated", &pma_iterated_schedule}, {"tied", &pma_tied_schedule},
-    {"macro", &pma_macro_schedule},       {"shooting", &pma_shooting_schedule},
-    {"mean", &pma_mean_schedule},         {"mean shooting", &pma_mean_shooting_schedule},
-    {"contact", &pma_contact_schedule}};
+} SCHEDULES[] = {{"fine", &pma_fine_schedule},
+                 {"iterated", &pma_iterated_schedule},
+                 {"tied", &pma_tied_schedule},
+                 {"macro", &pma_macro_schedule},
+                 {"shooting", &pma_shooting_schedule},
+                 {"mean", &pma_mean_schedule},
+                 {"mean shooting", &pma_mean_shooting_schedule},
+                 {"contact", &pma_contact_schedule}};
 
 static const pma_schedule *schedule_of(const char *word)
 {

@@ -87,8 +87,6 @@ static void make_process(process *q, const chain *chosen, meeting *place, size_t
                                        .ctx = q};
     CHECK(pma_exchange_size(RANKS, PARTS, q->m.members) <= NUMBERS);
     parts.exchange = &q->exchange;
-    if (parts.schedule == &pma_fine_schedule)
-        parts.schedule = &pma_distributed_schedule;
     CHECK_STATUS(pma_coupler_create(&parts, &q->m.coupler), PMA_OK);
     start_model(&q->m);
     make_tape(&q->t, &q->m, 0, 0);

@@ -24,7 +24,7 @@ static bool gather_alone(void *ctx, double *all, const int *counts, const int *s
     return true;
 }
 
-/* The same model by the schedule of several processes, of which there is one. */
+/* The same model in several processes, of which there is one. */
 static void make_exchanging_chain(model *m, plan chosen, size_t threads)
 {
     static const int64_t first[2] = {0, PARTS};
@@ -39,7 +39,6 @@ static void make_exchanging_chain(model *m, plan chosen, size_t threads)
     make_threaded_chain(m, chosen, threads);
     pma_coupler_destroy(m->coupler);
     pma_coupler_parts parts = describe_coupler(m);
-    parts.schedule = &pma_distributed_schedule;
     parts.exchange = &exchange;
     CHECK(pma_exchange_size(1, PARTS, m->members) <= EXCHANGED);
     CHECK_STATUS(pma_coupler_create(&parts, &m->coupler), PMA_OK);

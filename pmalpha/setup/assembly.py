@@ -267,7 +267,7 @@ class Assemblies:
             return "iterated"
         if self.tied:
             return "tied"
-        return "fine" if self.ranks is None else "distributed"
+        return "fine"
 
     def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
         """What else the core needs where displacements are tied, and of other processes."""

@@ -84,7 +84,6 @@ class InitialAccelerations:
             1.0,
             False,
             everywhere,
-            schedule="fine" if ranks is None else "distributed",
             processes=processes(ranks, map(_Mass.remote, self.masses)),
         )
         self.lanes: tuple[tuple[Any, ...], Any] | None = None  # made when needed

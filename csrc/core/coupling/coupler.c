@@ -132,7 +132,7 @@ static pma_status prepare_members(pma_coupler *c)
     pma_status status = PMA_OK;
     for (size_t i = 0; i < c->parts.count && status == PMA_OK; i++) {
         pma_coupled *m = &c->coupled[i];
-        m->joins = c->parts.schedule->joins && m->member.joins && !ahead;
+        m->joins = c->parts.schedule->joins && m->member.joins && !ahead && !c->exchange;
         m->ahead = m->joins || ahead;
         const pma_turns turns = ahead ? PMA_AHEAD : m->joins ? PMA_JOINED : PMA_IN_TURN;
         if (m->ahead || m->workers)
@@ -378,7 +378,9 @@ static pma_status take_step(pma_coupler *c)
     if (!c->exchange)
         return c->parts.schedule->step(c);
     pma_exchange_begin(c);
-    return pma_exchange_agree(c, c->parts.schedule->step(c));
+    const pma_status status = c->parts.schedule->step(c);
+    /* what failed beside the fine steps is known before the processes meet again */
+    return pma_exchange_agree(c, status == PMA_OK ? status : pma_look_ahead_end(c, status));
 }
 
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,

@@ -30,9 +30,6 @@ extern const pma_schedule pma_macro_schedule; /* once in a macro step, any subst
 
 extern const pma_schedule pma_contact_schedule; /* pm and gc with unilateral contacts */
 
-/* "pm" and "gc" with members in other processes; the other two have them as they are. */
-extern const pma_schedule pma_distributed_schedule;
-
 /* The same with members that have internal forces, whose steps are iterated by Newton's method. */
 extern const pma_schedule pma_iterated_schedule;      /* pm and gc */
 extern const pma_schedule pma_shooting_schedule;      /* macro */

@@ -172,6 +172,22 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
+/* The same of several processes, which meet in between. Members beside the fine steps (look_ahead.c)
+ * work on meanwhile, but all have arrived at the end of a macro step before it is committed. */
+static pma_status meeting_step(pma_coupler *c)
+{
+    pma_status status = pma_fine_begin(c);
+    if (status == PMA_OK)
+        status = pma_exchange_interface(c);
+    if (status == PMA_OK)
+        status = pma_fine_solve(c);
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
+        status = pma_look_ahead_await(c);
+    if (status == PMA_OK)
+        status = pma_fine_end(c);
+    return status == PMA_OK ? pma_exchange_jumps(c) : status;
+}
+
 /* (S3)  After the first macro step, for the members that take double steps from now on */
 static void rebase(pma_coupler *c)
 {
@@ -219,20 +235,8 @@ pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
 
 static pma_status fine_steps(pma_coupler *c)
 {
-    return pma_fine_steps(c, fine_step);
+    return pma_fine_steps(c, c->exchange ? meeting_step : fine_step);
 }
-
-const pma_schedule pma_fine_schedule = {.check = check,
-                                        .instants = pma_fine_instants,
-                                        .duty = duty_aside,
-                                        .step = fine_steps,
-                                        .joins = true};
-
-/* ---- the same with members in other processes ------------------------------------------------
- *
- * Between the stages of a fine step the processes meet. Members beside the fine steps
- * (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step before the
- * processes agree to commit it. */
 
 size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)
 {
@@ -247,33 +251,11 @@ static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_
     return pma_fine_pieces(m, pieces);
 }
 
-static pma_status distributed_step(pma_coupler *c)
-{
-    pma_status status = pma_fine_begin(c);
-    if (status == PMA_OK)
-        status = pma_exchange_interface(c);
-    if (status == PMA_OK)
-        status = pma_fine_solve(c);
-    if (status == PMA_OK && pma_look_ahead_is_used(c))
-        status = pma_look_ahead_await(c);
-    if (status == PMA_OK)
-        status = pma_fine_end(c);
-    if (status == PMA_OK)
-        status = pma_exchange_jumps(c);
-    return status;
-}
-
-/* What failed beside the fine steps is known before the processes meet again. */
-static pma_status distributed_steps(pma_coupler *c)
-{
-    const pma_status status = pma_fine_steps(c, distributed_step);
-    return status == PMA_OK ? PMA_OK : pma_look_ahead_end(c, status);
-}
-
-const pma_schedule pma_distributed_schedule = {.check = pma_fine_check,
-                                               .instants = pma_fine_instants,
-                                               .duty = duty_aside,
-                                               .step = distributed_steps,
-                                               .interface_pieces = interface_pieces,
-                                               .move_to = pma_coupler_move_to,
-                                               .rebases = true};
+const pma_schedule pma_fine_schedule = {.check = check,
+                                        .instants = pma_fine_instants,
+                                        .duty = duty_aside,
+                                        .step = fine_steps,
+                                        .interface_pieces = interface_pieces,
+                                        .move_to = pma_coupler_move_to,
+                                        .rebases = true,
+                                        .joins = true};

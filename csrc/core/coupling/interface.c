@@ -35,11 +35,3 @@ void pma_interface_destroy(pma_interface *x)
     free(x->work);
     *x = (pma_interface){.work = NULL};
 }
-
-void pma_interface_solve(const pma_interface *H, double *x)
-{
-    if (H->lu.n > 0)
-        pma_lu_solve(&H->lu, x, H->work);
-    else
-        pma_factor_interface(&H->factor, x, H->work);
-}

@@ -27,6 +27,12 @@ pma_status pma_interface_create_lu(const pma_lu *S, pma_interface *out);
 void pma_interface_destroy(pma_interface *x); /* an empty one is allowed */
 
 /* x (p) := H^-1 x. One thread at a time; does not allocate. */
-void pma_interface_solve(const pma_interface *H, double *x);
+static inline void pma_interface_solve(const pma_interface *H, double *x)
+{
+    if (H->lu.n > 0)
+        pma_lu_solve(&H->lu, x, H->work);
+    else
+        pma_factor_interface(&H->factor, x, H->work);
+}
 
 #endif

@@ -134,7 +134,8 @@ struct pma_schedule {
     void (*move_to)(pma_coupler *c, size_t k);
     size_t more_rounds;
     bool rebases;
-    /* May a subdomain be opened when it is closed, before its next substep is due? */
+    /* May a subdomain be opened when it is closed, before its next substep is due? Not where the
+     * processes meet in between. */
     bool joins;
     /* In place of velocities, at the end of a macro step? */
     bool ties_displacements;
