@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lists.h"
 #include "algebra/symbolic.h"
 
 /* ---- one panel, a dense trapezoid by columns ------------------------------------------------- */
@@ -291,17 +292,11 @@ static size_t place_in(const pma_panels *p, const hand *h, size_t s, int64_t row
 /* The entry (row, column), found among ascending ones. */
 static pma_status read_across(const pma_panels_input *A, size_t row, int64_t column, double *entry)
 {
-    int64_t low = A->ptr[row], high = A->ptr[row + 1];
-    while (low < high) {
-        const int64_t middle = low + (high - low) / 2;
-        if (A->index[middle] < column)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    if (low == A->ptr[row + 1] || A->index[low] != column)
+    const int64_t end = A->ptr[row + 1];
+    const int64_t k = pma_place_of(A->index, A->ptr[row], end, (size_t)column);
+    if (k == end || A->index[k] != column)
         return PMA_BAD_INDEX;
-    *entry += A->values[low];
+    *entry += A->values[k];
     return PMA_OK;
 }
 

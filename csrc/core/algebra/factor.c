@@ -4,16 +4,7 @@
 
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
-
-static size_t least(size_t a, size_t b)
-{
-    return a < b ? a : b;
-}
-
-static size_t most(size_t a, size_t b)
-{
-    return a > b ? a : b;
-}
+#include "algebra/lists.h"
 
 static const pma_factor *each_of(const pma_factor *f)
 {
@@ -37,12 +28,8 @@ pma_status pma_factor_check(const pma_factor *f)
         return f->width > 0 && f->width < f->n ? PMA_OK : PMA_BAD_SIZE;
     if (f->form != PMA_SPARSE)
         return PMA_OK;
-    if (f->ptr[0] != 0)
+    if (!pma_are_starts(f->n, f->ptr))
         return PMA_BAD_INDEX;
-    for (size_t j = 0; j < f->n; j++) {
-        if (f->ptr[j + 1] < f->ptr[j])
-            return PMA_BAD_INDEX;
-    }
     for (size_t j = 0; j < f->n; j++) {
         int64_t above = (int64_t)j;
         for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++) {
@@ -60,7 +47,7 @@ size_t pma_factor_scratch(const pma_factor *f)
         return PMA_LANES * pma_factor_scratch(f->each);
     const size_t height = f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
     const size_t tree = f->tree ? pma_tree_front(f->tree) + pma_tree_updates(f->tree) : 0;
-    return most(height, tree);
+    return pma_most(height, tree);
 }
 
 size_t pma_factor_entries(const pma_factor *f)
@@ -212,20 +199,34 @@ PMA_LOOP(substitute_sparse,
          })
 
 /* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] is unknown `first`. */
-static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x, double *work)
-{
-    (void)work;
-    pma_kernel_best()->eliminate(f->values + first * f->n + first, f->n, f->n - first, last - first,
-                                 x);
-}
+PMA_LOOP(eliminate_dense, (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+         {
+             const pma_kernel *kernel = pma_kernel_best();
+             (void)work;
+             (sizeof(number) == sizeof *x ? kernel->eliminate : kernel->eliminate_lanes)(
+                 f->values + first * f->n + first, f->n, f->n - first, last - first, x);
+         })
 
-static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x,
-                             double *work)
-{
-    divide_one(f, first, last, x, work);
-    pma_kernel_best()->substitute(f->values + f->Q + first * f->n + first, f->n, f->n - first,
-                                  last - first, x);
-}
+PMA_LOOP(substitute_dense,
+         (const pma_factor *f, size_t first, size_t last, double *x, double *work), {
+             const pma_kernel *kernel = pma_kernel_best();
+             number *own = (number *)x;
+             (void)work;
+             for (size_t j = first; j < last; j++)
+                 PMA_SCALE(f->inverse[j], &own[j - first], &own[j - first]);
+             (sizeof(number) == sizeof *x ? kernel->substitute : kernel->substitute_lanes)(
+                 f->values + f->Q + first * f->n + first, f->n, f->n - first, last - first, x);
+         })
+
+PMA_LOOP(eliminate_panels,
+         (const pma_factor *f, size_t first, size_t last, double *x, double *work),
+         { pma_panels_eliminate(&f->panels, sizeof(number) / sizeof *x, first, last, x, work); })
+
+PMA_LOOP(substitute_panels,
+         (const pma_factor *f, size_t first, size_t last, double *x, double *work), {
+             pma_panels_substitute(&f->panels, f->inverse, sizeof(number) / sizeof *x, first, last,
+                                   x, work);
+         })
 
 /* The next unknown often depends on this one, in a chain on this one alone. It is kept in a
  * register, for a way through memory would cost as much as the arithmetic; and a chain has loops
@@ -233,7 +234,7 @@ static void substitute_dense(const pma_factor *f, size_t first, size_t last, dou
 static void eliminate_chain(const pma_factor *f, size_t first, size_t last, double *x)
 {
     const double *r = f->values + first;
-    const size_t columns = least(last, f->n - 1) - first;
+    const size_t columns = pma_least(last, f->n - 1) - first;
     double xj = x[0];
     for (size_t j = 0; j < columns; j++)
         x[j + 1] = xj = x[j + 1] - r[j] * xj;
@@ -264,52 +265,12 @@ static void substitute_band(const pma_factor *f, size_t first, size_t last, doub
         substitute_wide_one(f, first, last, x, work);
 }
 
-static void eliminate_panels(const pma_factor *f, size_t first, size_t last, double *x,
-                             double *work)
-{
-    pma_panels_eliminate(&f->panels, 1, first, last, x, work);
-}
-
-static void substitute_panels(const pma_factor *f, size_t first, size_t last, double *x,
-                              double *work)
-{
-    pma_panels_substitute(&f->panels, f->inverse, 1, first, last, x, work);
-}
-
 /* ---- in lanes: first and last are unknowns -------------------------------------------------- */
 
 pma_factor pma_factor_in_lanes(const pma_factor *each)
 {
     return (pma_factor){
         .form = PMA_IN_LANES, .n = each->n * PMA_LANES, .nb = each->nb * PMA_LANES, .each = each};
-}
-
-static void eliminate_dense_lanes(const pma_factor *f, size_t first, size_t last, double *x,
-                                  double *work)
-{
-    (void)work;
-    pma_kernel_best()->eliminate_lanes(f->values + first * f->n + first, f->n, f->n - first,
-                                       last - first, x);
-}
-
-static void substitute_dense_lanes(const pma_factor *f, size_t first, size_t last, double *x,
-                                   double *work)
-{
-    (pma_has_avx2() ? divide_avx2 : divide_plain)(f, first, last, x, work);
-    pma_kernel_best()->substitute_lanes(f->values + f->Q + first * f->n + first, f->n, f->n - first,
-                                        last - first, x);
-}
-
-static void eliminate_panels_lanes(const pma_factor *f, size_t first, size_t last, double *x,
-                                   double *work)
-{
-    pma_panels_eliminate(&f->panels, PMA_LANES, first, last, x, work);
-}
-
-static void substitute_panels_lanes(const pma_factor *f, size_t first, size_t last, double *x,
-                                    double *work)
-{
-    pma_panels_substitute(&f->panels, f->inverse, PMA_LANES, first, last, x, work);
 }
 
 /* ---- each form ------------------------------------------------------------------------------ */
@@ -321,15 +282,15 @@ typedef void (*sweep)(const pma_factor *f, size_t first, size_t last, double *x,
 #define ELIMINATE(kind)                      \
     {[PMA_DIAGONAL] = eliminate_nothing,     \
      [PMA_BAND] = eliminate_wide_##kind,     \
-     [PMA_DENSE] = eliminate_dense_lanes,    \
+     [PMA_DENSE] = eliminate_dense_##kind,   \
      [PMA_SPARSE] = eliminate_sparse_##kind, \
-     [PMA_PANELS] = eliminate_panels_lanes}
+     [PMA_PANELS] = eliminate_panels_##kind}
 #define SUBSTITUTE(kind)                      \
     {[PMA_DIAGONAL] = divide_##kind,          \
      [PMA_BAND] = substitute_wide_##kind,     \
-     [PMA_DENSE] = substitute_dense_lanes,    \
+     [PMA_DENSE] = substitute_dense_##kind,   \
      [PMA_SPARSE] = substitute_sparse_##kind, \
-     [PMA_PANELS] = substitute_panels_lanes}
+     [PMA_PANELS] = substitute_panels_##kind}
 
 static void eliminate_lanes(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
@@ -350,9 +311,9 @@ static void substitute_lanes(const pma_factor *f, size_t first, size_t last, dou
 static void eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     static const sweep ELIMINATE[] = {
-        [PMA_DIAGONAL] = eliminate_nothing, [PMA_BAND] = eliminate_band,
-        [PMA_DENSE] = eliminate_dense,      [PMA_SPARSE] = eliminate_sparse_one,
-        [PMA_PANELS] = eliminate_panels,    [PMA_IN_LANES] = eliminate_lanes,
+        [PMA_DIAGONAL] = eliminate_nothing,  [PMA_BAND] = eliminate_band,
+        [PMA_DENSE] = eliminate_dense_one,   [PMA_SPARSE] = eliminate_sparse_one,
+        [PMA_PANELS] = eliminate_panels_one, [PMA_IN_LANES] = eliminate_lanes,
     };
     if (first < last)
         ELIMINATE[f->form](f, first, last, x, work);
@@ -362,9 +323,9 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x,
 static void substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     static const sweep SUBSTITUTE[] = {
-        [PMA_DIAGONAL] = divide_one,      [PMA_BAND] = substitute_band,
-        [PMA_DENSE] = substitute_dense,   [PMA_SPARSE] = substitute_sparse_one,
-        [PMA_PANELS] = substitute_panels, [PMA_IN_LANES] = substitute_lanes,
+        [PMA_DIAGONAL] = divide_one,          [PMA_BAND] = substitute_band,
+        [PMA_DENSE] = substitute_dense_one,   [PMA_SPARSE] = substitute_sparse_one,
+        [PMA_PANELS] = substitute_panels_one, [PMA_IN_LANES] = substitute_lanes,
     };
     if (first < last)
         SUBSTITUTE[f->form](f, first, last, x, work);
@@ -426,10 +387,10 @@ void pma_factor_interface(const pma_factor *f, double *xb, double *work)
     const size_t interior = f->n - f->nb;
     if (f->nb == 0)
         return;
-    if (f->form == PMA_DIAGONAL) {
-        divide_some(f->inverse + interior, f->nb, xb);
-    } else if (f->nb == 1) { /* the last unknown alone: a sweep of nothing */
+    if (f->nb == 1) { /* the last unknown alone: a sweep of nothing */
         xb[0] *= f->inverse[interior];
+    } else if (f->form == PMA_DIAGONAL) {
+        divide_some(f->inverse + interior, f->nb, xb);
     } else {
         eliminate(f, interior, f->n, xb, work);
         substitute(f, interior, f->n, xb, work);
@@ -457,7 +418,7 @@ __attribute__((noinline)) static void open_tree(const pma_factor *f, size_t begi
 __attribute__((noinline)) static void open_columns(const pma_factor *f, size_t begin, size_t end,
                                                    double *x, double *xb, double *work)
 {
-    eliminate(f, begin, least(end, f->n - f->nb), x + begin, work);
+    eliminate(f, begin, pma_least(end, f->n - f->nb), x + begin, work);
     if (end == f->n && f->nb > 0)
         open_interface(f, x, xb, work);
 }
@@ -508,13 +469,13 @@ __attribute__((noinline)) static void close_columns(const pma_factor *f, size_t 
 {
     if (end == f->n && f->nb > 0)
         close_interface(f, fb, x, work);
-    substitute(f, begin, least(end, f->n - f->nb), x + begin, work);
+    substitute(f, begin, pma_least(end, f->n - f->nb), x + begin, work);
 }
 
 static void close_diagonal(const pma_factor *f, size_t begin, size_t end, const double *fb,
                            double *x)
 {
-    const size_t interior = f->n - f->nb, inside = least(end, interior);
+    const size_t interior = f->n - f->nb, inside = pma_least(end, interior);
     for (size_t i = 0; end == f->n && i < f->nb; i++)
         x[interior + i] = (x[interior + i] + fb[i]) * f->inverse[interior + i];
     if (begin < inside)

@@ -1,22 +1,15 @@
 #include "algebra/link.h"
 
 #include "algebra/lanes.h"
+#include "algebra/lists.h"
 
 pma_status pma_link_check(const pma_link *L)
 {
     if (L->each)
         return PMA_OK;
-    if (L->ptr[0] != 0)
-        return PMA_BAD_INDEX;
-    for (size_t j = 0; j < L->nb; j++) {
-        if (L->ptr[j + 1] < L->ptr[j])
-            return PMA_BAD_INDEX;
-    }
-    for (int64_t k = 0; k < L->ptr[L->nb]; k++) {
-        if (L->index[k] < 0 || (size_t)L->index[k] >= L->p)
-            return PMA_BAD_INDEX;
-    }
-    return PMA_OK;
+    const bool good =
+        pma_are_starts(L->nb, L->ptr) && pma_are_within(L->p, L->ptr[L->nb], L->index);
+    return good ? PMA_OK : PMA_BAD_INDEX;
 }
 
 /* `L` is copied, or it would be read again after each number that is stored. */

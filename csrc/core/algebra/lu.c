@@ -4,17 +4,14 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "algebra/lists.h"
 #include "algebra/matrix.h"
 
 /* Are the entries of column j in the rows first(j)..last(j)-1? */
 static bool is_triangle(size_t n, const int64_t *ptr, const int32_t *index, bool lower)
 {
-    if (ptr[0] != 0)
+    if (!pma_are_starts(n, ptr))
         return false;
-    for (size_t j = 0; j < n; j++) {
-        if (ptr[j + 1] < ptr[j])
-            return false;
-    }
     for (size_t j = 0; j < n; j++) {
         const int64_t first = lower ? (int64_t)j + 1 : 0, last = lower ? (int64_t)n : (int64_t)j;
         for (int64_t k = ptr[j]; k < ptr[j + 1]; k++) {
@@ -25,22 +22,14 @@ static bool is_triangle(size_t n, const int64_t *ptr, const int32_t *index, bool
     return true;
 }
 
-static bool are_places(size_t n, size_t p, const int32_t *place)
-{
-    for (size_t k = 0; k < p; k++) {
-        if (place[k] < 0 || (size_t)place[k] >= n)
-            return false;
-    }
-    return true;
-}
-
 pma_status pma_lu_check(const pma_lu *f)
 {
     if (f->p > f->n)
         return PMA_BAD_SIZE;
     const bool good = is_triangle(f->n, f->below, f->lower, true) &&
                       is_triangle(f->n, f->above, f->upper, false) &&
-                      are_places(f->n, f->p, f->row) && are_places(f->n, f->p, f->column);
+                      pma_are_within(f->n, (int64_t)f->p, f->row) &&
+                      pma_are_within(f->n, (int64_t)f->p, f->column);
     return good ? PMA_OK : PMA_BAD_INDEX;
 }
 

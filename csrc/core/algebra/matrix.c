@@ -5,6 +5,7 @@
 
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
+#include "algebra/lists.h"
 
 static size_t rows_of(const pma_strips *S, size_t s)
 {
@@ -35,10 +36,8 @@ pma_status pma_strips_check(const pma_strips *S, size_t n)
             S->start[s + 1] - S->start[s] != (int64_t)(rows_of(S, s) * columns_of(S, s)))
             return PMA_BAD_INDEX;
     }
-    for (int64_t k = 0; k < S->ptr[S->count]; k++) {
-        if (S->index[k] < 0 || (size_t)S->index[k] >= n)
-            return PMA_BAD_INDEX;
-    }
+    if (!pma_are_within(n, S->ptr[S->count], S->index))
+        return PMA_BAD_INDEX;
     for (int64_t k = 0; k < S->ptr[S->count]; k += 4) {
         if (!four_are_right(S->index + k))
             return PMA_BAD_INDEX;
@@ -102,12 +101,6 @@ size_t pma_strips_group(size_t n, const int64_t *ptr, const int32_t *index, int6
     return count;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 static void reverse(int32_t *list, size_t count)
 {
     for (size_t k = 0; 2 * k + 1 < count; k++) {
@@ -157,7 +150,7 @@ void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const in
                 list[have++] = index[k];
             }
         }
-        qsort(list, have, sizeof *list, ascending);
+        qsort(list, have, sizeof *list, pma_ascending);
         fours_first(list, have);
         for (size_t k = 0; k < have; k++)
             mark[list[k]] = S->ptr[s] + (int64_t)k;
@@ -183,17 +176,8 @@ pma_status pma_matrix_check(const pma_matrix *A)
         return pma_strips_check(&A->strips, A->n);
     if (A->form != PMA_SPARSE)
         return PMA_OK;
-    if (A->ptr[0] != 0)
-        return PMA_BAD_INDEX;
-    for (size_t i = 0; i < A->n; i++) {
-        if (A->ptr[i + 1] < A->ptr[i])
-            return PMA_BAD_INDEX;
-    }
-    for (int64_t k = 0; k < A->ptr[A->n]; k++) {
-        if (A->index[k] < 0 || (size_t)A->index[k] >= A->n)
-            return PMA_BAD_INDEX;
-    }
-    return PMA_OK;
+    const bool good = pma_are_starts(A->n, A->ptr) && pma_are_within(A->n, A->ptr[A->n], A->index);
+    return good ? PMA_OK : PMA_BAD_INDEX;
 }
 
 size_t pma_matrix_entries(const pma_matrix *A)
@@ -330,15 +314,7 @@ static void subtract_dense(const pma_matrix *A, size_t begin, size_t end, const 
 
 static size_t strip_at(const pma_strips *S, size_t row)
 {
-    size_t low = 0, high = S->count;
-    while (low + 1 < high) {
-        const size_t middle = low + (high - low) / 2;
-        if ((size_t)S->first[middle] <= row)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    return pma_start_of(S->first, S->count, row + 1) - 1;
 }
 
 /* Rows begin..end-1 of strip s, which has more. */

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lists.h"
+
 /* A pivot below this part of its diagonal entry has lost all digits.                      (F11) */
 #define LOST (64.0 * DBL_EPSILON)
 
@@ -302,16 +304,9 @@ pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
 
 size_t pma_numeric_entry(const pma_numeric_parts *parts, size_t row, size_t column)
 {
-    int64_t low = parts->ptr[row], high = parts->ptr[row + 1];
-    while (low < high) {
-        const int64_t middle = low + (high - low) / 2;
-        if ((size_t)parts->index[middle] < column)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    const bool found = low < parts->ptr[row + 1] && (size_t)parts->index[low] == column;
-    return found ? (size_t)low : SIZE_MAX;
+    const int64_t end = parts->ptr[row + 1];
+    const int64_t k = pma_place_of(parts->index, parts->ptr[row], end, column);
+    return k < end && (size_t)parts->index[k] == column ? (size_t)k : SIZE_MAX;
 }
 
 void pma_numeric_multiply(const pma_numeric *f, const double *x, double *y)
@@ -329,18 +324,13 @@ void pma_numeric_multiply(const pma_numeric *f, const double *x, double *y)
 /* Constraints taken together, so that what belongs to them stays in the cache. */
 enum { TOGETHER = 128 };
 
-static size_t least(size_t a, size_t b)
-{
-    return a < b ? a : b;
-}
-
 /* X (nb x count), D^-1 X and what a supernode subtracts (nb x TOGETHER each); Y like X, if it is
  * another */
 size_t pma_numeric_compliance_scratch(const pma_numeric *f, size_t count)
 {
     if (count < PMA_NUMERIC_MANY || f->factor.form != PMA_PANELS)
         return 0;
-    return f->parts.nb * ((f->factor.Q > 0 ? 2 : 1) * count + 2 * least(count, TOGETHER));
+    return f->parts.nb * ((f->factor.Q > 0 ? 2 : 1) * count + 2 * pma_least(count, TOGETHER));
 }
 
 /* X := R_bb^-1 X for the columns given, nb rows each; with the panels of Q, where they begin */
@@ -374,7 +364,7 @@ static void eliminate(const pma_numeric *f, size_t panels, size_t columns, doubl
 void pma_numeric_compliance(const pma_numeric *f, const pma_link *L, const size_t *column,
                             size_t count, double scale, double *G, double *scratch)
 {
-    const size_t nb = f->parts.nb, together = least(count, TOGETHER);
+    const size_t nb = f->parts.nb, together = pma_least(count, TOGETHER);
     const double *inverse = f->inverse + (f->parts.n - nb);
     double *X = scratch, *scaled = X + nb * count, *subtracted = scaled + nb * together;
     double *Y = f->factor.Q > 0 ? subtracted + nb * together : X;
@@ -386,14 +376,14 @@ void pma_numeric_compliance(const pma_numeric *f, const pma_link *L, const size_
     if (Y != X)
         memcpy(Y, X, nb * count * sizeof *X);
     for (size_t c = 0; c < count; c += TOGETHER) {
-        eliminate(f, 0, least(count - c, TOGETHER), X + c * nb, subtracted);
+        eliminate(f, 0, pma_least(count - c, TOGETHER), X + c * nb, subtracted);
         if (Y != X)
-            eliminate(f, f->factor.Q, least(count - c, TOGETHER), Y + c * nb, subtracted);
+            eliminate(f, f->factor.Q, pma_least(count - c, TOGETHER), Y + c * nb, subtracted);
     }
     int rows = (int)nb, all = (int)count;
     double zero = 0.0; /* BLAS sees G by columns: those are its rows, Y^T D^-1 X */
     for (size_t c = 0; c < count; c += TOGETHER) {
-        int some = (int)least(count - c, TOGETHER);
+        int some = (int)pma_least(count - c, TOGETHER);
         for (size_t k = 0; k < (size_t)some; k++) {
             for (size_t i = 0; i < nb; i++)
                 scaled[k * nb + i] = inverse[i] * Y[(c + k) * nb + i];

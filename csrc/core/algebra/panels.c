@@ -4,6 +4,7 @@
 
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
+#include "algebra/lists.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
 
@@ -48,20 +49,6 @@ size_t pma_panels_most_height(const pma_panels *p)
 }
 
 /* ---- sweeps --------------------------------------------------------------------------------- */
-
-/* The supernodes of the columns from..to-1, which begin and end with one. */
-static size_t supernode_at(const pma_panels *p, size_t column)
-{
-    size_t low = 0, high = p->count;
-    while (low < high) {
-        const size_t middle = low + (high - low) / 2;
-        if ((size_t)p->first[middle] < column)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low;
-}
 
 /* One panel of R or Q as a sweep sees it, and where its unknowns are in x. */
 typedef struct {
@@ -140,57 +127,42 @@ substitute_supernode(const pma_kernel *kernel, const pma_panels *p, const double
     memcpy(v.own, work, v.width * lanes * sizeof *work);
 }
 
-/* Supernodes from..to-1; x[0] is unknown `first`. */
-typedef struct {
-    size_t from, to, first;
-} range;
-
-__attribute__((always_inline)) static inline void
-eliminate_range(const pma_panels *p, const range *r, const size_t lanes, double *x, double *work)
+__attribute__((always_inline)) static inline void eliminate_range(const pma_panels *p, size_t from,
+                                                                  size_t to, const size_t lanes,
+                                                                  double *x, double *work)
 {
     const pma_kernel *kernel = pma_kernel_best();
-    for (size_t k = r->from; k < r->to; k++)
-        eliminate_supernode(kernel, p, k, r->first, lanes, x, work);
+    const size_t end = pma_start_of(p->first, p->count, to);
+    for (size_t s = pma_start_of(p->first, p->count, from); s < end; s++)
+        eliminate_supernode(kernel, p, s, from, lanes, x, work);
 }
 
 __attribute__((always_inline)) static inline void
-substitute_range(const pma_panels *p, const double *inverse, const range *r, const size_t lanes,
-                 double *x, double *work)
+substitute_range(const pma_panels *p, const double *inverse, size_t from, size_t to,
+                 const size_t lanes, double *x, double *work)
 {
     const pma_kernel *kernel = pma_kernel_best();
-    for (size_t k = r->to; k-- > r->from;)
-        substitute_supernode(kernel, p, inverse, k, r->first, lanes, x, work);
+    const size_t first = pma_start_of(p->first, p->count, from);
+    for (size_t s = pma_start_of(p->first, p->count, to); s-- > first;)
+        substitute_supernode(kernel, p, inverse, s, from, lanes, x, work);
 }
 
 /* clang-format on */
 
-static void eliminate(const pma_panels *p, const range *r, size_t lanes, double *x, double *work)
-{
-    if (lanes == 1)
-        eliminate_range(p, r, 1, x, work);
-    else
-        eliminate_range(p, r, PMA_LANES, x, work);
-}
-
-static void substitute(const pma_panels *p, const double *inverse, const range *r, size_t lanes,
-                       double *x, double *work)
-{
-    if (lanes == 1)
-        substitute_range(p, inverse, r, 1, x, work);
-    else
-        substitute_range(p, inverse, r, PMA_LANES, x, work);
-}
-
 void pma_panels_eliminate(const pma_panels *p, size_t lanes, size_t from, size_t to, double *x,
                           double *work)
 {
-    const range r = {.from = supernode_at(p, from), .to = supernode_at(p, to), .first = from};
-    eliminate(p, &r, lanes, x, work);
+    if (lanes == 1)
+        eliminate_range(p, from, to, 1, x, work);
+    else
+        eliminate_range(p, from, to, PMA_LANES, x, work);
 }
 
 void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t lanes, size_t from,
                            size_t to, double *x, double *work)
 {
-    const range r = {.from = supernode_at(p, from), .to = supernode_at(p, to), .first = from};
-    substitute(p, inverse, &r, lanes, x, work);
+    if (lanes == 1)
+        substitute_range(p, inverse, from, to, 1, x, work);
+    else
+        substitute_range(p, inverse, from, to, PMA_LANES, x, work);
 }

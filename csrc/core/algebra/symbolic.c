@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lists.h"
+
 /* ---- the graph of groups -------------------------------------------------------------------- */
 
 /* Unknowns group by group. */
@@ -316,12 +318,6 @@ void pma_symbolic_lay_out(size_t supernodes, const int64_t *first, const int64_t
     }
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 /* The rows of one supernode as they are found: `have` of at most `room`. */
 typedef struct {
     int32_t *rows;
@@ -366,7 +362,7 @@ pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index,
             fits = add_rows(&f, rows + row_ptr[c], row_ptr[c + 1] - row_ptr[c]);
         if (!fits || f.have < f.room)
             return PMA_BAD_INDEX;
-        qsort(f.rows, (size_t)f.have, sizeof *f.rows, ascending);
+        qsort(f.rows, (size_t)f.have, sizeof *f.rows, pma_ascending);
         if (f.have > 0) { /* this supernode is an update to the one that owns its first row */
             next[s] = child[owner[f.rows[0]]];
             child[owner[f.rows[0]]] = (int64_t)s;

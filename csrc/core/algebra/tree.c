@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lists.h"
+
 static size_t rows_of(const pma_tree *T, size_t node)
 {
     return T->update[node + 1] - T->update[node];
@@ -132,12 +134,6 @@ static size_t divide(const survey *v, size_t entries, size_t *column)
     return count;
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 static void link_nodes(const survey *v, pma_tree *T)
 {
     for (size_t t = 0; t <= T->count; t++)
@@ -194,7 +190,7 @@ static bool list_rows(const survey *v, pma_tree *T, size_t node, size_t begin, s
         }
     }
     if (done && l->count > before)
-        qsort(l->row + before, l->count - before, sizeof *l->row, ascending);
+        qsort(l->row + before, l->count - before, sizeof *l->row, pma_ascending);
     T->update[node + 1] = l->count;
     return done;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "algebra/lanes.h"
+#include "algebra/lists.h"
 #include "member/subdomain_struct.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
@@ -78,16 +79,11 @@ static pma_status check_parts(const pma_parts *parts)
 
 /* ---- making --------------------------------------------------------------------------------- */
 
-static size_t most(size_t a, size_t b)
-{
-    return a > b ? a : b;
-}
-
 static size_t reach_of(const pma_parts *p)
 {
-    const size_t matrices = most(pma_matrix_reach(&p->K), pma_matrix_reach(&p->C));
+    const size_t matrices = pma_most(pma_matrix_reach(&p->K), pma_matrix_reach(&p->C));
     const size_t factors = p->doubled ? pma_factor_reach(&p->twice.factor) : 0;
-    return most(matrices, most(factors, pma_factor_reach(&p->single.factor)));
+    return pma_most(matrices, pma_most(factors, pma_factor_reach(&p->single.factor)));
 }
 
 /* Rows that fit into the first cache with all they need, and the furthest reach that leaves the

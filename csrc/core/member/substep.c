@@ -2,12 +2,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "algebra/lists.h"
 #include "member/subdomain_struct.h"
-
-static size_t least(size_t a, size_t b)
-{
-    return a < b ? a : b;
-}
 
 /* ---- link problem on the interface alone ---------------------------------------------------- */
 
@@ -226,7 +222,8 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
         pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
 
     for (size_t begin = 0; begin < p->n && status == PMA_OK; begin += s->slab) {
-        const size_t end = least(begin + s->slab, p->n), ahead = least(end + s->reach, p->n);
+        const size_t end = pma_least(begin + s->slab, p->n),
+                     ahead = pma_least(end + s->reach, p->n);
 
         /* (5), (6) */
         s->update->predict(&op->step, predicted, ahead, from, to);

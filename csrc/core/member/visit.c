@@ -7,6 +7,7 @@
  * workers, once what is above them was swept backward; it is swept forward when they are done. */
 #include <stdlib.h>
 
+#include "algebra/lists.h"
 #include "member/subdomain_struct.h"
 
 /* ---- which subdomains, and by how many workers ----------------------------------------------- */
@@ -298,11 +299,6 @@ pma_status pma_visit_advance(pma_subdomain *s, const pma_substep *closed, const 
  * substep, one closes it, and what concerns the interface is done by one worker. The ranges are
  * fixed, so that rows stay in the caches of one core. */
 
-static size_t least(size_t a, size_t b)
-{
-    return a < b ? a : b;
-}
-
 bool pma_visit_is_in_ranges(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
@@ -361,7 +357,7 @@ static bool correct(void *self, size_t worker)
     const pma_subdomain *s = self;
     const pma_visit *v = &s->visit;
     const size_t begin = begin_of(s, worker), end = begin_of(s, worker + 1);
-    const size_t inside = least(end, s->parts.n - s->parts.nb);
+    const size_t inside = pma_least(end, s->parts.n - s->parts.nb);
     pma_factor_close_part(&v->op->factor, begin, inside, s->closing, v->x->w, s->work);
     return s->update->correct(&v->op->step, begin, end, v->x);
 }
