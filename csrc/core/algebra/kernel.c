@@ -276,7 +276,7 @@ PMA_INLINE void multiply_strip_lanes(const double *values, size_t rows, size_t c
     }
 }
 
-/* ---- columns of a panel, of one vector (lanes = 1) or of those in lanes ----------------------- */
+/* ---- columns of a panel, of one vector (lanes = 1) or of those in lanes ---------------------- */
 
 /* Columns j..j+columns-1: their triangle, then all rows below it at once. */
 PMA_INLINE void eliminate_group(const double *panel, size_t ld, size_t height, size_t j,

@@ -172,8 +172,9 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
-/* The same of several processes, which meet in between. Members beside the fine steps (look_ahead.c)
- * work on meanwhile, but all have arrived at the end of a macro step before it is committed. */
+/* The same of several processes, which meet in between. Members beside the fine steps
+ * (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step before it is
+ * committed. */
 static pma_status meeting_step(pma_coupler *c)
 {
     pma_status status = pma_fine_begin(c);
