@@ -35,7 +35,9 @@ def main(arguments: list[str] | None = None) -> int:
     model = four_dof(0.5, substeps=SUBSTEPS)
     runs = {"PM": _run(four_dof(None, substeps=SUBSTEPS), options.steps)}
     runs["PM-alpha"] = _run(model, options.steps)
-    print(_report(model, runs, options.steps))
+    steps = options.steps
+    lines = [*_heading(model, steps), "", *_modes(model, runs), "", *_costs(runs, steps)]
+    print("\n".join(lines))
     try:
         _draw(model, runs, options.output)
     except (ImportError, OSError, ValueError) as error:
@@ -78,10 +80,6 @@ def _run(model: FourDof, steps: int) -> tuple[History, float]:
         warnings.simplefilter("ignore", AccuracyWarning)  # the steps are those of the paper
         history = coupler.run(steps=steps)
     return history, time.perf_counter() - begin
-
-
-def _report(model: FourDof, runs: Runs, steps: int) -> str:
-    return "\n".join([*_heading(model, steps), "", *_modes(model, runs), "", *_costs(runs, steps)])
 
 
 def _heading(model: FourDof, steps: int) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from .._checks import check_word, counted
 from ..gradients.parameters import Parameters, labelled
 from ..problem.subdomain import Subdomain
-from ..structures.elasticity import rows
+from ..structures.element_force import of_chosen
 from .whole import Whole, whole_of
 
 __all__ = ["element_parameters"]
@@ -109,12 +109,12 @@ def factors(
     for block in whole.blocks(CHUNK):
         own = np.flatnonzero(chosen[block.numbers])
         local = place[block.dofs[own]]
-        free = (local >= 0) & rows(block.free, own)
+        free = (local >= 0) & of_chosen(block.free, own)
         pairs = free[:, :, None] & free[:, None, :]
         where.append(np.where(free, local, 0))
         own_labels.append(names[of[block.numbers[own]]])
         for kind, listed in matrices.items():
-            values = rows(getattr(block, kind), own)
+            values = of_chosen(getattr(block, kind), own)
             if values.ndim == 2:
                 values = values[:, :, None] * np.eye(values.shape[1])
             listed.append(np.where(pairs, values, 0.0))

@@ -100,13 +100,11 @@ class Problem:
         for (name, s), L, double in zip(self.keys, self.matrices, doubles):
             ratio = 1 if self.macro else self.fine // s.substeps
             members.append(of_member(name, s, L, self.dt, ratio, double))
-        return of_all(members, self.macro, self.dt, self.fine, self._reverse)
 
-    def _reverse(
-        self, forces: Mapping[str, Any], steps: int, g: np.ndarray | None, double: bool
-    ) -> Any:
-        """A run from rest under loads by name, with velocities g (levels, p) of the constraints."""
-        return self.reversed_runs([forces], steps, None, g, double)[0]
+        def reverse(forces: Any, steps: int, g: np.ndarray | None, double: bool) -> Any:
+            return self.reversed_runs([forces], steps, None, g, double)[0]
+
+        return of_all(members, self.macro, self.dt, self.fine, reverse)
 
     def reversed_runs(
         self,

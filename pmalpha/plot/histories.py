@@ -76,7 +76,7 @@ def time_histories(
     rows = _rows(history, conditions)
     notes = _rounding_notes(history) if rows else {}
     interface = {x: of for x, of in INTERFACE.items() if rows and of[1] not in notes}
-    chosen = _varies(history.substeps)
+    chosen = history.substeps is not None and bool(np.any(history.substeps != history.substeps[0]))
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * len(interface)
     heights += [HEIGHTS[1]] * (chosen and bool(heights))
     if not heights:
@@ -281,10 +281,6 @@ def _draw_interface(
         _label_axis(ax, label, unit.get(values))
     if history.multipliers.shape[1] > 1:
         _legend(axes[0])
-
-
-def _varies(substeps: np.ndarray | None) -> bool:
-    return substeps is not None and bool(np.any(substeps != substeps[0]))
 
 
 def _draw_substeps(ax: Axes, history: Any) -> None:

@@ -17,8 +17,6 @@ from .sides import (
     Side,
     checked_sides,
     constraint_of,
-    length,
-    marked,
     tolerance,
     tree_of,
     warn_of_near,
@@ -116,7 +114,7 @@ def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, n
     pairs, distance = _close_pairs(sides, near)
     tied = pairs[distance <= reach]
     label = _components(tied, _starts(sides)[-1])
-    nodes = marked(tied, len(label))
+    nodes = np.unique(tied)
     _require_touch(sides, nodes, reach)
     nodes = nodes[np.lexsort((nodes, label[nodes]))]
     group = np.cumsum(np.diff(label[nodes], prepend=label[nodes[0]]) != 0)
@@ -238,7 +236,7 @@ def _refuse_merger(side: Side, nodes: np.ndarray, reach: float) -> NoReturn:
     i, j = (int(k) for k in nodes)
     raise ValueError(
         f"tol must not merge nodes of one subdomain, got {reach:g}: nodes {i} and {j} of "
-        f"{side.subdomain!r} lie {length(side.points[i] - side.points[j]):g} apart"
+        f"{side.subdomain!r} lie {np.linalg.norm(side.points[i] - side.points[j]):g} apart"
     )
 
 

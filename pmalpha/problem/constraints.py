@@ -140,11 +140,6 @@ def selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
     return sp.csr_array((np.full(p, entry), dofs, np.arange(p + 1)), shape=(p, n))
 
 
-def row_counts(L: sp.csr_array | Chosen) -> np.ndarray:
-    """Entries in each row."""
-    return np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
-
-
 def by_subdomain(
     given: Any, name: str, each: str, rows: int | None = None
 ) -> dict[Subdomain | str, sp.csr_array | Chosen]:
@@ -158,7 +153,11 @@ def by_subdomain(
     counts = {L.shape[0] for L in found.values()} | ({rows} if rows is not None else set())
     if len(counts) > 1:
         raise ValueError(f"{name} must have the same number of rows, got {sorted(counts)}")
-    entries = np.sum([row_counts(L) for L in found.values()], axis=0)
+    counts_of = [
+        np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
+        for L in found.values()
+    ]
+    entries = np.sum(counts_of, axis=0)
     if not entries.size:
         raise ValueError(f"{name} must have at least one row, got none")
     if np.any(entries == 0):

@@ -120,7 +120,9 @@ def dof_array(
     if dofs.size == 0:
         dofs = dofs.astype(np.int64)
     if dofs.dtype.kind == "b" and dofs.ndim == 1:
-        return np.flatnonzero(dofs if n is None else checked_mask(dofs, n, name))
+        if n is not None and dofs.shape != (n,):
+            raise ValueError(f"{name} must be a mask of shape ({n},), got shape {dofs.shape}")
+        return np.flatnonzero(dofs)
     if dofs.dtype.kind not in "iu":
         raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
     outside = dofs[(dofs < (0 if n is None else -n)) | (dofs >= (MOST if n is None else n))]
@@ -161,13 +163,6 @@ def number_of(given: str, name: str, names: Sequence[str] | None) -> int:
         raise ValueError(
             f"{name} must be names of dofs, got {given!r}; the nearest is {near[0]!r}"
         ) from None
-
-
-def checked_mask(mask: np.ndarray, n: int, name: str) -> np.ndarray:
-    """A mask of n entries."""
-    if mask.shape != (n,):
-        raise ValueError(f"{name} must be a mask of shape ({n},), got shape {mask.shape}")
-    return mask
 
 
 def spring_dofs(dofs: Any) -> np.ndarray:

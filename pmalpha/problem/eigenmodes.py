@@ -197,8 +197,8 @@ def modes(
     stiffness, _ = canonical(K, "K", n)
     held = dof_list([] if fixed is None else fixed, n, "fixed")
     free = np.delete(np.arange(n), held)
-    B = _block(mass, free)
-    A = np.zeros(free.size) if stiffness is None else _block(stiffness, free)
+    B = block(mass, free)
+    A = np.zeros(free.size) if stiffness is None else block(stiffness, free)
     k = whole_number(k, "k", low=1)
     massive = np.flatnonzero(diagonal(B) > 0.0)
     if k > massive.size:
@@ -236,7 +236,7 @@ def _scale(ratios: np.ndarray) -> float:
     return largest if largest <= SPREAD * quartile else quartile
 
 
-def _block(A: Any, dofs: np.ndarray) -> Any:
+def block(A: Any, dofs: np.ndarray) -> Any:
     """Rows and columns of these dofs."""
     if A.ndim == 1:
         return A[dofs]

@@ -18,7 +18,6 @@ from .sides import (
     Side,
     checked_sides,
     constraint_of,
-    length,
     tolerance,
     tree_of,
     warn_of_near,
@@ -28,40 +27,21 @@ from .subdomain import Subdomain
 __all__ = ["interpolate"]
 
 
-@dataclass(frozen=True, eq=False)
-class Cell:
-    """An element in reference coordinates xi: the box [0, 1]^d, or the simplex in it."""
-
-    shape: Shape
-
-    @property
-    def corners(self) -> np.ndarray:
-        """(k, d)"""
-        return self.shape.nodes
-
-    def weights(self, xi: np.ndarray) -> np.ndarray:
-        """N (q, k) at xi (q, d)."""
-        return self.shape.values(xi)
-
-    def slopes(self, xi: np.ndarray) -> np.ndarray:
-        """dN / dxi (q, k, d) at xi (q, d)."""
-        return self.shape.slopes(xi)
-
-    def inside(self, xi: np.ndarray) -> np.ndarray:
-        """xi, moved into the element where it is outside."""
-        xi = np.clip(xi, 0.0, 1.0)
-        box = len(self.corners) == 2 ** xi.shape[1]
-        return xi if box else xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
+_CELLS = {name: SHAPES[name] for name in ("line", "triangle", "quad", "tetra", "hexahedron")}
 
 
-_CELLS = {name: Cell(SHAPES[name]) for name in ("line", "triangle", "quad", "tetra", "hexahedron")}
+def inside(cell: Shape, xi: np.ndarray) -> np.ndarray:
+    """xi, moved into the box or the simplex where it is outside."""
+    xi = np.clip(xi, 0.0, 1.0)
+    box = len(cell.nodes) == 2 ** xi.shape[1]
+    return xi if box else xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Elements:
     """Elements of one kind: nodes (m, k), coordinates of these (m, k, d), centres and radii."""
 
-    cell: Cell
+    cell: Shape
     nodes: np.ndarray
     points: np.ndarray
     centre: np.ndarray
@@ -82,18 +62,18 @@ def checked_elements(value: Any, side: Side, kind: str | None) -> Elements:
     nodes = nodes.astype(np.int64)
     points = side.points[nodes]
     centre = points.mean(axis=1)
-    radius = length(points - centre[:, None, :]).max(axis=1)
+    radius = np.linalg.norm(points - centre[:, None, :], axis=-1).max(axis=1)
     _require_proper(cell, points, radius)
     return Elements(cell, nodes, points, centre, radius)
 
 
-def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Cell:
+def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Shape:
     if kind is not None and (not isinstance(kind, str) or kind not in _CELLS):
         raise ValueError(f"cell must be one of {listing([repr(c) for c in _CELLS])}, got {kind!r}")
     fitting = [
         name
         for name, c in _CELLS.items()
-        if c.corners.shape[0] == shape[1] and c.corners.shape[1] <= dimension
+        if c.nodes.shape[0] == shape[1] and c.nodes.shape[1] <= dimension
     ]
     if shape[0] == 0 or not fitting:
         raise ValueError(
@@ -109,14 +89,16 @@ def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Cell:
     return _CELLS[fitting[0] if kind is None else kind]
 
 
-def _require_proper(cell: Cell, points: np.ndarray, radius: np.ndarray) -> None:
+def _require_proper(cell: Shape, points: np.ndarray, radius: np.ndarray) -> None:
     """ValueError unless the map from xi keeps its orientation at all corners."""
-    size = np.stack([_measure(jacobian(cell, xi, points)) for xi in cell.corners], axis=1)
+    size = np.stack([_measure(jacobian(cell, xi, points)) for xi in cell.nodes], axis=1)
     if size.ndim == 3:  # normals of a surface: their component along the mean normal
         mean = size.mean(axis=1, keepdims=True)
-        size = (size * mean).sum(axis=2) / np.maximum(length(mean), np.finfo(float).tiny)
+        size = (size * mean).sum(axis=2) / np.maximum(
+            np.linalg.norm(mean, axis=-1), np.finfo(float).tiny
+        )
     size *= np.sign(size.sum(axis=1, keepdims=True))
-    smallest = 1e-12 * radius ** cell.corners.shape[1]
+    smallest = 1e-12 * radius ** cell.nodes.shape[1]
     wrong = np.flatnonzero(~(size > smallest[:, None]).all(axis=1))
     if wrong.size:
         raise ValueError(
@@ -125,7 +107,7 @@ def _require_proper(cell: Cell, points: np.ndarray, radius: np.ndarray) -> None:
         )
 
 
-def jacobian(cell: Cell, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
+def jacobian(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """dx / dxi (m, dimension, d) of the elements, at one xi (d,) or at one for each (m, d)."""
     result: np.ndarray = points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
     return result
@@ -135,11 +117,12 @@ def _measure(J: np.ndarray) -> np.ndarray:
     """Length, signed area or volume (m,), or the normals (m, 3) of a surface in space."""
     dimension, d = J.shape[1:]
     if d == 1:
-        return length(J[:, :, 0])
-    if d == dimension:
-        result: np.ndarray = np.linalg.det(J)
-        return result
-    return np.cross(J[:, :, 0], J[:, :, 1])
+        result: np.ndarray = np.linalg.norm(J[:, :, 0], axis=-1)
+    elif d == dimension:
+        result = np.linalg.det(J)
+    else:
+        result = np.cross(J[:, :, 0], J[:, :, 1])
+    return result
 
 
 def interpolate(
@@ -273,7 +256,7 @@ def _located(
     if chosen is None:
         warn_of_near((nearest > reach) & (nearest <= near), reach, near)
     snap = rounding[close] / elements.radius[element[close]]
-    return nodes[found], element[close], _snapped(elements.cell.weights(xi[close]), snap)
+    return nodes[found], element[close], _snapped(elements.cell.values(xi[close]), snap)
 
 
 def _candidates(
@@ -289,7 +272,7 @@ def _candidates(
 
 
 def _projected(
-    cell: Cell, points: np.ndarray, targets: np.ndarray
+    cell: Shape, points: np.ndarray, targets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """xi (q, d) of the point of each element nearest to its target, and the distance (q,).
 
@@ -298,7 +281,7 @@ def _projected(
     """
     origin = points[:, :1]
     points, targets = points - origin, targets - origin[:, 0]
-    xi = np.tile(cell.corners.mean(axis=0), (len(targets), 1))
+    xi = np.tile(cell.nodes.mean(axis=0), (len(targets), 1))
     active = np.arange(len(targets))
     for _ in range(50):
         at = xi[active]
@@ -306,17 +289,17 @@ def _projected(
         gap = targets[active] - _mapped(cell, at, points[active])
         transposed = J.transpose(0, 2, 1)
         step = np.linalg.solve(transposed @ J, transposed @ gap[:, :, None])[:, :, 0]
-        xi[active] = cell.inside(at + step)
+        xi[active] = inside(cell, at + step)
         # quadratic convergence: after an increment of 1e-9 the next one is below rounding
         active = active[np.abs(xi[active] - at).max(axis=1) > 1e-9]
         if not active.size:
             break
-    return xi, length(targets - _mapped(cell, xi, points))
+    return xi, np.linalg.norm(targets - _mapped(cell, xi, points), axis=-1)
 
 
-def _mapped(cell: Cell, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _mapped(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """x = sum_j N_j(xi) x_j."""
-    result: np.ndarray = np.einsum("qk,qkx->qx", cell.weights(xi), points)
+    result: np.ndarray = np.einsum("qk,qkx->qx", cell.values(xi), points)
     return result
 
 

@@ -151,7 +151,12 @@ class CheckedRestoring:
         return r
 
     def _sum(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        values = [self._value(*x, *self._motion(u, v), t) for x in self.functions]
+        values = [
+            _checked(
+                divided(function(*self._motion(u, v), t), self.n)[0], self.n, f"{what} at t = {t:g}"
+            )
+            for function, what in self.functions
+        ]
         r = sum(values[1:], values[0]) if values else np.zeros(self.n)
         if self.feedback is None:
             return r
@@ -162,12 +167,6 @@ class CheckedRestoring:
 
     def _motion(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (u.copy(), v.copy()) if self.copies else (u, v)
-
-    def _value(
-        self, function: Callable[..., Any], what: str, u: np.ndarray, v: np.ndarray, t: float
-    ) -> np.ndarray:
-        r, _ = divided(function(u, v, t), self.n)
-        return _checked(r, self.n, f"{what} at t = {t:g}")
 
 
 def is_compiled(function: Function) -> bool:

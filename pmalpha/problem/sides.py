@@ -161,22 +161,10 @@ def tree_of(points: np.ndarray) -> Any:
     return cKDTree(points, balanced_tree=False)
 
 
-def marked(numbers: np.ndarray, n: int) -> np.ndarray:
-    """The numbers in 0..n-1 that occur, ascending."""
-    mask = np.zeros(n, dtype=bool)
-    mask[numbers] = True
-    return np.flatnonzero(mask)
-
-
-def length(vectors: np.ndarray) -> np.ndarray:
-    result: np.ndarray = np.sqrt((vectors * vectors).sum(axis=-1))
-    return result
-
-
 def constraint_of(sides: Sequence[Side], entries: Sequence[Entries], p: int) -> Constraint:
     """The constraints without the entries of fixed dofs, and without rows that become empty."""
     kept = [(columns >= 0) & (values != 0.0) for _, columns, values in entries]
-    used = marked(np.concatenate([rows[k] for k, (rows, _, _) in zip(kept, entries)]), p)
+    used = np.unique(np.concatenate([rows[k] for k, (rows, _, _) in zip(kept, entries)]))
     if not used.size:
         raise ValueError("reduced must leave a dof to tie, got fixed ones only")
     number = np.empty(p, dtype=np.int64)

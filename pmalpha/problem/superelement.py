@@ -22,7 +22,7 @@ from ..errors import warn
 from ..memory import require
 from .argument_types import DofsLike
 from .dofs import dof_array, dof_list
-from .eigenmodes import FLOATING, modes, positive_definite, scale_to_one, softest
+from .eigenmodes import FLOATING, block, modes, positive_definite, scale_to_one, softest
 from .forces import SampledForce, depends_on_motion
 from .matrices import Matrix, dense, diagonal, is_symmetric, product, sparse
 
@@ -169,9 +169,8 @@ def reduced_arguments(
         r = T.shape[1]
         for name in ("M", "C", "K"):
             A = getattr(subdomain, name)
-            arguments[name] = None if A is None else T.T @ product(A, T)
-            if A is not None and is_symmetric(A):
-                arguments[name] = _symmetric(arguments[name])
+            own = None if A is None else T.T @ product(A, T)
+            arguments[name] = own if own is None or not is_symmetric(A) else 0.5 * (own + own.T)
         for name in ("restoring_stiffness", "restoring_damping"):
             A = getattr(subdomain, name)
             arguments[name] = None if A is None else _of_kept(A, kept, r, name)
@@ -238,7 +237,7 @@ def _modes(
     subdomain: Any, others: np.ndarray, count: int | None, omega: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies and modes of the other dofs, the kept ones being fixed."""
-    M, K = (_among(A, others) for A in (subdomain.M, subdomain.K))
+    M, K = (None if A is None else block(A, others) for A in (subdomain.M, subdomain.K))
     massive = 0 if M is None else int(np.count_nonzero(diagonal(M) > 0.0))
     if omega is None:
         k = whole_number(count, "modes", high=massive)
@@ -256,16 +255,6 @@ def _modes(
     return np.zeros(0), np.zeros((others.size, 0))
 
 
-def _among(A: Matrix | None, dofs: np.ndarray) -> Any:
-    """Rows and columns of these dofs."""
-    return None if A is None else A[dofs] if A.ndim == 1 else A[dofs][:, dofs]
-
-
-def _symmetric(A: np.ndarray) -> np.ndarray:
-    result: np.ndarray = 0.5 * (A + A.T)
-    return result
-
-
 def _of_kept(A: Matrix, kept: np.ndarray, r: int, name: str) -> np.ndarray:
     """An estimate for a restoring force of the kept dofs."""
     whole = sp.coo_array(sparse(A, A.shape[0]))
@@ -276,7 +265,7 @@ def _of_kept(A: Matrix, kept: np.ndarray, r: int, name: str) -> np.ndarray:
             f"keep must have the dofs of {name}, not only others than {listing(outside)}"
         )
     small = np.zeros((r, r))
-    small[: kept.size, : kept.size] = dense(_among(A, kept))
+    small[: kept.size, : kept.size] = dense(block(A, kept))
     return small
 
 

@@ -191,7 +191,8 @@ def contact(
     if isinstance(tangents, (str, Mapping)) or not isinstance(tangents, Sequence):
         raise TypeError(f"tangents must be a list of dofs, got {tangents!r}")
     if b is None:
-        _require_subdomain(a)
+        if not isinstance(a, (Subdomain, str)):
+            raise TypeError(f"a must be a Subdomain or its name, got {a!r}")
         normal = _one_sided(a, dofs_a, "dofs_a", float(sign))
         along = [_one_sided(a, dofs, f"tangents[{k}]", 1.0) for k, dofs in enumerate(tangents)]
     else:
@@ -201,13 +202,13 @@ def contact(
             )
         require_two(a, b)
         normal = _two_sided(a, dofs_a, b, dofs_b, "dofs")
-        along = [_of_pair(a, b, pair, f"tangents[{k}]") for k, pair in enumerate(tangents)]
+        for k, pair in enumerate(tangents):
+            if not isinstance(pair, Sequence) or len(pair) != 2:
+                raise TypeError(f"tangents[{k}] must be a pair (dofs_a, dofs_b), got {pair!r}")
+        along = [
+            _two_sided(a, pair[0], b, pair[1], f"tangents[{k}]") for k, pair in enumerate(tangents)
+        ]
     return Contact(normal, tangents=along, motion=motion, name=name, **given)
-
-
-def _require_subdomain(a: Any) -> None:
-    if not isinstance(a, (Subdomain, str)):
-        raise TypeError(f"a must be a Subdomain or its name, got {a!r}")
 
 
 def _one_sided(a: Any, dofs: Any, name: str, sign: float) -> dict[Any, Any]:
@@ -227,12 +228,6 @@ def _two_sided(a: Any, dofs_a: Any, b: Any, dofs_b: Any, name: str) -> dict[Any,
             f"{counts[0]} and {counts[1]}"
         )
     return {a: rows_a, b: rows_b}
-
-
-def _of_pair(a: Any, b: Any, pair: Any, name: str) -> dict[Any, Any]:
-    if not isinstance(pair, Sequence) or len(pair) != 2:
-        raise TypeError(f"{name} must be a pair (dofs_a, dofs_b), got {pair!r}")
-    return _two_sided(a, pair[0], b, pair[1], name)
 
 
 def _numbers(value: Any, rows: int, name: str, low: float, high: float) -> np.ndarray:

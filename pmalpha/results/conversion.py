@@ -91,7 +91,9 @@ def dataset(history: Any) -> xarray.Dataset:
     macro = TIMES["macro"]
     dimension = {"constraints": "constraint", "subdomains": "subdomain"}
     variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {name: getattr(history, name) for name in of_times()}
+    coordinates: dict[str, Any] = {
+        name: getattr(history, name) for name in TIMES.values() if name in OF_INTERFACE
+    }
     coordinates["constraint"] = np.arange(history.multipliers.shape[1])
     for name, x in growing(history).items():
         quantity = OF_INTERFACE[name]
@@ -107,11 +109,6 @@ def dataset(history: Any) -> xarray.Dataset:
             own, places = _variables(s, f"{s.name}_")
             variables, coordinates = variables | own, coordinates | places
     return _dataset(variables, coordinates)
-
-
-def of_times() -> list[str]:
-    """The times of a History."""
-    return [name for name in of_columns(OF_INTERFACE, "") if name in TIMES.values()]
 
 
 def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -66,25 +66,17 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
         if key in numbers:
             i = numbers[key]
             item.attrs["name"] = storable(header["names"][i])
-            _name_outputs(item.get("outputs", {}), header["outputs"][i])
-            _name_dofs(item, header["dof_names"][i])
+            for k, array in item.get("outputs", {}).items():
+                output = storable(header["outputs"][i][int(k)])
+                array.attrs.update({"name": output, "description": OUTPUT})
+            if names := header["dof_names"][i]:  # of the columns of u, v and a
+                item["dof_names"] = np.array([storable(name).encode() for name in names])
+                item["dof_names"].attrs["description"] = "names of the recorded dofs, utf-8"
         for name, array in item.items() if hasattr(item, "items") else [(key, item)]:
             of_energy = CONSERVED if name == "conserved" else ENERGY
             known = of_energy if key == "energy" else ARRAYS.get(name)
             if known is not None:
                 array.attrs.update(zip(("description", "units"), known))
-
-
-def _name_outputs(group: Mapping[str, Any], names: Sequence[str]) -> None:
-    for k, array in group.items():
-        array.attrs.update({"name": storable(names[int(k)]), "description": OUTPUT})
-
-
-def _name_dofs(group: Any, names: Sequence[str] | None) -> None:
-    """The names of the columns of u, v and a, which `History.load` takes from the header."""
-    if names:
-        group["dof_names"] = np.array([storable(name).encode() for name in names])
-        group["dof_names"].attrs["description"] = "names of the recorded dofs, utf-8"
 
 
 def storable(name: str) -> str:

@@ -14,7 +14,6 @@ from ..setup.bounce import MOST
 from ..setup.internal_forces import springs_at
 from ..setup.part import Part
 from ..setup.stability import (
-    StepRatio,
     at_springs,
     largest_eigenvalue,
     predicted_product,
@@ -122,10 +121,8 @@ def warn_of_present_steps(parts: Sequence[Part], t: float) -> None:
 
     Evaluates the internal forces of each explicit subdomain once, with their tangents.
     """
-    explicit = [p for p in parts if p.internal is not None and p.subdomain.scheme.explicit]
-    warn_of_steps((p.name, p.subdomain, p.step, _ratio(p, t)) for p in explicit)
-
-
-def _ratio(part: Part, t: float) -> StepRatio:
-    assert part.internal is not None
-    return present_ratio(part.subdomain, part.internal, part.step, t, part.present())
+    warn_of_steps(
+        (p.name, s, p.step, present_ratio(s, p.internal, p.step, t, p.present()))
+        for p, s in ((part, part.subdomain) for part in parts)
+        if p.internal is not None and s.scheme.explicit
+    )

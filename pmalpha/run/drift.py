@@ -74,13 +74,13 @@ def drift_shares(
     numbers = sum(n for n, _ in found) + p
     some = spread(0, levels - 1, max(SAMPLES, SAMPLED_NUMBERS // numbers))
     jump = history.displacement_jump[some] - history.displacement_jump[0]
-    force = deviation(levels_of(history.multipliers, levels, some))
+    force = np.std(levels_of(history.multipliers, levels, some), axis=0)
     work = force * np.max(np.abs(jump), axis=0)
     terms = []
     for part, own, L in zip(parts, history.subdomains, rows.matrices):
         v, u = (levels_of(x, levels, some) for x in (own.v, own.u))
         energy = float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
-        terms.append((energy, 0.5 * (abs(L) @ deviation(u))))
+        terms.append((energy, 0.5 * (abs(L) @ np.std(u, axis=0))))
     kinetic, amplitude = 0.0, none
     for energy, distance in joined(rows.ranks, terms):
         kinetic, amplitude = kinetic + energy, amplitude + distance
@@ -109,10 +109,4 @@ def _is_judged(part: Part, own: Any) -> bool:
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:
     """Some of the macro time levels of an array with rows for all its time levels."""
     result: np.ndarray = values[some * ((len(values) - 1) // (levels - 1))]
-    return result
-
-
-def deviation(values: np.ndarray) -> np.ndarray:
-    """Root mean square distance from the mean, column by column."""
-    result: np.ndarray = np.std(values, axis=0)
     return result

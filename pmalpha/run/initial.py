@@ -120,7 +120,8 @@ class InitialValues:
     ) -> StartValues:
         """Consistent initial values (S1), in elimination order."""
         states = self.in_order(parts)
-        terms = loads.terms_at_start(states)
+        forces = [loads.at_start(i) for i in range(len(parts))]
+        terms = [[F, *own] for F, own in zip(forces, loads.terms_of_motion(states))]
         g = rows.jumps_in_core(values_at_start(loads.motions, rows.p))
         slope = rows.jumps_in_core(slopes_at_start(loads.motions, rows.p))
         if not all_known(loads.motions):

@@ -363,20 +363,10 @@ class Loads:
         step, core = self.core.step_count, self.parts[i].core
         self._values(core.evaluate_present(self.clock.time(step)), "internal force", i, step)
 
-    def terms_at_start(
-        self, states: Sequence[tuple[np.ndarray, np.ndarray]]
-    ) -> list[list[np.ndarray]]:
-        """For each subdomain the terms of r = F(0) - C v - K u - r(u, v, 0), equation (S1).
-
-        states: for each subdomain (u, v), (n_i,) each.
-        """
-        forces = [self.at_start(i) for i in range(len(self.parts))]
-        return [[F, *own] for F, own in zip(forces, self.terms_of_motion(states))]
-
     def terms_of_motion(
         self, states: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> list[list[np.ndarray]]:
-        """The same without F(0)."""
+        """For each subdomain the terms of r in (S1) without F(0): -C v, -K u, -r(u, v, 0)."""
         with np.errstate(over="ignore", invalid="ignore"):  # seen in the accelerations
             terms = [
                 [-product(part.C, v), -product(part.K, u)]

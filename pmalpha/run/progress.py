@@ -62,13 +62,9 @@ def reporting(progress: Any, begin: int, end: int) -> AbstractContextManager[Rep
 
 @contextmanager
 def _on_bar(begin: int, end: int) -> Iterator[Report]:
-    with _bar(end - begin) as bar:
-        yield Report(lambda done, total: bar.update(done - bar.n), begin, end)
-
-
-def _bar(total: int) -> Any:
     tqdm = library("tqdm.auto", "progress=True", "'pmalpha[progress]'").tqdm
-    return tqdm(total=total, unit="step")
+    with tqdm(total=end - begin, unit="step") as bar:
+        yield Report(lambda done, total: bar.update(done - bar.n), begin, end)
 
 
 class HeldSignals:

@@ -130,7 +130,8 @@ def made(
     docs/architecture.md."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
     threads_allowed = most_threads(threads)
-    everything, own = _of_all(ranks, subdomains)
+    everything = subdomains if ranks is None else described(ranks, subdomains)
+    own = slice(None) if ranks is None else ranks.own
     options = checked_options(options, len(everything))
     coupling = options.coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
@@ -196,11 +197,6 @@ def contacts_of(
     made = Contacts(contacts, everything, names)
     made.check(everything, names, options)
     return made
-
-
-def _of_all(ranks: Ranks | None, subdomains: Sequence[Subdomain]) -> tuple[Sequence[Any], slice]:
-    """The subdomains of all processes, and which of them are those of this one."""
-    return (subdomains, slice(None)) if ranks is None else (described(ranks, subdomains), ranks.own)
 
 
 def layout_of(
@@ -303,17 +299,6 @@ class Case(NamedTuple):
     forces: list[Force]
 
 
-def checked_case(
-    keys: Sequence[tuple[str, Subdomain]],
-    rows: ConstraintRows,
-    u0: Any = None,
-    v0: Any = None,
-    force: Any = None,
-) -> Case:
-    """The arguments of `Coupler.reset`, with those of the `Subdomain` where none is given."""
-    return Case(InitialValues(keys, rows, u0, v0), checked_forces(keys, force))
-
-
 def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Force]:
     """The force on each subdomain, that of the `Subdomain` where none is given."""
     given = by_index(force, keys, "force")
@@ -342,7 +327,8 @@ def reset(
     """`Coupler.reset`."""
     with together(session):
         check_call(session, "reset")
-        case = checked_case(session.keys, session.rows, u0, v0, force)
+        initial = InitialValues(session.keys, session.rows, u0, v0)
+        case = Case(initial, checked_forces(session.keys, force))
         case.initial.check(session.loads.motions, tied=session.coupling == "mean")
         warn_of_records(session, [case])
         kept = session.initial, session.loads, session.started, session.steps, session.assembly

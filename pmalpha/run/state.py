@@ -87,29 +87,21 @@ def html_of(session: Session) -> str:
 
 def row_of(part: Part, thread: int | None) -> tuple[str, ...]:
     """The entries of a subdomain in the order of `HEADINGS`."""
-    s = part.subdomain
+    s, tangent = part.subdomain, part.tangent
+    name, kind = type(s.scheme).__name__, "explicit" if s.scheme.explicit else "implicit"
+    iterated = None if tangent is None else f"of each tangent, {tangent.entries}"
     return (
         part.name,
         str(part.n),
-        word_of(s.scheme),
+        name if name == "CentralDifference" else f"{name}, {kind}",
         radius_of(s.scheme),
         f"{part.step:g}",
         "yes" if part.double else "no",
         str(part.substeps),
         step_ratio(part),
-        factor_of(part),
+        iterated or factor_form(part.factors[-1]),
         "all" if thread is None else str(thread),
     )
-
-
-def word_of(scheme: Scheme) -> str:
-    """The family of a scheme and its kind; a CentralDifference is explicit by its name."""
-    name = type(scheme).__name__
-    return name if name == "CentralDifference" else f"{name}, {kind_of(scheme)}"
-
-
-def kind_of(scheme: Scheme) -> str:
-    return "explicit" if scheme.explicit else "implicit"
 
 
 def radius_of(scheme: Scheme) -> str:
@@ -136,13 +128,6 @@ def step_ratio(part: Part) -> str:
         K = combination([(1.0, internal), (1.0, closing_tangent(s))])
         ratio, is_bound = part.step / limit_of(s, K), False
     return f"<= {ratio:.3g}" if is_bound else f"{ratio:.3g}"
-
-
-def factor_of(part: Part) -> str:
-    """The form of the factor of a substep; of one that is iterated, that of its tangents."""
-    if part.tangent is not None:
-        return f"of each tangent, {part.tangent.entries}"
-    return factor_form(part.factors[-1])
 
 
 def factor_form(factor: Factor) -> str:

@@ -120,7 +120,7 @@ class Assemblies:
         self.rows = row_order(parts, p, ranks)
         self.row_position = np.argsort(self.rows)
         for part in parts:
-            part.reorder(self.row_position)
+            part.L = part.L.with_rows(self.row_position)
         self.motions = tuple(self.row_position[r] for r in prescribed)
 
         self._known: WeakValueDictionary[tuple[Any, ...], Part] = WeakValueDictionary()

@@ -71,12 +71,13 @@ def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
     if s.internal.springs:
         K_s = stiffness(s.internal.springs, "initial_tangent", s.n)
         springs = canonical(K_s, "springs", s.n)[0]
-    patterns = [_pattern_of(A) for A in (s.M, s.implicit_damping, s.implicit_stiffness)]
+    given = (s.M, s.implicit_damping, s.implicit_stiffness)
+    patterns = [entries_of(A, s.n) for A in given if A is not None]
     patterns += [pattern for pattern, _, _ in evaluated] + _pairs(s)
     return InternalForces(
         functions,
         np.concatenate([np.zeros(0), *(histories(_forces(group))[0] for group in groups)]),
-        symmetric_union([p for p in patterns if p is not None], s.n),
+        symmetric_union(patterns, s.n),
         combination([(1.0, springs), *((1.0, _matrix(p, K)) for p, K, _ in evaluated)]),
         combination([(1.0, _matrix(p, C)) for p, _, C in evaluated if C is not None]),
     )
@@ -111,10 +112,6 @@ def _function(
 
 def _matrix(pattern: sp.csr_array, values: np.ndarray) -> sp.csr_array:
     return sp.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
-
-
-def _pattern_of(A: Matrix | None) -> sp.csr_array | None:
-    return None if A is None else entries_of(A, A.shape[0])
 
 
 def _pairs(s: Subdomain) -> list[sp.csr_array]:

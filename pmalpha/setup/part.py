@@ -206,10 +206,6 @@ class Part:
         names = Names(what, self.order, self.name)
         return self.elimination.factor(A, names, symmetric=symmetric)
 
-    def reorder(self, position: np.ndarray) -> None:
-        """Permute the constraints: row k of L becomes row position[k]."""
-        self.L = self.L.with_rows(position)
-
     def block(self, twice: bool) -> Block:
         """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
         if twice in self.blocks:
@@ -244,7 +240,9 @@ class Part:
             return (h, *self.mass_factor)
         if h in self.known:
             return self.known[h]
-        what = name_of_mbar(self.subdomain.scheme, self.name)
+        explicit = self.subdomain.scheme.explicit
+        form = "Mbar = M + al2 C + al1 K of" if not explicit else "M + al2 C of explicit"
+        what = f"{form} subdomain {self.name!r}"
         own = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
         factor = self.factor(self.mbar(h), what, symmetric=own and not self.indefinite)
         if self.stiffness is None and self.damping is None:
@@ -256,12 +254,6 @@ def mbar(scheme: Scheme, h: float, M: Matrix, damping: Matrix, stiffness: Matrix
     """M + al2 C + al1 K, explicit without K, equation (12); with estimates (R3)."""
     al1, al2 = scheme.coefficients(h)
     return combination([(1.0, M), (al2, damping), (al1, stiffness)])
-
-
-def name_of_mbar(scheme: Scheme, subdomain: str) -> str:
-    if scheme.explicit:
-        return f"M + al2 C of explicit subdomain {subdomain!r}"
-    return f"Mbar = M + al2 C + al1 K of subdomain {subdomain!r}"
 
 
 def make_part(

@@ -16,6 +16,7 @@ import scipy.sparse as sp
 
 from .._checks import listing
 from ..problem.kinds import KINDS, SHAPES
+from .element_force import of_chosen
 from .mesh import Block
 from .pattern import Pattern, lumped_mass, upper
 
@@ -136,11 +137,6 @@ def chunks(count: int, numbers: int) -> Iterator[slice]:
     return (slice(first, min(first + size, count)) for first in range(0, count, size))
 
 
-def rows(values: np.ndarray, part: slice | np.ndarray) -> np.ndarray:
-    """Values of some elements, or the one row for all."""
-    return values if len(values) == 1 else values[part]
-
-
 def mass_matrix(
     block: Block, pattern: Pattern, corners: np.ndarray, density: np.ndarray, lumped: bool
 ) -> Any:
@@ -153,7 +149,7 @@ def mass_matrix(
     squares = (N[:, :, None] * N[:, None, :]).reshape(-1, a * a)
     sums = np.zeros((1, pattern.indices.size))
     for part in chunks(len(block.nodes), a * a):
-        pattern.add(sums, part, [(rows(weights, part)[:, None] @ squares).reshape(-1, a, a)])
+        pattern.add(sums, part, [(of_chosen(weights, part)[:, None] @ squares).reshape(-1, a, a)])
     scalar = pattern.of_blocks(sums.reshape(-1, 1, 1))
     return sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
 
@@ -193,9 +189,9 @@ def stiffness(
     rule, _ = RULES[block.kind]
     sums = np.zeros((len(upper(d)), pattern.indices.size))
     for part in chunks(len(block.nodes), rule.weights.size * block.nodes.shape[1] * d):
-        volumes, along = gradients(block.kind, rows(corners, part), part.start)
+        volumes, along = gradients(block.kind, of_chosen(corners, part), part.start)
         g = np.sqrt(volumes)[:, :, None] * along
-        moduli = (rows(x, part)[:, None, None] for x in (lam, mu))
+        moduli = (of_chosen(x, part)[:, None, None] for x in (lam, mu))
         pattern.add(sums, part, _blocks(g, *moduli))
     return pattern.symmetric(sums, d)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import listing, plain_array, real_number
 from .checked import is_lumped, mesh_arguments, positive
-from .element_force import Chosen, Conservative, Made, Recipe, of_chosen
+from .element_force import Chosen, Conservative, Made, of_chosen
 from .lines import SPRING
 from .pattern import Assembly, Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
@@ -99,7 +99,8 @@ def beam_frame(
     """
     nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
     along = nodes[lines[:, 1]] - nodes[lines[:, 0]]
-    recipe = _beams(along, *values, mass, real_number(rotary, "rotary", low=0.0))
+    inertia = real_number(rotary, "rotary", low=0.0)
+    recipe = partial(_assembled, (along, *values), is_lumped(mass), inertia)
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
@@ -114,18 +115,6 @@ def frame_arguments(
         for name, value in (("EA", EA), ("EI", EI), ("rhoA", rhoA))
     )
     return nodes, lines, (axial, bending, density)
-
-
-def _beams(
-    along: np.ndarray,
-    EA: np.ndarray,
-    EI: np.ndarray,
-    rhoA: np.ndarray,
-    mass: str,
-    rotary: float,
-) -> Recipe:
-    """M and K; of each element the vector along it, EA, EI and rhoA."""
-    return partial(_assembled, (along, EA, EI, rhoA), is_lumped(mass), rotary)
 
 
 def _assembled(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checked import isotropic, not_negative, positive
+from .pattern import upper
 
 __all__ = ["J2Plasticity", "NeoHookean", "StVenantKirchhoff"]
 
@@ -97,7 +98,7 @@ class StVenantKirchhoff(Hyperelastic):
         if out is not None:
             d = len(F)
             # A_iJjL = lam F_iJ F_jL + mu ((F F^T)_ij delta_JL + F_iL F_jJ) + delta_ij S_JL
-            for k, (i, j) in enumerate(component_pairs(d)):
+            for k, (i, j) in enumerate(upper(d)):
                 left = mu * sum(F[i, J] * F[j, J] for J in range(d))
                 scaled, turned = lam * F[i], mu * F[j]
                 for J, L in np.ndindex(d, d):
@@ -155,14 +156,14 @@ class NeoHookean(Hyperelastic):
             G = _cofactor(F) / (1.0 + change)  # F^-T
         # P = (mu (F F^T - 1) + lam ln J) F^-T; F F^T - 1 = H + H^T + H H^T has no cancellation
         tau = np.empty_like(F)
-        for i, j in component_pairs(d):
+        for i, j in upper(d):
             b = H[i, j] + H[j, i] + sum(H[i, J] * H[j, J] for J in range(d))
             tau[i, j] = tau[j, i] = mu * b + (pressure if i == j else 0.0)
         P = product(tau, G)
         if out is not None:
             # A_iJjL = mu delta_ij delta_JL + lam G_iJ G_jL + (mu - lam ln J) G_jJ G_iL
             shear = mu - pressure
-            for k, (i, j) in enumerate(component_pairs(d)):
+            for k, (i, j) in enumerate(upper(d)):
                 scaled, turned = lam * G[i], shear * G[j]
                 for J, L in np.ndindex(d, d):
                     value = scaled[J] * G[j, L] + turned[J] * G[i, L]
@@ -180,11 +181,6 @@ class NeoHookean(Hyperelastic):
             logarithm = np.log1p(_volume_change(H))
         result: np.ndarray = 0.5 * mu * trace - mu * logarithm + 0.5 * lam * logarithm**2
         return result
-
-
-def component_pairs(d: int) -> list[tuple[int, int]]:
-    """(i, j) with i <= j, in the order of `Assembly.components`."""
-    return [(i, j) for i in range(d) for j in range(i, d)]
 
 
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -207,7 +203,7 @@ def _green(H: np.ndarray) -> np.ndarray:
     """E = (H + H^T + H^T H) / 2."""
     d = len(H)
     strain = np.empty_like(H)
-    for i, j in component_pairs(d):
+    for i, j in upper(d):
         square = sum(H[k, i] * H[k, j] for k in range(d))
         strain[i, j] = strain[j, i] = 0.5 * (H[i, j] + H[j, i] + square)
     return strain
@@ -362,7 +358,7 @@ def _moduli(
         result: np.ndarray = n[positions[min(i, j), max(i, j)]]
         return result
 
-    for k, (i, j) in enumerate(component_pairs(d)):
+    for k, (i, j) in enumerate(upper(d)):
         for J, L in np.ndindex(d, d):
             value = -along * direction(i, J) * direction(j, L)
             if i == J and j == L:

@@ -299,8 +299,7 @@ class SolidForce(ElementForce):
 
     def _of(self, part: slice) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the shape functions and weights of a chunk; one row if all are equal."""
-        slopes = self._slopes if len(self._slopes) == 1 else self._slopes[part]
-        return slopes, self._weights if len(self._weights) == 1 else self._weights[part]
+        return of_chosen(self._slopes, part), of_chosen(self._weights, part)
 
     def _gradient(self, u: np.ndarray, part: slice) -> np.ndarray:
         """H_iJ = du_i / dX_J, (d, d, m), at the Gauss points of a chunk."""

@@ -122,19 +122,14 @@ def storey_drifts(structure: Any, component: str) -> sp.csr_array:
             f"{sorted(structure.elements)} with {structure.components}"
         )
     along = structure.points.shape[1] == 1
-    levels = chain_levels(structure) if along else levels_of(structure)
+    order = np.argsort(structure.points[:, 0], kind="stable")
+    levels = list(order[:, None]) if along else levels_of(structure)
     means = [_mean(structure, nodes, component) for nodes in levels]
     if along and ground_springs(structure, component)[: structure.dofs_per_node].any():
         means.insert(0, sp.csr_array((1, structure.n)))  # the ground is the level below
     if len(means) < 2:
         raise ValueError("storey_drifts needs two levels with horizontal members, got fewer")
     return sp.csr_array(sp.vstack([b - a for a, b in zip(means, means[1:])], format="csr"))
-
-
-def chain_levels(structure: Any) -> list[np.ndarray]:
-    """Every node of a chain or rod, along it."""
-    order: np.ndarray = np.argsort(structure.points[:, 0], kind="stable")
-    return [order[i : i + 1] for i in range(len(order))]
 
 
 def levels_of(structure: Any) -> list[np.ndarray]:
