@@ -168,7 +168,7 @@ def test_commands_to_a_rig_are_near_the_final_displacements(name):
 def test_mean_coupling_is_stable_for_random_oscillators(double):
     """1e-8: eigenvalues of modulus one that are double or nearly so; the whole scan is
     tests/coupling_survey.py, 2400 problems."""
-    assert max(map(radius, mean_problems(7 + double, 30, double))) < 1.0 + 1e-8
+    assert max(map(radius, mean_problems(7 + double, 15, double))) < 1.0 + 1e-8
 
 
 @pytest.mark.parametrize("rho", [0.5, 1.0])

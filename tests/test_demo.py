@@ -88,13 +88,14 @@ def test_the_picture_is_a_png_fit_for_print(finished):
         assert close.sum() > 1000, colour
 
 
-def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path):
+def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
-    done = demo(tmp_path, "--output", "small.png", "--steps", "3")
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    assert main(["--output", "small.png", "--steps", "3"]) == 0
     assert [x.name for x in tmp_path.iterdir()] == ["small.png"]
-    assert "3 macro steps" in done.stdout
-    assert "PM at step 3, t = 0.16 s" in done.stdout  # 3 / (40 * 0.47 Hz) = 0.1596 s
+    printed = capsys.readouterr().out
+    assert "3 macro steps" in printed
+    assert "PM at step 3, t = 0.16 s" in printed  # 3 / (40 * 0.47 Hz) = 0.1596 s
 
 
 @pytest.mark.parametrize("steps", ["0", "-1", "1.5", "many"])
@@ -107,13 +108,14 @@ def test_an_invalid_number_of_steps_is_refused(tmp_path, steps, monkeypatch, cap
     assert not list(tmp_path.iterdir())
 
 
-def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path):
+def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
-    done = demo(tmp_path, "--output", "nowhere/figure.png")
-    assert done.returncode == 1
-    assert "PM-alpha at step 100" in done.stdout  # the numbers are printed without the picture
-    assert done.stderr.startswith("pmalpha: nowhere/figure.png not drawn: ")
-    assert len(done.stderr.splitlines()) == 1
+    monkeypatch.chdir(tmp_path)
+    assert main(["--output", "nowhere/figure.png"]) == 1
+    printed = capsys.readouterr()
+    assert "PM-alpha at step 100" in printed.out  # the numbers are printed without the picture
+    assert printed.err.startswith("pmalpha: nowhere/figure.png not drawn: ")
+    assert len(printed.err.splitlines()) == 1
 
 
 def test_without_matplotlib_the_demo_names_what_to_install(tmp_path):

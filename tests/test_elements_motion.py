@@ -1,6 +1,7 @@
 """Nonlinear elements in motion: against Runge-Kutta solutions and closed forms."""
 
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -52,40 +53,38 @@ def bent_strip():
     return whole, reduction, internal, load
 
 
-def exact_strip(times):
+@cache
+def exact_strip():
+    """At t = 0, 1 and 2."""
     _, reduction, internal, load = bent_strip()
     rest = np.zeros(reduction.free.size)
     mass, force = reduction.M.diagonal(), internal[0].residual
-    u = by_runge_kutta(mass, force, reduction.reduce_load(load), rest, rest, times)
+    u = by_runge_kutta(mass, force, reduction.reduce_load(load), rest, rest, [0.0, 1.0, 2.0])
     return reduction.expand(u)
 
 
 @pytest.mark.parametrize("scheme", [pm.Newmark(), pm.GeneralizedAlpha(0.8), pm.CentralDifference()])
 def test_a_rubber_strip_that_bends_far_follows_its_equation_of_motion(scheme):
     _, reduction, internal, load = bent_strip()
-    exact = exact_strip(np.array([0.0, 1.0, 2.0]))
+    exact = exact_strip()
 
     def error(steps):
         subdomain = pm.Subdomain(
-            reduction.M,
-            None,
-            internal=internal,
-            scheme=scheme,
-            force=reduction.reduce_load(load),
+            reduction.M, None, internal=internal, scheme=scheme, force=reduction.reduce_load(load)
         )
         u = reduction.expand(pm.solve(subdomain, dt=1.0 / steps, t_end=2.0).u)
         return np.abs(u[::steps] - exact).max()
 
-    coarse, fine = error(200), error(400)
+    coarse, fine = error(100), error(200)
     assert np.abs(exact).max() > 0.3  # large: its slope and its stretch count
     # order 2
-    assert coarse < 1e-3 and coarse / fine == pytest.approx(4.0, rel=0.1)
+    assert coarse < 4e-3 and coarse / fine == pytest.approx(4.0, rel=0.1)
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
 def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_whole(coupling):
     whole, _, _, load = bent_strip()
-    exact = exact_strip(np.array([0.0, 1.0, 2.0]))
+    exact = exact_strip()
     left, right = strip(2), strip(2, origin=1.0)
     reduction, internal = held(left, left.dofs(left.nodes_at(x=0.0)))
     force = np.zeros(right.n)
@@ -106,9 +105,9 @@ def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_who
         theirs = [exact[:, shared], exact[:, shared[0] + shared[-1] - 3 :]]
         return max(np.abs(u - v).max() for u, v in zip(ours, theirs, strict=True))
 
-    errors = [error(100), error(200)]
+    errors = [error(50), error(100)]
     # with substeps the interface is of first order at worst (docs/couplings.md)
-    assert errors[0] < 2e-3 and errors[0] > 1.9 * errors[1]
+    assert errors[0] < 4e-3 and errors[0] > 1.9 * errors[1]
 
 
 def test_an_elastic_pendulum_turns_over_as_its_equation():
@@ -125,22 +124,14 @@ def test_an_elastic_pendulum_turns_over_as_its_equation():
         return np.append(y[2:], -EA * (length - L) / (L * m) * x / length - [0.0, g])
 
     times = np.linspace(0.0, 2.0, 5)
-    exact = (
-        scipy.integrate.solve_ivp(
-            rates, (0, 2), [0, 0, *v0], method="DOP853", t_eval=times, rtol=1e-11, atol=1e-12
-        )
-        .y[:2]
-        .T
+    found = scipy.integrate.solve_ivp(
+        rates, (0, 2), [0, 0, *v0], method="DOP853", t_eval=times, rtol=1e-11, atol=1e-12
     )
+    exact = found.y[:2].T
 
     def error(steps):
         pendulum = pm.Subdomain(
-            reduction.M,
-            None,
-            internal=internal,
-            scheme=pm.Newmark(),
-            force=[0.0, -m * g],
-            v0=v0,
+            reduction.M, None, internal=internal, scheme=pm.Newmark(), force=[0.0, -m * g], v0=v0
         )
         return np.abs(pm.solve(pendulum, dt=0.5 / steps, t_end=2.0).u[::steps] - exact).max()
 

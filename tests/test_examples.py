@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import waits
-from pairwise import pairwise
 
 import pmalpha as pm
 
@@ -59,10 +58,10 @@ def assert_identical(history, other):
 
 def test_a_rig_without_delay_and_noise_is_the_same_model_in_one_process():
     alone = InProcess()
-    expected = rig.hybrid(alone).run(steps=400)
+    expected = rig.hybrid(alone).run(steps=150)
     with rig.simulated_rig(**rig.specimen) as (address, process):
         client = rig.Rig(address)
-        history = rig.hybrid(client).run(steps=400)
+        history = rig.hybrid(client).run(steps=150)
         commands = client.close()
     assert process.returncode == 0  # it has ended by itself
     # a double sent through a socket is unchanged, and so is the whole run
@@ -103,9 +102,10 @@ def test_noise_of_the_same_seed_is_the_same_noise():
             client.close()
         return np.array(measured) - 1e-3 * rig.specimen["k"]
 
-    np.testing.assert_array_equal(forces(1), forces(1))
+    noise = forces(1)
+    np.testing.assert_array_equal(noise, forces(1))
     # 0.2: four times the relative standard deviation of that of 200 numbers, 1 / sqrt(400)
-    assert np.std(forces(2)) == pytest.approx(100.0, rel=0.2)
+    assert np.std(noise) == pytest.approx(100.0, rel=0.2)
 
 
 def killed_at(command, process, client):
@@ -122,7 +122,8 @@ def killed_at(command, process, client):
 @pytest.mark.filterwarnings("ignore:the restoring force:pmalpha.StabilityWarning")
 @pytest.mark.parametrize(
     ("command", "coupling", "threads"),
-    pairwise([75, 81, 82], ["pm", "gc", "macro"], [1, 2]),  # in mid-step, and at its end
+    # in mid-step, and at its end
+    [(75, "pm", 1), (81, "pm", 2), (82, "pm", 1), (82, "gc", 2), (81, "macro", 1)],
 )
 def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, coupling, threads):
     done = (command - 2) // rig.substeps

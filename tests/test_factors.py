@@ -533,13 +533,15 @@ def test_the_inertia_of_diagonal_and_empty_matrices_is_counted_directly():
     assert inertia(None, 4) == (0, 4, 0)
 
 
-def test_an_inertia_that_would_take_a_large_factor_is_not_counted():
-    A = sp.csr_array(cube(16) - 3.0 * sp.eye_array(4096))  # 3 ** 3 blocks of 256: fill 1e6
-    assert inertia(A, 4096) is not None
-    wide = sp.csr_array(np.ones((3300, 3300)))  # 5.4e6 entries
-    assert inertia(wide, 3300) is None
-    assert inertia(np.ones((2001, 2001)), 2001) is None
-    error = factors.Names("Mbar", np.arange(3300), "tower").not_definite(wide, 7)
+def test_an_inertia_that_would_take_a_large_factor_is_not_counted(monkeypatch):
+    monkeypatch.setattr("pmalpha.setup.inertia.MOST", 45_000)
+    few, wide = (sp.csr_array(np.ones((n, n))) for n in (299, 300))  # 44 850, 45 150 entries
+    assert inertia(few, 299) is not None
+    assert inertia(wide, 300) is None
+    monkeypatch.setattr("pmalpha.setup.inertia.FEW_DENSE", 299)
+    assert inertia(np.ones((299, 299)), 299) is not None
+    assert inertia(np.ones((300, 300)), 300) is None
+    error = names(300, "Mbar").not_definite(wide, 7)
     assert "singular or indefinite" in str(error) and "would take too long" in str(error)
     assert (error.subdomain, error.dof, error.inertia) == ("tower", 7, None)
 

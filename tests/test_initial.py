@@ -374,7 +374,7 @@ def test_massless_dofs_that_a_row_leaves_free_have_the_smallest_accelerations():
     # 0 = b_k lam, so lam = 0 and m w = F; one row, b . w_m = - c w, for three accelerations w_m.
     # Rounding decides whether a pivot is exactly zero
     rng = np.random.default_rng(2)
-    for _ in range(40):
+    for _ in range(12):
         b, c, F = rng.normal(size=3), rng.normal(), rng.normal()
         mass = pm.Subdomain([2.0], [1.0], scheme=SOFT, force=[F], name="mass")
         light = [pm.Subdomain([0.0], [1.0], scheme=SOFT, name=str(k)) for k in range(3)]

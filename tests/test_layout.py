@@ -6,6 +6,7 @@ import inspect
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -78,8 +79,13 @@ def imports_of(source, path):
     return {name for name in found if name.split(".")[0] == "pmalpha"}
 
 
-def graph_of_imports():
+@cache
+def read_imports():
     return {name_of(path): imports_of((ROOT / path).read_text(), path) for path in MODULES}
+
+
+def graph_of_imports():
+    return {name: set(others) for name, others in read_imports().items()}
 
 
 def upward(graph):
