@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lanes.h"
 #include "algebra/lists.h"
 #include "algebra/symbolic.h"
 
@@ -185,7 +186,7 @@ static void scale_trapezoid_pair(double *R, double *Q, size_t width, size_t heig
 enum { LOOKS = 2000 };
 
 /* Doubles of a line of the cache: arrays of two workers share none. */
-enum { LINE = 8 };
+enum { LINE = PMA_LANES };
 
 /* A worker, and the first of the supernodes that went wrong in its hands. */
 typedef struct {
@@ -233,7 +234,7 @@ static pma_status allocate(pma_elimination *e)
     e->block = calloc(e->workers * (update + place) + LINE, sizeof *e->block);
     if (!e->hands || !e->done || !e->block)
         return PMA_NO_MEMORY;
-    double *next = e->block + LINE - (uintptr_t)e->block / sizeof *next % LINE;
+    double *next = pma_first_line(e->block);
     for (size_t w = 0; w < e->workers; w++) {
         e->hands[w].update = next;
         e->hands[w].place = (int64_t *)(void *)(next + update);

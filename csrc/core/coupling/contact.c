@@ -416,11 +416,10 @@ static void add_works(pma_coupler *c, const pma_contact *x)
     for (size_t i = 0; i < x->parts.sides; i++) {
         const side *s = &x->sides[i];
         const pma_coupled *m = &c->coupled[s->of.member];
-        const pma_member_table *table = m->member.table;
-        if (!s->struck || !table->energy(m->member.self, 0, NULL))
+        if (!s->struck || !pma_member_is_observed(&m->member))
             continue;
-        const double *v =
-            table->values(m->member.self, PMA_VELOCITY, m->now.j + 1, false, c->working.lam);
+        const double *v = m->member.table->values(m->member.self, PMA_VELOCITY, m->now.j + 1, false,
+                                                  c->working.lam);
         double work = 0.0;
         for (size_t k = 0; k < s->of.N.nb; k++)
             work += 0.5 * s->f[k] * (s->v0[k] + v[k]);

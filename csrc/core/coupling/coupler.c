@@ -345,8 +345,7 @@ static void abandon(pma_coupler *c)
 static bool is_any_observed(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        if (member->table->energy && member->table->energy(member->self, 0, NULL))
+        if (pma_member_is_observed(&c->coupled[i].member))
             return true;
     }
     return false;

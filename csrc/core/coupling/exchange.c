@@ -263,13 +263,6 @@ pma_status pma_exchange_jumps(pma_coupler *c)
     return next_round(c) == JUMP ? meet_next(c, PMA_OK) : PMA_OK;
 }
 
-/* Such a round within an interface problem, to which all processes come with what happened
- * so far. */
-static pma_status exchange_message(pma_coupler *c, const pma_message *message, pma_status status)
-{
-    return meet(c, message, status);
-}
-
 pma_status pma_exchange_fail(pma_coupler *c, pma_status status)
 {
     const pma_exchange_parts *x = &c->exchange->parts;
@@ -302,8 +295,8 @@ pma_status pma_exchange_agree(pma_coupler *c, pma_status status)
 
 /* ---- in an iterated fine step, and in a pass of shooting --------------------------------------
  *
- * To be read with iterated.c and shooting.c: after each of their stages all have the numbers of all
- * members, so that every process goes on with the same sums. */
+ * To be read with iterated.c and shooting.c: all come to each of their stages with what happened so
+ * far, and have the numbers of all members then, so that all processes go on with the same sums. */
 
 static pma_iteration_member *member_in(const pma_coupler *c, const pma_coupled *m)
 {
@@ -354,7 +347,7 @@ static pma_status send_blocks(pma_coupler *c)
     static const pma_message BLOCKS = {block_size, write_block, read_block};
     for (size_t i = 0; i < c->parts.count; i++) {
         if (block_size(c, &c->coupled[i]) > 0)
-            return exchange_message(c, &BLOCKS, PMA_OK);
+            return meet(c, &BLOCKS, PMA_OK);
     }
     return PMA_OK;
 }
@@ -388,7 +381,7 @@ static void read_factored(pma_coupler *c, const pma_coupled *m, const double *fr
 pma_status pma_messages_factors(pma_coupler *c)
 {
     static const pma_message FACTORS = {one, write_factored, read_factored};
-    return exchange_message(c, &FACTORS, PMA_OK);
+    return meet(c, &FACTORS, PMA_OK);
 }
 
 /* ---- measures of residuals and corrections -------------------------------------------------- */
@@ -415,7 +408,7 @@ static void read_measure(pma_coupler *c, const pma_coupled *m, const double *fro
 pma_status pma_messages_measures(pma_coupler *c)
 {
     static const pma_message MEASURES = {measure_size, write_measure, read_measure};
-    return exchange_message(c, &MEASURES, PMA_OK);
+    return meet(c, &MEASURES, PMA_OK);
 }
 
 /* the same, and whether the residual of this member was the first that is not finite */
@@ -446,7 +439,7 @@ pma_status pma_messages_residuals(pma_coupler *c, pma_status status)
 {
     static const pma_message RESIDUALS = {residual_size, write_residual, read_residual};
     c->iteration->not_finite = status == PMA_NOT_FINITE;
-    status = exchange_message(c, &RESIDUALS, status == PMA_NOT_FINITE ? PMA_OK : status);
+    status = meet(c, &RESIDUALS, status == PMA_NOT_FINITE ? PMA_OK : status);
     return status == PMA_OK && c->iteration->not_finite ? PMA_NOT_FINITE : status;
 }
 
@@ -481,7 +474,7 @@ static void read_law(pma_coupler *c, const pma_coupled *m, const double *from)
 pma_status pma_messages_laws(pma_coupler *c, pma_status status)
 {
     static const pma_message LAWS = {law_size, write_law, read_law};
-    status = exchange_message(c, &LAWS, status);
+    status = meet(c, &LAWS, status);
     return status == PMA_OK ? send_blocks(c) : status;
 }
 
@@ -528,5 +521,5 @@ static void read_run(pma_coupler *c, const pma_coupled *m, const double *from)
 pma_status pma_messages_runs(pma_coupler *c, pma_status status)
 {
     static const pma_message RUNS = {run_size, write_run, read_run};
-    return exchange_message(c, &RUNS, status);
+    return meet(c, &RUNS, status);
 }

@@ -49,12 +49,6 @@ pma_duty pma_macro_duty(const pma_member *member)
                       .by_caller = member->forces == PMA_BY_CALLER};
 }
 
-static bool all(const pma_coupled *m)
-{
-    (void)m;
-    return true;
-}
-
 /* Worker 0 polls, the others see what came of it. */
 bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m)
 {
@@ -99,18 +93,20 @@ pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
 
 /* ---- free macro run (M2) -------------------------------------------------------------------- */
 
-/* A substep as far as it is known: with the multipliers of the beginning held; a single one is
- * closed when all is known (M6) */
+/* A substep as far as it is known: with the multipliers of the beginning held, under mean coupling
+ * those of the member, which are zero; a single one is closed when all is known (M6) (K7) */
 static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
 {
     const pma_member *member = &m->member;
+    const bool is_mean = c->parts.schedule->ties_displacements;
+    const double *lam = is_mean ? m->lam : c->present.lam;
+    const bool waits = is_mean ? member->waits : member->substeps == 1;
     pma_substep step = pma_substep_of(c, m, j);
     step.held = true;
-    const pma_status status =
-        member->table->advance(member->self, NULL, &step, c->present.lam, NULL);
-    if (status != PMA_OK || member->substeps == 1)
+    const pma_status status = member->table->advance(member->self, NULL, &step, lam, NULL);
+    if (status != PMA_OK || waits)
         return status;
-    return member->table->advance(member->self, &step, NULL, c->present.lam, NULL);
+    return member->table->advance(member->self, &step, NULL, lam, NULL);
 }
 
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)
@@ -201,13 +197,13 @@ void pma_macro_move_to(pma_coupler *c, size_t k)
 static pma_status macro_step(pma_coupler *c)
 {
     pma_macro_move_to_end(c);
-    pma_status status = pma_share(c, pma_macro_free_run, all);
+    pma_status status = pma_share(c, pma_macro_free_run, pma_is_any);
     if (status == PMA_OK && c->exchange)
         status = pma_exchange_interface(c);
     if (status == PMA_OK)
         status = solve_interface(c);
     if (status == PMA_OK)
-        status = pma_share(c, pma_macro_respond, all);
+        status = pma_share(c, pma_macro_respond, pma_is_any);
     if (status == PMA_OK && c->exchange)
         status = pma_exchange_jumps(c);
     if (atomic_load(&c->stopped))

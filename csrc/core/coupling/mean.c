@@ -30,12 +30,6 @@ static pma_status check(const pma_coupler_parts *parts)
     return pma_mean_check(parts);
 }
 
-static bool all(const pma_coupled *m)
-{
-    (void)m;
-    return true;
-}
-
 /* ---- accelerations (K5) --------------------------------------------------------------------- */
 
 static bool is_first(const pma_coupler *c)
@@ -68,21 +62,10 @@ static void multipliers_at(const pma_coupler *c, double share, double *lam)
 
 /* ---- free macro run, under no multipliers --------------------------------------------------- */
 
-static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
-{
-    const pma_member *member = &m->member;
-    pma_substep step = pma_substep_of(c, m, j);
-    step.held = true;
-    const pma_status status = member->table->advance(member->self, NULL, &step, m->lam, NULL);
-    if (status != PMA_OK || member->waits)
-        return status;
-    return member->table->advance(member->self, &step, NULL, m->lam, NULL);
-}
-
 pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m)
 {
     memset(m->lam, 0, c->parts.p * sizeof(double));
-    return pma_macro_run(c, m, free_substep);
+    return pma_macro_free_run(c, m);
 }
 
 /* ---- interface (K4) ------------------------------------------------------------------------- */
@@ -96,8 +79,7 @@ static void find_target(pma_coupler *c, double *target)
         return;
     pma_coupler_prescribe(c);
     memset(c->sums, 0, p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++)
-        pma_member_gather(&c->coupled[i].member, PMA_DISPLACEMENT, 0, 1.0, c->sums);
+    pma_coupler_gather(c, PMA_DISPLACEMENT, 0, c->sums);
     for (size_t k = 0; k < c->parts.motion_count; k++) {
         for (size_t i = 0; i < c->motions[k].load.n; i++) {
             const int64_t row = c->motions[k].rows[i];
@@ -239,14 +221,14 @@ size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
 static pma_status macro_step(pma_coupler *c)
 {
     pma_macro_move_to_end(c);
-    pma_status status = pma_share(c, pma_mean_free_run, all);
+    pma_status status = pma_share(c, pma_mean_free_run, pma_is_any);
     if (status == PMA_OK && c->exchange)
         status = pma_exchange_interface(c);
     if (status == PMA_OK)
         status = solve_interface(c);
     memset(c->dlam, 0, c->parts.p * sizeof(double)); /* constant */
     if (status == PMA_OK)
-        status = pma_share(c, pma_mean_respond, all);
+        status = pma_share(c, pma_mean_respond, pma_is_any);
     if (status == PMA_OK && c->exchange)
         status = pma_exchange_jumps(c);
     if (atomic_load(&c->stopped))
@@ -291,4 +273,5 @@ const pma_schedule pma_mean_schedule = {.check = check,
                                         .prepare = prepare,
                                         .interface_pieces = pma_mean_pieces,
                                         .move_to = pma_macro_move_to,
-                                        .record_present = pma_mean_record_present};
+                                        .record_present = pma_mean_record_present,
+                                        .ties_displacements = true};

@@ -51,25 +51,18 @@ size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
 
 /* ---- jumps ---------------------------------------------------------------------------------- */
 
-/* sum_i L_i v_i - g at a macro time level: 0 is the present, 1 the end of the first macro step */
-static void macro_velocity_jump(const pma_coupler *c, size_t macro, const double *g, double *jump)
+/* sum_i L_i v_i - g and sum_i L_i u_i at a macro time level, into a row of each */
+static void macro_jumps(const pma_coupler *c, const pma_record *to, size_t macro, const double *g,
+                        size_t row, size_t macro_row)
 {
-    for (size_t row = 0; row < c->parts.p; row++)
-        jump[row] = -g[row];
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        pma_member_gather(member, PMA_VELOCITY, macro * member->substeps, 1.0, jump);
-    }
-}
-
-/* sum_i L_i u_i there */
-static void displacement_jump(const pma_coupler *c, size_t macro, double *jump)
-{
-    memset(jump, 0, c->parts.p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        pma_member_gather(member, PMA_DISPLACEMENT, macro * member->substeps, 1.0, jump);
-    }
+    const size_t p = c->parts.p;
+    double *velocity = to->velocity_jump + row * p;
+    double *displacement = to->displacement_jump + macro_row * p;
+    for (size_t k = 0; k < p; k++)
+        velocity[k] = -g[k];
+    memset(displacement, 0, p * sizeof(double));
+    pma_coupler_gather(c, PMA_VELOCITY, macro, velocity);
+    pma_coupler_gather(c, PMA_DISPLACEMENT, macro, displacement);
 }
 
 /* sum_i L_i v_i - g at the end of the fine step at hand, from total velocities; in mid-step from
@@ -114,22 +107,16 @@ static void write_interface(const pma_coupler *c, bool deferred)
         velocity_jump(c, c->record->velocity_jump + row * p);
 }
 
-static bool is_observed(const pma_coupled *m)
-{
-    const pma_member *member = &m->member;
-    return member->table->energy && member->table->energy(member->self, 0, NULL);
-}
-
 /* Of macro time level `macro`: the present or the end of the macro step at hand. */
 static void write_energy(const pma_coupler *c, const pma_record *record, size_t macro, size_t row)
 {
     size_t observed = 0;
     for (size_t i = 0; i < c->parts.count; i++)
-        observed += is_observed(&c->coupled[i]);
+        observed += pma_member_is_observed(&c->coupled[i].member);
     double *out = record->energy + row * observed * PMA_ENERGIES;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (!is_observed(&c->coupled[i]))
+        if (!pma_member_is_observed(member))
             continue;
         (void)member->table->energy(member->self, macro * member->substeps, out);
         out += PMA_ENERGIES;
@@ -143,8 +130,11 @@ static void write_macro_level(const pma_coupler *c, bool deferred)
         return;
     if (c->record->energy)
         write_energy(c, c->record, macro, row);
-    if (c->parts.p > 0 && !deferred)
-        displacement_jump(c, macro, c->record->displacement_jump + row * c->parts.p);
+    if (c->parts.p == 0 || deferred)
+        return;
+    double *jump = c->record->displacement_jump + row * c->parts.p;
+    memset(jump, 0, c->parts.p * sizeof(double));
+    pma_coupler_gather(c, PMA_DISPLACEMENT, macro, jump);
 }
 
 static bool is_any_deferred(const pma_coupler *c)
@@ -167,14 +157,12 @@ void pma_recorder_write(const pma_coupler *c)
 
 void pma_recorder_complete(const pma_coupler *c)
 {
-    const size_t p = c->parts.p;
-    if (!c->record || p == 0)
+    if (!c->record || c->parts.p == 0)
         return;
     const size_t row = pma_recorder_row(c, c->fine, c->fine), macro = pma_recorder_row(c, 1, 1);
     if (row == PMA_NO_ROW)
         return;
-    macro_velocity_jump(c, 1, c->reached.g, c->record->velocity_jump + row * p);
-    displacement_jump(c, 1, c->record->displacement_jump + macro * p);
+    macro_jumps(c, c->record, 1, c->reached.g, row, macro);
 }
 
 /* ---- the present ---------------------------------------------------------------------------- */
@@ -193,6 +181,5 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
     if (p == 0)
         return;
     memcpy(record->multipliers, c->present.lam, p * sizeof(double));
-    macro_velocity_jump(c, 0, c->present.g, record->velocity_jump);
-    displacement_jump(c, 0, record->displacement_jump);
+    macro_jumps(c, record, 0, c->present.g, 0, 0);
 }

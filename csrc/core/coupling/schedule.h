@@ -172,6 +172,24 @@ static inline bool pma_is_ending(const pma_coupled *m)
     return m->now.phase == m->ratio;
 }
 
+/* For a task of all members. */
+static inline bool pma_is_any(const pma_coupled *m)
+{
+    (void)m;
+    return true;
+}
+
+/* sum (p) += L of all values of this kind at a macro time level: 0 is the present, 1 the end of the
+ * first macro step */
+static inline void pma_coupler_gather(const pma_coupler *c, pma_interface_kind kind, size_t macro,
+                                      double *sum)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        pma_member_gather(member, kind, macro * member->substeps, 1.0, sum);
+    }
+}
+
 /* sum (p) += scale L vf where it is in its substep                                        (15) */
 static inline void pma_add_free_velocity(const pma_coupled *m, double scale, double *sum)
 {

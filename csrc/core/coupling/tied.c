@@ -29,12 +29,6 @@ static void move_gap(pma_coupler *c, const double *g_before)
     }
 }
 
-static bool is_any(const pma_coupled *m)
-{
-    (void)m;
-    return true;
-}
-
 static pma_status shift(pma_coupler *c, pma_coupled *m)
 {
     m->member.table->shift(m->member.self, &m->step, c->dlam);
@@ -71,7 +65,7 @@ static pma_status shift_all(pma_coupler *c)
     if (status != PMA_OK)
         return status;
     find_shift(c);
-    status = pma_share(c, shift, is_any);
+    status = pma_share(c, shift, pma_is_any);
     return status == PMA_OK ? solve(c) : status;
 }
 

@@ -173,6 +173,12 @@ typedef struct {
     pma_iterated iterated; /* with a table where its steps are iterated: it does not advance */
 } pma_member;
 
+/* Is its energy summed up? */
+static inline bool pma_member_is_observed(const pma_member *m)
+{
+    return m->table->energy && m->table->energy(m->self, 0, NULL);
+}
+
 /* sum (p) += scale L x, x of this kind */
 static inline void pma_member_gather(const pma_member *m, pma_interface_kind kind, size_t j,
                                      double scale, double *sum)

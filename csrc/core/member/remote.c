@@ -193,11 +193,6 @@ static void restart(void *self, const double *lam)
     (void)self, (void)lam;
 }
 
-static void remember_rounding(void *self)
-{
-    (void)self;
-}
-
 static void rebase(void *self, size_t j, const double *lam)
 {
     (void)self, (void)j, (void)lam;
@@ -227,7 +222,7 @@ static const pma_iterated_table ITERATED = {.begin = begin,
                                             .correct = correct,
                                             .move = move,
                                             .restart = restart,
-                                            .remember_rounding = remember_rounding,
+                                            .remember_rounding = commit,
                                             .rebase = rebase,
                                             .block = block,
                                             .finish = finish,

@@ -79,21 +79,12 @@ const pma_state *pma_response_state(const pma_response *r)
 
 /* ---- (M3), (K3), substep by substep --------------------------------------------------------- */
 
-/* y := M^-1 L_b^T lam                                                                     (K1) */
-static void accelerate(const pma_response *r, const double *lam, double *y)
-{
-    const pma_subdomain *s = r->of;
-    memset(y, 0, s->parts.n * sizeof(double)); /* as an open step without loads leaves it */
-    pma_link_load(&s->parts.link, lam, r->pull);
-    pma_factor_close(&s->parts.mass, r->pull, y, r->work);
-}
-
 void pma_response_begin(pma_response *r, bool twice, const double *lam)
 {
     r->twice = twice;
     if (!r->of->parts.mean)
         return;
-    accelerate(r, lam, r->y);
+    pma_parts_accelerate(&r->of->parts, lam, r->pull, r->work, r->y);
     for (size_t i = 0; twice && i < r->of->parts.n; i++)
         r->y[i] *= 0.5;
 }

@@ -133,8 +133,13 @@ pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to);
 /* The balance is shown a substep that is closed. */
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step);
 
-/* y (n) := M^-1 L_b^T lam: mean coupling alone                                             (K1) */
-void pma_substep_accelerate(pma_subdomain *s, const double *lam, double *y);
+/* y (n) := M^-1 L_b^T lam: mean coupling alone; pull (nb), work: scratch                  (K1) */
+void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, double *work,
+                          double *y);
+static inline void pma_substep_accelerate(pma_subdomain *s, const double *lam, double *y)
+{
+    pma_parts_accelerate(&s->parts, lam, s->closing, s->work, y);
+}
 
 /* Under mean coupling, the rows begin..end-1:  ut += h^2/2 y, vt += h y with y in s->push, and the
  * velocity that is extrapolated                                                           (K2) */

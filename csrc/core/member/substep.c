@@ -50,11 +50,12 @@ void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end
         s->vs[i] += h * s->push[i];
 }
 
-void pma_substep_accelerate(pma_subdomain *s, const double *lam, double *y)
+void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, double *work,
+                          double *y)
 {
-    memset(y, 0, s->parts.n * sizeof(double)); /* as an open step without loads leaves it */
-    pma_link_load(&s->parts.link, lam, s->closing);
-    pma_factor_close(&s->parts.mass, s->closing, y, s->work);
+    memset(y, 0, p->n * sizeof(double)); /* as an open step without loads leaves it */
+    pma_link_load(&p->link, lam, pull);
+    pma_factor_close(&p->mass, pull, y, work);
 }
 
 /* y -= f(ut, vs, t1; q), internal forces of an explicit subdomain, which go on to q1 */
