@@ -273,6 +273,10 @@ void *pma_address_of(PyObject *obj, void **user);
 /* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
 
+/* The list of arrays owns this memory of PyMem_Calloc from now on, also after an error; -1 for
+ * NULL. `release` gets the capsule that it is in. */
+int pma_keep(void *memory, void (*release)(PyObject *owner), PyObject *arrays);
+
 /* n doubles of scratch, owned by the list of arrays */
 double *pma_add_scratch(npy_intp n, PyObject *arrays);
 

@@ -52,7 +52,6 @@ static int call_callable(double t, intptr_t n, double *u, double *v, double *r, 
     return pma_gil_call(run, &e);
 }
 
-/* n doubles of scratch, owned by the list of arrays */
 double *pma_add_scratch(npy_intp n, PyObject *arrays)
 {
     PyObject *work = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
@@ -61,6 +60,18 @@ double *pma_add_scratch(npy_intp n, PyObject *arrays)
         data = PyArray_DATA((PyArrayObject *)work);
     Py_XDECREF(work);
     return data;
+}
+
+int pma_keep(void *memory, void (*release)(PyObject *owner), PyObject *arrays)
+{
+    PyObject *owner = memory ? PyCapsule_New(memory, NULL, release) : PyErr_NoMemory();
+    if (!owner) {
+        PyMem_Free(memory);
+        return -1;
+    }
+    const int failed = PyList_Append(arrays, owner);
+    Py_DECREF(owner);
+    return failed;
 }
 
 /* Address and user data of a scipy.LowLevelCallable, a tuple that begins with a capsule; its
@@ -81,21 +92,15 @@ bool pma_is_compiled(PyObject *obj)
     return pma_address_of(obj, &user) != NULL;
 }
 
-/* the user's dof at each position of the elimination order */
 int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
 {
     PyArrayObject *order;
     if (pma_take_array(obj, NPY_INT64, 1, &n, "order", arrays, &order) < 0)
         return -1;
-    *out = PyArray_DATA(order);
-    for (npy_intp i = 0; i < n; i++) {
-        if ((*out)[i] < 0 || (*out)[i] >= n)
-            return pma_refuse(PyExc_ValueError, "order: a dof is out of range");
-    }
-    return 0;
+    size_t count;
+    return pma_take_positions(obj, (size_t)n, "order", NULL, &count, out);
 }
 
-/* A function of the user; *by_caller is set for a Python callable. */
 int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller)
 {
     out->function = (pma_restoring_function)pma_address_of(function, &out->user);

@@ -88,7 +88,6 @@ int pma_take_struck(PyObject *obj, size_t nb, PyObject *arrays, pma_struck *out)
 
 /* ---- state ---------------------------------------------------------------------------------- */
 
-/* contact_compliance(start): W, by columns, a copy */
 PyObject *pma_coupler_object_compliance(CouplerObject *self, PyObject *obj)
 {
     size_t rows;
@@ -110,7 +109,6 @@ PyObject *pma_coupler_object_turns(CouplerObject *self, PyObject *Py_UNUSED(igno
     return PyLong_FromSize_t(turns);
 }
 
-/* set_obstacle(load): d and d' by fine steps, in the forms of a load */
 PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj)
 {
     const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);

@@ -320,7 +320,6 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
     return result;
 }
 
-/* set_origin(number, t): before start */
 static PyObject *coupler_set_origin(CouplerObject *self, PyObject *args)
 {
     long long number;
@@ -336,7 +335,6 @@ static PyObject *coupler_set_origin(CouplerObject *self, PyObject *args)
     Py_RETURN_NONE;
 }
 
-/* start(step_count, lam, g): after start or set_levels of the subdomains */
 static PyObject *coupler_start(CouplerObject *self, PyObject *args)
 {
     long long step_count;
@@ -405,7 +403,6 @@ static PyObject *coupler_get_instants(CouplerObject *self, void *Py_UNUSED(closu
     return PyLong_FromSize_t(pma_coupler_instants(self->core));
 }
 
-/* One entry for each subdomain of this process. */
 static PyObject *coupler_get_workers(CouplerObject *self, void *Py_UNUSED(closure))
 {
     const size_t count = (size_t)PyTuple_Size(self->subdomains);

@@ -269,7 +269,6 @@ int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
 
 /* ---- what iterations keep ------------------------------------------------------------------- */
 
-/* iteration() -> (scale, entries or None, twice) */
 PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
     pma_iterate *it = pma_subdomain_iterate(self->core);
@@ -286,7 +285,6 @@ PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ign
     return entries ? Py_BuildValue("(dNO)", scale, entries, twice ? Py_True : Py_False) : NULL;
 }
 
-/* set_iteration(scale, entries or None, twice) */
 PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args)
 {
     PyObject *entries;

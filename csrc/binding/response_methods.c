@@ -219,7 +219,6 @@ PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args)
     return status == PMA_STOPPED ? NULL : PyBool_FromLong(status == PMA_OK);
 }
 
-/* store_responses(rows, states): the states written by unit_responses for all of these rows */
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
 {
     PyObject *rows_obj, *states_obj;

@@ -36,15 +36,9 @@ static void free_series(PyObject *owner)
 static series *add_series(Py_ssize_t count, npy_intp n, PyObject *arrays)
 {
     series *all = PyMem_Calloc(1, sizeof *all + (size_t)count * sizeof all->each[0]);
-    PyObject *owner = all ? PyCapsule_New(all, NULL, free_series) : PyErr_NoMemory();
-    if (!owner) {
-        PyMem_Free(all);
-        return NULL;
-    }
-    all->count = count;
-    const int failed = PyList_Append(arrays, owner);
-    Py_DECREF(owner);
-    if (failed)
+    if (all)
+        all->count = count;
+    if (pma_keep(all, free_series, arrays) < 0)
         return NULL;
     all->work = pma_add_scratch(3 * n, arrays);
     return all->work ? all : NULL;
@@ -64,14 +58,7 @@ static int take_function(PyObject *function, npy_intp n, PyObject *arrays, pma_r
 static int add_place(PyObject *arrays, pma_restoring *out)
 {
     out->place = PyMem_Calloc(1, sizeof *out->place);
-    PyObject *owner = out->place ? PyCapsule_New(out->place, NULL, free_series) : PyErr_NoMemory();
-    if (!owner) {
-        PyMem_Free(out->place);
-        return -1;
-    }
-    const int failed = PyList_Append(arrays, owner);
-    Py_DECREF(owner);
-    return failed;
+    return pma_keep(out->place, free_series, arrays);
 }
 
 static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma_restoring *out)

@@ -100,7 +100,6 @@ static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values
     return 0;
 }
 
-/* set_pace(None | tuple) */
 PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj)
 {
     PyObject *pace = obj == Py_None ? NULL : Py_NewRef(obj);

@@ -27,15 +27,10 @@ static void free_specimen(PyObject *owner)
 static specimen *add_specimen(Py_ssize_t filters, npy_intp n, PyObject *arrays)
 {
     specimen *own = PyMem_Calloc(1, sizeof *own + (size_t)filters * sizeof own->filters[0]);
-    PyObject *owner = own ? PyCapsule_New(own, NULL, free_specimen) : PyErr_NoMemory();
-    if (!owner) {
-        PyMem_Free(own);
-        return NULL;
-    }
-    own->core = (pma_specimen){.n = (size_t)n, .count = (size_t)filters, .filters = own->filters};
-    const int failed = PyList_Append(arrays, owner);
-    Py_DECREF(owner);
-    if (failed)
+    if (own)
+        own->core =
+            (pma_specimen){.n = (size_t)n, .count = (size_t)filters, .filters = own->filters};
+    if (pma_keep(own, free_specimen, arrays) < 0)
         return NULL;
     own->core.work = pma_add_scratch(n, arrays);
     return own->core.work ? own : NULL;

@@ -45,7 +45,6 @@ NUMBERS(gap, pma_coupler_gap)
 NUMBERS(iteration, pma_coupler_iteration)
 NUMBERS(contact, pma_coupler_contact)
 
-/* set_motion(i, load): the velocity of a prescribed motion, in the forms of a load */
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)
 {
     Py_ssize_t i;

@@ -196,7 +196,6 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject **arrays
     return pma_check(status, "energy");
 }
 
-/* evaluate_present(t): None, or the code that a function returned */
 static PyObject *subdomain_evaluate_present(SubdomainObject *self, PyObject *args)
 {
     double t;
@@ -216,7 +215,6 @@ static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
     return failed ? NULL : Py_NewRef(Py_None);
 }
 
-/* follow_energy(from): the works that another subdomain has summed up go on here */
 static PyObject *subdomain_follow_energy(SubdomainObject *self, PyObject *obj)
 {
     if (!Py_IS_TYPE(obj, Py_TYPE((PyObject *)self)))
@@ -275,7 +273,6 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
     Py_RETURN_NONE;
 }
 
-/* rebase(twice, lam): the stored free velocity, with the operator of the double or single step */
 static PyObject *subdomain_rebase(SubdomainObject *self, PyObject *args)
 {
     int twice;
@@ -330,7 +327,6 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     return tuple;
 }
 
-/* force(t): F(t) of a load that is no table, or the code that the function returned */
 static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
 {
     double t;
@@ -351,7 +347,6 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
     return result_of(self, status, F);
 }
 
-/* restore(t, u, v): r(u, v, t), or the code that the function returned */
 static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
 {
     double t;
@@ -416,7 +411,6 @@ static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ign
     return tuple;
 }
 
-/* springs(): deformation, force and inner variables of all springs at the present time level */
 static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
     const pma_springs *springs = &pma_subdomain_parts(self->core)->springs;
