@@ -115,6 +115,7 @@ lint: $(VENV)/.lint
 
 notebooks: $(VENV)/.notebook
 	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb
+	$(VENV)/bin/python docs/gallery.py
 
 # The site, build/docs/html. Its sources are a copy, since the reference writes a page for each name;
 # the notebooks appear with their stored output.

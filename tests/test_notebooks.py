@@ -1,8 +1,12 @@
 """Every notebook runs from top to bottom; it asserts its own results."""
 
+import base64
+import io
 import os
+import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 import waits
 
@@ -48,3 +52,18 @@ def test_the_notebook_is_kept_as_it_was_run(path):
     assert any("image/png" in output.get("data", {}) for output in outputs)
     assert all(output.output_type != "error" for output in outputs)
     assert all(output.get("name") != "stderr" for output in outputs)  # warnings go there
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_notebook_begins_with_its_result_and_a_picture_of_its_run(path):
+    images = pytest.importorskip("PIL.Image")
+    gallery = runpy.run_path(str(path.parents[1] / "docs" / "gallery.py"))
+    first = nbformat.read(path, as_version=4).cells[0]
+    assert first.source.split("\n\n")[1].startswith("**Result.** ")
+    assert first.source.split("\n\n")[2].endswith("](attachment:result.png)")
+    number = dict(gallery["entries"](path.parents[1] / "docs" / "gallery.md"))[path]
+    stored = gallery["small"](list(gallery["pictures"](path))[number - 1]).convert("RGB")
+    shown = images.open(io.BytesIO(base64.b64decode(first.attachments["result.png"]["image/png"])))
+    assert shown.size == stored.size
+    # other versions of Pillow choose other colours; another picture differs by tens
+    assert np.abs(np.asarray(shown.convert("RGB"), float) - np.asarray(stored, float)).mean() < 3
