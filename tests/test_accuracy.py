@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 
 import pmalpha as pm
+from pmalpha.results.quantities import arrays_of
 
 pytestmark = pytest.mark.filterwarnings("error::pmalpha.AccuracyWarning")
 
@@ -77,8 +78,7 @@ def test_the_first_double_step_of_a_continued_run_began_before_the_record():
 
 
 def test_thinned_records_have_no_local_errors():
-    coupler = tower_and_rig(0.05)
-    history = coupler.run(20.0, every=4)  # and do not warn: the rig is not seen
+    history = tower_and_rig(0.005).run(1.0, every=4)
     with pytest.raises(ValueError, match="all time levels of 'tower'"):
         history["tower"].local_error()
 
@@ -275,6 +275,62 @@ def test_thinned_records_are_judged_where_they_show_the_motion():
         oscillator(pm.Newmark(), h, 400 * h, every=4)
     late = (OMEGA - 2 / h * np.arctan(OMEGA * h / 2)) * 400 * h
     assert figure(caught) == pytest.approx(2 * np.sin(late / 2), rel=0.05)
+
+
+RECORDS = {
+    "a dof": {"record": {"tower": [2]}},
+    "a subdomain": {"record": {"rig": None}},
+    "outputs": {"record": {}, "outputs": {"tower": {"sum": [1.0, 1.0, 1.0]}}},
+    "macro levels": {"every": 1},
+    "some levels": {"every": 3, "energy": True},
+    "both": {"every": 7, "record": {"tower": [2, 0], "rig": None}},
+}
+
+
+def run_of_a_coarse_tower(tmp_path, filed, **chosen):
+    """With its warnings, from macro step 2 on."""
+    coupler = tower_and_rig(0.3)
+    coupler.step(2)
+    if filed:
+        chosen["record_to"] = tmp_path / f"{len(list(tmp_path.iterdir()))}.h5"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", pm.AccuracyWarning)
+        history = coupler.run(steps=40, **chosen)
+    return history, [str(x.message) for x in caught]
+
+
+@pytest.mark.parametrize("chosen", RECORDS.values(), ids=RECORDS)
+@pytest.mark.parametrize("filed", [False, True], ids=["memory", "file"])
+def test_the_judgement_does_not_depend_on_what_is_recorded(tmp_path, monkeypatch, filed, chosen):
+    _, expected = run_of_a_coarse_tower(tmp_path, False)
+    history, words = run_of_a_coarse_tower(tmp_path, filed, **chosen)
+    assert len(expected) == 1 and words == expected
+    # and the record is that of a run which is judged by it alone
+    monkeypatch.setattr("pmalpha.run.recorded_run.WHOLE_BYTES", 0)
+    plain, _ = run_of_a_coarse_tower(tmp_path, filed, **chosen)
+    pairs = [(history, plain), *zip(history.subdomains, plain.subdomains)]
+    if plain.energy is not None:
+        assert all(
+            np.array_equal(x, plain.energy.arrays()[k]) for k, x in history.energy.arrays().items()
+        )
+    for one, other in pairs:
+        assert (one is None) == (other is None)
+        if one is not None:
+            ours, theirs = arrays_of(one), arrays_of(other)
+            assert ours.keys() == theirs.keys()
+            assert all(np.array_equal(x, theirs[name]) for name, x in ours.items())
+    for one, other in pairs[1:]:
+        if one is not None:
+            assert all(np.array_equal(x, other.outputs[name]) for name, x in one.outputs.items())
+
+
+def test_a_record_of_few_dofs_does_not_keep_the_memory_of_all():
+    part = pm.Subdomain(np.ones(1000), np.ones(1000), scheme=pm.Newmark(), u0=np.ones(1000))
+    history = pm.Coupler([part], dt=0.01).run(steps=100, record={0: [3]})
+    for x in arrays_of(history[0]).values():
+        while x.base is not None:
+            x = x.base
+        assert x.nbytes <= 101 * 8
 
 
 def test_a_prescribed_motion_is_not_an_error():

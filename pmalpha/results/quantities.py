@@ -219,12 +219,12 @@ def _without_common_row(first: Any, second: Any) -> Any:
     common = second.macro_times[0] - first.macro_times[-1] <= ROUNDING * first.macro_times[-1]
     if not common:
         return second
-    return _with_rows(lambda x: x[1:], second)
+    return with_rows_of_all(lambda x: x[1:], second)
 
 
 def stacked(pieces: Sequence[Any]) -> Any:
     """The rows of all pieces, one after the other, without energies."""
-    whole = _with_rows(lambda *x: np.concatenate(x), *pieces)
+    whole = with_rows_of_all(lambda *x: np.concatenate(x), *pieces)
     subdomains = [
         s and replace(s, substep=s.substep if len({x.substep for x in own}) == 1 else None)
         for s, *own in zip(whole.subdomains, *(piece.subdomains for piece in pieces))
@@ -232,7 +232,7 @@ def stacked(pieces: Sequence[Any]) -> Any:
     return replace(whole, subdomains=tuple(subdomains), energy=None)
 
 
-def _with_rows(change: Callable[..., np.ndarray], *pieces: Any) -> Any:
+def with_rows_of_all(change: Callable[..., np.ndarray], *pieces: Any) -> Any:
     """The first History with ``change(x, ...)`` for each array of those of all of them."""
     subdomains = [
         own[0] and with_rows(own[0], change, *own[1:])

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from os import PathLike
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,11 +28,23 @@ from .history import History, SubdomainHistory
 from .history_file import HistoryFile, hdf5_library, output_array, row_count
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
-from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, WORKS, by_columns, column_counts
+from .quantities import (
+    APART,
+    OF_INTERFACE,
+    OF_SUBDOMAIN,
+    WORKS,
+    by_columns,
+    column_counts,
+    joined,
+    with_rows,
+    with_rows_of_all,
+)
 from .stored import EarlierRows, check_new, contents_of
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
+# Of a run that is to be judged of which less is wanted: bytes up to which all of it is recorded.
+WHOLE_BYTES = 64e6
 # Names of what is recorded, by columns.
 IN_SUBDOMAIN, IN_INTERFACE = by_columns(OF_SUBDOMAIN), by_columns(OF_INTERFACE)
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
@@ -102,9 +114,52 @@ class Recorded:
         return self.fine if OF_INTERFACE[name].levels == "fine" else 1
 
 
+class Wanted(NamedTuple):
+    """What is kept of a record that is made of all dofs and time levels, to be judged."""
+
+    of: Recorded
+    every: int | None
+
+    def numbers(self, steps: int) -> float:
+        """Numbers in a History of these macro steps."""
+        return sum(
+            rows_of(steps, self.every, levels) * count for levels, count in self.of.numbers.items()
+        )
+
+    def kept(self, whole: History, begin: int, end: int) -> History:
+        """The wanted rows and dofs of a record between two macro steps, in arrays of their own."""
+        steps = np.arange(end - begin + 1)
+        if self.every is not None:
+            later = np.arange(begin // self.every + 1, end // self.every + 1) * self.every
+            steps = np.append(0, later - begin)
+
+        def rows(x: np.ndarray) -> np.ndarray:
+            levels = (len(x) - 1) // (end - begin or 1)
+            return x if self.every is None else x[steps * levels]
+
+        subdomains: list[SubdomainHistory | None] = []
+        for own, part, dofs in zip(whole.subdomains, self.of.parts, self.of.dofs):
+            if dofs is None or own is None:
+                subdomains.append(None)
+                continue
+            q = own.q if dofs.size == part.n else None
+            own = with_rows(replace(own, q=q), rows)
+            columns = {x: getattr(own, x)[:, dofs] for x in IN_SUBDOMAIN["dofs"]}
+            names = names_at(part.subdomain.dof_names, dofs)
+            subdomains.append(replace(own, dofs=dofs.copy(), dof_names=names, **columns))
+        energy = whole.energy
+        if energy is not None:
+            energy = replace(
+                energy, t=rows(energy.t), **{x: rows(y) for x, y in energy.arrays().items()}
+            )
+        found = replace(with_rows(whole, rows), subdomains=tuple(subdomains), energy=energy)
+        return with_rows_of_all(np.array, found)  # not views, which keep the whole record
+
+
 class Recording:
     """The record of a run from macro step `begin` to at most `end`.
 
+    wanted: what the History has of it; all without.
     coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
     begin, end: macro steps.
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
@@ -120,7 +175,10 @@ class Recording:
         clock: Clock,
         every: int | None,
         conserved: str | None = None,
+        wanted: Wanted | None = None,
     ):
+        self.wanted = wanted
+        self.whole: History | None = None  # the last one made, where less is wanted
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         # by levels per macro step: of which macro steps, and the times; the same in all cases
         self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
@@ -167,7 +225,8 @@ class Recording:
     @property
     def numbers_kept(self) -> float:
         """Numbers that the History keeps in memory."""
-        return self.numbers
+        wanted = self.wanted
+        return self.numbers if wanted is None else wanted.numbers(self.end - self.begin)
 
     def __enter__(self) -> Recording:
         return self
@@ -188,8 +247,7 @@ class Recording:
 
     def _rows_in_memory(self, levels: int) -> int:
         """Rows between two pauses, with `levels` time levels per macro step."""
-        steps = self.steps_in_memory
-        return 1 + steps * levels if self.every is None else 2 + steps // self.every
+        return rows_of(self.steps_in_memory, self.every, levels)
 
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
@@ -259,7 +317,18 @@ class Recording:
         return rows.reshape(len(rows), len(self.of.parts), len(ENERGIES))
 
     def history(self, end: int) -> History:
-        """The History up to macro step `end`."""
+        """The History up to macro step `end`, as far as it is wanted."""
+        history = self._history(end)
+        if self.wanted is None:
+            return history
+        self.whole = history
+        return self.wanted.kept(history, self.begin, end)
+
+    def judged(self, history: History) -> History:
+        """What the run with this History is judged by: all dofs and time levels, if known."""
+        return history if self.whole is None else self.whole
+
+    def _history(self, end: int) -> History:
         of, rows = self.of, {levels: self.rows(levels, end) for levels in self.of.numbers}
         subdomains: list[SubdomainHistory | None] = [None] * len(of.parts)
         for i, (part, dofs, springs) in enumerate(zip(of.parts, of.dofs, of.springs)):
@@ -343,7 +412,9 @@ class FiledRecording(Recording):
         self.path = checked_path(path, "record_to")
         self.file: HistoryFile | None = None
         self.earlier: EarlierRows | None = None
+        self.pieces: list[History] = []
         super().__init__(*args, **options)
+        self.shown = self.of if self.wanted is None else self.wanted.of
         hdf5_library()
         # all that before the start evaluates a restoring force, on a test rig say
         check_replaceable(path, "record_to")
@@ -369,7 +440,8 @@ class FiledRecording(Recording):
 
     def pauses(self) -> Iterator[int]:
         header, arrays = contents_of(super().history(self.begin))
-        header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
+        every = self.every if self.wanted is None else self.wanted.every
+        header |= {"begin": self.begin, "every": every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
         if self.clock.origin == 0:  # else times are counted from a change of the steps
             header["dt"] = self.clock.dt
@@ -390,27 +462,32 @@ class FiledRecording(Recording):
     def _levels(self) -> dict[str, int]:
         """Time levels per macro step of all growing arrays, by name."""
         levels = {
-            name: self.of.levels_of(name)
+            name: self.shown.levels_of(name)
             for name, x in OF_INTERFACE.items()
-            if name in self.of.interface or not x.columns.startswith("contact")
+            if name in self.shown.interface or not x.columns.startswith("contact")
         }
         for i, (part, columns, own) in enumerate(
-            zip(self.of.parts, self.of.columns, self.of.outputs)
+            zip(self.shown.parts, self.shown.columns, self.shown.outputs)
         ):
-            if self.of.dofs[i] is not None:
+            if self.shown.dofs[i] is not None:
                 levels |= {f"{i}.{name}": part.substeps for name in ("t", *columns)}
                 count = 0 if own is None else len(own.sizes)
                 levels |= {output_array(i, k): part.substeps for k in range(count)}
         fields = [*ENERGY_FIELDS]
         fields += ["conserved"] * (self.conserved is not None)
-        fields += ["contact"] * (self.of.contacts is not None)
-        return levels | {f"energy.{name}": 1 for name in fields if self.of.has_energy}
+        fields += ["contact"] * (self.shown.contacts is not None)
+        return levels | {f"energy.{name}": 1 for name in fields if self.shown.has_energy}
 
     def keep(self, end: int) -> None:
         if end > self.begin:
             assert self.file is not None
             self.file.write(contents_of(super().history(end))[1], self.begin, end)
+            if self.whole is not None:
+                self.pieces.append(with_rows_of_all(np.copy, replace(self.whole, energy=None)))
             self.begin = end
+
+    def judged(self, history: History) -> History:
+        return joined(self.pieces) if self.pieces else history
 
     def history(self, end: int) -> History:
         if self.file is None:
@@ -418,6 +495,11 @@ class FiledRecording(Recording):
         with suppress(OSError):  # the run has raised it already; completed rows are in the file
             self.keep(end)
         return replace(History.load(self.file.path), keys=self.of.keys)
+
+
+def rows_of(steps: int, every: int | None, levels: int) -> int:
+    """Rows of so many macro steps at most, with `levels` time levels in each."""
+    return 1 + steps * levels if every is None else 2 + steps // every
 
 
 def same_steps(earlier: Sequence[Any] | None, steps: Sequence[Any]) -> list[Any]:

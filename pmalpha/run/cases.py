@@ -459,10 +459,10 @@ def finish_group(session: Session, group: Group, plan: Plan) -> None:
         run_one_by_one(session, group.cases, plan)
         return
     histories = [recording.history(plan.end) for recording in group.recordings]
-    for k, history in zip(group.cases, histories):
+    for k, history, recording in zip(group.cases, histories, group.recordings):
         plan.results.histories[k] = history
         try:
-            judge(session, history)
+            judge(session, recording.judged(history))
         except Exception as error:  # a warning that is an error
             plan.results.failures[k] = error
     plan.finish(len(group.cases))

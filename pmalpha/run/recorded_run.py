@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 from weakref import ref
 
+import numpy as np
+
 from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, check_replaceable, checked_path
@@ -17,10 +19,18 @@ from ..problem.matrices import core_matrix, skew_part
 from ..results.energy import conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
-from ..results.recording import FiledRecording, Recorded, Recording, recording_class
+from ..results.recording import (
+    WHOLE_BYTES,
+    FiledRecording,
+    Recorded,
+    Recording,
+    Wanted,
+    recording_class,
+    rows_of,
+)
 from ..results.stored import check_new
 from ..setup.ranks import Elsewhere, file_of
-from .accuracy import estimated_error, warn_if_coarse
+from .accuracy import FEWEST_LEVELS, estimated_error, warn_if_coarse
 from .advance import advance_to
 from .cause import warn_of_gains, warn_of_present_steps
 from .drift import warn_if_drifting
@@ -101,15 +111,44 @@ def recording_of(
         conserved = conserved_quantity(session.parts, session.options, session.ranks)
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
+    of, wanted = recorded_of(session, energy, chosen), None
+    if session.judges and kind is recording_class and not append:
+        every = None if every is None else whole_number(every, "every", low=1)
+        whole = whole_of(session, of, {**chosen, "record": None}, end - first, every)
+        if whole is not None:
+            of, wanted, every = whole, Wanted(of, every), None
     return make(
-        recorded_of(session, energy, chosen),
+        of,
         coupling=session.coupling,
         begin=first,
         end=end,
         clock=session.clock,
         every=every,
         conserved=conserved,
+        wanted=wanted,
     )
+
+
+def whole_of(
+    session: Session, wanted: Recorded, chosen: Mapping[str, Any], steps: int, every: int | None
+) -> Recorded | None:
+    """All dofs, if less is wanted and the record of all of them at all time levels is small.
+
+    None with contacts, whose impulses are summed between the recorded levels, and in several
+    processes, which record the same levels.
+    """
+    parts = session.parts
+    if every is None or (every == 1 and all(part.substeps == 1 for part in parts)):
+        all_dofs = zip(parts, wanted.dofs)
+        if all(dofs is not None and np.array_equal(dofs, np.arange(p.n)) for p, dofs in all_dofs):
+            return None
+    if steps < FEWEST_LEVELS or session.rows.contacts is not None or session.ranks is not None:
+        return None
+    if steps * sum(24.0 * part.n * part.substeps for part in parts) > WHOLE_BYTES:
+        return None
+    whole = recorded_of(session, wanted.has_energy, chosen)
+    numbers = sum(rows_of(steps, None, k) * count for k, count in whole.numbers.items())
+    return whole if 8.0 * numbers <= WHOLE_BYTES else None
 
 
 def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Recorded:
@@ -137,7 +176,7 @@ def recorded(
     """
     with noted() as messages:
         history = _recorded(session, recording, report, held, around)
-        held.during(judge, session, history)
+        held.during(judge, session, recording.judged(history))
     return replace(history, warnings=tuple(messages)) if messages else history
 
 
