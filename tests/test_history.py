@@ -75,6 +75,17 @@ def test_a_loaded_history_is_bitwise_identical_to_the_saved_one(tmp_path, kind):
     require_bit_equal(pm.History.load(path), history)
 
 
+def test_coupling_and_warnings_of_a_run_are_in_its_file(tmp_path):
+    coupler = pm.Coupler([oscillator(), oscillator()], (), dt=10.0, coupling="gc")
+    with pytest.warns(pm.AccuracyWarning):
+        history = coupler.run(steps=10)
+    history.save(tmp_path / "h.npz")
+    loaded = pm.History.load(tmp_path / "h.npz")
+    assert loaded.coupling == "gc"
+    assert len(history.warnings) == 1
+    assert loaded.warnings == history.warnings
+
+
 def test_a_history_without_constraints_and_with_one_time_level_can_be_saved(tmp_path):
     history = pm.Coupler([oscillator()], dt=0.1).run(steps=0)
     history.save(tmp_path / "h")

@@ -66,9 +66,9 @@ class History:
     pacing : `Pacing` or None
         With `Coupler.run_paced`: the times of its fine steps. Not in files.
     coupling : str or None
-        That of the `Coupler`. Not in files.
+        That of the `Coupler`; None for a file of an older version.
     warnings : tuple of str
-        Those about this run. Not in files.
+        Those about this run; ``run(record_to=)`` writes its file without them.
     contact_impulses, contact_gaps, contact_layout
         Those of all contacts, of which `contacts` is made.
     """

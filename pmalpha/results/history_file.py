@@ -452,6 +452,10 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
     for i, n in enumerate(header.get("sizes", [])):
         if n is not None and not (type(n) is int and n > arrays[f"{i}.dofs"].max(initial=-1)):
             raise ValueError(f"a number of dofs of subdomain {i} that fits them, got {n!r}")
+    if not all(isinstance(x, str) for x in header.get("warnings", [])):
+        raise ValueError(f"warnings that are texts, got {header['warnings']}")
+    if not isinstance(header.get("coupling"), str | None):
+        raise ValueError(f"the word of a coupling, got {header['coupling']}")
     for i in header["recorded"]:
         _check_shapes(i, arrays)
         for step in header["steps"][i] if "steps" in header else ():

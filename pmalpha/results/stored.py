@@ -48,6 +48,8 @@ def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             None if s is None or s.dof_names is None else list(s.dof_names)
             for s in history.subdomains
         ],
+        "coupling": history.coupling,
+        "warnings": list(history.warnings),
     }
     if history.contact_layout:
         header["contacts"] = [x[:3] for x in history.contact_layout]
@@ -102,7 +104,8 @@ def stored_fields(path: str | PathLike[str], whole: type, kind: type) -> dict[st
         ) from None
     keys = tuple((name, None) for name in header["names"])
     layout = tuple(Recorded(*x) for x in header.get("contacts", ()))
-    interface |= {"contact_layout": layout}
+    interface |= {"contact_layout": layout, "coupling": header.get("coupling")}
+    interface |= {"warnings": tuple(header.get("warnings", ()))}
     return {"subdomains": tuple(subdomains), **interface, "keys": keys, "energy": energy}
 
 
@@ -168,7 +171,7 @@ class EarlierRows:
 
     def check(self, header: Mapping[str, Any], first: Mapping[str, np.ndarray]) -> None:
         """ValueError unless a run with this header and these first rows continues the file."""
-        for name in ("names", "recorded", "every", "fixed", "dt", "outputs"):
+        for name in ("names", "recorded", "every", "fixed", "dt", "outputs", "coupling"):
             if name in self.header and name in header and self.header[name] != header[name]:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
         nodes = self.header["nodes"]

@@ -248,8 +248,8 @@ class SubdomainHistory:
 class OneSubdomain:
     """What a History of one subdomain has, without constraints."""
 
-    energy = substeps = contact_impulses = contact_gaps = None
-    contact_layout = ()
+    coupling = energy = substeps = contact_impulses = contact_gaps = None
+    contact_layout = warnings = ()
 
     def __init__(self, motion: SubdomainHistory):
         none = np.empty((motion.t.size, 0))
