@@ -42,7 +42,7 @@ LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
 EXCEPTIONS = {
     ("pmalpha.results.history", "pmalpha.plot.histories"),
     ("pmalpha.results.subdomain_history", "pmalpha.plot.histories"),
-    ("pmalpha.results.contact_history", "pmalpha.plot.gaps"),
+    ("pmalpha.results.contact_history", "pmalpha.plot.histories"),
 }
 
 # A class is in one file: these have the reference of all methods, whose lines do not count.

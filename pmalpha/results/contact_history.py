@@ -96,7 +96,7 @@ class ContactHistory:
         >>> len(history.contacts[0].plot().figure.axes)
         2
         """
-        from ..plot.gaps import gaps_and_forces
+        from ..plot.histories import gaps_and_forces
 
         return gaps_and_forces(self, rows, title=title, ax=ax)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from .. import _core
 from .._checks import listing
@@ -17,8 +18,10 @@ from ..problem.matrices import (
     Matrix,
     combination,
     core_matrix,
+    diagonal,
     is_symmetric,
     permuted,
+    sparse,
 )
 from ..problem.ordering import graph_of, has_nested_dissection
 from ..problem.restoring import Feedback, core_restoring, functions_of, is_compiled
@@ -26,7 +29,6 @@ from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
 from .factors import Elimination, Eliminations, Factor, Names
-from .impulses import struck
 from .internal_forces import (
     InternalForces,
     TangentPattern,
@@ -45,6 +47,8 @@ NOTABLE_FACTOR = 100_000
 NOTABLE_FACTORIZATION = 1e11
 # Numbers per dof that a step reads and writes, without the matrices.
 STEP_NUMBERS = 12
+# Parts of the entries of C that are rounding of a0 M + a1 K.
+ROUNDING_OF_C = 1e-12
 
 
 @dataclass
@@ -493,3 +497,50 @@ def _internal(part: Part, threads: int) -> dict[str, Any]:
     over = twice[0] if twice else None
     iterate = (springs, part.reuses, pattern, base, over, core_size(part.M), threads)
     return {"M": core_matrix(part.M), "internal": own, "iterate": iterate}
+
+
+# ---- impulses of contacts ----------------------------------------------------------------------
+
+
+def struck(part: Part) -> tuple[Any, ...] | None:
+    """What impulses meet in a subdomain, for the core: equation (U4)."""
+    if part.N is None:
+        return None
+    s, begin = part.subdomain, part.n - part.nb
+    reached = np.diff(part.N.ptr)[begin:] > 0
+    inverse = np.zeros(part.nb)
+    inverse[reached] = 1.0 / diagonal(part.M)[begin:][reached]
+    al1, al2 = s.scheme.coefficients(part.h)
+    rates = _rates(part, np.flatnonzero(reached) + begin)
+    if rates is not None and not s.scheme.explicit:
+        a0, a1 = rates
+        alpha = (a1 + 0.5 * part.h) / (al1 + al2 * a1)
+        return inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None
+    stiffness = combination([(1.0, part.K), (1.0, part.K_r)])
+    B = combination([(1.0, part.damping), (0.5 * part.h, stiffness)])
+    return inverse, 0.0, 0.0, Link.of(_columns(B, part.n)).core(begin)
+
+
+def _columns(A: Matrix | None, n: int) -> sp.csc_array:
+    result = sp.csc_array(sparse(A, n))
+    result.sort_indices()
+    return result
+
+
+def _rates(part: Part, dofs: np.ndarray) -> tuple[float, float] | None:
+    """(a0, a1) of Mbar = M + al2 C + al1 K with C = a0 M + a1 K, where K and C act as such on
+    impulses at these dofs; None elsewhere, and for restoring forces, whose balance reads w."""
+    s = part.subdomain
+    if s.restoring is not None or s.has_feedback:
+        return None
+    if part.damping is None or not abs(_columns(part.damping, part.n)[:, dofs]).sum():
+        return 0.0, 0.0
+    if s.rayleigh is None or s.K is None:
+        return None
+    a0, a1 = s.rayleigh
+    proportional = combination([(a0, s.M), (a1, s.K)])
+    rest = combination([(1.0, s.C), (-1.0, proportional)])
+    size = abs(_columns(s.C, part.n)).max()
+    if rest is None or abs(_columns(rest, part.n)).max() <= ROUNDING_OF_C * size:
+        return float(a0), float(a1)
+    return None
