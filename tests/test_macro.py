@@ -513,17 +513,6 @@ def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_subdo
     assert_same_levels(coupler, other)
 
 
-def test_a_checkpoint_resumes_bitwise_identically(tmp_path):
-    problem = random_macro_problem(5)
-    whole, first, second = (made(problem) for _ in range(3))
-    whole.step(STEPS)
-    first.step(4)
-    first.save(tmp_path / "state")
-    second.load(tmp_path / "state")
-    second.step(STEPS - 4)
-    assert_same_levels(whole, second)
-
-
 @pytest.mark.parametrize("storing", ["stored", "repeated"])
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
 def test_substeps_are_bitwise_the_same_whether_recorded_and_observed_or_not(
