@@ -1,17 +1,20 @@
 """Spectral radii of coupled steps: what is stable, under which coupling, with the drift or without.
 
-    python tests/coupling_survey.py [oscillators] [loops] [mean] [variants] [rest] [--few]
+    python tests/coupling_survey.py [oscillators] [loops] [mean] [variants] [rest] [warnings]
+        [--few]
 
 `oscillators`: split oscillators, A implicit, B explicit with substeps or implicit, for every
 coupling of the core. `loops`: random loops of three subdomains. `mean`: random split oscillators
 under mean coupling. `variants`: other ways to remove the drift, from tests/reference.py. `rest`:
-other arguments of K under mean coupling with which an explicit subdomain would rest. Each line has
+other arguments of K under mean coupling with which an explicit subdomain would rest. `warnings`:
+whether StabilityWarning of set-up is right, by the radius, of 1000 random chains. Each line has
 the largest radius, and how many are above 1 + 1e-7: double eigenvalues of modulus one are computed
 to the root of the rounding. `--few`: one problem in four.
 """
 
 import argparse
 import warnings
+from collections import Counter
 from dataclasses import replace
 from itertools import product
 
@@ -23,6 +26,8 @@ from pmalpha import analysis
 
 ALPHA, CD = pm.GeneralizedAlpha, pm.CentralDifference()
 UNSTABLE = 1.0 + 1e-7
+# The first seed of the survey of warnings.
+FIRST = 26_000
 B1, SUBSTEPS, SHARES = (0.01, 0.1, 1.0, 10.0, 100.0), (1, 2, 5, 20), (0.05, 0.3, 0.6, 0.85, 0.97)
 PAIRS = {
     "rho 0": (ALPHA(0.0), ALPHA(0.0, explicit=True)),
@@ -381,12 +386,81 @@ def survey_rest(every):
         line(f"mean, K at {name}, rho {rho}, limit {limit:.2f}", radii)
 
 
+# ---- StabilityWarning ---------------------------------------------------------------------------
+
+
+WAYS = [
+    dict(coupling="gc"),
+    dict(coupling="gc", drift="removed"),
+    dict(coupling="pm"),
+    dict(coupling="macro"),
+    dict(coupling="mean"),
+]
+
+
+def random_coupler(seed):
+    """A chain of up to 12 masses in one to three subdomains, some with lagged damping, with steps
+    of 0.05 to 1.2 of the critical one where there is one."""
+    rng = np.random.default_rng([seed, 26])
+    options = WAYS[int(rng.integers(len(WAYS)))]
+    cuts = int(rng.integers(0, 3))
+    subdomains, limits = [], []
+    for i in range(cuts + 1):
+        n = int(rng.integers(2, 5))
+        k = 10.0 ** rng.uniform(-1.0, 2.0, n)
+        K = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+        explicit = bool(rng.random() < 0.5)
+        rho = float(rng.uniform(0.5 if explicit and options["coupling"] == "mean" else 0.0, 1.0))
+        scheme = [ALPHA(rho, explicit=explicit), CD if explicit else pm.Newmark()]
+        C = K * 10.0 ** rng.uniform(-3.0, -1.0) if rng.random() < 0.5 else None
+        own = pm.Subdomain(
+            10.0 ** rng.uniform(-1.0, 1.0, n),
+            K,
+            C,
+            scheme=scheme[int(rng.integers(2))],
+            substeps=int(rng.choice([1, 2, 6])) if i else 1,
+            damping="lagged" if explicit and C is not None and rng.random() < 0.5 else "implicit",
+            name=f"s{i}",
+        )
+        subdomains.append(own)
+        limits.append(own.substeps * analysis.critical_step(own))
+    if options["coupling"] == "pm":  # coarse implicit ones take double steps
+        limits = [0.5 * x if s.substeps == 1 else x for x, s in zip(limits, subdomains)]
+    longest = min(*limits, 10.0 ** rng.uniform(-1.0, 1.0))
+    ties = [pm.tie(a, a.n - 1, b, 0) for a, b in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(subdomains, ties, dt=rng.uniform(0.05, 1.2) * longest, **options)
+
+
+def survey_warnings(every):
+    """How often StabilityWarning of set-up is right, by the spectral radius of a macro step."""
+    counts = Counter()
+    for seed in range(FIRST, FIRST + 1000, every):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                found = radius(random_coupler(seed))
+            except pm.InstabilityError:
+                found = np.inf
+            except (pm.FactorizationError, ValueError) as error:
+                counts[f"refused: {str(error)[:40]}"] += 1
+                continue
+        warned = any(issubclass(w.category, pm.StabilityWarning) for w in caught)
+        # a triple eigenvalue of modulus one is computed to the third root of the rounding
+        grows = found > 1.0 + 1e-5
+        counts["grows" if grows else "sound", "warned" if warned else "silent"] += 1
+        if warned != grows:
+            print(seed, f"radius {found:.9f}", [str(w.message)[:150] for w in caught])
+    for what, count in sorted(counts.items(), key=str):
+        print(f"StabilityWarning, {what}: {count}")
+
+
 SURVEYS = {
     "oscillators": survey_oscillators,
     "loops": survey_loops,
     "mean": survey_mean,
     "variants": survey_variants,
     "rest": survey_rest,
+    "warnings": survey_warnings,
 }
 
 
