@@ -26,7 +26,7 @@ JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 # BLAS alone: its threads would wait for each other by spinning while another test has the processor
 PYTEST    = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal
 
-.PHONY: demo test others campaigns ctest tsan sanitized races analyze release cross example lint \
+.PHONY: demo test others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
 	notebooks docs wheels release-files free-threaded benchmarks clean
 
 demo: $(VENV)/.plot,fast
@@ -68,6 +68,39 @@ races: build/races/_core.abi3.so $(VENV)/.test
 	$(call COPY,build/races)
 	cd build/races && TSAN_OPTIONS="ignore_noninstrumented_modules=1 exitcode=66" \
 		LD_PRELOAD="$(call LIBRARY,libtsan.so)" $(TESTED) $(RACES:%=$(CURDIR)/tests/%.py)
+
+# What the tests reach of the core, the binding and the package, in lines and branches, without
+# optimization and assertions, which takes two to three times as long as the tests. It writes the
+# table of CONTRIBUTING.md, and lists in build/covered what is not reached: core.txt, package.txt.
+# Tests run in small groups, since a process that dies loses its counts; those of Ctrl-C without
+# coverage.py, which holds a lock that an exception within leaves locked.
+COVERED := $(CURDIR)/build/covered
+GCOVR    = $(VENV)/bin/python -m gcovr --root . --filter csrc/core/ --filter csrc/binding/ \
+	--merge-mode-functions separate build/covered
+TRACED   = cd build/covered && PYTHONPATH=$(COVERED) OPENBLAS_NUM_THREADS=1 \
+	COVERAGE_FILE=$(COVERED)/.coverage COVERAGE_RCFILE=$(CURDIR)/pyproject.toml
+UNTRACED = pytest -q -p no:cacheprovider -p no:xdist -m "not gate" $(ARGS)
+
+coverage: build/test_core_covered build/covered/_core.abi3.so $(VENV)/.coverage
+	$(call COPY,build/covered)
+	find build/covered -name '*.gcda' -delete
+	$<
+	$(GCOVR) --json build/covered/c.json
+	find build/covered -name '*.gcda' -delete
+	rm -f build/covered/.coverage*
+	printf '%s\n' $(CURDIR)/tests/test_*.py | ($(TRACED) xargs -P $(JOBS) -n 5 \
+		$(CURDIR)/$(VENV)/bin/python -m coverage run -m $(UNTRACED) -k "not exports and not ctrl_c and not interrupt")
+	printf '%s\n' $(CURDIR)/tests/test_*.py | ($(TRACED) xargs \
+		$(CURDIR)/$(VENV)/bin/python -m $(UNTRACED) -k "ctrl_c or interrupt")
+	$(GCOVR) --json build/covered/python.json
+	cd build/covered && $(CURDIR)/$(VENV)/bin/coverage combine -q --rcfile $(CURDIR)/pyproject.toml
+	cd build/covered && $(CURDIR)/$(VENV)/bin/coverage json -q --rcfile $(CURDIR)/pyproject.toml \
+		-o package.json
+	cd build/covered && $(CURDIR)/$(VENV)/bin/coverage report -m --skip-covered \
+		--rcfile $(CURDIR)/pyproject.toml >package.txt
+	$(VENV)/bin/python -m gcovr --root . -a build/covered/c.json -a build/covered/python.json \
+		--txt build/covered/core.txt
+	$(VENV)/bin/python tests/covered.py build/covered
 
 # Mistakes that can be found without a run: gcc -fanalyzer without OpenMP, of whose reductions it
 # reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,
@@ -187,11 +220,12 @@ $(VENV)/bin/pip:
 
 # The C tests in four builds, of objects that `make -j` compiles at once. Those of the sanitizers are
 # for an extension too; those of threads are also those of processors without AVX2.
-BUILDS         := asan tsan release clang
+BUILDS         := asan tsan release clang covered
 FLAGS_asan     := -O1 -g -fPIC $(SANITIZE) $(if $(filter Linux,$(shell uname)),$(WRAPPED))
 FLAGS_tsan     := -O1 -g -fPIC -fsanitize=thread -DPMA_PLAIN
 FLAGS_release  := -O3 -DNDEBUG
 FLAGS_clang    := -O3 -DNDEBUG
+FLAGS_covered  := -O0 -g -fPIC --coverage -DNDEBUG $(if $(filter Linux,$(shell uname)),$(WRAPPED))
 COMPILER        = $(if $(filter clang,$(1)),clang,$(CC))
 OBJECTS         = $(patsubst %.c,build/$(1)/%.o,$(filter %.c,$(2)))
 
@@ -220,9 +254,11 @@ TESTED = $(CURDIR)/$(VENV)/bin/python -m pytest -q -p no:cacheprovider \
 
 build/sanitized/_core.abi3.so: FLAGS := $(filter-out $(WRAPPED),$(FLAGS_asan))
 build/races/_core.abi3.so:     FLAGS := $(FLAGS_tsan)
+build/covered/_core.abi3.so:   FLAGS := $(filter-out $(WRAPPED),$(FLAGS_covered))
 build/sanitized/_core.abi3.so: $(call OBJECTS,asan,$(CORE))
 build/races/_core.abi3.so:     $(call OBJECTS,tsan,$(CORE))
-build/sanitized/_core.abi3.so build/races/_core.abi3.so: $(BINDING) | $(VENV)/.test
+build/covered/_core.abi3.so:   $(call OBJECTS,covered,$(CORE))
+build/sanitized/_core.abi3.so build/races/_core.abi3.so build/covered/_core.abi3.so: $(BINDING) | $(VENV)/.test
 	mkdir -p $(@D)
 	$(CC) -std=c11 $(FLAGS) -shared -ffp-contract=off -fno-trapping-math -fopenmp-simd \
 		-pthread -D_POSIX_C_SOURCE=200809L -D_XOPEN_SOURCE=700 -DPy_LIMITED_API=0x030B0000 \
