@@ -288,6 +288,29 @@ def test_after_an_exception_the_last_history_is_the_file_up_to_the_last_macro_st
     assert broken.last_history is None and again.energy is not None
 
 
+def test_an_exception_of_a_tangent_before_the_first_step_leaves_a_file_of_the_present(tmp_path):
+    # a run that continues evaluates the tangents of an explicit subdomain for its critical step
+    broken = []
+
+    def internal(u, v, t, q):
+        if broken:
+            raise ZeroDivisionError
+        return u**3, np.diag(3.0 * u**2)
+
+    s = pm.Subdomain([1.0], [4.0], scheme=pm.CentralDifference(), v0=[1.0], internal=internal)
+    coupler, path = pm.Coupler([s], dt=0.1), tmp_path / "run.h5"
+    first = coupler.run(steps=5)
+    broken.append(True)
+    with pytest.raises(ZeroDivisionError):
+        coupler.run(steps=5, record_to=path)
+    assert_identical(pm.History.load(path), coupler.last_history)
+    assert coupler.step_count == 5 and coupler.last_history.macro_times.size == 1
+    broken.clear()
+    coupler.run(steps=5, record_to=path, append=True)
+    whole = pm.History.join([first, pm.History.load(path)])
+    assert_identical(whole, pm.Coupler([s], dt=0.1).run(steps=10))
+
+
 KILLED = """
     import os, signal
     import numpy as np

@@ -221,11 +221,13 @@ def advance_in_intervals(
     session: Session, recording: Recording, report: Report | None, held: HeldSignals
 ) -> None:
     begin, end = recording.begin, recording.end
-    if end > begin and (begin or session.was_reset):  # else the set-up has warned
-        held.during(warn_of_present_steps, session.parts, session.clock.time(begin))
-    for pause in recording.pauses():
+    warned = end == begin or not (begin or session.was_reset)  # the set-up has warned
+    for pause in recording.pauses():  # the file exists before a function of the user can raise
         if isinstance(recording, FiledRecording) and recording.begin == begin:
             write_master_of(session, recording.path)
+        if not warned:
+            held.during(warn_of_present_steps, session.parts, session.clock.time(begin))
+            warned = True
         held.during(advance_to, session, pause, recording, report)
         recording.keep(pause)
     if isinstance(recording, FiledRecording) and end == begin:
