@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from refusals import refused, single
+from refusals import coupled, refused, single
 
 import pmalpha as pm
 from pmalpha.cutting.division import Division
@@ -34,6 +34,10 @@ def unused_blocks():
 def moving(mesh=([[0.0]], [[0]]), **options):
     history = pm.Coupler([single()], dt=0.1).run(steps=1)
     return pm.plot.animation(history, {0: mesh}, **options)
+
+
+def picture(dofs):
+    return pm.Coupler([single()], dt=0.1).run(steps=1).plot(dofs)
 
 
 def longer_data():
@@ -266,9 +270,44 @@ REFUSED = {
         "points + scale u must be finite, got inf at [1, 0]",
     ),
     "a picture of ragged dofs": (
-        lambda: pm.Coupler([single()], dt=0.1).run(steps=1).plot([[1.0, 2.0], [3.0]]),
+        lambda: picture([[1.0, 2.0], [3.0]]),
         ValueError,
         "must be a regular array",
+    ),
+    "a picture of a dof beyond 64 bits": (
+        lambda: picture([2**70, 1]),
+        ValueError,
+        "dofs of 'subdomain 0' must lie in 0..0, got 1180591620717411303424",
+    ),
+    "a picture of a dof that is a fraction": (
+        lambda: picture([Fraction(0), 0]),
+        TypeError,
+        "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got Fraction(0, 1)",
+    ),
+    "a picture of a dof that is nothing": (
+        lambda: picture([None]),
+        TypeError,
+        "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got None",
+    ),
+    "a picture of dofs in a sparse matrix": (
+        lambda: picture(sp.dia_array(np.eye(3))),
+        TypeError,
+        "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got <DIA",
+    ),
+    "a picture of ragged constraints": (
+        lambda: coupled().run(steps=1).plot(conditions=[[0, 1], [0]]),
+        ValueError,
+        "conditions must be a regular array",
+    ),
+    "a record of a dof beyond 64 bits": (
+        lambda: pm.Coupler([single()], dt=0.1).run(steps=1, record={0: [-(2**70)]}),
+        ValueError,
+        "record['subdomain 0'] must lie in 0..0, got -1180591620717411303424",
+    ),
+    "the motion of a dof beyond 64 bits": (
+        lambda: pm.Coupler([single()], dt=0.1).state(0)[2**70],
+        ValueError,
+        "dof must lie in 0..0, got 1180591620717411303424",
     ),
     "a matrix with more data than indices": (
         lambda: pm.Constraint({"a": longer_data()}),

@@ -257,7 +257,7 @@ def _rows(history: Any, conditions: Any) -> list[int]:
         return []
     if conditions is None:
         return _distinct(history.multipliers, np.ptp(history.multipliers, axis=0), DEFAULT_CURVES)
-    rows = [int(row) for row in dof_list(np.atleast_1d(np.asarray(conditions)), p, "conditions")]
+    rows = [int(row) for row in dof_list(conditions, p, "conditions")]
     if len(rows) > MOST_CURVES:
         raise ValueError(f"conditions must be at most {MOST_CURVES} constraints, got {len(rows)}")
     return rows

@@ -123,7 +123,8 @@ def dof_array(
         if n is not None and dofs.shape != (n,):
             raise ValueError(f"{name} must be a mask of shape ({n},), got shape {dofs.shape}")
         return np.flatnonzero(dofs)
-    if dofs.dtype.kind not in "iu":
+    beyond = dofs.dtype == object and all(type(x) is int for x in dofs.flat)  # one beyond int64
+    if dofs.dtype.kind not in "iu" and not beyond:
         raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
     outside = dofs[(dofs < (0 if n is None else -n)) | (dofs >= (MOST if n is None else n))]
     if outside.size and n is None:

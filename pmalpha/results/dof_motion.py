@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
+from scipy.sparse import issparse
 
 from .._checks import counted, listing, plain_array
 from ..problem.dofs import dof_list
@@ -94,9 +95,10 @@ def columns_of(
     """
     if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
         raise TypeError(f"{what} must be a name or a number, got {given!r}")
-    if isinstance(given, str) or plain_array(given, what).dtype.kind in "UO":
-        every = [given] if isinstance(given, str) else list(given)
-        return [j for x in every for j in _columns_of_one(x, dofs, n, names, what)]
+    if isinstance(given, str):
+        return [int(x) for x in dof_list(given, len(dofs), what, names)]
+    if plain_array(given, what).dtype.kind in "UO" and _has_items(given):
+        return [j for x in given for j in columns_of(x, dofs, n, names, what)]
     numbers = dof_list(given, np.iinfo(np.int64).max if n is None else n, what)
     if dofs.size and np.array_equal(dofs, np.arange(dofs[0], dofs[0] + dofs.size)):
         found = {int(x): int(x - dofs[0]) for x in numbers if 0 <= x - dofs[0] < dofs.size}
@@ -111,12 +113,11 @@ def columns_of(
     return [found[int(x)] for x in numbers]
 
 
-def _columns_of_one(
-    given: Any, dofs: np.ndarray, n: int | None, names: Sequence[str] | None, what: str
-) -> list[int]:
-    if isinstance(given, str):
-        return [int(x) for x in dof_list(given, len(dofs), what, names)]
-    return columns_of(given, dofs, n, names, what)
+def _has_items(given: Any) -> bool:
+    """Whether it is a list, a set or an array that is not one number; False for sparse matrices."""
+    if isinstance(given, np.ndarray):
+        return given.ndim > 0
+    return isinstance(given, Iterable) and not issparse(given)
 
 
 def label_of(dofs: np.ndarray, names: Sequence[str] | None, j: int) -> str:
