@@ -290,8 +290,9 @@ class CasesError(_Made):
 class StabilityWarning(UserWarning):
     """A run may grow, or may not damp an error.
 
-    The step of an explicit or conditionally stable scheme is above its critical step, or under
-    macro coupling a subdomain resonates with the macro step or a double step has no damping.
+    The step of an explicit or conditionally stable scheme is above its critical step, and nothing
+    shows that ties or damping make it stable (see `analysis.critical_step`). Or under macro
+    coupling a subdomain resonates with the macro step or a double step has no damping.
     """
 
 

@@ -1,6 +1,7 @@
 """A step above the critical one of a subdomain is warned of at set-up, and none below it."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -173,3 +174,84 @@ def test_the_warning_points_out_of_the_package_where_a_model_made_the_coupler():
     with pytest.warns(pm.StabilityWarning) as caught:
         pm.models.split_oscillator(10.0).coupler(5.0, coupling="pm")
     assert {w.filename for w in caught} == {__file__}
+
+
+# ---- ties that raise the critical step ----------------------------------------------------------
+
+# A unit mass with omega = 2, critical step 1, tied to a free mass of 3: omega = 1, critical step 2.
+ALONE, TIED = 1.0, 2.0
+
+
+def rig_and_mass(dt, *, tied=True, mass=3.0, substeps=1, coupling="gc", **of_mass):
+    rig = subdomain([1.0], [4.0], scheme=pm.CentralDifference(), u0=[1.0], name="rig")
+    scheme = pm.Newmark()
+    other = subdomain(
+        [mass], [0.0], scheme=scheme, substeps=substeps, u0=[1.0], name="mass", **of_mass
+    )
+    if not tied:
+        return pm.Coupler([rig], dt=dt)
+    return pm.Coupler([rig, other], pm.tie(rig, 0, other, 0), dt=dt, coupling=coupling)
+
+
+@pytest.mark.parametrize("coupling", ["gc", "macro", "mean"])
+def test_a_step_that_a_tie_makes_stable_is_not_warned_of(coupling):
+    with pytest.warns(pm.StabilityWarning, match="'rig' is above its critical step 1:"):
+        rig_and_mass(ALONE * (1.0 + CLOSE), tied=False)
+    coupler = rig_and_mass(0.99 * TIED, coupling=coupling)  # a warning would be an error
+    with pytest.warns(pm.AccuracyWarning):  # three steps in a period
+        u = coupler.run(steps=1000)[0].u
+    # as in `test_the_limit_is_where_runs_begin_to_grow`
+    assert np.max(np.abs(u)) < 50.0
+    with pytest.warns(pm.StabilityWarning, match="'rig' is above its critical step 1:"):
+        coupler = rig_and_mass(1.02 * TIED, coupling=coupling)
+    assert np.max(np.abs(coupler.run(steps=1000)[0].u[-10:])) > 1e4
+
+
+def test_a_step_that_damping_makes_stable_is_not_warned_of():
+    # omega = 2 and a damping ratio of 2; both steps are far above the critical one
+    rig = subdomain([1.0], [4.0], [8.0], scheme=EXPLICIT, u0=[1.0], name="rig")
+    assert 1.39 > 1.4 * limit(EXPLICIT) / 2.0
+    coupler = pm.Coupler([rig], dt=1.39)  # a warning would be an error
+    with pytest.warns(pm.AccuracyWarning):
+        assert np.max(np.abs(coupler.run(steps=2000)[0].u)) < 2.0
+    with pytest.warns(pm.StabilityWarning, match="'rig'.*damping, which may raise it"):
+        coupler = pm.Coupler([rig], dt=1.41)
+    assert np.max(np.abs(coupler.run(steps=2000)[0].u)) > 1e4
+
+
+def test_steps_that_a_change_elsewhere_makes_grow_are_warned_of():
+    coupler = rig_and_mass(1.5)
+    # the rig keeps its step of 1.5, which grows beside substeps
+    with pytest.warns(pm.StabilityWarning, match="'rig' is above its critical step 1:"):
+        coupler.change_steps(substeps={"mass": 2})
+    assert np.max(np.abs(coupler.run(steps=500)[0].u[-10:])) > 1e4
+    coupler = rig_and_mass(1.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(pm.StabilityWarning, match="'rig'"):
+            coupler.change_steps(substeps={"mass": 3})
+    with pytest.warns(pm.StabilityWarning, match="'rig'"):  # nothing was kept of the refused one
+        coupler.change_steps(substeps={"mass": 3})
+
+
+@pytest.mark.parametrize(
+    "forces",
+    [
+        dict(restoring=lambda u, v, t: 0.0 * u),
+        dict(internal=pm.CubicSpring([0], k=1.0, k3=1.0)),
+        dict(force=lambda t, u, v: 0.0 * u),
+    ],
+    ids=["restoring", "internal", "feedback"],
+)
+def test_where_forces_are_evaluated_the_subdomain_alone_decides(forces):
+    with pytest.warns(pm.StabilityWarning, match="'rig' is above its critical step"):
+        rig_and_mass(1.5, **forces)
+
+
+def test_of_many_dofs_the_subdomain_alone_decides():
+    M, K, omega = oscillators(100)
+    rig = subdomain(M, K, scheme=pm.CentralDifference(), name="rig")
+    masses = subdomain(3.0 * M, 0.0 * M, scheme=pm.Newmark(), name="masses")
+    ties = pm.tie(rig, range(100), masses, range(100))
+    with pytest.warns(pm.StabilityWarning, match="'rig' is above its critical step"):
+        pm.Coupler([rig, masses], ties, dt=3.0 / omega, coupling="gc")  # stable up to 4 / omega

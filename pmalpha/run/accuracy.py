@@ -105,7 +105,7 @@ def estimated_error(
 
 def _levels(history: Recorded | None, part: Part) -> int:
     """Intervals of the record of a subdomain; 0 if it is not judged."""
-    if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
+    if part.step_ratio is not None and not part.step_ratio.is_judged:
         return 0  # unstable, which has a warning of its own
     if history is None or history.substep is None or history.t.size < FEWEST_LEVELS + 1:
         return 0

@@ -85,7 +85,8 @@ class Coupler:
     Warns
     -----
     StabilityWarning
-        When a step is above its critical step, or the coupled step can grow.
+        When a step is above its critical step, or the coupled step can grow; of small linear
+        problems, when it does.
     PerformanceWarning
         When set-up takes long, or an explicit subdomain needs a large factor.
     ConstraintWarning
@@ -627,7 +628,7 @@ class Coupler:
         Warns
         -----
         StabilityWarning
-            When a new step is above its critical step.
+            When a new step is above its critical step, as when a Coupler is made.
 
         See Also
         --------

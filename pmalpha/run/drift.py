@@ -101,7 +101,7 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
 
 def _is_judged(part: Part, own: Any) -> bool:
     """Whether steps are below the critical one, and all dofs were recorded."""
-    if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
+    if part.step_ratio is not None and not part.step_ratio.is_judged:
         return False
     return own is not None and np.array_equal(own.dofs, np.arange(part.n))
 

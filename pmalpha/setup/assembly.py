@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -31,10 +31,10 @@ from .macro import (
     warn_of_resonance,
 )
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
-from .propagation import warn_of_growth
+from .propagation import CERTAIN, cheap_radius, warn_of_growth
 from .ranks import Ranks, joined, processes, remote_of
 from .schedule import Options
-from .stability import step_ratio, warn_of_steps
+from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations
 from .tied import UNSTABLE, check_tied, doubts_of_schemes, gap_factors
 
@@ -219,22 +219,25 @@ class Assemblies:
         if self.contacts is not None:
             self.contacts.check_compliance(core, parts)
 
-        # explicit steps above the critical step
-        ratios = []
         for part in new:
             internal = None if part.internal is None else part.internal.K
             closing = closing_tangent(part.subdomain)
             part.step_ratio = step_ratio(part.subdomain, part.step, internal, closing)
-            ratios.append((part.name, part.subdomain, part.step, part.step_ratio))
-        warn_of_steps(ratios)
-        warn_of_bounces(ratios)
         self._warn_of_growth(layout, parts, core)
+        warn_of_bounces(_ratios(new))
         own = enumerate(parts, self.first_own)
         self._known.update({(i, *layout.of(i)): part for i, part in own})
         return Assembly(parts, core, self.first_own)
 
     def _warn_of_growth(self, layout: Layout, parts: Sequence[Part], core: Any) -> None:
-        """StabilityWarning for couplings that grow."""
+        """StabilityWarning for steps above the critical ones and for couplings that grow.
+
+        Where it takes little time and all subdomains are linear, the spectral radius decides on
+        both: a tie to a heavy subdomain raises the critical step, and other substeps elsewhere may
+        lower it again.
+        """
+        if layout.spans_change:
+            return  # one macro step; the regular steps after it were assembled before, and judged
         p = self.rows.size
         doubts: list[str] = []
         otherwise = None
@@ -243,11 +246,23 @@ class Assemblies:
         elif self.tied:
             doubts = doubts_of_schemes(parts, self.ranks)
             otherwise = UNSTABLE
-        if p == 0 or layout.spans_change:
-            return  # nothing is coupled; or it is one macro step
-        rows = CoreRows(self.row_position, np.ones(p))
-        kinds = {"in_lanes": not self.tied, "alone": self.ranks is None}
-        warn_of_growth(doubts, otherwise, parts, core, self.coupling, rows, layout.dt, **kinds)
+        above = [
+            (part, ratio)
+            for part in parts
+            if (ratio := part.step_ratio) is not None and ratio.is_above
+        ]
+        may_couple = p > 0 and (bool(doubts) or otherwise is not None)
+        radius = None
+        if (above or may_couple) and self.ranks is None and self.contacts is None:
+            rows = CoreRows(self.row_position, np.ones(p))
+            radius = cheap_radius(parts, core, self.coupling, rows, in_lanes=not self.tied)
+        raised = radius is not None and radius <= CERTAIN
+        if not raised:  # not once more of those that have been warned of
+            warn_of_steps(_ratios([part for part, ratio in above if ratio.raised is not False]))
+        for part, ratio in above:
+            part.step_ratio = replace(ratio, raised=raised)
+        if may_couple:
+            warn_of_growth(doubts, otherwise, parts, radius, layout.dt)
 
     def _threads_of_tangents(self, parts: Sequence[Part]) -> int:
         """The maximum number of threads that factor a tangent: subdomains whose tangents are large
@@ -311,6 +326,15 @@ class Assemblies:
             matrix = interface_matrix(parts, p, start=True, ranks=self.ranks)
             H_start = interface_factor(matrix, self.rows, **options)
         return H, H_start
+
+
+def _ratios(parts: Sequence[Part]) -> list[tuple[str, Subdomain, float, StepRatio]]:
+    """The steps of subdomains, for the warnings of them."""
+    return [
+        (part.name, part.subdomain, part.step, part.step_ratio)
+        for part in parts
+        if part.step_ratio is not None
+    ]
 
 
 def _check_start(parts: Sequence[Part], options: Options) -> None:

@@ -18,8 +18,9 @@ from .schedule import MACRO
 LEVEL_FIELDS = 7
 # Numbers of a state up to which the amplification matrix is made: a tenth of a second.
 CHEAP = 300
-# A triple eigenvalue of modulus one is computed to the third root of the rounding.
-STABLE = 1.0 + 1e-5
+# A triple eigenvalue of modulus one is computed to the third root of the rounding, a double one to
+# its root. Steps above the critical one count as stable up to the smaller bound.
+STABLE, CERTAIN = 1.0 + 1e-5, 1.0 + 1e-7
 # Rates of growth up to this multiple of that of the structure are its own, with the errors of steps
 # that resolve it; rates below this part of the largest eigenvalue are rounding.
 OWN, ROOT = 1.1, 1e-7
@@ -121,39 +122,41 @@ def warn_of_growth(
     doubts: Sequence[str],
     otherwise: str | None,
     parts: Sequence[Part],
-    core: Any,
-    coupling: str,
-    rows: CoreRows,
+    radius: float | None,
     dt: float,
-    *,
-    in_lanes: bool,
-    alone: bool,
 ) -> None:
     """StabilityWarning for each of the doubts, unless no step grows more than the structure does.
 
     doubts: why a coupling of these schemes can grow.
     otherwise: what to say if it grows and there are none; None where none grows without one.
-    parts, core: the assembly; without `in_lanes` the state of the core is lost.
-    in_lanes, alone: whether the core has lanes, and the subdomains of no other process.
+    radius: of `cheap_radius`.
     """
-    if not doubts and otherwise is None:
-        return
     found, texts = "", list(doubts)
-    if alone and all(is_linear(part) for part in parts):
-        layout = Layout(parts, core, coupling, rows)
-        if layout.size <= CHEAP:
-            radius = _radius(layout, rows, in_lanes)
-            if radius <= STABLE:
-                return
-            own = growth_of_structure(parts) * dt
-            if np.log(radius) <= OWN * own + np.log(STABLE):
-                return
-            found = f": here by a factor of {radius:.4g} in a macro step"
-            if own > 0.0:
-                found += f", of which {np.exp(own):.4g} is the growth of the structure itself"
-            texts = texts or [str(otherwise)]
+    if radius is not None:
+        if radius <= STABLE:
+            return
+        own = growth_of_structure(parts) * dt
+        if np.log(radius) <= OWN * own + np.log(STABLE):
+            return
+        found = f": here by a factor of {radius:.4g} in a macro step"
+        if own > 0.0:
+            found += f", of which {np.exp(own):.4g} is the growth of the structure itself"
+        texts = texts or ([] if otherwise is None else [otherwise])
     for text in texts:
         warn(text + found, StabilityWarning)
+
+
+def cheap_radius(
+    parts: Sequence[Part], core: Any, coupling: str, rows: CoreRows, *, in_lanes: bool
+) -> float | None:
+    """The spectral radius of a macro step; None where it takes time or a subdomain is not linear.
+
+    parts, core: the whole problem; without `in_lanes` the state of the core is lost.
+    """
+    if not all(is_linear(part) for part in parts):
+        return None
+    layout = Layout(parts, core, coupling, rows)
+    return _radius(layout, rows, in_lanes) if layout.size <= CHEAP else None
 
 
 def growth_of_structure(parts: Sequence[Part]) -> float:

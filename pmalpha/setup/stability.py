@@ -35,18 +35,33 @@ SMALL = 200
 LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
 # Relative rounding of eigenvalues, by which a step may exceed the critical step.
 ROUNDING = 1e-9
+# And with which runs at the critical step are judged.
+LIMIT = 1e-6
 
 
 @dataclass(frozen=True)
 class StepRatio:
     """The step of a subdomain divided by its critical step; with `is_bound` an upper bound.
 
-    `when_closed`: it is at most 1 as long as contact is open.
+    `when_closed`: it is at most 1 as long as contact is open. `raised`: whether ties or damping
+    raise the critical step above it, since the coupled step does not grow; None before this was
+    decided.
     """
 
     value: float
     is_bound: bool = False
     when_closed: bool = False
+    raised: bool | None = None
+
+    @property
+    def is_above(self) -> bool:
+        """Whether the step is above the critical one of the subdomain alone."""
+        return not self.is_bound and not self.value <= 1.0 + ROUNDING
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether errors of a run with this step are estimated: not if it may grow."""
+        return self.raised is True or self.value <= 1.0 + LIMIT
 
 
 @lru_cache(maxsize=256)
@@ -130,8 +145,10 @@ def critical_step(
     tangents at u, v and q, at the time 0, springs among them by the tangent at u or the largest one
     and contact as closed at all of its nodes: with a longer step a bounce adds energy.
 
-    `Coupler` warns of steps above the critical one, and `Coupler.run` once, at its beginning, of
-    explicit steps above that for the tangents of the present state.
+    `Coupler` warns of steps above the critical one, unless ties or damping make them stable: where
+    all subdomains are linear and the amplification matrix has up to 300 rows, its spectral radius
+    decides. `Coupler.run` warns once, at its beginning, of explicit steps above the critical one
+    for the tangents of the present state.
 
     Examples
     --------
@@ -371,9 +388,7 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> N
     steps : iterable of (name, subdomain, length of the step that it takes, ratio of `step_ratio`)
     """
     above = [
-        (name, subdomain, step, ratio)
-        for name, subdomain, step, ratio in steps
-        if not ratio.is_bound and not ratio.value <= 1.0 + ROUNDING
+        (name, subdomain, step, ratio) for name, subdomain, step, ratio in steps if ratio.is_above
     ]
     if not above:
         return
