@@ -18,6 +18,12 @@ def available() -> int | None:
     return min(known) if known else None
 
 
+def fits(count: float) -> bool:
+    """Whether `count` bytes are available, or nothing is known of them."""
+    left = None if count < SMALL else available()
+    return left is None or count <= left
+
+
 def require(count: float, what: str, advice: str = "") -> None:
     """MemoryError with the numbers when `count` bytes for `what` are not available."""
     left = None if count < SMALL else available()

@@ -194,13 +194,13 @@ def test_the_block_of_the_page_lies_on_its_floor():
     names = {}
     program = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[0]
     exec(compile(program, PAGE.name, "exec"), names)
-    block, held, contact = names["block"], names["held"], names["internal"][1]
+    block, supported, contact = names["block"], names["supported"], names["internal"][1]
     # the weight of a block of 0.08 x 0.04 x 0.04, of which half an element is held
     assert -names["subdomain"].force.sum() == pytest.approx(9.81 * 1100 * 0.07 * 0.04**2)
     u = pm.solve(names["subdomain"], dt=1e-3, t_end=0.01).u
-    down = u[:, held.place(block.dofs(block.nodes_at(x=0.08, z=0.0), "uz"))]
+    down = u[:, supported.place(block.dofs(block.nodes_at(x=0.08, z=0.0), "uz"))]
     # it is held at one end and sinks at the other, where the floor has to carry some of it
     carried = -contact.residual(u[-1])[
-        held.place(block.dofs(block.nodes(lambda x, y, z: x > 0), "uz"))
+        supported.place(block.dofs(block.nodes(lambda x, y, z: x > 0), "uz"))
     ]
     assert down[-1].max() < 0.0 < carried.sum() < 2 * 9.81 * 1100 * 0.07 * 0.04**2

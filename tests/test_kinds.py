@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pmalpha.problem.interpolation import _CELLS
-from pmalpha.problem.kinds import BY_COLUMNS, KINDS
+from pmalpha.problem.kinds import BY_COLUMNS, KINDS, SHAPES
 from pmalpha.structures.mesh import Block, Mesh, checked_mesh, edges, lines, outer_faces
 
 # Corners in reference coordinates, and the corners at the ends of the edges with nodes, in the
@@ -61,9 +60,9 @@ def test_dimension_and_number_of_nodes_are_those_of_the_reference_element(name):
     assert (KINDS[name].nodes, KINDS[name].dimension) == points_of(name).shape
 
 
-def test_kinds_to_which_nodes_are_tied_have_the_corners_of_the_table():
-    for name, cell in _CELLS.items():
-        np.testing.assert_array_equal(cell.corners, points_of(name))
+@pytest.mark.parametrize("name", list(SHAPES))
+def test_nodes_of_shape_functions_are_those_of_the_reference_element(name):
+    np.testing.assert_allclose(SHAPES[name].nodes, points_of(name), rtol=0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", [*CORNERS, *SECOND])

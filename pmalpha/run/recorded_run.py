@@ -15,6 +15,7 @@ import numpy as np
 from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, check_replaceable, checked_path
+from ..memory import fits
 from ..problem.matrices import core_matrix, skew_part
 from ..results.energy import conserved_quantity, stiffness_weight
 from ..results.history import History
@@ -147,8 +148,8 @@ def whole_of(
     if steps * sum(24.0 * part.n * part.substeps for part in parts) > WHOLE_BYTES:
         return None
     whole = recorded_of(session, wanted.has_energy, chosen)
-    numbers = sum(rows_of(steps, None, k) * count for k, count in whole.numbers.items())
-    return whole if 8.0 * numbers <= WHOLE_BYTES else None
+    size = 8.0 * sum(rows_of(steps, None, k) * count for k, count in whole.numbers.items())
+    return whole if size <= WHOLE_BYTES and fits(size) else None
 
 
 def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Recorded:
