@@ -837,3 +837,10 @@ def test_stresses_of_a_plate_are_those_of_a_solid_between_free_or_fixed_faces(pl
     assert flat.stress([u[0], 2.0 * u[0]]).shape == (2, 9)
     with pytest.raises(ValueError, match=r"u must have 18 in the last dimension, got shape \(3,\)"):
         flat.stress(np.zeros(3))
+
+
+def test_a_mesh_of_any_height_is_drawn_without_warnings():
+    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1e308]]
+    ax = pm.plot.deformed(points, [[0, 1, 2, 3]], np.zeros((4, 2)), scale=1.0)
+    other = pm.plot.deformed([[0.0, 0.0], [0.0, 1.0]], [[0, 1]], np.zeros((2, 2)), scale=1.0)
+    np.testing.assert_array_equal(ax.figure.get_size_inches(), other.figure.get_size_inches())

@@ -307,7 +307,8 @@ def enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
     ax.autoscale_view()
     if picture.own:
         space = WIDTH - LABELS - (0.0 if picture.norm is None else LABELS)
-        fitting = LABELS + space * height / width if width > 0.0 else HIGHEST
+        with np.errstate(over="ignore"):  # infinite is the highest
+            fitting = LABELS + space * height / width if width > 0.0 else HIGHEST
         ax.figure.set_size_inches(WIDTH, np.clip(fitting, LOWEST, HIGHEST))
 
 
