@@ -153,7 +153,8 @@ class Wanted(NamedTuple):
                 energy, t=rows(energy.t), **{x: rows(y) for x, y in energy.arrays().items()}
             )
         found = replace(with_rows(whole, rows), subdomains=tuple(subdomains), energy=energy)
-        return with_rows_of_all(np.array, found)  # not views, which keep the whole record
+        copied: History = with_rows_of_all(np.array, found)  # views would keep the whole record
+        return copied
 
 
 class Recording:
