@@ -258,6 +258,19 @@ def test_a_file_that_was_packed_again_is_read(tmp_path):
 # ---- ends before the end --------------------------------------------------------------------
 
 
+def test_an_exception_of_a_run_counts_where_its_file_cannot_be_read_either(tmp_path):
+    coupler, path = models.four_dof().coupler(0.05, coupling="pm"), tmp_path / "run.h5"
+
+    def damage(done, total):
+        path.unlink()
+        path.write_bytes(b"no file of HDF5")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        coupler.run(steps=100, record_to=path, progress=damage)
+    assert coupler.last_history is None
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ZeroDivisionError()])
 @pytest.mark.parametrize("size", [1.0, 16e6])
 def test_after_an_exception_the_last_history_is_the_file_up_to_the_last_macro_step(

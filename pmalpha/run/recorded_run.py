@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -199,7 +199,8 @@ def _recorded(
             with around:
                 advance_in_intervals(session, recording, report, held)
         except BaseException:
-            session.last_history = recording.history(session.core.step_count)
+            with suppress(MemoryError, OSError, ValueError):  # of a file that cannot be read
+                session.last_history = recording.history(session.core.step_count)
             raise
     session.last_history = history = recording.history(recording.end)  # if a warning is an error
     return history
