@@ -139,12 +139,12 @@ def whole_of(
     processes, which record the same levels.
     """
     parts = session.parts
+    if steps < FEWEST_LEVELS or session.rows.contacts is not None or session.ranks is not None:
+        return None
     if every is None or (every == 1 and all(part.substeps == 1 for part in parts)):
         all_dofs = zip(parts, wanted.dofs)
         if all(dofs is not None and np.array_equal(dofs, np.arange(p.n)) for p, dofs in all_dofs):
             return None
-    if steps < FEWEST_LEVELS or session.rows.contacts is not None or session.ranks is not None:
-        return None
     if steps * sum(24.0 * part.n * part.substeps for part in parts) > WHOLE_BYTES:
         return None
     whole = recorded_of(session, wanted.has_energy, chosen)
