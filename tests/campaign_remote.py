@@ -108,18 +108,22 @@ def outcome(call):
 
 def against_server(rng):
     """A stranger calls a function that is served."""
-    ports, found, wrong = Queue(), [], []
+    opened, found, wrong = Queue(), [], []
 
     def function(*x):
         wrong.extend(y for y in x if type(y) is not np.ndarray or y.dtype != np.float64)
         return one(rng, 1.0, (np.zeros(3), 2.0), "text", np.zeros(300_000))
 
+    def connect(port):
+        """Before the server begins to wait, so that its timeout cannot pass first."""
+        opened.put(socket.create_connection(("127.0.0.1", port)))
+
     def run():
-        found.append(outcome(lambda: remote.serve(function, timeout=WAIT, announce=ports.put)))
+        found.append(outcome(lambda: remote.serve(function, timeout=WAIT, announce=connect)))
 
     thread = threading.Thread(target=run)
     thread.start()
-    talk(rng, socket.create_connection(("127.0.0.1", ports.get())), stream(rng, remote.CALL))
+    talk(rng, opened.get(), stream(rng, remote.CALL))
     thread.join()
     what, fault = found[0]
     return what, f"called with {wrong}" if wrong else fault
