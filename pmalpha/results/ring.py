@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from ..files import checked_path
 from .history import History
 from .quantities import OF_SUBDOMAIN
@@ -37,7 +38,7 @@ class RingRecording(FiledRecording):
     path, append, overwrite, and others: as for `FiledRecording`.
     """
 
-    def __init__(self, core: Any, *args: Any, **options: Any):
+    def __init__(self, core: _core.Coupler, *args: Any, **options: Any):
         super().__init__(*args, **options)
         self.core = core
         self.ring: Recording = self.again()  # whose `begin` stays the first

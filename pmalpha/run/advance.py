@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import Any
 
+from .. import _core
 from .._checks import real_number, time_step, whole_number
 from .._core import MOST_SWEEPS
 from ..blas import one_thread
@@ -42,7 +43,7 @@ CHUNK = 32
 
 
 def advance(
-    core: Any,
+    core: _core.Coupler,
     loads: Loads,
     end: int,
     record: tuple[Any, ...] | None = None,
@@ -61,7 +62,7 @@ def advance(
 
 
 def _advance(
-    core: Any,
+    core: _core.Coupler,
     loads: Loads,
     end: int,
     record: tuple[Any, ...] | None,
@@ -97,7 +98,7 @@ def _ready_on_all(
     return least, failure if ready == least else None
 
 
-def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
+def _chunks(core: _core.Coupler, loads: Loads, end: int) -> Iterator[int]:
     """Last macro steps of the chunks; one without callables.
 
     The load values of a chunk take at most `AHEAD` bytes.

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
+from .. import _core
 from .._checks import counted
 from .._core import LANES, split_lanes
 from ..errors import CasesError
@@ -73,7 +74,7 @@ class Lanes:
     Number i of lane l is at ``i * LANES + l`` of every array of the core.
     """
 
-    def __init__(self, core: Any, parts: Sequence[Part]):
+    def __init__(self, core: _core.Coupler, parts: Sequence[Part]):
         self.parts = parts
         self.cores = tuple(part.core.in_lanes() for part in parts)
         self.core = core.in_lanes(self.cores)
@@ -85,7 +86,8 @@ class Lanes:
         """Set initial values, in `LANES` columns, and the forces of each case."""
         lam, g = start.lam.ravel(), start.g.ravel()
         for i, (part, core) in enumerate(zip(self.parts, self.cores)):
-            core.start(*(x.ravel() for x in start.states[i]), lam)
+            u, v, w = (x.ravel() for x in start.states[i])
+            core.start(u, v, w, lam)
             core.set_load(tuple(core_load(own[i], part.order) for own in forces))
         for k, motion in enumerate(motions):
             for lane in range(LANES):
@@ -154,7 +156,9 @@ class Crew:
     tell: called by the caller's thread with the macro steps done of the groups at hand.
     """
 
-    def __init__(self, core: Any, parts: Sequence[Part], threads: int, tell: Callable[[int], None]):
+    def __init__(
+        self, core: _core.Coupler, parts: Sequence[Part], threads: int, tell: Callable[[int], None]
+    ):
         self.core, self.parts, self.threads, self.tell = core, parts, threads, tell
         self.pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.free: list[Lanes] = []

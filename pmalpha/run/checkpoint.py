@@ -15,12 +15,13 @@ from contextlib import suppress
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
 
+from .. import _core
 from .._checks import MOST, counted, listing
 from ..blas import one_thread
 from ..files import read_npz, write_npz
@@ -195,8 +196,8 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
         for name, x in zip(names(part), part.core.levels()):
             if x.size or not name.endswith("history"):
                 arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
-        if part.tangent is not None:
-            scale, entries, twice = part.core.iteration()
+        if (iteration := part.core.iteration()) is not None:
+            scale, entries, twice = iteration
             arrays[f"{i}.iteration"] = np.array([scale, float(entries is not None), float(twice)])
             if entries is not None:
                 arrays[f"{i}.tangent"] = entries[places_of(part)]
@@ -219,11 +220,16 @@ def names(part: Part) -> list[str]:
     return [*FIELDS, *(f"previous_{name}" for name in FIELDS if part.double)]
 
 
+# What the iteration of a subdomain keeps: scale, entries of a tangent, and whether they are of the
+# double step.
+Iteration: TypeAlias = tuple[float, np.ndarray | None, bool]
+
+
 class CoreState(NamedTuple):
     """The state of a coupler in the core's order: arrays by subdomain, and (p,) arrays."""
 
     levels: list[tuple[np.ndarray, ...]]
-    iterations: list[tuple[float, np.ndarray | None, bool] | None]
+    iterations: list[Iteration | None]
     shooting: np.ndarray
     multipliers: np.ndarray
     prescribed: np.ndarray
@@ -281,9 +287,7 @@ def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[n
     return tuple(state)
 
 
-def core_iteration(
-    part: Part, i: int, arrays: Mapping[str, np.ndarray]
-) -> tuple[float, np.ndarray | None, bool] | None:
+def core_iteration(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> Iteration | None:
     """What the iteration of subdomain i continues with, for the core; None if it is linear."""
     if part.tangent is None:
         return None
@@ -328,7 +332,9 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
     return x
 
 
-def restore(state: CoreState, parts: Sequence[Part], core: Any, clock: Clock, step: int) -> None:
+def restore(
+    state: CoreState, parts: Sequence[Part], core: _core.Coupler, clock: Clock, step: int
+) -> None:
     """Set a state in the core, at this macro step of the clock.
 
     Raises ValueError for a kept tangent that is singular; the state is then unchanged.
@@ -344,7 +350,7 @@ def restore(state: CoreState, parts: Sequence[Part], core: Any, clock: Clock, st
     core.set_contact(state.contact)
 
 
-def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:
+def set_iterations(iterations: Sequence[Iteration | None], parts: Sequence[Part]) -> None:
     iterated = [(part, new) for part, new in zip(parts, iterations) if new is not None]
     before = [part.core.iteration() for part, _ in iterated]
     with one_thread():  # the core factors kept tangents
@@ -353,6 +359,7 @@ def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:
                 part.core.set_iteration(*new)
         except (RuntimeError, ValueError) as error:
             for (part, _), old in zip(iterated, before):
+                assert old is not None  # as the new one
                 part.core.set_iteration(*old)
             raise ValueError(f"a kept tangent is singular: {error}") from None
 

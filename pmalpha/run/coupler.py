@@ -166,8 +166,7 @@ class Coupler:
     @property
     def threads(self) -> int:
         """Number of threads in use at present, including the caller."""
-        threads: int = self._session.core.threads
-        return threads
+        return self._session.core.threads
 
     # ---- the present ----------------------------------------------------------------------------
 

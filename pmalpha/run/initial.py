@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import _core
 from .._checks import vector
 from ..errors import InstabilityError
 from ..problem.forces import Force
@@ -79,7 +80,7 @@ class InitialValues:
 
     def start(
         self,
-        core: Any,
+        core: _core.Coupler,
         parts: Sequence[Part],
         loads: Loads,
         rows: CoreRows,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
+from .. import _core
 from .._checks import listing
 from ..errors import AccuracyWarning, CallbackError, warn
 from ..problem.forces import Force, SampledForce, core_load, depends_on_motion, is_callback
@@ -188,7 +189,7 @@ class Loads:
 
     def __init__(
         self,
-        core: Any,
+        core: _core.Coupler,
         parts: Sequence[Part],
         clock: Clock,
         forces: Sequence[Force],
@@ -222,7 +223,7 @@ class Loads:
 
     def with_steps(
         self,
-        core: Any,
+        core: _core.Coupler,
         parts: Sequence[Part],
         clock: Clock,
         forces: Sequence[Force] | None = None,
@@ -232,7 +233,7 @@ class Loads:
         others = self.motions, self.newton, self.names, self.obstacles
         return Loads(core, parts, clock, forces, *others)
 
-    def moved_to(self, core: Any, parts: Sequence[Part]) -> Loads:
+    def moved_to(self, core: _core.Coupler, parts: Sequence[Part]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""
         moved = copy(self)
         moved.core, moved.parts = core, parts

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import _core
 from .._checks import check_word, flag, positive_number, whole_number
 from ..files import checked_path
 from ..problem.dofs import dof_list
@@ -301,7 +302,7 @@ def checked_pace(session: Session, pace: Pace) -> Pace:
 
 
 def paced_recording(
-    core: Any, record_to: Any, *, append: bool, overwrite: bool
+    core: _core.Coupler, record_to: Any, *, append: bool, overwrite: bool
 ) -> Callable[..., Recording]:
     """What makes the recording: a file is written by a thread of its own."""
     make = recording_class(record_to, append=append, overwrite=overwrite)

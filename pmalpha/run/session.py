@@ -13,6 +13,7 @@ from weakref import ref
 
 import numpy as np
 
+from .. import _core
 from .._core import Guard
 from ..errors import warn
 from ..problem.argument_types import Coupling
@@ -102,15 +103,14 @@ class Session:
         return self.assembly.parts
 
     @property
-    def core(self) -> Any:
+    def core(self) -> _core.Coupler:
         """The coupler of the core with the present steps."""
         return self.assembly.core
 
     @property
     def fine(self) -> int:
         """Interface problems in a macro step."""
-        fine: int = self.core.instants
-        return fine
+        return self.core.instants
 
     @property
     def done(self) -> int:

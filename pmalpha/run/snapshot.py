@@ -8,8 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from .. import _core
 from .._checks import MOST
 from ..files import NPZ, checked_path
 from ..setup.assembly import Assembly
@@ -118,13 +117,12 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     session.loads, session.changed = loads, kept.changed
 
 
-def _present(parts: Sequence[Part], core: Any) -> CoreState:
+def _present(parts: Sequence[Part], core: _core.Coupler) -> CoreState:
     """Copies of all that the core continues with."""
-    shooting: np.ndarray = core.iteration()
     return CoreState(
         [part.core.levels() for part in parts],
         [part.core.iteration() for part in parts],
-        shooting,
+        core.iteration(),
         core.multipliers,
         core.prescribed,
         core.end_multipliers(),

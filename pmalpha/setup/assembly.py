@@ -69,7 +69,7 @@ class Assembly:
     """A coupled problem for steps of one layout."""
 
     parts: tuple[Part, ...]  # the subdomains in elimination order, each with its object of the core
-    core: Any
+    core: _core.Coupler
     first: int = 0  # the number of the first of these subdomains among those of all processes
 
 
@@ -229,7 +229,7 @@ class Assemblies:
         self._known.update({(i, *layout.of(i)): part for i, part in own})
         return Assembly(parts, core, self.first_own)
 
-    def _warn_of_growth(self, layout: Layout, parts: Sequence[Part], core: Any) -> None:
+    def _warn_of_growth(self, layout: Layout, parts: Sequence[Part], core: _core.Coupler) -> None:
         """StabilityWarning for steps above the critical ones and for couplings that grow.
 
         Where it takes little time and all subdomains are linear, the spectral radius decides on

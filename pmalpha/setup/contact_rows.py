@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from .. import _core
 from .._checks import counted, numbered
 from ..errors import ConstraintError, StabilityWarning, warn
 from ..memory import require
@@ -244,7 +245,7 @@ class Contacts:
         """N of each of the subdomains."""
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]
 
-    def check_compliance(self, core: Any, parts: Sequence[Part]) -> None:
+    def check_compliance(self, core: _core.Coupler, parts: Sequence[Part]) -> None:
         """ValueError unless W has a positive diagonal: a step below the critical one, and rows that
         constraints do not hold."""
         free = np.zeros(self.rows)

@@ -78,7 +78,7 @@ class Part:
     K_r: Matrix | None
     L: Link  # its constraints, dofs in elimination order, rows in the order of the multipliers
     nb: int  # number of interface dofs, the last of the order
-    core: Any = None
+    core: _core.Subdomain = None  # type: ignore[assignment]  # until it is built
     mass_factor: Factor | None = None  # of M, where Mbar = M: explicit, with no damping in Mbar
     # of Mbar(h) and, for a double step, of Mbar(2 h)
     factors: list[Factor] = field(default_factory=list)
@@ -151,7 +151,7 @@ class Part:
             over=over,
             known=known,
             responds=responds and self.internal is None,
-            core=None,
+            core=None,  # type: ignore[arg-type]
             factors=[],
             blocks={},
             response_blocks=None,
@@ -335,7 +335,7 @@ def core_subdomain(
     K_r: Matrix = None,
     springs: tuple[Any, ...] = (),
     **internal: Any,
-) -> Any:
+) -> _core.Subdomain:
     """The object of the core for a subdomain with these matrices and operators."""
     own = part.symmetric
     return _core.Subdomain(
@@ -358,7 +358,9 @@ def core_subdomain(
     )
 
 
-def core_of_steps(part: Part, operators: Sequence[tuple[Any, ...]], **others: Any) -> Any:
+def core_of_steps(
+    part: Part, operators: Sequence[tuple[Any, ...]], **others: Any
+) -> _core.Subdomain:
     """The same for the steps of a subdomain, with the operators of its lengths."""
     single, *twice = operators
     part.factors = [operator[1:] for operator in operators]
@@ -473,12 +475,12 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         struck=struck(part),
     )
     if (limits := part.subdomain.limits) is not None:
-        in_order = (x if x is None else x[part.order] for x in limits_of_dofs(limits, part.n))
-        part.core.limit(*in_order, math.inf if limits.energy is None else limits.energy)
+        u, v, a, f = (x if x is None else x[part.order] for x in limits_of_dofs(limits, part.n))
+        part.core.limit(u, v, a, f, math.inf if limits.energy is None else limits.energy)
     if part.subdomain.restoring is not None or part.internal is not None:
         K_r = None if part.subdomain.scheme.explicit else part.K_r
-        matrices = (core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r))
-        part.core.watch(*matrices, looks_for_contact(part.subdomain))
+        M, K_r = (core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r))
+        part.core.watch(M, K_r, looks_for_contact(part.subdomain))
 
 
 def _internal(part: Part, threads: int) -> dict[str, Any]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
+from .. import _core
 from .._core import LANES
 from ..errors import InstabilityError, StabilityWarning, warn
 from ..problem.matrices import dense
 from .constraint_rows import CoreRows
 from .part import Part
+from .ranks import check_stable
 from .schedule import MACRO
 
 # Arrays of a time level in the core: u, v, w, a, vf, and history variables of springs.
@@ -41,10 +42,7 @@ def propagation(
     G, lam = np.empty((size, size)), np.empty((rows.p, size))
     for begin in range(0, size, lanes):
         layout.write(core, cores, np.eye(size, lanes, -begin))
-        unstable = core.advance(1, None)
-        if unstable is not None:
-            names = [part.name for part in layout.parts]
-            raise InstabilityError(1, dt, [*names, "interface"][unstable])
+        check_stable(core.advance(1, None), layout.parts, step=1, t=dt)
         end = min(begin + lanes, size)
         G[:, begin:end] = layout.read(core, cores, lanes)[:, : end - begin]
         now = core.multipliers.reshape(-1, lanes)[:, : end - begin]
@@ -58,7 +56,7 @@ class Layout:
     size: numbers in X.
     """
 
-    def __init__(self, parts: Sequence[Part], core: Any, coupling: str, rows: CoreRows):
+    def __init__(self, parts: Sequence[Part], core: _core.Coupler, coupling: str, rows: CoreRows):
         self.parts, self.core = parts, core
         fine = max(p.substeps for p in self.parts)
         macro = coupling in MACRO
@@ -84,7 +82,7 @@ class Layout:
                     yield i, first + field, part.position
                 yield i, first + 4, interface
 
-    def write(self, core: Any, cores: Sequence[Any], X: np.ndarray) -> None:
+    def write(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], X: np.ndarray) -> None:
         """Set the state of a coupler of the core to X, (size, lanes), after the start."""
         lanes = X.shape[1]
         arrays = [[np.zeros((x.size // lanes, lanes)) for x in own.levels()] for own in cores]
@@ -100,7 +98,7 @@ class Layout:
             lam = self.rows.forces_in_core(X[self.motion_size :].T).T.ravel()
         core.start(1, lam, zero)
 
-    def read(self, core: Any, cores: Sequence[Any], lanes: int) -> np.ndarray:
+    def read(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
         arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
         numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
@@ -147,7 +145,7 @@ def warn_of_growth(
 
 
 def cheap_radius(
-    parts: Sequence[Part], core: Any, coupling: str, rows: CoreRows, *, in_lanes: bool
+    parts: Sequence[Part], core: _core.Coupler, coupling: str, rows: CoreRows, *, in_lanes: bool
 ) -> float | None:
     """The spectral radius of a macro step; None where it takes time or a subdomain is not linear.
 

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..errors import PmalphaError
+from ..errors import InstabilityError, PmalphaError
 from ..files import checked_path, library
 from ..problem.forces import SampledForce
 from ..problem.schemes import Scheme
@@ -283,6 +283,17 @@ def _received(rank: int, sent: tuple[bytes, str]) -> PmalphaError:
     if pickled:
         error.args = (f"rank {rank}: {error}",)
     return error
+
+
+def check_stable(
+    found: object, parts: Sequence[Part], ranks: Ranks | None = None, step: int = 0, t: float = 0.0
+) -> None:
+    """InstabilityError for a value that the core has found not to be finite, or `Elsewhere`."""
+    if isinstance(found, tuple):
+        raise Elsewhere(*found)
+    if isinstance(found, int):
+        names = joined(ranks, [part.name for part in parts])
+        raise InstabilityError(step, t, [*names, "interface"][found])
 
 
 def remote_of(part: Part, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:

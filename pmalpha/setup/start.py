@@ -23,13 +23,13 @@ from .. import _core
 from .._checks import listing, numbered
 from .._core import LANES
 from ..blas import one_thread
-from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
+from ..errors import ConstraintWarning, FactorizationError, warn
 from ..problem.matrices import EXPORTED, combination, diagonal
 from ..problem.schemes import Scheme
 from .interface import interface_factor, summed, total
 from .link import Block, Link, compliance, diagonal_compliances
 from .part import Part, core_subdomain
-from .ranks import Elsewhere, Ranks, joined, processes, remote_of
+from .ranks import Ranks, check_stable, joined, processes, remote_of
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
@@ -86,7 +86,7 @@ class InitialAccelerations:
             everywhere,
             processes=processes(ranks, map(_Mass.remote, self.masses)),
         )
-        self.lanes: tuple[tuple[Any, ...], Any] | None = None  # made when needed
+        self.lanes: tuple[tuple[_core.Subdomain, ...], _core.Coupler] | None = None  # when needed
 
     def solve(
         self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray
@@ -133,10 +133,7 @@ class InitialAccelerations:
         for lane in range(LANES):
             coupler.set_motion(lane, g)
         coupler.start(0, lam, lam)
-        unstable: Any = coupler.advance(1, None)
-        if unstable is not None:
-            names = [part.name for part in self.parts]
-            raise InstabilityError(0, 0.0, [*names, "interface"][unstable])
+        check_stable(coupler.advance(1, None), self.parts)
         w = [core.state()[2].reshape(-1, LANES) for core in cores]
         return w, coupler.multipliers.reshape(-1, LANES)
 
@@ -153,12 +150,7 @@ class InitialAccelerations:
         self.coupler.start(0, lam, lam)
         if self.ranks is not None:
             self.ranks.share(None)
-        unstable = self.coupler.advance(1, None)
-        if isinstance(unstable, tuple):
-            raise Elsewhere(*unstable)
-        if unstable is not None:
-            names = joined(self.ranks, [part.name for part in self.parts])
-            raise InstabilityError(0, 0.0, [*names, "interface"][unstable])
+        check_stable(self.coupler.advance(1, None), self.parts, self.ranks)
         return [core.state()[2] for core in self.cores], self.coupler.multipliers
 
     def _solve_without_mass(
@@ -228,7 +220,7 @@ class _Mass:
         has_mass[self.massless] = 0.0
         return sp.csc_array(self.part.L.matrix @ sp.diags_array(has_mass))
 
-    def core(self, *, linked: bool) -> Any:
+    def core(self, *, linked: bool) -> _core.Subdomain:
         L = self.linked if linked else Link.empty(self.part.n)
         return core_subdomain(self.part, UNIT_STEP, L, self.operator)
 
