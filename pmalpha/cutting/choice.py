@@ -127,12 +127,11 @@ def graded(whole: Whole, levels: np.ndarray) -> np.ndarray:
 
 def _raise_to_neighbours(whole: Whole, levels: np.ndarray) -> bool:
     """Raise levels to 2 below the highest of the elements with a common node, in place."""
-    at = np.zeros(whole.link_count + 1, dtype=levels.dtype)  # the last entry is that of -1
-    groups = whole.by_group(levels)
-    for links, own in zip(whole.links, groups):
-        np.maximum.at(at, links.ravel(), np.repeat(own, links.shape[1]))
-    at[-1] = 0
-    needed = np.concatenate([at[links].max(axis=1) for links in whole.links]) - GRADE
+    element, link = whole.incidence
+    at, needed = (np.zeros(size, dtype=levels.dtype) for size in (whole.link_count, whole.count))
+    np.maximum.at(at, link, levels[element])
+    np.maximum.at(needed, element, at[link])
+    needed -= GRADE
     raised = bool(np.any(needed > levels))
     np.maximum(levels, needed, out=levels)
     return raised
@@ -141,15 +140,14 @@ def _raise_to_neighbours(whole: Whole, levels: np.ndarray) -> bool:
 def _absorb_islands(whole: Whole, levels: np.ndarray) -> None:
     """Give a few connected elements among finer ones the lowest level around them, in place."""
     group, size = _connected(whole, levels)
+    element, link = whole.incidence
     most = np.iinfo(levels.dtype).max
     lowest = np.full(size.size, most)
     coarser = np.zeros(size.size, dtype=bool)
     for level in np.unique(levels)[::-1]:  # from the finest, so that the lowest one remains
-        at = np.zeros(whole.link_count + 1, dtype=bool)  # the last entry is that of -1
-        for links, own in zip(whole.links, whole.by_group(levels)):
-            at[links[own == level]] = True
-        at[-1] = False
-        touched = np.concatenate([at[links].any(axis=1) for links in whole.links])
+        at, touched = (np.zeros(size, dtype=bool) for size in (whole.link_count, whole.count))
+        at[link[levels[element] == level]] = True
+        touched[element[at[link]]] = True
         lowest[group[touched & (levels < level)]] = level
         coarser[group[touched & (levels > level)]] = True
     change = ((size <= ISLAND) & ~coarser & (lowest < most))[group]
@@ -160,20 +158,13 @@ def _connected(whole: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """The group of each element, connected through nodes with elements of its level; sizes."""
     from scipy.sparse.csgraph import connected_components
 
-    nodes, top = whole.link_count, int(levels.max()) + 1
-    begin, rows, columns = 0, [], []
-    for links, own in zip(whole.links, whole.by_group(levels)):
-        kept = links >= 0
-        element = begin + np.arange(len(links))
-        rows.append(np.broadcast_to(element[:, None], links.shape)[kept])
-        columns.append((links * top + own[:, None])[kept])
-        begin += len(links)
-    shape = (whole.count, nodes * top)
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    _, column = np.unique(column, return_inverse=True)
-    n = shape[0] + int(column.max()) + 1
-    graph = sp.coo_array((np.ones(row.size, dtype=bool), (row, shape[0] + column)), shape=(n, n))
-    group = connected_components(graph, directed=False)[1][: shape[0]]
+    element, link = whole.incidence
+    own = link.astype(np.int64) * (int(levels.max()) + 1) + levels[element]  # link and level
+    _, column = np.unique(own, return_inverse=True)
+    n = whole.count + int(column.max()) + 1
+    entries = np.ones(element.size, dtype=bool), (element, whole.count + column)
+    graph = sp.coo_array(entries, shape=(n, n))
+    group = connected_components(graph, directed=False)[1][: whole.count]
     return group, np.bincount(group)
 
 
@@ -238,16 +229,8 @@ def _by_metis(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
 def adjacency(whole: Whole) -> sp.csr_array:
     """Elements that share a face, as far as this can be seen: of two elements with common nodes
     those that have more than half as many as one of them has with any other element."""
-    rows, columns, begin = [], [], 0
-    for links in whole.links:
-        kept = links >= 0
-        element = begin + np.arange(len(links), dtype=np.int32)
-        rows.append(np.broadcast_to(element[:, None], links.shape)[kept])
-        columns.append(links[kept].astype(np.int32))
-        begin += len(links)
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    ones = np.ones(row.size, dtype=np.int32)
-    member = sp.csr_array((ones, (row, column)), shape=(whole.count, whole.link_count))
+    entries = np.ones(whole.incidence[0].size, dtype=np.int32), whole.incidence
+    member = sp.csr_array(entries, shape=(whole.count, whole.link_count))
     common = sp.csr_array(member @ member.T)
     row = np.repeat(np.arange(whole.count, dtype=np.int32), np.diff(common.indptr))
     apart = row != common.indices

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted
+from .._tables import text_table
 from ..problem.matrices import Matrix, sparse
 from ..problem.ordering import graph_of
 from ..problem.schemes import Scheme
@@ -162,11 +163,7 @@ class Plan:
             for row in self.subdomains
         ]
         shown = rows if len(rows) <= 16 else [*rows[:15], ("...", *[""] * 5)]
-        widths = [max(map(len, column)) for column in zip(heading, *shown)]
-        lines = [
-            "  ".join([row[0].ljust(widths[0]), *(x.rjust(w) for x, w in zip(row[1:], widths[1:]))])
-            for row in (heading, *shown)
-        ]
+        lines = text_table(heading, shown, left=("",)).splitlines()
         ties = f"{counted(self.constraints, 'constraint')}, {self.interface} entries a fine step"
         return "\n  ".join([f"<Plan of a {self.summary}", *lines, ties]) + ">"
 
@@ -201,7 +198,7 @@ def _row(s: Subdomain, last: np.ndarray, swept: int, dt: float) -> PlanRow:
 
 
 def _size(A: Matrix | None) -> int:
-    return 0 if A is None else A.size if isinstance(A, np.ndarray) else A.nnz
+    return 0 if A is None else int(A.size if isinstance(A, np.ndarray) else A.nnz)
 
 
 def _is_plain(s: Subdomain) -> bool:
@@ -243,18 +240,15 @@ def _uncut_entries(cut: Any, scheme: Scheme) -> int:
     """Entries that a step of the uncut structure reads."""
     dofs = list(cut.dofs.values())
     K, C, M = (_union([getattr(s, x) for s in cut.subdomains], dofs, cut.n) for x in "KCM")
-    n = sum(own.size for own in dofs) - cut.p
+    n: int = sum(own.size for own in dofs) - cut.p
     fixed = STEP_NUMBERS * n + _size(K) + _size(C)
     implicit = [M, C] if scheme.explicit else [M, C, K]
     if all(A is None or A.ndim == 1 for A in implicit):
-        result: int = fixed + 2 * n
-        return result
+        return fixed + 2 * n
     graph = graph_of(implicit)
     if graph is None:
-        result = fixed + n * (n + 1)
-        return result
-    result = fixed + elimination(cut.n, graph, np.arange(0)).swept
-    return result
+        return fixed + n * (n + 1)
+    return fixed + elimination(cut.n, graph, np.arange(0)).swept
 
 
 def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Matrix | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -158,6 +159,15 @@ class Whole:
         """Values of all elements, split into the groups."""
         return np.split(values, np.cumsum([len(links) for links in self.links])[:-1])
 
+    @cached_property
+    def incidence(self) -> tuple[np.ndarray, np.ndarray]:
+        """The element and the link of each link of an element, fixed ones left out."""
+        places = [np.nonzero(links >= 0) for links in self.links]
+        begins = np.cumsum([0, *map(len, self.links)])
+        elements = [begin + rows for begin, (rows, _) in zip(begins, places)]
+        links = [links[own] for links, own in zip(self.links, places)]
+        return np.concatenate(elements).astype(np.int32), np.concatenate(links).astype(np.int32)
+
     def costs(self) -> np.ndarray:
         """(elements,): entries of the element matrices, to which the time of a step is
         proportional."""
@@ -185,13 +195,14 @@ class Whole:
         """(elements,) array of bool: those at most `depth` elements away from nodes."""
         reached = np.zeros(self.link_count, dtype=bool)
         reached[nodes] = True
+        element, link = self.incidence
+        chosen = np.zeros(self.count, dtype=bool)
         for _ in range(min(depth, self.count)):
-            groups = [reached[links].any(axis=1) for links in self.links]
-            for links, own in zip(self.links, groups):
-                reached[links[own]] = True
+            chosen[element[reached[link]]] = True
+            reached[link[chosen[element]]] = True
             if reached.all():
                 break
-        return np.concatenate(groups)
+        return chosen
 
     @property
     def link_count(self) -> int:

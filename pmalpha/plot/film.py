@@ -9,6 +9,7 @@ import numpy as np
 
 from .._checks import listing, positive_number, whole_number
 from ..results.history import History, SubdomainHistory
+from ..results.interpolated import linear
 from ..structures.mesh import Mesh, checked_mesh, nodal_values
 from .meshes import (
     EDGE,
@@ -183,7 +184,7 @@ def _film(s: SubdomainHistory, given: Any, key: str, times: np.ndarray, values: 
     if not np.array_equal(s.dofs, np.arange(s.dofs.size)):
         raise ValueError(f"all dofs of {s.name!r} must be recorded, got {listing(s.dofs)}")
     mesh = given if isinstance(given, (tuple, list)) else (given,)
-    u = _interpolated(times, s)
+    u = linear(times, s.t, s.u)
     if len(mesh) > 1 and callable(mesh[-1]):
         mesh, u = mesh[:-1], mesh[-1](u)
     structure = structure_of(mesh[0])
@@ -203,16 +204,6 @@ def _film(s: SubdomainHistory, given: Any, key: str, times: np.ndarray, values: 
         return Film(checked, moved, stresses(structure, u, values))
     shown = [nodal_values(values(x), checked, "the result of values") for x in moved]
     return Film(checked, moved, np.array(shown))
-
-
-def _interpolated(times: np.ndarray, s: SubdomainHistory) -> np.ndarray:
-    """Displacements at these times, interpolated linearly between time levels."""
-    after = np.clip(np.searchsorted(s.t, times), min(1, s.t.size - 1), s.t.size - 1)
-    before = np.maximum(after - 1, 0)
-    step = np.where(after > before, s.t[after] - s.t[before], 1.0)
-    fraction = np.clip((times - s.t[before]) / step, 0.0, 1.0)[:, None]
-    result: np.ndarray = (1.0 - fraction) * s.u[before] + fraction * s.u[after]
-    return result
 
 
 def _painter(

@@ -92,7 +92,7 @@ def at(history: Any, t: Any) -> Instant:
     time = real_number(t, "t")
     times = within(history, np.array([time]), "t")
     states = [s and _state(s, times) for s in history.subdomains]
-    multipliers = _linear(times, history.multiplier_times, history.multipliers)[0]
+    multipliers = linear(times, history.multiplier_times, history.multipliers)[0]
     return Instant(time, multipliers, tuple(states), history.keys)
 
 
@@ -112,10 +112,10 @@ def resampled(history: Any, times: Any) -> Any:
     return replace(
         history,
         subdomains=tuple(s and _resampled(s, t) for s in history.subdomains),
-        multipliers=_linear(t, fine, history.multipliers),
+        multipliers=linear(t, fine, history.multipliers),
         multiplier_times=given,
-        velocity_jump=_linear(t, jump_times, history.velocity_jump),
-        displacement_jump=_linear(t, macro, history.displacement_jump),
+        velocity_jump=linear(t, jump_times, history.velocity_jump),
+        displacement_jump=linear(t, macro, history.displacement_jump),
         macro_times=given,
         energy=None,
         substeps=None,
@@ -126,10 +126,10 @@ def _resampled(s: Any, t: np.ndarray) -> Any:
     u, v, a = hermite(t, s.t, s.u, s.v, s.a)
     others: dict[str, Any] = dict.fromkeys((*growing(s), "substep", "double_after"))
     others |= {
-        name: None if getattr(s, name) is None else _linear(t, s.t, getattr(s, name))
+        name: None if getattr(s, name) is None else linear(t, s.t, getattr(s, name))
         for name in of_columns(OF_SUBDOMAIN, "springs")
     }
-    outputs = {name: _linear(t, s.t, x) for name, x in s.outputs.items()}
+    outputs = {name: linear(t, s.t, x) for name, x in s.outputs.items()}
     return replace(s, **(others | dict(t=t, u=u, v=v, a=a)), outputs=outputs)
 
 
@@ -165,7 +165,7 @@ def hermite(
     return *found, (1.0 - s) * a[i] + s * a[i + 1]
 
 
-def _linear(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
+def linear(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns, linear between their times and constant beyond the first and the last."""
     if len(t) == 1 or x.shape[1] == 0:
         return np.repeat(x[:1], len(times), axis=0)

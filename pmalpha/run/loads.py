@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -35,6 +35,7 @@ SKIPPED = 0.1
 JUDGED_SERIES = 32
 # Samples after the end of a record for which the motion is followed, which takes a period.
 MOST_SAMPLES = 1_000_000
+Values = TypeVar("Values")  # of a compiled function
 
 
 # ---- means -------------------------------------------------------------------------------------
@@ -333,8 +334,7 @@ class Loads:
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)
         if isinstance(force, LowLevelCallable):
-            result: np.ndarray = self._values(part.core.force(0.0), "force", i, step)
-            return result
+            return self._values(part.core.force(0.0), "force", i, step)
         return force_at(force, part, 0.0)
 
     def static(self, i: int, motion: tuple[np.ndarray, np.ndarray], step: int) -> np.ndarray:
@@ -355,8 +355,7 @@ class Loads:
             return self.callbacks[i].value_at(self.clock.count(step) * part.substeps)
         force, t = self.seen[i], self.clock.time(step)
         if isinstance(force, LowLevelCallable):
-            result: np.ndarray = self._values(part.core.force(t), "force", i, step)
-            return result
+            return self._values(part.core.force(t), "force", i, step)
         return force_at(force, part, t)
 
     def evaluate_present(self, i: int) -> None:
@@ -386,7 +385,7 @@ class Loads:
         """The forces as the steps of the subdomains take them."""
         return [seen_by(part, force, self.clock) for part, force in zip(self.parts, self.forces)]
 
-    def _values(self, values: Any, what: str, i: int, step: int) -> Any:
+    def _values(self, values: Values | int, what: str, i: int, step: int) -> Values:
         """The values of a compiled function; CallbackError if it returned a code."""
         if isinstance(values, int):
             raise CallbackError(values, what, step, self.clock.time(step), self.parts[i].name)

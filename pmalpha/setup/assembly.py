@@ -25,7 +25,6 @@ from .macro import (
     check_mean,
     doubled_part,
     doubts_of_damping,
-    mass_of_interface,
     prepare,
     prepare_mean,
     warn_of_resonance,
@@ -299,7 +298,7 @@ class Assemblies:
     def _mass(self, part: Part) -> Factor:
         """The factor of M for mean coupling."""
         if part.name not in self._masses:
-            self._masses[part.name] = mass_of_interface(part)
+            self._masses[part.name] = part.factor_of_mass()
         return self._masses[part.name]
 
     def _interface_factors(self, layout: Layout, parts: Sequence[Part]) -> tuple[Factor, Factor]:

@@ -22,7 +22,7 @@ from ..problem.newton import Newton
 from .interface import is_symmetric_sum, summed, total
 from .internal_forces import core_size, numeric, structure
 from .link import Block
-from .macro import compute_unit_responses, mass_of_interface, mean_blocks
+from .macro import compute_unit_responses, mean_blocks
 from .part import Part, core_of_steps
 from .ranks import Ranks, joined
 
@@ -94,7 +94,7 @@ def linear_twin(part: Part) -> Part:
     except FactorizationError:  # by (F10), whose pivots have any sign
         twin.indefinite = part.indefinite = True
         operators = list(map(twin.operator, twin.lengths))
-    mass = mass_of_interface(twin) if twin.mean else None
+    mass = twin.factor_of_mass() if twin.mean else None
     twin.core = core_of_steps(twin, operators, K_r=twin.K_r, mass=mass)
     return twin
 

@@ -16,7 +16,7 @@ from .._checks import counted, listing, numbered
 from .._core import LANES
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
-from ..problem.matrices import Matrix, combination, core_matrix
+from ..problem.matrices import Matrix, core_matrix
 from .factors import Factor, solve
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
@@ -283,19 +283,6 @@ def _grows(part: Part) -> bool:
     """Whether the damping feeds the velocity gap, (K8)."""
     scheme = part.subdomain.scheme
     return part.is_damped and part.substeps == 1 and 2.0 * scheme.beta > ABOVE * scheme.gamma
-
-
-def mass_of_interface(part: Part) -> Factor:
-    """The factor of M, with ones where dofs have no mass, which no constraint reaches."""
-    massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
-    M = part.M
-    if massless.size:
-        ones = np.zeros(part.n)
-        ones[massless] = 1.0
-        M = combination([(1.0, M), (1.0, ones)])
-    elif part.mass_factor is not None:
-        return part.mass_factor
-    return part.factor(M, f"M of subdomain {part.name!r}")
 
 
 def prepare_mean(parts: Sequence[Part]) -> None:

@@ -205,6 +205,21 @@ class Part:
         u, v = (levels[i][self.position] for i in (0, 1))
         return u, v, levels[6][:m], self.core.springs()
 
+    @property
+    def massless(self) -> np.ndarray:
+        """The positions of dofs without mass, rising."""
+        return np.flatnonzero(np.isin(self.order, self.subdomain.massless))
+
+    @property
+    def regular_mass(self) -> Matrix:
+        """M, with ones where dofs have no mass."""
+        ones = np.isin(self.order, self.subdomain.massless).astype(float)
+        return combination([(1.0, self.M), (1.0, ones)]) if ones.any() else self.M
+
+    def factor_of_mass(self) -> Factor:
+        """The factor of `regular_mass`."""
+        return self.mass_factor or self.factor(self.regular_mass, f"M of subdomain {self.name!r}")
+
     def factor(self, A: Matrix | None, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
         names = Names(what, self.order, self.name)

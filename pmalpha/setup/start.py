@@ -193,17 +193,10 @@ class _Mass:
 
     def __init__(self, part: Part):
         self.part = part
-        self.massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
-        unit_mass = np.zeros(part.n)
-        unit_mass[self.massless] = 1.0
-        matrix = part.M
-        if self.massless.size:
-            matrix = combination([(1.0, part.M), (1.0, unit_mass)])
+        self.massless = part.massless
+        matrix = part.regular_mass if self.massless.size else part.M
         self.diagonal = matrix if matrix.ndim == 1 else None
-        factor = part.mass_factor
-        if factor is None:
-            factor = _mass_factor(part, matrix)
-        self.operator = (1.0, *factor)
+        self.operator = (1.0, *(part.mass_factor or _mass_factor(part, matrix)))
         self.linked = part.L.without(self.massless) if self.massless.size else part.L
 
     @property
