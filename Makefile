@@ -35,15 +35,17 @@ demo: $(VENV)/.plot,fast
 test: $(VENV)/.test
 	@echo "The tests of the package and its files, on $(JOBS) processors: about 5 minutes on two."
 	@echo "Not among them: make others (10 minutes), make ctest, make campaigns (an hour)."
-	$(PYTEST) -m "not gate" $(ARGS)
+	$(PYTEST) -m "not gate and not campaign" $(ARGS)
 
 # The tests that take long or need other programs: notebooks, MPI, type checkers, OpenSees, FMI,
 # benchmarks, and the campaigns in a short form.
 others: $(VENV)/.gate
 	$(PYTEST) -m gate $(ARGS)
 
-# random input, histories of calls, signals and files: each campaign for ten minutes
+# all of what the tests take samples of, then random input, histories of calls, signals and files:
+# each campaign for ten minutes
 campaigns: $(VENV)/.test
+	$(PYTEST) -m campaign
 	for script in tests/campaign_?*.py; do \
 		echo $$script; $(VENV)/bin/python $$script --seconds 600 || exit; done
 
@@ -79,7 +81,7 @@ GCOVR    = $(VENV)/bin/python -m gcovr --root . --filter csrc/core/ --filter csr
 	--merge-mode-functions separate build/covered
 TRACED   = cd build/covered && PYTHONPATH=$(COVERED) OPENBLAS_NUM_THREADS=1 \
 	COVERAGE_FILE=$(COVERED)/.coverage COVERAGE_RCFILE=$(CURDIR)/pyproject.toml
-UNTRACED = pytest -q -p no:cacheprovider -p no:xdist -m "not gate" $(ARGS)
+UNTRACED = pytest -q -p no:cacheprovider -p no:xdist -m "not gate and not campaign" $(ARGS)
 
 coverage: build/test_core_covered build/covered/_core.abi3.so $(VENV)/.coverage
 	$(call COPY,build/covered)

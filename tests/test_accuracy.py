@@ -381,7 +381,7 @@ MANY = [("random", range(40)), ("realistic", range(12)), ("nonlinear", range(6))
 
 
 @pytest.mark.parametrize(
-    "kind, seeds", [*FEW, *(pytest.param(*x, marks=pytest.mark.gate) for x in MANY)], ids=str
+    "kind, seeds", [*FEW, *(pytest.param(*x, marks=pytest.mark.campaign) for x in MANY)], ids=str
 )
 def test_problems_warn_above_ten_per_cent_and_not_below_one(kind, seeds):
     # docs/method.md has the table of a thousand others

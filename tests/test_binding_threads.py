@@ -253,7 +253,7 @@ def test_a_handler_may_not_call_the_coupler_that_is_being_stepped():
     "force", [None, lambda t: np.full(5, np.sin(t))], ids=["plain", "callable"]
 )
 @pytest.mark.parametrize("call", ["run", "step", "reset", "state", "load"])
-@pytest.mark.parametrize("stride", [13, pytest.param(1, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("stride", [13, pytest.param(1, marks=pytest.mark.campaign)])
 def test_an_interrupt_on_entering_a_function_of_the_package_leaves_all_or_nothing(
     tmp_path, call, force, stride
 ):

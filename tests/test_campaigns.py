@@ -39,9 +39,10 @@ def test_strangers_on_a_connection_end_it_in_time():
 
 
 def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():
-    counts = campaign_soak.campaign(seconds=0.0, least=2)
-    assert counts["macro steps"] == 36_000 + 12 * (1000 if campaign_soak.HDF5 else 500)
-    assert counts["couplers"] == 12
+    counts = campaign_soak.campaign(seconds=0.0, least=4, steps=160)
+    # from the third of four rounds on memory may not grow
+    assert counts["macro steps"] == 24 * (240 + 500 + (40 if campaign_soak.HDF5 else 0))
+    assert counts["couplers"] == 24
 
 
 @pytest.mark.skipif(

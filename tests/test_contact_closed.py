@@ -100,7 +100,7 @@ def test_no_mode_grows_while_contact_lasts(schemes, coupling, substeps):
     require_that_no_mode_grows(range(2), schemes, substeps, coupling)
 
 
-@pytest.mark.gate
+@pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 @pytest.mark.parametrize("coupling", ["gc", "pm"])
 @pytest.mark.parametrize("substeps", [1, 2, 5, 20])

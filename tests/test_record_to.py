@@ -347,7 +347,7 @@ KILLED = """
 """
 
 
-@pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.campaign)])
 def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path, kills):
     # from before the file exists to after many blocks
     program = textwrap.dedent(KILLED.format(kills=kills, folder=str(tmp_path)))
@@ -560,7 +560,7 @@ def test_rows_are_counted_as_the_core_counts_them():
     assert history_file.row_count(5, 9, 5, 4) == 1
 
 
-@pytest.mark.parametrize("stride", [29, pytest.param(2, marks=pytest.mark.gate)])
+@pytest.mark.parametrize("stride", [29, pytest.param(2, marks=pytest.mark.campaign)])
 def test_an_interrupt_on_entering_a_function_of_the_package_leaves_a_whole_file(tmp_path, stride):
     # CPython checks for signals when a Python function is entered: one in `stride` entries in turn
     path = tmp_path / "run.h5"
