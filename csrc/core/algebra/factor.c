@@ -203,7 +203,7 @@ PMA_LOOP(eliminate_dense, (const pma_factor *f, size_t first, size_t last, doubl
          {
              const pma_kernel *kernel = pma_kernel_best();
              (void)work;
-             (sizeof(number) == sizeof *x ? kernel->eliminate : kernel->eliminate_lanes)(
+             (PMA_VECTORS(number) == 1 ? kernel->eliminate : kernel->eliminate_lanes)(
                  f->values + first * f->n + first, f->n, f->n - first, last - first, x);
          })
 
@@ -214,18 +214,18 @@ PMA_LOOP(substitute_dense,
              (void)work;
              for (size_t j = first; j < last; j++)
                  PMA_SCALE(f->inverse[j], &own[j - first], &own[j - first]);
-             (sizeof(number) == sizeof *x ? kernel->substitute : kernel->substitute_lanes)(
+             (PMA_VECTORS(number) == 1 ? kernel->substitute : kernel->substitute_lanes)(
                  f->values + f->Q + first * f->n + first, f->n, f->n - first, last - first, x);
          })
 
 PMA_LOOP(eliminate_panels,
          (const pma_factor *f, size_t first, size_t last, double *x, double *work),
-         { pma_panels_eliminate(&f->panels, sizeof(number) / sizeof *x, first, last, x, work); })
+         { pma_panels_eliminate(&f->panels, PMA_VECTORS(number), first, last, x, work); })
 
 PMA_LOOP(substitute_panels,
          (const pma_factor *f, size_t first, size_t last, double *x, double *work), {
-             pma_panels_substitute(&f->panels, f->inverse, sizeof(number) / sizeof *x, first, last,
-                                   x, work);
+             pma_panels_substitute(&f->panels, f->inverse, PMA_VECTORS(number), first, last, x,
+                                   work);
          })
 
 /* The next unknown often depends on this one, in a chain on this one alone. It is kept in a

@@ -67,6 +67,9 @@ PMA_INLINE void pma_scale_eight(double a, const pma_eight *x, pma_eight *y)
 #define PMA_SCALE(a, x, y) \
     _Generic((y), double *: pma_scale_one, pma_eight *: pma_scale_eight)(a, x, y)
 
+/* the number of vectors that a number of this type holds */
+#define PMA_VECTORS(number) _Generic((number *)0, double *: 1, pma_eight *: PMA_LANES)
+
 /* The functions name_one, name_plain and name_avx2 with these parameters and this body, in which
  * `number` is the type of the numbers of an unknown: one vector, lanes on any processor, lanes. */
 #define PMA_LOOP(name, parameters, ...)         \
