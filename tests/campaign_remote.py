@@ -2,7 +2,7 @@
 
 A stranger takes the place of the client or of the server. Its bytes are those of good messages with
 damage, in pieces of any size, and it may stop, close or reset the connection at any of them. The
-side of pmalpha returns or raises a documented exception in time; the served function is called with
+side of pmalpha returns or raises a documented exception; the served function is called with
 arrays of float64 alone, and no memory is taken for bytes that did not come (the child process of
 campaign_input.py has a limit).
 """
@@ -20,8 +20,9 @@ from entries import one
 
 from pmalpha.rig import calls as remote
 
-WAIT = 0.05  # s, the timeout of both sides
-SLACK = 600.0  # s, which only a hang takes
+WAIT = 0.05  # s, the timeout of a side whose stranger falls silent
+LIMIT = 600.0  # s, the other timeouts, which only a hang takes
+SILENT = 0.2  # of the strangers
 DOCUMENTED = (ConnectionError, TimeoutError, remote.RemoteError)
 
 
@@ -70,19 +71,19 @@ def stream(rng, kind):
     return b"".join([*pieces, spoil(rng, one(rng, kind, remote.FAILURE, remote.CALL), 1)])
 
 
-def talk(rng, connection, data):
-    """Send in pieces, read some of what comes, and end in one of several ways."""
+def talk(rng, connection, data, silent):
+    """Send in pieces, read some of what comes, and end in one of several ways, or not."""
     cut = sorted(rng.integers(len(data) + 1, size=int(rng.integers(4))))
     try:
         for begin, end in zip([0, *cut], [*cut, len(data)]):
             connection.sendall(data[begin:end])
-        end = int(rng.integers(4))
+        end = 3 if silent else int(rng.integers(3))
         if end == 0:  # reset
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         elif end == 1:
             connection.shutdown(socket.SHUT_WR)
         if end > 0:
-            connection.settimeout(one(rng, 0.001, 3.0 * WAIT))
+            connection.settimeout(LIMIT if end != 2 else 0.001)
             while connection.recv(1 << 16):
                 pass
     except OSError:  # the other side has ended it
@@ -102,13 +103,13 @@ def outcome(call):
     except Exception as error:
         what = type(error).__name__
         fault = f"{what}: {error}"
-    late = monotonic() - begin > SLACK
+    late = monotonic() - begin > LIMIT
     return what, "it took too long" if late and fault is None else fault
 
 
 def against_server(rng):
     """A stranger calls a function that is served."""
-    opened, found, wrong = Queue(), [], []
+    opened, found, wrong, silent = Queue(), [], [], rng.random() < SILENT
 
     def function(*x):
         wrong.extend(y for y in x if type(y) is not np.ndarray or y.dtype != np.float64)
@@ -119,11 +120,12 @@ def against_server(rng):
         opened.put(socket.create_connection(("127.0.0.1", port)))
 
     def run():
-        found.append(outcome(lambda: remote.serve(function, timeout=WAIT, announce=connect)))
+        wait = WAIT if silent else LIMIT
+        found.append(outcome(lambda: remote.serve(function, timeout=wait, announce=connect)))
 
     thread = threading.Thread(target=run)
     thread.start()
-    talk(rng, opened.get(), stream(rng, remote.CALL))
+    talk(rng, opened.get(), stream(rng, remote.CALL), silent)
     thread.join()
     what, fault = found[0]
     return what, f"called with {wrong}" if wrong else fault
@@ -131,12 +133,12 @@ def against_server(rng):
 
 def against_client(rng):
     """A stranger replies to a client."""
-    data = stream(rng, remote.RESULT)
+    data, silent = stream(rng, remote.RESULT), rng.random() < SILENT
     with socket.create_server(("127.0.0.1", 0)) as server:
-        thread = threading.Thread(target=lambda: talk(rng, server.accept()[0], data))
+        thread = threading.Thread(target=lambda: talk(rng, server.accept()[0], data, silent))
         thread.start()
         try:
-            with remote.Client(server.getsockname(), timeout=WAIT) as client:
+            with remote.Client(server.getsockname(), timeout=WAIT if silent else LIMIT) as client:
                 found = [outcome(lambda: client(1.0)) for _ in range(int(rng.integers(1, 4)))]
         except ConnectionError:  # reset before it was made
             found = [("no connection", None)]

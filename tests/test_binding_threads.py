@@ -32,12 +32,17 @@ def long_run(n=1000, force=None):
 
 
 def test_one_of_two_threads_in_the_same_core_object_gets_a_runtime_error():
-    c, s = started()
-    errors, go = [], threading.Event()
+    errors, within, meddled = [], threading.Event(), threading.Event()
+
+    def force(u, v, t):  # holds this thread in the core until the other one has tried everything
+        within.set()
+        meddled.wait(waits.LIMIT)
+        return np.zeros(2)
+
+    c, s = started(restoring=((force,), i64(0, 1), None))
 
     def meddle():
-        go.wait()
-        time.sleep(0.05)  # the other thread is in the core, for half a second
+        within.wait(waits.LIMIT)
         none = np.zeros(1)
         for call in (
             lambda: c.advance(1, None),
@@ -57,17 +62,13 @@ def test_one_of_two_threads_in_the_same_core_object_gets_a_runtime_error():
                 call()
             except Exception as error:
                 errors.append(error)
+        meddled.set()
 
     thread = threading.Thread(target=meddle)
     thread.start()
-    go.set()
-    begin = time.perf_counter()
-    steps = 0
-    while thread.is_alive() and time.perf_counter() - begin < 20.0:
-        c.advance(2_000_000, None)
-        steps += 2_000_000
+    c.advance(3, None)
     thread.join()
-    assert steps == c.step_count
+    assert c.step_count == 3
     assert [type(error) for error in errors] == [RuntimeError] * 12
     assert all("being stepped" in str(error) for error in errors)
     assert c.advance(1, None) is None

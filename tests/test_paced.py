@@ -125,7 +125,7 @@ def test_the_gil_is_not_taken_while_paced_steps_are_compiled(monkeypatch):
 
     def hold():
         waits.until(lambda: seen and not np.isnan(seen[0][0, 0]))
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + waits.LIMIT
         while np.isnan(seen[0][3, -1]) and time.monotonic() < end:
             pass  # with the GIL, which nothing takes from a thread within the interval
         seen.append(time.monotonic() < end)

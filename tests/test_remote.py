@@ -253,7 +253,7 @@ def replied(sent, timeout=waits.LIMIT, pause=0.0):
                 try:
                     for k in range(len(sent)) if pause else [slice(None)]:
                         connection.sendall(sent[k : k + 1] if pause else sent)
-                        time.sleep(pause)
+                        time.sleep(pause)  # so that the whole takes hours
                     connection.recv(1)
                 except OSError:  # the client has gone
                     pass
@@ -296,6 +296,6 @@ def test_a_stranger_that_replies_ends_the_call(sent, error, words):
 
 
 def test_a_reply_that_drips_is_a_timeout():
-    # 0.1 s between bytes: each of them comes in time, the whole would take two seconds
-    found = replied(reply(1, 1, 1, b"\0" + 8 * b"\0"), timeout=0.3, pause=0.1)
+    # each byte comes in time, until the client has gone
+    found = replied(reply(1, 1, 1, b"\0" + 800_000 * b"\0"), timeout=0.3, pause=0.1)
     assert isinstance(found, TimeoutError)
