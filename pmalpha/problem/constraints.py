@@ -89,15 +89,10 @@ class Constraint(Frozen):
         self._freeze()
 
     def __getstate__(self) -> dict[str, Any]:
-        matrices = {name_of(s) or s: L for s, L in self.matrices.items()}
-        return {**self.__dict__, "matrices": matrices}
+        return {**self.__dict__, "matrices": by_name(self.matrices)}
 
     def __repr__(self) -> str:
-        subdomains = [
-            name_of(s) or f"subdomain of {counted(L.shape[1] or 0, 'dof')}"
-            for s, L in self.matrices.items()
-        ]
-        *others, last = map(repr, subdomains)
+        *others, last = labels_of(self.matrices)
         names = f"{', '.join(others)} and {last}" if others else last
         motion = "" if self.velocity is None else f", velocity = {_short(self.velocity)}"
         return f"<{counted(self.p, 'constraint')} on {names}{motion}>"
@@ -112,6 +107,19 @@ def _short(velocity: Any) -> str:
 def name_of(subdomain: Subdomain | str) -> str | None:
     """The name of a subdomain that is given as itself or by its name."""
     return subdomain if isinstance(subdomain, str) else subdomain.name
+
+
+def by_name(matrices: Mapping[Any, Any]) -> dict[Any, Any]:
+    """The same, by the names of the subdomains that have one: a copy finds them by it."""
+    return {name_of(s) or s: L for s, L in matrices.items()}
+
+
+def labels_of(matrices: Mapping[Any, Any]) -> list[str]:
+    """What a repr says of the subdomains."""
+    return [
+        repr(name_of(s) or f"subdomain of {counted(L.shape[1] or 0, 'dof')}")
+        for s, L in matrices.items()
+    ]
 
 
 @dataclass(frozen=True)
@@ -238,15 +246,26 @@ def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLi
     <2 constraints on 'tower' and 'rig'>
     """
     require_two(a, b)
-    rows_a, rows_b = chosen(dofs_a, a, 1.0, "dofs_a"), chosen(dofs_b, b, -1.0, "dofs_b")
+    return Constraint(pairs(a, dofs_a, b, dofs_b, (1.0, -1.0)))
+
+
+def pairs(
+    a: Subdomain | str,
+    dofs_a: Any,
+    b: Subdomain | str,
+    dofs_b: Any,
+    entries: tuple[float, float],
+    names: tuple[str, str] = ("dofs_a", "dofs_b"),
+) -> dict[Any, Any]:
+    """Rows with an entry at a dof of each of two subdomains."""
+    rows_a, rows_b = map(chosen, (dofs_a, dofs_b), (a, b), entries, names)
     counts = rows_a.shape[0], rows_b.shape[0]
     if counts[0] != counts[1] or counts[0] == 0:
         raise ValueError(
-            "dofs_a and dofs_b must have the same length, at least one, got "
+            f"{names[0]} and {names[1]} must have the same length, at least one, got "
             f"{counts[0]} and {counts[1]}"
         )
-    matrices: Any = {a: rows_a, b: rows_b}
-    return Constraint(matrices)
+    return {a: rows_a, b: rows_b}
 
 
 def require_two(a: Any, b: Any) -> None:

@@ -9,13 +9,7 @@ import numpy as np
 
 from .._checks import counted, plain_array, real_array
 from .argument_types import DofsLike
-from .constraints import (
-    MatricesLike,
-    by_subdomain,
-    chosen,
-    name_of,
-    require_two,
-)
+from .constraints import MatricesLike, by_name, by_subdomain, chosen, labels_of, pairs, require_two
 from .forces import SampledForce
 from .frozen import Frozen
 from .subdomain import Subdomain
@@ -103,19 +97,12 @@ class Contact(Frozen):
         self._freeze()
 
     def __getstate__(self) -> dict[str, Any]:
-        def named(matrices: Mapping[Any, Any]) -> dict[Any, Any]:
-            return {name_of(s) or s: N for s, N in matrices.items()}
-
-        tangents = tuple(map(named, self.tangents))
-        return {**self.__dict__, "matrices": named(self.matrices), "tangents": tangents}
+        tangents = tuple(map(by_name, self.tangents))
+        return {**self.__dict__, "matrices": by_name(self.matrices), "tangents": tangents}
 
     def __repr__(self) -> str:
-        subdomains = [
-            repr(name_of(s) or f"subdomain of {counted(N.shape[1] or 0, 'dof')}")
-            for s, N in self.matrices.items()
-        ]
-        name = "" if self.name is None else f" {self.name!r}"
-        return f"<Contact{name} of {counted(self.rows, 'row')} on {' and '.join(subdomains)}>"
+        name, on = "" if self.name is None else f" {self.name!r}", labels_of(self.matrices)
+        return f"<Contact{name} of {counted(self.rows, 'row')} on {' and '.join(on)}>"
 
 
 def contact(
@@ -201,12 +188,13 @@ def contact(
                 "sign must be 1 between two subdomains, whose gap is that of b - a, got -1"
             )
         require_two(a, b)
-        normal = _two_sided(a, dofs_a, b, dofs_b, "dofs")
+        normal = pairs(a, dofs_a, b, dofs_b, (-1.0, 1.0))
         for k, pair in enumerate(tangents):
             if not isinstance(pair, Sequence) or len(pair) != 2:
                 raise TypeError(f"tangents[{k}] must be a pair (dofs_a, dofs_b), got {pair!r}")
         along = [
-            _two_sided(a, pair[0], b, pair[1], f"tangents[{k}]") for k, pair in enumerate(tangents)
+            pairs(a, x, b, y, (-1.0, 1.0), (f"tangents[{k}][0]", f"tangents[{k}][1]"))
+            for k, (x, y) in enumerate(tangents)
         ]
     return Contact(normal, tangents=along, motion=motion, name=name, **given)
 
@@ -216,18 +204,6 @@ def _one_sided(a: Any, dofs: Any, name: str, sign: float) -> dict[Any, Any]:
     if not rows.shape[0]:
         raise ValueError(f"{name} must have at least one dof, got none")
     return {a: rows}
-
-
-def _two_sided(a: Any, dofs_a: Any, b: Any, dofs_b: Any, name: str) -> dict[Any, Any]:
-    what = [f"{name}_{x}" if name == "dofs" else name for x in "ab"]
-    rows_a, rows_b = chosen(dofs_a, a, -1.0, what[0]), chosen(dofs_b, b, 1.0, what[1])
-    counts = rows_a.shape[0], rows_b.shape[0]
-    if counts[0] != counts[1] or counts[0] == 0:
-        raise ValueError(
-            f"{name} of a and b must have the same length, at least one, got "
-            f"{counts[0]} and {counts[1]}"
-        )
-    return {a: rows_a, b: rows_b}
 
 
 def _numbers(value: Any, rows: int, name: str, low: float, high: float) -> np.ndarray:

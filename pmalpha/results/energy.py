@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,11 @@ class Energy:
         """
         found = ((name, getattr(self, name)) for name in (*ENERGY_FIELDS, *OPTIONAL))
         return {name: x for name, x in found if x is not None}
+
+    def _with_rows(self, change: Callable[[np.ndarray], np.ndarray]) -> Energy:
+        """The same with other rows of all arrays."""
+        changed = {name: change(x) for name, x in self.arrays().items()}
+        return replace(self, t=change(self.t), **changed)
 
     def __repr__(self) -> str:
         subdomains = counted(self.balance.shape[1], "subdomain")

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..problem.dofs import names_at
 from ..setup.part import Part
 
 # The times of rows, by their levels.
@@ -157,6 +158,14 @@ def with_rows(record: Record, change: Callable[..., np.ndarray], *others: Record
             for name in record.outputs
         }
     return replace(record, **fields)
+
+
+def with_dofs(s: Record, dofs: np.ndarray) -> Record:
+    """Some dofs of the motion of a subdomain; what internal forces remember only with all."""
+    fields: dict[str, Any] = {x: getattr(s, x)[:, dofs] for x in of_columns(OF_SUBDOMAIN, "dofs")}
+    if dofs.size < s.dofs.size:
+        fields |= dict.fromkeys(of_columns(OF_SUBDOMAIN, "memory"))
+    return replace(s, **fields, dofs=dofs.copy(), dof_names=names_at(s.dof_names, dofs))
 
 
 def joined(pieces: Sequence[Any]) -> Any:

@@ -36,6 +36,7 @@ from .quantities import (
     by_columns,
     column_counts,
     joined,
+    with_dofs,
     with_rows,
     with_rows_of_all,
 )
@@ -137,22 +138,12 @@ class Wanted(NamedTuple):
             levels = (len(x) - 1) // (end - begin or 1)
             return x if self.every is None else x[steps * levels]
 
-        subdomains: list[SubdomainHistory | None] = []
-        for own, part, dofs in zip(whole.subdomains, self.of.parts, self.of.dofs):
-            if dofs is None or own is None:
-                subdomains.append(None)
-                continue
-            q = own.q if dofs.size == part.n else None
-            own = with_rows(replace(own, q=q), rows)
-            columns = {x: getattr(own, x)[:, dofs] for x in IN_SUBDOMAIN["dofs"]}
-            names = names_at(part.subdomain.dof_names, dofs)
-            subdomains.append(replace(own, dofs=dofs.copy(), dof_names=names, **columns))
-        energy = whole.energy
-        if energy is not None:
-            energy = replace(
-                energy, t=rows(energy.t), **{x: rows(y) for x, y in energy.arrays().items()}
-            )
-        found = replace(with_rows(whole, rows), subdomains=tuple(subdomains), energy=energy)
+        subdomains = tuple(
+            None if s is None or dofs is None else with_dofs(with_rows(s, rows), dofs)
+            for s, dofs in zip(whole.subdomains, self.of.dofs)
+        )
+        energy = whole.energy and whole.energy._with_rows(rows)
+        found = replace(with_rows(whole, rows), subdomains=subdomains, energy=energy)
         copied: History = with_rows_of_all(np.array, found)  # views would keep the whole record
         return copied
 

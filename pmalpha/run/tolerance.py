@@ -13,16 +13,15 @@ import numpy as np
 from .._checks import listing, positive_number
 from ..errors import AccuracyWarning, warn
 from ..files import check_replaceable, checked_path
-from ..problem.dofs import names_at
 from ..problem.subdomain import Subdomain
 from ..results import history_file
 from ..results.energy import Energy
-from ..results.history import History, SubdomainHistory
+from ..results.history import History
 from ..results.history_file import hdf5_library
 from ..results.keys import by_index
 from ..results.local_error import errors_of
 from ..results.outputs import chosen_outputs
-from ..results.quantities import OF_SUBDOMAIN, of_columns, stacked, with_rows
+from ..results.quantities import stacked, with_dofs, with_rows
 from ..results.recording import Recording, chosen_dofs
 from ..results.stored import check_new, contents_of
 from ..setup.part import Part
@@ -194,41 +193,28 @@ class Pieces:
 
     def _reduced(self, piece: History, rows: slice) -> History:
         """Chosen dofs, and some rows of all arrays."""
-        energy = piece.energy
-        if energy is not None:
-            names = ("t", *KINDS, "balance")
-            energy = replace(energy, conserved=None)
-            energy = replace(energy, **{name: getattr(energy, name)[rows] for name in names})
-        return replace(
-            with_rows(piece, lambda x: x[rows]),
-            subdomains=tuple(
-                None if s is None or dofs is None else reduced(s, dofs, rows)
-                for s, dofs in zip(piece.subdomains, self.dofs)
-            ),
-            energy=energy,
+
+        def some(x: np.ndarray) -> np.ndarray:
+            return x[rows]
+
+        energy = piece.energy and replace(piece.energy, conserved=None)._with_rows(some)
+        subdomains = tuple(
+            None
+            if s is None or dofs is None
+            else replace(with_dofs(with_rows(s, some), dofs), substep=None)
+            for s, dofs in zip(piece.subdomains, self.dofs)
         )
+        return replace(with_rows(piece, some), subdomains=subdomains, energy=energy)
 
     def history(self) -> History:
-        whole = stacked(self.histories)
+        whole: History = stacked(self.histories)
         if not self.energy:
-            result: History = whole
-            return result
+            return whole
         names = ("t", *KINDS)
         rows = [piece.energy for piece in self.histories]
         kinds = {name: np.concatenate([getattr(x, name) for x in rows]) for name in names}
         start = kinds["kinetic"][0] + kinds["strain"][0]
-        result = replace(whole, energy=Energy.balanced(**kinds, start=start))
-        return result
-
-
-def reduced(s: SubdomainHistory, dofs: np.ndarray, rows: slice) -> SubdomainHistory:
-    """Some rows of a subdomain, and some of its dofs."""
-    some = with_rows(s, lambda x: x[rows])
-    fields = {x: getattr(some, x)[:, dofs] for x in of_columns(OF_SUBDOMAIN, "dofs")}
-    if dofs.size < s.dofs.size:
-        fields |= dict.fromkeys(of_columns(OF_SUBDOMAIN, "memory"))
-    names = names_at(s.dof_names, dofs)
-    return replace(some, **fields, dofs=dofs, substep=None, dof_names=names)
+        return replace(whole, energy=Energy.balanced(**kinds, start=start))
 
 
 def rates_of(history: History) -> list[float]:

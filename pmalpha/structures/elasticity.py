@@ -162,7 +162,7 @@ def _masses(kind: str, corners: np.ndarray, density: np.ndarray) -> tuple[np.nda
     volumes, size = (np.empty((len(corners), len(N))) for _ in range(2))
     for part in chunks(len(corners), len(N) * d * d):
         J = _jacobian(corners[part], slopes)
-        volumes[part], size[part] = _determinant(J, _cofactors(J)), _size(J)
+        volumes[part], size[part] = _determinant(J, cofactors_of(J)), _size(J)
     _require_positive(volumes, size, kind)
     return N, density[:, None] * rule.weights * volumes
 
@@ -219,7 +219,7 @@ def gradients(kind: str, corners: np.ndarray, first: int = 0) -> tuple[np.ndarra
     shape, (rule, _) = SHAPES[kind], RULES[kind]
     slopes = shape.slopes(rule.points)
     J = _jacobian(corners, slopes)
-    cofactors = _cofactors(J)
+    cofactors = cofactors_of(J)
     volumes = _determinant(J, cofactors)
     _require_positive(volumes, _size(J), kind, first)
     return rule.weights * volumes, _along(slopes, cofactors, volumes)
@@ -232,8 +232,8 @@ def _jacobian(corners: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(J.reshape(-1, d, q, d).transpose(3, 1, 0, 2))
 
 
-def _cofactors(J: np.ndarray) -> np.ndarray:
-    """Those of J_ij, (d, d, E, q)."""
+def cofactors_of(J: np.ndarray) -> np.ndarray:
+    """det(J) J^-T of J_ij, (d, d, ...)."""
     d = len(J)
     if d == 2:
         return np.array([[J[1, 1], -J[1, 0]], [-J[0, 1], J[0, 0]]])
@@ -282,7 +282,7 @@ def stresses(
     middle = shape.nodes[: shape.corners].mean(axis=0, keepdims=True)
     slopes = shape.slopes(middle)
     J = _jacobian(points[nodes], slopes)
-    cofactors = _cofactors(J)
+    cofactors = cofactors_of(J)
     g = _along(slopes, cofactors, _determinant(J, cofactors))[:, :, 0]  # dN_a / dx_i, (d, E, a)
     lam, mu = (x[:, None] for x in moduli[:2])
     shear = [(0, 1), (1, 2), (0, 2)][: d * (d - 1) // 2]

@@ -15,6 +15,7 @@ from .checked import is_lumped, mesh_arguments, positive
 from .element_force import Chosen, Conservative, Made, of_chosen
 from .lines import SPRING
 from .pattern import Assembly, Pattern, lumped_mass
+from .stress import rotations
 from .structure import COINCIDENT, Structure
 
 __all__ = ["beam_frame", "corotational_frame", "subdivide"]
@@ -169,11 +170,7 @@ def _scaled(factor: np.ndarray, unit: np.ndarray, L: np.ndarray) -> np.ndarray:
 
 def _turned(local: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """(E, 2, 3, 2, 3): element matrices (E, 6, 6) in global components."""
-    c, s = direction.T
-    R = np.zeros((len(c), 3, 3))  # local = R global
-    R[:, 0, 0], R[:, 0, 1] = c, s
-    R[:, 1, 0], R[:, 1, 1] = -s, c
-    R[:, 2, 2] = 1.0
+    R = rotations(direction)  # local = R global
     blocks = local.reshape(-1, 2, 3, 2, 3)
     result: np.ndarray = np.einsum("eki,eakbl,elj->eaibj", R, blocks, R, optimize=True)
     return result
@@ -218,7 +215,7 @@ def subdivide(
     ([[0, 3], [3, 4], [4, 1], [1, 5], [5, 2]], [0, 0, 0, 1, 1])
     """
     ends, lines = mesh_arguments(points, members, "members", None, 2)
-    _require_length(ends, lines)
+    require_length(ends[lines], "members")
     counts = _divisions(divisions, len(lines))
     member = np.repeat(np.arange(len(lines)), counts)
     last = np.cumsum(counts) - 1  # last element of each member
@@ -247,11 +244,12 @@ def _divisions(value: Any, count: int) -> np.ndarray:
     return np.broadcast_to(divisions, count).astype(np.int64)
 
 
-def _require_length(points: np.ndarray, lines: np.ndarray) -> None:
-    apart = np.abs(points[lines[:, 1]] - points[lines[:, 0]]).max(axis=1)
-    short = np.flatnonzero(~(apart > COINCIDENT * np.abs(points).max()))
+def require_length(corners: np.ndarray, name: str, of: str = "") -> None:
+    """ValueError for lines (E, 2 or more, d) that begin and end at one place."""
+    apart = np.abs(corners[:, 1] - corners[:, 0]).max(axis=1)
+    short = np.flatnonzero(~(apart > COINCIDENT * np.abs(corners).max()))
     if short.size:
-        raise ValueError(f"members must have a length, got none in {listing(short)}")
+        raise ValueError(f"{name} must have a length, got none in {listing(short)}{of}")
 
 
 def corotational_frame(

@@ -18,7 +18,7 @@ from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
 from .element_force import Chosen, Made, of_chosen
-from .frames import ROTARY, beam_matrices
+from .frames import ROTARY, beam_matrices, require_length
 from .mesh_files import FileMesh, read_mesh
 from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
@@ -343,7 +343,7 @@ def _structure(read: FileMesh, parts: dict[int, Part], d: int, plane: str, mass:
                 d, own["E"], own["nu"], own["rho"], own["t"], plane, own["E"].shape
             )
         else:
-            _require_length(points[elements[kind]], kind)
+            require_length(points[elements[kind]], "elements", f" of {kind!r}")
             lines[kind] = own["EA"], own["EI"], own["rhoA"]
     beams = any(np.isfinite(EI).any() for _, EI, _ in lines.values())
     components = (*("ux", "uy", "uz")[:d], *(["rz"] if beams else []))
@@ -351,13 +351,6 @@ def _structure(read: FileMesh, parts: dict[int, Part], d: int, plane: str, mass:
     structure = Structure._of(recipe, points, elements, components, moduli)
     groups, sets = _named(read, parts, kinds, number)
     return replace(structure, groups=groups, sets=sets)
-
-
-def _require_length(corners: np.ndarray, kind: str) -> None:
-    apart = np.abs(corners[:, 1] - corners[:, 0]).max(axis=1)
-    short = np.flatnonzero(~(apart > COINCIDENT * np.abs(corners).max()))
-    if short.size:
-        raise ValueError(f"elements must have a length, got none in {listing(short)} of {kind!r}")
 
 
 def _column(part: Part, key: str) -> np.ndarray:

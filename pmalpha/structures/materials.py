@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .checked import isotropic, not_negative, positive
+from .elasticity import cofactors_of
 from .pattern import upper
 
 __all__ = ["J2Plasticity", "NeoHookean", "StVenantKirchhoff"]
@@ -153,7 +154,7 @@ class NeoHookean(Hyperelastic):
         change = _volume_change(H)  # J - 1
         with np.errstate(invalid="ignore", divide="ignore"):
             pressure = lam * np.log1p(change)
-            G = _cofactor(F) / (1.0 + change)  # F^-T
+            G = cofactors_of(F) / (1.0 + change)  # F^-T
         # P = (mu (F F^T - 1) + lam ln J) F^-T; F F^T - 1 = H + H^T + H H^T has no cancellation
         tau = np.empty_like(F)
         for i, j in upper(d):
@@ -227,7 +228,7 @@ def _volume_change(H: np.ndarray) -> np.ndarray:
         result: np.ndarray = H[0, 0] + H[1, 1] + _minor(H, 0, 1)
         return result
     minors = _minor(H, 0, 1) + _minor(H, 0, 2) + _minor(H, 1, 2)
-    cofactor = _cofactor(H)
+    cofactor = cofactors_of(H)
     result = H[0, 0] + H[1, 1] + H[2, 2] + minors + sum(H[0, j] * cofactor[0, j] for j in range(3))
     return result
 
@@ -235,19 +236,6 @@ def _volume_change(H: np.ndarray) -> np.ndarray:
 def _minor(H: np.ndarray, i: int, j: int) -> np.ndarray:
     result: np.ndarray = H[i, i] * H[j, j] - H[i, j] * H[j, i]
     return result
-
-
-def _cofactor(F: np.ndarray) -> np.ndarray:
-    """det(F) F^-T."""
-    out = np.empty_like(F)
-    if len(F) == 2:
-        out[0, 0], out[1, 1] = F[1, 1], F[0, 0]
-        out[0, 1], out[1, 0] = -F[1, 0], -F[0, 1]
-        return out
-    for i, j in np.ndindex(3, 3):
-        a, b, c, e = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-        out[i, j] = F[a, c] * F[b, e] - F[a, e] * F[b, c]
-    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,7 +75,7 @@ def line_forces(
         return _placed(rows, lines, d, K.shape[1])
     at_first = np.concatenate([-of_first @ _rigid(along), of_first], axis=2)
     at_second = np.concatenate([of_second, -of_second @ _rigid(-along)], axis=2)
-    R = _rotation(along)
+    R = rotations(along / np.hypot(*along.T)[:, None])
     return _placed(np.concatenate([R @ at_first, R @ at_second], axis=1), lines, d, K.shape[1])
 
 
@@ -93,9 +93,9 @@ def _rigid(along: np.ndarray) -> np.ndarray:
     return B
 
 
-def _rotation(along: np.ndarray) -> np.ndarray:
-    """(E, 3, 3): from global axes to those of the element."""
-    c, s = (along / np.hypot(*along.T)[:, None]).T
+def rotations(direction: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): from global axes to those of elements in this direction, (E, 2)."""
+    c, s = direction.T
     R = np.zeros((len(c), 3, 3))
     R[:, 0, 0], R[:, 0, 1] = c, s
     R[:, 1, 0], R[:, 1, 1] = -s, c
