@@ -280,6 +280,16 @@ def test_lagged_gyroscopic_damping_is_refused_elsewhere(scheme):
     pm.Subdomain([1.0, 1.0], np.eye(2), 0.1 * np.eye(2), scheme=scheme, damping="lagged")
 
 
+def test_lagged_gyroscopic_damping_is_admitted_by_the_numbers_of_the_scheme():
+    """rho = 0 has alpha_m = -1, alpha_f = 0, beta = 1, gamma = 3/2, whatever the class."""
+    scheme = pm.Scheme(-1.0, 0.0, 1.0, 1.5, explicit=True)
+    assert pm.GeneralizedAlpha(0.0, explicit=True).coefficients(1.0) == scheme.coefficients(1.0)
+    pm.Subdomain([1.0, 1.0], np.eye(2), J, scheme=scheme, damping="lagged", symmetric=False)
+    other = pm.Scheme(-1.0, 0.0, 1.0, 1.5001, explicit=True)
+    with pytest.raises(ValueError, match="damping must be 'implicit' where C is not symmetric"):
+        pm.Subdomain([1.0, 1.0], np.eye(2), J, scheme=other, damping="lagged", symmetric=False)
+
+
 def test_an_unsymmetric_stiffness_limits_the_step_by_its_largest_eigenvalue():
     """K = [[1, 5], [0, 4]] has the eigenvalues 1 and 4; its symmetric part 6 and -0.4."""
     K = np.array([[1.0, 5.0], [0.0, 4.0]])

@@ -363,10 +363,23 @@ def test_no_coupled_step_is_unstable(rho, explicit, double):
         assert pm.analysis.spectral_radius(G) < 1.0 + 1e-7, (b, substeps, k)
 
 
+def unnamed(scheme):
+    """The same four numbers, without the rho that they are made of."""
+    return pm.Scheme(scheme.am, scheme.af, scheme.beta, scheme.gamma, scheme.explicit)
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.6, 1.0])
+def test_a_scheme_with_the_numbers_of_generalized_alpha_is_admitted_as_that_is(rho):
+    scheme = unnamed(pm.GeneralizedAlpha(rho, explicit=True))
+    a, b = (pm.Subdomain([1.0], [1.0], scheme=scheme, name=name) for name in "ab")
+    pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
         (dict(scheme=pm.GeneralizedAlpha(0.3, explicit=True)), ValueError, "rho >= 0.5"),
+        (dict(scheme=unnamed(pm.GeneralizedAlpha(0.3, explicit=True))), ValueError, "rho >= 0.5"),
         (dict(M=[1.0, 0.0], scheme=pm.GeneralizedAlpha(0.5)), ValueError, "needs mass"),
         (dict(u0=[0.0, 0.1]), pm.ConstraintError, "displacements u0 must satisfy"),
         (dict(v0=[0.0, 0.1]), pm.ConstraintError, "velocities"),

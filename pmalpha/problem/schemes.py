@@ -282,6 +282,16 @@ def _damping_parameter(alpha: Any, name: str, high: float) -> float:
     return real_number(alpha, "alpha", low=0.0, high=high)
 
 
+def explicit_rho(scheme: Scheme) -> float:
+    """rho of an explicit scheme with the four numbers of `GeneralizedAlpha`; 1 of other schemes."""
+    rho: float = getattr(scheme, "rho", round(scheme.af / (1.0 - scheme.af), 12))
+    if not 0.0 <= rho <= 1.0:
+        return 1.0
+    like = GeneralizedAlpha(rho, explicit=True)
+    one, other = ((s.am, s.af, s.beta, s.gamma) for s in (scheme, like))
+    return rho if np.allclose(one, other, rtol=0.0, atol=1e-11) else 1.0
+
+
 def _of_order_two(am: float, af: float) -> tuple[float, float, float, float]:
     """am, af, beta, gamma: gamma for order 2, beta for the most damping, (P1)."""
     gamma = 0.5 - am + af

@@ -38,7 +38,7 @@ from .matrices import (
     plain_matrices,
 )
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
-from .schemes import Scheme
+from .schemes import Scheme, explicit_rho
 from .springs import Spring, stiffness
 from .superelement import ReducedBasis, reduced_arguments
 
@@ -474,7 +474,7 @@ class Subdomain(Frozen):
         s = self.scheme
         if self.damping != "lagged" or is_symmetric(self.C):
             return
-        if not (s.explicit and getattr(s, "rho", 1.0) == 0.0):
+        if not (s.explicit and explicit_rho(s) == 0.0):
             raise ValueError(
                 "damping must be 'implicit' where C is not symmetric, unless the scheme is "
                 "explicit with rho = 0: gyroscopic forces at the extrapolated velocity make "

@@ -81,7 +81,8 @@ class Session:
     changed: bool = False  # whether `change_steps` was called since the start
     # facts of the problem for a checkpoint, once they were needed
     constants: dict[str, Any] | None = None
-    table: list[tuple[str, ...]] | None = None  # the rows of the repr, until the steps change
+    # the rows of the repr, of this assembly
+    table: tuple[Assembly, list[tuple[str, ...]]] | None = None
     whole: Recorded | None = None  # what runs record of everything, until the steps change
     monitor: Any = None  # what paced runs write for another process to look at
     # whether results are judged by warnings; those of other runs within a call are not

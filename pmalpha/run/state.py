@@ -70,9 +70,11 @@ def title(session: Session) -> str:
 
 def table(session: Session) -> list[tuple[str, ...]]:
     """The rows below `HEADINGS`, made once for the present steps."""
-    if session.table is None:
-        session.table = [row_of(*x) for x in zip(session.parts, session.core.workers)]
-    return session.table
+    assembly, known = session.assembly, session.table
+    if known is None or known[0] is not assembly:  # another thread may change the steps meanwhile
+        rows = [row_of(*x) for x in zip(assembly.parts, assembly.core.workers)]
+        session.table = known = assembly, rows
+    return known[1]
 
 
 def text_of(session: Session) -> str:

@@ -17,6 +17,7 @@ from .._core import LANES
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix, core_matrix
+from ..problem.schemes import explicit_rho
 from .factors import Factor, solve
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
@@ -252,8 +253,7 @@ def check_mean(parts: Sequence[Part]) -> None:
                 f'and v, got "mean" and such a force on {part.name!r}: it would be evaluated away '
                 "from the motion"
             )
-        rho = getattr(s.scheme, "rho", 1.0)
-        if s.scheme.explicit and rho < LEAST_EXPLICIT_RHO:
+        if s.scheme.explicit and (rho := explicit_rho(s.scheme)) < LEAST_EXPLICIT_RHO:
             raise ValueError(
                 f'coupling="mean" needs rho >= {LEAST_EXPLICIT_RHO} in explicit subdomains, below '
                 f"which it is unstable near the critical step, got {rho:g} in {part.name!r}"

@@ -19,7 +19,7 @@ from ..errors import FactorizationError
 from ..memory import require
 from ..problem.eigenmodes import scales_to_one
 from ..problem.matrices import Matrix, core_sparse, dense, sparse
-from ..problem.schemes import Scheme
+from ..problem.schemes import Scheme, explicit_rho
 from .constraint_rows import row_sizes
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
@@ -73,7 +73,7 @@ def doubts_of_schemes(parts: Sequence[Part], ranks: Ranks | None = None) -> list
     substeps = {s.substeps for s in everything}
     explicit = [s for s in everything if s.scheme.explicit]
     coarse = [s for s in explicit if s.substeps < max(substeps)]
-    rhos = [getattr(s.scheme, "rho", 1.0) for s in explicit]
+    rhos = [explicit_rho(s.scheme) for s in explicit]
     alike = all(LEAST_ALIKE <= rho <= MOST_ALIKE for rho in rhos)
     beside = MOST_ALIKE if alike else MOST_BESIDE
     most = ROUNDING + (beside if explicit else MOST_ALONE)
@@ -103,7 +103,6 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
     """The factors L U of S_mu, equation (V4), for the core.
 
     parts: with their factors and objects of the core, single steps.
-    p: number of constraints.
     ranks: the sums are over the subdomains of all processes.
     Raises FactorizationError for a singular S_mu.
     Raises MemoryError, ValueError for matrices that do not fit; for shifts that would take longer
