@@ -57,7 +57,6 @@ class Member:
     """A subdomain as its adjoint needs it.
 
     L: (p, n) sparse.
-    dt: macro step.
     ratio: interface levels in a substep; under "macro" 1.
     double: whether its steps are double ones.
     """
@@ -115,7 +114,6 @@ class Adjoint:
     """The adjoint of runs of one coupler.
 
     macro: whether the interface is solved at macro steps only.
-    dt: macro step.
     fine: interface levels in a macro step.
     reverse: ``reverse(forces, steps, g, double)``, the History of a run of this number of macro
         steps from rest under these loads by name, with the transposed matrices. g: velocities

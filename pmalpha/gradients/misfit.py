@@ -97,7 +97,6 @@ class Misfit(Frozen):
         """The same with numbers of dofs that fit the subdomains of a coupler.
 
         subdomains: by name.
-        p: number of constraints.
         Raises KeyError, ValueError for a subdomain that is not there, or dofs and weights that do
             not fit.
         """

@@ -33,9 +33,7 @@ def damping_matrix(
 ) -> Matrix:
     """C + c_m M + c_k K in inner form.
 
-    C: as given by the user.
     rayleigh: (float, float) or None, c_m and c_k.
-    n: number of dofs.
     given: K as given by the user.
     symmetric: whether C has to be symmetric.
     Raises TypeError, ValueError for a C that `canonical` refuses, or that is c_m M + c_k K with M

@@ -60,8 +60,6 @@ def numbers(value: Any, name: str, size: int) -> np.ndarray:
 class CheckedInternal:
     """The internal forces of a subdomain for the core, in the user's order of dofs.
 
-    name: name of the subdomain.
-    pattern: csr_array, of `first_tangent`.
     damped: whether a first tangent C_t was returned; later ones are refused otherwise.
     labels: what the forces are called in messages. Default: by their number.
     symmetric: whether the sums of the tangents have to be symmetric.
@@ -191,7 +189,6 @@ def first_tangent(
 
     u0, v0: (n,) array, initial values, in the user's order of dofs.
     q0: (m,) array, the histories at t = 0, of one force after the other.
-    name: name of the subdomain.
     labels, symmetric: as for `CheckedInternal`.
     Returns pattern: (n, n) csr_array.
     Returns K, C: (nnz,) array, values of the pattern; C is None where no force returned a C_t.

@@ -75,8 +75,6 @@ def canonical(
 
     value: (n,) array, (n, n) array, scipy.sparse matrix or array, or a number for one dof, or the
         result of a reader. Real or integer numbers, symmetric.
-    name: name in messages.
-    n: the required size.
     symmetric: what the user said of the matrix: False admits an unsymmetric one, and where the user
         can say it, the error names it. One that is symmetric up to rounding becomes exactly
         symmetric in any case.
@@ -152,7 +150,6 @@ def rectangular(
     value: (rows, columns) array, or scipy.sparse matrix or array, a (columns,) array is one row, if
         `ndim` has 1; likewise a number for one column.
     columns: None where any number is right.
-    name: name in messages.
     ndim: allowed dimensions of an array.
     Raises TypeError, ValueError for entries that are not real and finite, and for a wrong shape.
     """

@@ -88,7 +88,6 @@ class Feedback:
     """A force f(t, u, v) of a subdomain, which is evaluated with its restoring forces.
 
     what: its name in messages, such as "force of subdomain 'rig'".
-    n: number of dofs.
     function: callable or None, the present one; None while the load is another one, by
         `Coupler.reset`.
     last: (n,) array, its last value, which the core reads for its work.
@@ -121,7 +120,6 @@ class CheckedRestoring:
     functions: sequence of (callable, str), r(u, v, t) -> (n,), and its name in messages, such as
         "restoring of subdomain 'rig'". Each gets copies of u and v, and is evaluated once in a
         call, in this order.
-    n: number of dofs.
     watch: called after each evaluation as ``watch(u, v, r, t)``, r the sum.
     feedback: a load, evaluated after them; the sum contains it with a minus.
     """

@@ -19,7 +19,6 @@ def check_arrays(value: Any, name: str) -> None:
     """ValueError for a sparse matrix whose arrays do not fit each other or its shape.
 
     value: scipy.sparse matrix or array.
-    name: name in messages.
     """
     if value.ndim != 2:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")

@@ -56,7 +56,6 @@ def chosen_outputs(
     """The outputs of each subdomain, None for a subdomain without.
 
     outputs: dict or None, as for `Coupler.run`.
-    keys: sequence of (name, Subdomain).
     Raises TypeError, ValueError for anything but dicts of matrices with n columns, and for names
         that are taken.
     """

@@ -56,7 +56,6 @@ IN_TUPLE = [name for x, names in IN_SUBDOMAIN.items() if x not in APART for name
 class Recorded:
     """What runs record of the subdomains and of the interface, whatever their length.
 
-    keys: sequence of (name, Subdomain).
     rows: the constraints as the core has them.
     fine: interface problems per macro step.
     record: dict or None, dofs, or None for all, by subdomain; None records all dofs of all

@@ -72,7 +72,6 @@ def constants(
     """The constant facts of a problem, by the name that an error shows.
 
     names: of the subdomains of all processes.
-    p: number of constraints.
     parts: of this process.
     matrices: sequence of (p, n_i) csc_array, L_i, in the user's order.
     iterates: whether some subdomain has internal forces.

@@ -38,7 +38,6 @@ class StartValues(NamedTuple):
 class InitialValues:
     """Displacements and velocities of all subdomains at t = 0.
 
-    keys: sequence of (name, Subdomain).
     u0, v0: values by subdomain that replace those of the `Subdomain`.
     values: list of (u, v), (n_i,) each, in the user's order.
     """

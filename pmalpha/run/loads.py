@@ -97,7 +97,6 @@ def warn_of_skipped(
 ) -> None:
     """One AccuracyWarning for all sampled loads of which the steps skip what matters.
 
-    forces: one for each subdomain.
     fine: time between two interface problems, at which those are evaluated.
     """
     taken = [(f"the force on {part.name!r}", f, part.step) for part, f in zip(parts, forces)]
@@ -182,8 +181,6 @@ class Loads:
     evaluated ahead of the core and their values stored, so that other loads, or another present
     time, need a new object.
 
-    forces: one for each subdomain.
-    newton: how internal forces are iterated.
     names: the subdomains as the core numbers them. Default: those of the parts.
     obstacles: of contacts.
     """

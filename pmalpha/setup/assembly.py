@@ -75,9 +75,7 @@ class Assembly:
 class Assemblies:
     """A coupled problem, ordered once, and its assemblies for the layouts that were asked for.
 
-    keys: sequence of (name, Subdomain).
     links: L_i, independent rows, in the user's order.
-    p: number of rows.
     layout: of the first assembly.
     prescribed: sequence of arrays of int, the rows of each prescribed velocity.
     threads: (int, bool), maximum number of threads, and whether to use fewer where more are not

@@ -214,7 +214,6 @@ class ConstraintRows:
     subdomains: of all processes.
     own: those of this process. Default: all.
     contacts: beside them.
-    p: number of rows.
     scale: (p,) array, what each row is divided by for the core.
     links: L_i of every subdomain of this process, with the rows divided by `scale`.
     matrices: list of (p, n_i) csc_array, L_i as given, for products.

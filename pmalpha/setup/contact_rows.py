@@ -36,7 +36,6 @@ class Contacts:
 
     Each contact row is a normal one and the tangents that follow it.
 
-    names: of the contacts.
     first: (contact rows + 1,) array of int, the row of each contact row, and the number of all.
     N: dict of (rows, n_i) csc_array, by index of the subdomain.
     """

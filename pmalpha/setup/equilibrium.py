@@ -45,7 +45,6 @@ def static_displacements(
 
     stiffnesses: sequence of (n_i, n_i) matrices in inner form.
     constraints: sequence of (p, n_i) csr_array, L_i, with independent rows.
-    forces: sequence of (n_i,) arrays.
     Raises FactorizationError when the structure is floating or its stiffness indefinite.
     """
     from scipy.sparse.linalg import splu
@@ -116,9 +115,7 @@ class _Trial:
 class Equilibrium:
     """Newton's method for the static equilibrium of tied subdomains.
 
-    subdomains: sequence of (name, Subdomain).
     constraints: sequence of (p, n_i) csr_array, L_i, with independent rows.
-    forces: sequence of (n_i,) arrays.
     newton: tolerance, and iterations in a load step.
     ranks: the subdomains are those of this process: all of them solve for the whole structure, each
         evaluates the forces of its own.

@@ -59,7 +59,6 @@ def interface_matrix(
     """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); for link responses (M4).
 
     parts: with their factors.
-    p: number of constraints.
     start: all subdomains take single steps, as in the first macro step.
     mean: for link responses, the mean velocity in the macro step instead of the one at its end.
     ranks: the sum is over the subdomains of all processes.

@@ -45,7 +45,6 @@ ZERO, LEFT = 1e-12, 1e-9
 class InitialAccelerations:
     """Solves (S1) for any right-hand side, with factors made once.
 
-    p: number of constraints.
     rows: (p,) array of int, numbers of the constraints, in the order of the multipliers.
     ranks: as for `assemble`.
     Raises FactorizationError when a mass matrix is singular beyond its zero rows.
