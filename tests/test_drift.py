@@ -4,6 +4,7 @@ import warnings
 
 import interface_survey
 import numpy as np
+import pytest
 import scipy.linalg
 import scipy.sparse as sp
 
@@ -130,6 +131,26 @@ def test_a_motion_at_rest_and_a_slow_one_are_not_warned_of():
     coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="macro")
     history = coupler.run(steps=250)
     assert 0.0 < measure(coupler, history)[0] < 0.1 * LARGE
+
+
+@pytest.mark.parametrize("coupling", ["macro", "mean"])
+def test_a_structure_in_its_static_equilibrium_does_not_drift(coupling):
+    """The rounding of displacements is no motion, however large a part of it drifts."""
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        k, loads = 10.0 ** rng.uniform(-1.0, 3.0, 2), rng.normal(size=2)
+        a, b = (
+            pm.Subdomain(
+                [1.0], [ki], scheme=pm.CentralDifference(), substeps=s, force=[F], name=name
+            )
+            for ki, F, s, name in zip(k, loads, (1, 3), "ab")
+        )
+        dt = 0.4 / np.sqrt(k.max())
+        coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=dt, coupling=coupling)
+        coupler.reset(u0=coupler.static())
+        history = coupler.run(steps=150)
+        assert np.ptp(history["a"].u) < 1e-11 * np.abs(history["a"].u).max()
+        assert np.all(measure(coupler, history) == 0.0)
 
 
 def test_a_prescribed_motion_is_no_drift():

@@ -21,6 +21,8 @@ from .motion import Motion
 # A run warns from this measure on. It is not judged with fewer macro steps.
 LARGE = 0.005
 FEWEST_MACRO_STEPS = 3
+# A drift below this share of the displacements is their rounding, which adds up over the steps.
+ROUNDING = 1e-9
 # Numbers of each array that are read; of longer records samples are taken.
 SAMPLED_NUMBERS = 40_000
 # Macro time levels at least, of which more are read where there are few dofs.
@@ -80,13 +82,12 @@ def drift_shares(
     for part, own, L in zip(parts, history.subdomains, rows.matrices):
         v, u = (levels_of(x, levels, some) for x in (own.v, own.u))
         energy = float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
-        terms.append((energy, 0.5 * (abs(L) @ np.std(u, axis=0))))
-    kinetic, amplitude = 0.0, none
-    for energy, distance in joined(rows.ranks, terms):
-        kinetic, amplitude = kinetic + energy, amplitude + distance
+        terms.append((energy, abs(L) @ np.std(u, axis=0), abs(L) @ np.max(np.abs(u), axis=0)))
+    kinetic, distance, sizes = (sum(x) for x in zip(*joined(rows.ranks, terms)))
+    work[np.max(np.abs(jump), axis=0) <= ROUNDING * sizes] = 0.0
     for motion in motions:
         work[motion.rows] = 0.0
-    size = kinetic + float(force @ amplitude)
+    size = kinetic + 0.5 * float(force @ distance)
     return work / size if size > 0.0 else none
 
 
