@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import StabilityWarning, warn
 from ..problem.matrices import canonical, combination
+from ..problem.restoring import functions_of, is_compiled
 from ..problem.springs import assembled
 from ..problem.subdomain import Subdomain
 from ..setup.bounce import MOST
@@ -25,16 +26,29 @@ from ..setup.stiff_restoring import cause_of_contact, gain_of_contact
 # Gain of energy that is reported: stable forces evaluated once a step reach the first one at 0.976
 # of their critical step, and smooth ones that are iterated 1.
 REPORTED, ITERATED = 20.0, 2.0
+# Up to this share x of the critical step stable forces add x^2 / (1 - x^2) = 1, half of ITERATED.
+SOFT = 0.707
 
 
 def least_gain(part: Part) -> float:
     """The gain of energy above which it is reported."""
-    return ITERATED if part.subdomain.iterates else REPORTED
+    return ITERATED if part.subdomain.iterates or _damps_only(part) else REPORTED
+
+
+def _damps_only(part: Part) -> bool:
+    """Whether all forces that are evaluated are those of functions with `restoring_damping`, and
+    were not seen to be stiff: then what the steps add is an error of that estimate."""
+    s, watch = part.subdomain, part.watch
+    if s.restoring_damping is None or s.springs or s.internal is not None or watch is None:
+        return False
+    if any(map(is_compiled, functions_of(s.restoring))):
+        return False
+    return watch.highest * watch.step**2 < (SOFT * watch.Omega) ** 2
 
 
 def warn_of_gains(parts: Sequence[Part]) -> None:
-    """StabilityWarning for energy that steps have added, and for contact of compiled functions that
-    they do not resolve, once for each subdomain and start."""
+    """StabilityWarning for energy that steps have added, and for contact seen by the core that they
+    do not resolve, once for each subdomain and start."""
     for part in parts:
         reported, cause = part.impact_reported, _of_impact(part)
         part.impact_reported = cause != ""
@@ -60,13 +74,14 @@ def cause_of(part: Part) -> str:
 
 
 def _of_impact(part: Part) -> str:
-    """Of a contact of compiled functions that the steps do not resolve, or empty."""
+    """Of a contact that the core has seen and the steps do not resolve, or empty."""
     square, share, t = part.core.impact
     if square == 0.0 or (part.watch is not None and part.watch.has_found(t)):
         return ""  # nothing, or the values of a Python function, which has a warning of its own
     omega = float(np.sqrt(square))
     gain = gain_of_contact(part.subdomain.scheme, part.step, omega, share)
-    kind = "compiled restoring function"
+    compiled = any(map(is_compiled, functions_of(part.subdomain.restoring)))
+    kind = "compiled restoring function" if compiled else "internal force"
     return cause_of_contact(kind, part.name, part.step, omega, gain, t) if gain > MOST else ""
 
 
@@ -87,6 +102,11 @@ def _of_springs(part: Part) -> str:
 def _of_others(part: Part) -> str:
     s = part.subdomain
     kind = "internal forces are" if s.restoring is None else "restoring forces are"
+    if _damps_only(part):
+        return (
+            "its restoring_damping= is above the damping of its restoring forces, for the step "
+            f"{part.step:g}; give a smaller one, or take smaller steps"
+        )
     over = " or restoring_damping= above their damping" if s.restoring_damping is not None else ""
     return f"its {kind} too stiff for the step {part.step:g}{over}; {_remedy(s)}"
 

@@ -466,8 +466,12 @@ def watch_of(part: Part) -> StiffnessWatch | None:
 
 
 def looks_for_contact(s: Subdomain) -> bool:
-    """Whether it has compiled restoring functions, whose values are seen by the core alone."""
-    return any(map(is_compiled, functions_of(s.restoring))) and not s.massless.size
+    """Whether it has functions whose values are seen by the core alone: compiled restoring ones,
+    and internal forces of the user that are evaluated once a step."""
+    internal = () if s.internal is None or not s.scheme.explicit else s.internal.forces
+    unknown = any(force.largest_tangent is None for force in internal)
+    compiled = any(map(is_compiled, functions_of(s.restoring)))
+    return (unknown or compiled) and not s.massless.size
 
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:

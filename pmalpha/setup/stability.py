@@ -37,6 +37,8 @@ LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
 ROUNDING = 1e-9
 # And with which runs at the critical step are judged.
 LIMIT = 1e-6
+# How contact can be given so that the step does not have to resolve it.
+INSTEAD = "contact as internal= of an implicit scheme, or as a constraint, pmalpha.contact"
 
 
 @dataclass(frozen=True)
@@ -226,12 +228,13 @@ def _limit_of_springs(s: Subdomain) -> float:
     return np.inf if is_rounding else float(np.sqrt(Omega2 / value))
 
 
-def at_springs(s: Subdomain, A: Matrix) -> tuple[Matrix, Matrix]:
-    """A and M, of many dofs or where some have no mass those of the dofs of restoring springs."""
+def at_springs(s: Subdomain, A: Matrix, dofs: np.ndarray | None = None) -> tuple[Matrix, Matrix]:
+    """A and M; of many dofs, or where some have no mass, those of springs' dofs or of `dofs`."""
     M = np.zeros(s.n) if s.M is None else s.M
     if s.n <= SMALL and not s.massless.size:
         return A, M
-    dofs = np.unique(np.concatenate([spring.dofs.ravel() for spring in s.restoring_springs]))
+    if dofs is None:
+        dofs = np.unique(np.concatenate([spring.dofs.ravel() for spring in s.springs]))
     own = dofs[dofs >= 0]
     return _of_dofs(A, own), _of_dofs(M, own)
 
@@ -403,7 +406,7 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> N
     closed = all(ratio.when_closed for _, _, _, ratio in above)
     effect = "contact will add energy" if closed else "the run will grow without bound"
     once = any(ratio.when_closed or s.restoring_springs for _, s, _, ratio in above)
-    remedy = ", or give springs and contact as internal= of an implicit scheme" if once else ""
+    remedy = f", or give springs and {INSTEAD}" if once else ""
     warn(f"{text}{damping}: {effect}; take smaller steps{remedy}", StabilityWarning)
 
 

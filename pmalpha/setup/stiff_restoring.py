@@ -10,8 +10,8 @@ from ..errors import StabilityWarning, UnboundedMotion, warn
 from ..problem.matrices import product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .bounce import MOST, bounce_gain
-from .stability import predicted_product
+from .bounce import MOST, RESOLVED, bounce_gain
+from .stability import INSTEAD, predicted_product
 
 # Increments from which the stiffness is estimated.
 WINDOW = 4
@@ -36,14 +36,14 @@ def cause_of_contact(kind: str, name: str, step: float, omega: float, gain: floa
         f"the {kind} of subdomain {name!r} closes a contact at t = {t:g} that the step {step:g} "
         f"does not resolve: its stiffness corresponds to a circular frequency of about {omega:.3g},"
         f" and what arrives with the speed 1 can leave with {gain:.3g}; take smaller steps (below "
-        f"{2.0 / omega:.3g}), or give contact as internal= of an implicit scheme"
+        f"{RESOLVED / omega:.3g}), or give {INSTEAD}"
     )
 
 
 def gain_of_contact(scheme: Scheme, step: float, omega: float, share: float) -> float:
     """(C5), 1 where the step resolves the contact; `share` of its stiffness is in K_r."""
     Omega = step * omega
-    if not predicted_product(scheme) < Omega < np.inf:
+    if not RESOLVED < Omega < np.inf:
         return 1.0
     return bounce_gain(scheme, Omega, round(min(max(share, 0.0), 1.0), 6))
 
@@ -79,6 +79,7 @@ class StiffnessWatch:
         self.kinetic, self.seen, self.impact = 0.0, np.inf, np.inf
         # of the run: the time and omega^2 of what is too stiff, the first or a much stiffer one
         self.found_at, self.stiffest = -np.inf, 0.0
+        self.highest = 0.0  # omega^2 of the run so far
 
     def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
         """Take in an evaluation; StabilityWarning once, then UnboundedMotion."""
@@ -88,6 +89,7 @@ class StiffnessWatch:
             self.largest = self.kinetic = 0.0
             self.seen = self.impact = np.inf
             self.found_at, self.stiffest = -np.inf, 0.0
+            self.highest = 0.0
             self.count = -1
         elif self.free and self.count % self.free == 0:
             self.last = self.increment = None
@@ -95,6 +97,7 @@ class StiffnessWatch:
         with np.errstate(over="ignore", invalid="ignore"):
             contact = self._take(u, v, r)
             omega2, is_resolved = self._estimate()
+        self.highest = max(self.highest, omega2)
         is_stiff = omega2 * self.step**2 > EXCESS * self.Omega**2
         self._keep(omega2 if is_stiff else 0.0 if contact is None else contact[0] ** 2, t)
         if self.kinetic > GROWTH * self.impact:
