@@ -269,6 +269,77 @@ def test_a_strongly_damped_dof_counts():
     assert error > 0.1 and figure(caught) == pytest.approx(error, rel=0.05)
 
 
+def exact_motion(M, C, K, F, start, dt, steps):
+    """(steps + 1, n) displacements under a constant load, by the matrix exponential."""
+    n = len(M)
+    A = np.zeros((2 * n + 1, 2 * n + 1))
+    A[:n, n : 2 * n] = np.eye(n)
+    A[n:-1] = np.linalg.solve(M, np.column_stack([-K, -C, F]))
+    G, x = scipy.linalg.expm(A * dt), [np.append(start, 1.0)]
+    for _ in range(steps):
+        x.append(G @ x[-1])
+    return np.array(x)[:, :n]
+
+
+def stiff_frame():
+    """A portal whose highest mode has nine tenths of the critical damping, under a step load."""
+    made = pm.structures.beam_frame(
+        [[0.0, 0.0], [0.0, 3.0], [5.0, 3.0], [5.0, 0.0]],
+        [[0, 1], [1, 2], [2, 3]],
+        EA=3e9,
+        EI=3e7,
+        rhoA=[150.0, 5000.0, 150.0],
+    )
+    free = np.setdiff1d(np.arange(made.n), made.dofs(made.nodes_at(y=0.0)))
+    M, K = (A.toarray()[np.ix_(free, free)] for A in (made.M, made.K))
+    omega = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True))
+    mass, stiffness = pm.models.rayleigh([omega[0], omega[-1]], [0.02, 0.9])
+    F = np.zeros(free.size)
+    F[0] = 1e3
+    return M, mass * M + stiffness * K, K, F, np.zeros(2 * free.size), 2.0 * np.pi / omega[0]
+
+
+def rotor(spin=20.0):
+    """Two discs on a shaft in two planes, with gyroscopic moments and little damping."""
+    m, k = np.array([1.0, 2.0, 1.0]), np.array([100.0, 80.0, 60.0])
+    plane = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+    G = spin * np.diag([0.1, 0.5, 0.2])
+    C = 0.02 * np.eye(6) + np.block([[np.zeros((3, 3)), G], [-G, np.zeros((3, 3))]])
+    start = np.zeros(12)
+    start[[2, 10]] = 0.1, 1.0
+    K = scipy.linalg.block_diag(plane, plane)
+    return np.diag(np.tile(m, 2)), C, K, np.zeros(6), start, 1.0
+
+
+@pytest.mark.parametrize("scheme", [pm.Newmark(), pm.GeneralizedAlpha(0.8)])
+@pytest.mark.parametrize("problem, coarse, fine", [(stiff_frame, 20, 80), (rotor, 50, 250)])
+def test_damped_and_gyroscopic_structures_are_judged_by_their_error(problem, coarse, fine, scheme):
+    M, C, K, F, start, unit = problem()
+    for per_unit, least, most in ((coarse, 0.05, 0.3), (fine, 0.001, 0.02)):
+        dt, steps, n = unit / per_unit, 8 * per_unit, len(M)
+        part = pm.Subdomain(
+            M,
+            K,
+            C,
+            scheme=scheme,
+            force=F,
+            u0=start[:n],
+            v0=start[n:],
+            name="s",
+            symmetric=np.array_equal(C, C.T),
+        )
+        exact = exact_motion(M, C, K, F, start, dt, steps)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            history = pm.Coupler([part], dt=dt).run(steps=steps)["s"]
+        error = np.abs(history.u - exact).max() / np.abs(exact).max()
+        assert least < error < most
+        if per_unit == coarse:
+            assert figure(caught) == pytest.approx(error, rel=0.1)
+        else:
+            assert not caught
+
+
 def test_thinned_records_are_judged_where_they_show_the_motion():
     h = 2 * np.pi / OMEGA / 40
     with pytest.warns(pm.AccuracyWarning) as caught:

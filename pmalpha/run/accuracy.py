@@ -485,7 +485,8 @@ def _period(x: Estimate, step: float) -> str:
     if not x.omega > 0.0:
         return ""
     period = 2.0 * np.pi / x.omega
-    text = f", in its motion of period {period:.3g} ({period / step:.2g} steps)"
+    steps = f"{period / step:.2g}" if period < 100.0 * step else f"{period / step:.0f}"
+    text = f", in its motion of period {period:.3g} ({steps} steps)"
     if 0.0 < x.lasting < COARSE:
         text += f"; without such high modes it is {_percent(x.lasting)}"
     return text
