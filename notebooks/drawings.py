@@ -136,14 +136,14 @@ def _staggered_work(ax: Axes) -> float:
     width, begin = 1.7, 0.0
     for n in (1, 2):
         closing = begin + width + 4.0
-        _block(ax, begin, width, 1, f"open $n{{+}}{n}$")
+        _block(ax, begin, width, 1, f"free $n{{+}}{n}$")
         _four_substeps(ax, begin + width, n)
-        _block(ax, closing, width, 1, f"close $n{{+}}{n}$")
+        _block(ax, closing, width, 1, f"link $n{{+}}{n}$")
         _exchange(ax, begin + width, "$v_f$", down=True)
         _exchange(ax, closing, r"$\Lambda$", down=False)
-        _note(ax, closing - 2.0, 1, "A waits")
+        _note(ax, closing - 2.0, 1, "A idle")
         begin = closing + width
-    _note(ax, begin / 2, 0, "B waits")
+    _note(ax, begin / 2, 0, "B idle")
     return begin
 
 
@@ -151,8 +151,8 @@ def _parallel_work(ax: Axes) -> float:
     """Two interfield parallel macro steps; returns their end."""
     for n, shade in ((0, "0.8"), (1, "0.92")):
         begin = 4.6 * n
-        _block(ax, begin, 2.0, 1, f"close $n{{+}}{n}$" if n else "close $n$", shade)
-        _block(ax, begin + 2.0, 2.0, 1, f"open $n{{+}}{n + 2}$", shade)
+        _block(ax, begin, 2.0, 1, f"link $n{{+}}{n}$" if n else "link $n$", shade)
+        _block(ax, begin + 2.0, 2.0, 1, f"free $n{{+}}{n + 2}$", shade)
         _four_substeps(ax, begin, n + 1)
         _exchange(ax, begin + 4.2, "$v_f$", down=True)
         _exchange(ax, begin + 4.4, r"$\Lambda$", down=False)

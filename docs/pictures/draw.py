@@ -1,4 +1,4 @@
-"""Draws the pictures of README.md and of the schedules in docs/method.md and docs/tutorial.md.
+"""Draws the pictures of README.md, docs/diverges.md, and the schedules in the method and tutorial.
 
     python docs/pictures/draw.py
 
@@ -24,12 +24,12 @@ COLUMN = {"color": "k", "linestyle": "-", "linewidth": 1.2}
 GROUND = {"color": "k", "linestyle": "-", "linewidth": 2.5}
 
 
-def example():
-    """The names that the Python code of README.md defines."""
-    code = "".join(re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL))
+def example(page="README.md"):
+    """The names that the Python code of a page defines."""
+    code = "".join(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL))
     names = {}
     with contextlib.redirect_stdout(None):
-        exec(compile(code, "README.md", "exec"), names)
+        exec(compile(code, page, "exec"), names)
     return names
 
 
@@ -159,7 +159,57 @@ def draw_first_example(figure):
     below.set(ylabel="interface force", xlabel="time (s)", xlim=(0.0, 20.0))
 
 
-DRAWN = {"uses": (draw_uses, (8.0, 2.9)), "first-example": (draw_first_example, (8.0, 3.4))}
+def draw_diverges(figure):
+    """What is wrong with runs of the frame of docs/diverges.md: growth, a lag, a gap."""
+    page = example("docs/diverges.md")
+    frame, M, K = page["frame"], page["M"], page["K"]
+    grows, lags, gap = figure.subplots(1, 3)
+
+    def roof(scheme, dt, steps):
+        again = pm.Subdomain(M, K, scheme=scheme, v0=frame.v0)
+        history = pm.Coupler([again], dt=dt).run(steps * dt)
+        return history[0].t, 1e3 * history[0].u[:, -1]
+
+    explicit = pm.GeneralizedAlpha(0.8, explicit=True)
+    critical = pm.analysis.critical_step(pm.Subdomain(M, K, scheme=explicit))
+    for factor, line in ((0.98, plot.LINES[3]), (1.02, plot.LINES[0])):
+        steps = roof(explicit, factor * critical, 30)
+        grows.plot(*steps, **line, label=f"{factor} of it")
+    grows.set(title="A step above the critical one", ylabel="roof displacement (mm)")
+    grows.set_ylim(-150.0, 150.0)
+
+    for dt, line in ((0.002, plot.LINES[3]), (0.03, plot.LINES[0])):
+        lags.plot(*roof(frame.scheme, dt, round(1.5 / dt)), **line, label=f"dt = {dt} s")
+    lags.set(title="A step that is too coarse")
+
+    for coupling, line in (("mean", plot.LINES[3]), ("gc", plot.LINES[0])):
+        history = halves(frame.scheme, coupling).run(1.5)
+        drift = 1e3 * history.displacement_jump[:, 0]
+        gap.plot(history.macro_times, drift, **line, label=f'"{coupling}"')
+    gap.set(title="Velocities are tied", ylabel="gap at an interface (mm)")
+
+    for ax in (grows, lags, gap):
+        ax.set_xlabel("time (s)")
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=2, columnspacing=1.0)
+
+
+def halves(scheme, coupling):
+    """The same frame cut at its second floor, under a sudden load there."""
+    k = 5e6
+    low = pm.Subdomain(
+        [2e3, 1e3], [[2 * k, -k], [-k, k]], scheme=scheme, force=[0.0, 2e4], name="low"
+    )
+    K = [[k, -k, 0.0], [-k, 2 * k, -k], [0.0, -k, k]]
+    high = pm.Subdomain([1e3, 2e3, 2e3], K, scheme=scheme, substeps=4, name="high")
+    ties = pm.tie("low", [1], "high", [0])
+    return pm.Coupler([low, high], ties, dt=0.005, coupling=coupling)
+
+
+DRAWN = {
+    "uses": (draw_uses, (8.0, 2.9)),
+    "first-example": (draw_first_example, (8.0, 3.4)),
+    "diverges": (draw_diverges, (8.0, 2.6)),
+}
 SCHEDULES = {"staggered": "gc", "interfield-parallel": "pm"}
 
 
