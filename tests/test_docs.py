@@ -4,9 +4,12 @@ import contextlib
 import doctest
 import importlib
 import io
+import os
 import pkgutil
 import re
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +41,11 @@ def test_docstrings_of_public_names_have_examples():
     assert {pm.Subdomain, pm.Coupler, pm.tie, pm.Constraint, pm.solve} <= set(shown)
 
 
+def stated(code):
+    """What the comments behind calls of print state: up to a colon or two spaces."""
+    return [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
+
+
 @pytest.mark.parametrize(
     "page",
     [
@@ -64,10 +72,44 @@ def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, 
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(compile(code, page, "exec"), {})
-    expected = [
-        re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)
-    ]
+    expected = stated(code)
     assert expected and printed.getvalue().split("\n")[:-1] == expected
+
+
+def printed_and_stated(files, program, folder):
+    """What a program of a page prints, and the comments that state it."""
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, program],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split("\n")[:-1], stated(files[program])
+
+
+def test_the_study_of_many_earthquakes_runs_in_processes(tmp_path):
+    pytest.importorskip("h5py")
+    shown = re.findall(
+        r"```python\n(# (\w+\.py).*?)```", (ROOT / "docs/many.md").read_text(), re.DOTALL
+    )
+    files = {name: code for code, name in shown if name != "bridge.py"}
+    printed, expected = printed_and_stated(files, "study.py", tmp_path)
+    assert expected and printed == expected
+    assert (tmp_path / "peaks.h5").exists()
+
+
+def test_every_page_with_a_program_is_executed_by_a_test():
+    """By the tests of this file, or by those that name the page."""
+    pages = [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("docs/method/*.md")]
+    tests = "\n".join(path.read_text() for path in ROOT.glob("tests/*.py"))
+    shown = {page.name for page in pages if "```python" in page.read_text()}
+    assert len(shown) > 10 and not [name for name in shown if f'{name}"' not in tests]
 
 
 def test_the_error_that_the_readme_states_is_that_of_its_example():

@@ -71,6 +71,23 @@ def test_any_sequence_of_calls_is_bitwise_one_process(tmp_path):
 
 
 @needs_mpi
+def test_the_bridge_of_the_page_runs_on_two_ranks(tmp_path):
+    pytest.importorskip("h5py")
+    page = (HERE.parent / "docs" / "many.md").read_text()
+    code = re.search(r"```python\n(# bridge\.py.*?)```", page, re.DOTALL)[1]
+    (tmp_path / "bridge.py").write_text(code)
+    words, environment = command(2)
+    words[-1:] = ["-m", "mpi4py", "bridge.py"]
+    done = subprocess.run(
+        words, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LIMIT
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert sorted(done.stdout.split("\n")[:-1]) == 2 * ["(1001, 10)"] + 2 * ["True"]
+    whole = pm.History.load(tmp_path / "bridge.h5")
+    assert whole["span 1"].u.shape == (1001, 10) and whole.multipliers.any()
+
+
+@needs_mpi
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_interpolated_ties_and_prescribed_motion_too(ranks):
     assert run(ranks, "interpolated") == ["interpolated"] * ranks
