@@ -379,7 +379,7 @@ def test_a_compiled_force_is_refused():
 
 def test_the_basis_refuses_other_shapes_and_other_dofs():
     _, basis = chain().reduced([0, 4], modes=1)
-    with pytest.raises(ValueError, match=r"u must hold numbers with 3 .* shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"u must have 3 in the last dimension, .* shape \(2,\)"):
         basis.expand([1.0, 2.0])
     with pytest.raises(ValueError, match="dofs must be kept ones, got 1, 2"):
         basis.place([0, 1, 2])

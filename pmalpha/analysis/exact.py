@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 import scipy
 
 from ..problem.matrices import dense
+from ..problem.subdomain import dense_whole
 from ..run.coupler import Coupler
 from ..run.session import require_linear
 from .amplification import checked_coupler
@@ -74,9 +74,7 @@ class _Exact:
         subdomains = [s for _, s in coupler._session.keys]
         self.names = [name for name, _ in coupler._session.keys]
         self.ends = np.cumsum([s.n for s in subdomains])[:-1]
-        M, C, K = (
-            scipy.linalg.block_diag(*(_full(getattr(s, X), s.n) for s in subdomains)) for X in "MCK"
-        )
+        M, C, K = (dense_whole(subdomains, name) for name in "MCK")
         self.M, self.C, self.K = M, C, K
         self.L = np.hstack([dense(L) for L in coupler._session.rows.matrices])
         self.F = np.concatenate([_constant(coupler, i) for i in range(len(subdomains))])
@@ -104,10 +102,6 @@ class _Exact:
         lam = np.linalg.lstsq(self.L.T, force, rcond=None)[0]
         states = zip(*(np.split(x, self.ends) for x in (u, v, w)))
         return dict(zip(self.names, states)), lam
-
-
-def _full(A: Any, n: int) -> np.ndarray:
-    return np.zeros((n, n)) if A is None else dense(A)
 
 
 def _constant(coupler: Coupler, i: int) -> np.ndarray:

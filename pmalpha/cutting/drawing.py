@@ -55,16 +55,8 @@ def _colours(substeps: np.ndarray) -> np.ndarray:
     from matplotlib import colormaps
 
     if np.unique(substeps).size == substeps.size:
-        result: np.ndarray = colormaps["viridis"](
-            np.linspace(0.95, 0.1, substeps.size)[_ranks(substeps)]
-        )
-        return result
+        ranks = np.argsort(np.argsort(substeps))
+        return np.array(colormaps["viridis"](np.linspace(0.95, 0.1, substeps.size)[ranks]))
     shade = 1.0 - 0.5 * np.log2(substeps) / max(1.0, np.log2(substeps.max()))
     hues = colormaps["tab20"](np.arange(substeps.size) % 20)
     return np.column_stack([hues[:, :3] * shade[:, None], hues[:, 3]])
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    ranks = np.empty(values.size, dtype=np.int64)
-    ranks[np.argsort(values, kind="stable")] = np.arange(values.size)
-    return ranks

@@ -372,13 +372,16 @@ class Cut:
         structure = self._mesh("export")
         motion = history if isinstance(history, SubdomainHistory) else self.gather(history)
         cells = self._numbers() | options.pop("cells", {})
-        if isinstance(history, History) and _knows_contacts(history):
+        if isinstance(history, History):
             options["data"] = self._contacts(history, motion.t) | (options.get("data") or {})
         whole = (motion.t, motion.u, motion.v, motion.a)
         write_series(path, structure.points, structure.elements, *whole, cells=cells, **options)
 
     def _contacts(self, history: History, times: np.ndarray) -> dict[str, np.ndarray]:
-        """Fields of contacts at the nodes of the uncut mesh."""
+        """Fields of contacts at the nodes of the uncut mesh; a file has not the rows for them."""
+        layout = history.contact_layout
+        if not layout or any(x.contact is None for x in layout):
+            return {}
         count = len(self.structure.points)
         nodes = {
             position(name, history.keys): dofs // (self.n // count)
@@ -432,9 +435,3 @@ class Cut:
                 f"history must have all {counted(size, 'dof')} of {name!r}, got {len(one.dofs)}"
             )
         return one
-
-
-def _knows_contacts(history: History) -> bool:
-    """Whether it has contacts with their rows, which a file does not have."""
-    found = [x.contact for x in history.contact_layout]
-    return bool(found) and None not in found

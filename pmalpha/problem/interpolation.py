@@ -255,8 +255,9 @@ def _located(
         _refuse_apart(a, b, elements, reach)
     if chosen is None:
         warn_of_near((nearest > reach) & (nearest <= near), reach, near)
-    snap = rounding[close] / elements.radius[element[close]]
-    return nodes[found], element[close], _snapped(elements.cell.values(xi[close]), snap)
+    weights = elements.cell.values(xi[close])
+    weights[weights <= (rounding[close] / elements.radius[element[close]])[:, None]] = 0.0
+    return nodes[found], element[close], weights / weights.sum(axis=1, keepdims=True)
 
 
 def _candidates(
@@ -300,13 +301,6 @@ def _projected(
 def _mapped(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """x = sum_j N_j(xi) x_j."""
     result: np.ndarray = np.einsum("qk,qkx->qx", cell.values(xi), points)
-    return result
-
-
-def _snapped(weights: np.ndarray, smallest: np.ndarray) -> np.ndarray:
-    """Weights with rounding replaced by zero, scaled to the sum 1."""
-    weights = np.where(weights <= smallest[:, None], 0.0, weights)
-    result: np.ndarray = weights / weights.sum(axis=1, keepdims=True)
     return result
 
 

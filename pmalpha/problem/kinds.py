@@ -182,7 +182,7 @@ class Shape:
 
     def values(self, xi: np.ndarray) -> np.ndarray:
         """N (q, k) at xi (q, d)."""
-        result: np.ndarray = self._powers(xi, self.exponents) @ self.coefficients
+        result: np.ndarray = _powers(xi, self.exponents) @ self.coefficients
         return result
 
     def slopes(self, xi: np.ndarray) -> np.ndarray:
@@ -190,13 +190,15 @@ class Shape:
         columns = []
         for axis, unit in enumerate(np.eye(xi.shape[1], dtype=int)):
             factors = self.exponents[:, axis]
-            lower = self._powers(xi, np.maximum(self.exponents - unit, 0))
+            lower = _powers(xi, np.maximum(self.exponents - unit, 0))
             columns.append((factors * lower) @ self.coefficients)
         return np.stack(columns, axis=2)
 
-    def _powers(self, xi: np.ndarray, exponents: np.ndarray) -> np.ndarray:
-        result: np.ndarray = np.prod(xi[:, None, :] ** exponents, axis=2)
-        return result
+
+def _powers(xi: np.ndarray, exponents: np.ndarray) -> np.ndarray:
+    """The monomials at points (q, d), (q, k)."""
+    result: np.ndarray = np.prod(xi[:, None, :] ** exponents, axis=2)
+    return result
 
 
 def _nodes(kind: Kind, corners: np.ndarray) -> np.ndarray:
@@ -212,8 +214,8 @@ def _shape(name: str) -> Shape:
     belongs = _MONOMIALS[name]
     exponents = np.array([e for e in product(range(3), repeat=kind.dimension) if belongs(e)])
     # N_a(node b) = delta_ab; with nodes at 0, 1/2 and 1 the coefficients are whole numbers
-    at_nodes = np.prod(nodes[:, None, :] ** exponents, axis=2)
-    return Shape(corners, nodes, exponents, np.round(np.linalg.inv(at_nodes)))
+    coefficients = np.round(np.linalg.inv(_powers(nodes, exponents)))
+    return Shape(corners, nodes, exponents, coefficients)
 
 
 SHAPES = {name: _shape(name) for name in _MONOMIALS}

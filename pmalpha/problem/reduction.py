@@ -92,7 +92,7 @@ class Reduction:
         >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).expand([5.0, 7.0]).tolist()
         [5.0, 0.0, 7.0]
         """
-        u = _numbers(u, self.free.size, "u")
+        u = numbers_along(u, self.free.size, "u")
         whole = np.zeros((*u.shape[:-1], self.n), dtype=np.result_type(u, np.float64))
         whole[..., self.free] = u
         return whole
@@ -153,7 +153,7 @@ class Reduction:
         >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).reduce_load([5.0, 6.0, 7.0])
         array([5., 7.])
         """
-        return _numbers(f, self.n, "f")[..., self.free]
+        return numbers_along(f, self.n, "f")[..., self.free]
 
     def reduce_motion(self, u: Any) -> np.ndarray:
         """The entries of a displacement or velocity at the free dofs, the inverse of `expand`.
@@ -179,7 +179,7 @@ class Reduction:
         >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).reduce_motion([5.0, 0.0, 7.0])
         array([5., 7.])
         """
-        u = _numbers(u, self.n, "u")
+        u = numbers_along(u, self.n, "u")
         require_finite(u, "u")
         size = np.abs(u[..., self.fixed])
         moved = np.unique(np.nonzero(size > ROUNDING * np.abs(u).max(initial=0.0))[-1])
@@ -274,7 +274,8 @@ def _kept(A: Matrix | None, free: np.ndarray) -> np.ndarray | sp.csr_array:
     return sp.csr_array(A[free][:, free]) if sp.issparse(A) else A[np.ix_(free, free)]
 
 
-def _numbers(value: Any, size: int, name: str) -> np.ndarray:
+def numbers_along(value: Any, size: int, name: str) -> np.ndarray:
+    """An array of numbers of this size in the last dimension."""
     array = plain_array(value, name)
     if array.dtype.kind not in "iufc":
         raise TypeError(f"{name} must hold numbers, got dtype {array.dtype}")

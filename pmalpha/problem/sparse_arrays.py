@@ -22,14 +22,13 @@ def check_arrays(value: Any, name: str) -> None:
     """
     if value.ndim != 2:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
+    check = _CHECKS.get(value.format)
+    if check is None:  # SciPy converts these in Python, with checks of its own
+        return
     try:
-        _CHECKS.get(value.format, _nothing)(value, name)
+        check(value, name)
     except ValueError as error:
         raise ValueError(f"{error}, in a damaged {value.format} matrix") from None
-
-
-def _nothing(value: Any, name: str) -> None:
-    """Formats that SciPy converts in Python, with checks of its own."""
 
 
 def _by_rows(value: Any, name: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._checks import check_word, counted, flag, numbered, vector, whole_number
 from .._tables import html_facts
@@ -36,6 +37,7 @@ from .matrices import (
     diagonal,
     is_symmetric,
     plain_matrices,
+    sparse,
 )
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme, explicit_rho
@@ -48,12 +50,6 @@ __all__ = ["Subdomain"]
 FEW = 100
 # From this spectral radius at infinity on, the velocity of a dof without mass grows.
 UNDAMPED = 1.0 - 1e-9
-
-
-def subdomain_html(s: Any) -> str:
-    """The implementation of `Subdomain._repr_html_`."""
-    label = "without a name" if s.name is None else repr(s.name)
-    return html_facts(f"Subdomain {label}", facts(s))
 
 
 def facts(s: Any) -> Iterator[tuple[str, str]]:
@@ -273,7 +269,8 @@ class Subdomain(Frozen):
         return f"<Subdomain {label}, {self.scheme!r}, substeps={self.substeps}>"
 
     def _repr_html_(self) -> str:
-        return subdomain_html(self)
+        label = "without a name" if self.name is None else repr(self.name)
+        return html_facts(f"Subdomain {label}", facts(self))
 
     def reduced(
         self,
@@ -390,6 +387,11 @@ class Subdomain(Frozen):
     def has_feedback(self) -> bool:
         """Whether the force is a function of the motion, f(t, u, v)."""
         return depends_on_motion(self.force)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether no force on it depends on the motion."""
+        return self.restoring is None and self.internal is None and not self.has_feedback
 
     @property
     def springs(self) -> tuple[Spring, ...]:
@@ -523,6 +525,13 @@ class Subdomain(Frozen):
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
                 f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}"
             )
+
+
+def dense_whole(subdomains: Sequence[Subdomain], name: str) -> np.ndarray:
+    """M, C or K of all subdomains, block by block."""
+    blocks = [sparse(getattr(s, name), s.n) for s in subdomains]
+    whole: np.ndarray = sp.block_diag(blocks).toarray()
+    return whole
 
 
 def _check_kinds(M: Any, scheme: Any, damping: Any, name: Any) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
 
-from .._checks import counted, listing, plain_array, positive_number, vector, whole_number
+from .._checks import counted, listing, positive_number, vector, whole_number
 from ..blas import one_thread
 from ..errors import warn
 from ..memory import require
@@ -25,6 +25,7 @@ from .dofs import dof_array, dof_list
 from .eigenmodes import FLOATING, block, modes, positive_definite, scale_to_one, softest
 from .forces import SampledForce, depends_on_motion
 from .matrices import Matrix, dense, diagonal, is_symmetric, product, sparse
+from .reduction import numbers_along
 
 __all__ = ["ReducedBasis"]
 
@@ -101,14 +102,7 @@ class ReducedBasis:
         >>> basis.expand([[3.0], [5.0]]).tolist()
         [[0.0, 0.0, 3.0], [0.0, 0.0, 5.0]]
         """
-        values = plain_array(u, "u")
-        r = self.matrix.shape[1]
-        if values.shape[-1:] != (r,) or values.dtype.kind not in "iufc":
-            raise ValueError(
-                f"u must hold numbers with {r} in the last dimension, got dtype {values.dtype} "
-                f"and shape {values.shape}"
-            )
-        result: np.ndarray = values @ self.matrix.T
+        result: np.ndarray = numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
         return result
 
     def place(self, dofs: Any) -> np.ndarray:

@@ -146,8 +146,7 @@ def _conserves(part: Part) -> bool:
     """A linear subdomain with a Newmark scheme and single steps, whose matrices are symmetric."""
     s = part.subdomain
     newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
-    linear = s.restoring is None and s.internal is None and not s.has_feedback
-    return newmark and linear and not part.double and is_symmetric(s.K)
+    return newmark and s.is_linear and not part.double and is_symmetric(s.K)
 
 
 def stiffness_weight(scheme: Scheme, h: float) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .. import _core
@@ -14,6 +13,7 @@ from .._checks import real_array, vector, whole_number
 from ..problem.actuators import divided
 from ..problem.evaluation import evaluated
 from ..problem.internal import InternalForce
+from ..problem.matrices import dense
 from ..problem.restoring import functions_of
 from ..problem.springs import Spring, assembled, core_springs
 from ..problem.subdomain import Subdomain
@@ -171,7 +171,7 @@ class StructureElement:
     ):
         self.n, self.springs, self.internal = n, Springs(springs, n), internal
         self.K, self.C, self.M, self.K_r = (
-            np.zeros((n, n)) if A is None else dense_matrix(A, n)
+            np.zeros((n, n)) if A is None else dense(A)
             for A in (matrices.get(name) for name in ("stiffness", "damping", "mass", "estimate"))
         )
         self.functions, self.q = functions, [force.history.copy() for force in internal]
@@ -204,7 +204,7 @@ class StructureElement:
         K: np.ndarray = self.K + self.K_r + self.springs.tangent(trial.u, initial=initial)
         for _, K_t, _, _ in self._internal(trial):
             if K_t is not None:
-                K = K + dense_matrix(K_t, self.n)
+                K = K + dense(K_t)
         return K
 
     def damping(self) -> np.ndarray:
@@ -230,12 +230,6 @@ def of_subdomain(s: Subdomain) -> StructureElement:
     estimate = s.restoring_stiffness if functions else None
     matrices = dict(stiffness=s.K, damping=s.C, mass=s.M, estimate=estimate)
     return StructureElement(s.n, s.springs, matrices, internal, functions)
-
-
-def dense_matrix(A: Any, n: int) -> np.ndarray:
-    """A matrix in any format, or a diagonal, as an (n, n) array."""
-    values: np.ndarray = np.asarray(A.toarray() if sp.issparse(A) else A, dtype=np.float64)
-    return np.diag(values) if values.ndim == 1 else values
 
 
 # ---- couplers ------------------------------------------------------------------------------------

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import StabilityWarning, warn
-from ..problem.matrices import canonical, combination
 from ..problem.restoring import functions_of, is_compiled
-from ..problem.springs import assembled
 from ..problem.subdomain import Subdomain
 from ..setup.bounce import MOST
-from ..setup.internal_forces import springs_at
+from ..setup.internal_forces import matrix_of_springs, springs_at
 from ..setup.part import Part
 from ..setup.stability import (
     at_springs,
@@ -131,8 +129,7 @@ def _frequency_of_springs(part: Part) -> float:
         larger = [np.maximum(x.largest_tangent, k) for x, k in zip(s.springs, tangents)]
         if not all(np.all(np.isfinite(k)) for k in larger):
             return np.inf
-        K = canonical(assembled(s.springs, larger, s.n), "springs", s.n)[0]
-        A, M = at_springs(s, combination([(1.0, K)]))
+        A, M = at_springs(s, matrix_of_springs(s, larger))
         return float(np.sqrt(largest_eigenvalue(A, M)[0]))
 
 

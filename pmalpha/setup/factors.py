@@ -458,8 +458,6 @@ class Elimination:
 
     def factor(self, A: Matrix | None, names: Names, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix in the subdomain's order."""
-        if A is None or not sp.issparse(A):
-            return factorize(A, names, nb=self.nb, symmetric=symmetric)
         return factorize(
             A,
             names,

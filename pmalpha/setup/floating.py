@@ -13,7 +13,7 @@ from ..blas import one_thread
 from ..errors import ConstraintWarning, StabilityWarning, warn
 from ..problem.eigenmodes import FLOATING, scales_to_one, softest
 from ..problem.matrices import Matrix, dense, diagonal, is_symmetric, sparse
-from ..problem.subdomain import Subdomain
+from ..problem.subdomain import Subdomain, dense_whole
 from .constraint_rows import rows_of_size_one
 from .link import Link
 
@@ -245,13 +245,7 @@ def _rate_with_ties(subdomains: Sequence[Subdomain], links: Sequence[Link]) -> f
     from scipy.linalg import null_space
 
     rows = np.hstack([L.matrix.toarray() for L in links])
-    K, M = (
-        sp.block_diag([np.diag(A) if A.ndim == 1 else A for A in each]).toarray()
-        for each in (
-            [np.zeros(s.n) if s.K is None else s.K for s in subdomains],
-            [np.zeros(s.n) if s.M is None else s.M for s in subdomains],
-        )
-    )
+    K, M = (dense_whole(subdomains, name) for name in "KM")
     with one_thread():
         Z = null_space(rows)
         return _dense_rate(Z.T @ K @ Z, Z.T @ M @ Z) if Z.shape[1] else 0.0

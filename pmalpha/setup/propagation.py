@@ -9,7 +9,7 @@ import numpy as np
 from .. import _core
 from .._core import LANES
 from ..errors import InstabilityError, StabilityWarning, warn
-from ..problem.matrices import dense
+from ..problem.subdomain import dense_whole
 from .constraint_rows import CoreRows
 from .part import Part
 from .ranks import check_stable
@@ -151,7 +151,7 @@ def cheap_radius(
 
     parts, core: the whole problem; without `in_lanes` the state of the core is lost.
     """
-    if not all(is_linear(part) for part in parts):
+    if not all(part.subdomain.is_linear for part in parts):
         return None
     layout = Layout(parts, core, coupling, rows)
     return _radius(layout, rows, in_lanes) if layout.size <= CHEAP else None
@@ -162,12 +162,9 @@ def growth_of_structure(parts: Sequence[Part]) -> float:
 
     That is the largest real part of z with (z^2 M + z C + K) u = 0, L u = 0.
     """
-    from scipy.linalg import block_diag, eigvals, null_space
+    from scipy.linalg import eigvals, null_space
 
-    M, C, K = (
-        block_diag(*(np.zeros((n, n)) if A is None else dense(A) for A, n in own))
-        for own in ([(getattr(p.subdomain, name), p.n) for p in parts] for name in "MCK")
-    )
+    M, C, K = (dense_whole([part.subdomain for part in parts], name) for name in "MCK")
     L = np.hstack([part.L.matrix[:, part.position].toarray() for part in parts])
     Z = null_space(L)
     M, C, K = (Z.T @ A @ Z for A in (M, C, K))
@@ -178,11 +175,6 @@ def growth_of_structure(parts: Sequence[Part]) -> float:
     rounding = ROOT * float(np.max(np.abs(z), initial=0.0))
     rate = float(np.max(z.real, initial=0.0))
     return rate if rate > rounding else 0.0
-
-
-def is_linear(part: Part) -> bool:
-    s = part.subdomain
-    return s.restoring is None and s.internal is None and not s.has_feedback
 
 
 def _radius(layout: Layout, rows: CoreRows, in_lanes: bool) -> float:

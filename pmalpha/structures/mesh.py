@@ -123,13 +123,12 @@ def padded(vectors: np.ndarray, columns: int) -> np.ndarray:
 
 def lines(mesh: Mesh) -> np.ndarray:
     """Ends (e, 2) of the straight pieces of which the elements of dimension 1 consist."""
-    pieces = [_pieces(block) for block in mesh.blocks if KINDS[block.kind].dimension == 1]
-    return np.concatenate([np.empty((0, 2), dtype=np.int64), *pieces])
-
-
-def _pieces(block: Block) -> np.ndarray:
-    path = block.nodes[:, KINDS[block.kind].path]
-    return np.stack([path[:, :-1], path[:, 1:]], axis=-1).reshape(-1, 2)
+    pieces = [np.empty((0, 2), dtype=np.int64)]
+    for kind, nodes in mesh.blocks:
+        if KINDS[kind].dimension == 1:
+            path = nodes[:, KINDS[kind].path]
+            pieces.append(np.stack([path[:, :-1], path[:, 1:]], axis=-1).reshape(-1, 2))
+    return np.concatenate(pieces)
 
 
 def outer_faces(mesh: Mesh) -> list[Block]:
