@@ -2,10 +2,11 @@
 
 import re
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import latex2mathml.converter
-from docutils.nodes import SkipNode, Text, raw
+from docutils.nodes import SkipNode, Text, emphasis, paragraph, raw, reference, strong
 
 import pmalpha
 
@@ -37,6 +38,56 @@ myst_fence_as_directive = ["math"]
 nb_execution_mode = "off"  # the tests execute the notebooks
 nb_merge_streams = True
 
+# what classes have for the program's own use, which the reference leaves out
+SPRING = "core_parameters has_memory initial_tangent largest_tangent law numbers"
+ACTUATOR = "facts innermost springs"
+INTERNAL = {
+    **dict.fromkeys("CubicSpring Gap Bilinear BoucWen RambergOsgood".split(), SPRING),
+    "Multilinear": "core_parameters has_memory initial_tangent largest_tangent numbers",
+    "Subdomain": "has_feedback has_functions has_symmetric_steps implicit_damping iterates springs"
+    " implicit_stiffness initial_tangent largest_tangent massless restoring_springs",
+    "BaseAcceleration": "hold",
+    "SampledForce": "hold",
+    "History": "contact_gaps contact_impulses contact_layout",
+    "Misfit": "record",
+    "Parameters": "name",
+    "rig.Compensated": ACTUATOR,
+    "rig.SimulatedActuator": ACTUATOR,
+    "structures.Structure": "recipe",
+}
+for name, attributes in INTERNAL.items():
+    for attribute in attributes.split():
+        attrgetter(f"{name}.{attribute}")(pmalpha)  # or the list is out of date
+# where names of the reference are explained: the pages of a name, or of all names of a module
+ERRORS = [name for name in pmalpha.__all__ if name.endswith(("Error", "Warning"))]
+LAWS = "CubicSpring Gap Bilinear BoucWen RambergOsgood Multilinear DiscreteGradient".split()
+EXPLAINED = {
+    "Subdomain": "tutorial own-element units",
+    "GeneralizedAlpha": "tutorial choosing",
+    "SampledForce": "model units",
+    "BaseAcceleration": "tutorial units",
+    "InternalForce": "own-element elements",
+    **dict.fromkeys(LAWS, "own-element experiments"),
+    "Coupler": "tutorial choosing diverges experiments",
+    "Newton": "couplings diverges",
+    **dict.fromkeys(("tie", "solve"), "tutorial"),
+    **dict.fromkeys(("Constraint", "tie_coincident", "reduce"), "model"),
+    **dict.fromkeys(("cut", "Cut", "Elements"), "model"),
+    **dict.fromkeys(("contact", "Contact", "contact_coincident", "interpolate"), "contact"),
+    **dict.fromkeys(("History", "SubdomainHistory"), "tutorial experiments"),
+    **dict.fromkeys(("Misfit", "Parameters", "element_parameters"), "gradients"),
+    "Study": "many",
+    "analysis": "tutorial stability",
+    "readers": "other-programs units",
+    "rig": "rig paced",
+    "structures": "model elements",
+    **dict.fromkeys(ERRORS, "diverges"),
+}
+autosummary_context = {
+    "internal": {name: ", ".join(names.split()) for name, names in INTERNAL.items()},
+    "explained": {name: pages.split() for name, pages in EXPLAINED.items()},
+}
+
 default_role = "py:obj"  # `Coupler` in a docstring is a link
 autosummary_imported_members = True
 autosummary_ignore_module_all = False  # a page for each name in __all__, and no other
@@ -62,6 +113,33 @@ html_show_copyright = False
 html_show_sphinx = False
 
 
+# what the formulas of docstrings are written with, so that `help` reads well
+WORDS = {
+    **{
+        name: rf"\{name} "
+        for name in "alpha beta gamma delta lambda mu nu omega rho sigma tau xi".split()
+    },
+    **{name: rf"\{name} " for name in "Omega ln exp det sin max min sum".split()},
+    **{"lam": r"\lambda ", "Lam": r"\Lambda ", "Mbar": r"\bar M ", "inf": r"\infty "},
+    **{"am": r"\alpha_m ", "af": r"\alpha_f ", "al1": r"\alpha_1 ", "al2": r"\alpha_2 "},
+    **{"<=": r"\le ", ">=": r"\ge ", "->": r"\to ", "~": r"\sim "},
+}
+
+
+def tex(formula):
+    """A formula of a docstring, ``omega = sqrt(k/m)``, in TeX."""
+    formula = re.sub(
+        r"sqrt(\((?:[^()]|\([^()]*\))*\))", lambda m: rf"\sqrt{{{m[1][1:-1]}}}", formula
+    )
+    formula = re.sub(r"(?<=[_^])-?\w+", lambda m: f"{{{m[0]}}}", formula)
+    formula = re.sub(r"(?<=[_^])\(([^()]*)\)", r"{\1}", formula)
+    return re.sub(
+        r"\\sqrt|(?<![A-Za-z])(?:[A-Za-z]{2,}\d?|<=|>=|->|~)",
+        lambda m: WORDS.get(m[0], m[0] if m[0][0] == "\\" else rf"\mathrm{{{m[0]}}}"),
+        formula,
+    )
+
+
 def mathml(formula, display):
     """A formula as MathML, which browsers draw without a script, a font or a network."""
     formula, tag, _ = (*re.split(r"\\tag\{(.*?)\}", formula), "", "")[:3]
@@ -72,15 +150,49 @@ def mathml(formula, display):
 
 
 def inline(writer, node):
-    writer.body.append(mathml(node.astext(), display=False)[0])
+    formula = node.astext()
+    if writer.builder.current_docname.startswith("docs/api"):
+        formula = tex(formula)
+    writer.body.append(mathml(formula, display=False)[0])
     raise SkipNode
 
 
 def block(writer, node):
     drawn, tag = mathml(node.astext(), display=True)
-    number = f'<span class="eqno">({tag})</span>' if tag else ""
+    number = f'<span class="eqno" id="equation-{tag}">({tag})</span>' if tag else ""
     writer.body.append(f'<div class="math">{drawn}{number}</div>\n')
     raise SkipNode
+
+
+def find_equations(app):
+    """The page of each equation of the method, by its number."""
+    pages = sorted(Path(app.srcdir, "docs", "method").glob("*.md"))
+    app.equations = {
+        tag: f"docs/method/{page.stem}"
+        for page in pages
+        for tag in re.findall(r"\\tag\{(\w+)\}", page.read_text())
+    }
+
+
+# ours are (F2); those of the paper are cited as "equation (18)" or between two of the method
+CITED = re.compile(r"\((?P<ours>[A-Z]\d\d?)\)|(?<=equation )\((?P<paper>\d\d?)\)")
+
+
+def link_equations(app, doctree, docname):
+    """Numbers of equations in sentences lead to the equations."""
+    for text in list(doctree.findall(Text)):
+        if not isinstance(text.parent, (paragraph, emphasis, strong)):
+            continue
+        parts, end = [], 0
+        for cited in CITED.finditer(text):
+            tag = cited["ours"] or cited["paper"]
+            if tag in app.equations:
+                address = app.builder.get_relative_uri(docname, app.equations[tag])
+                link = reference("", cited[0], internal=True, refuri=f"{address}#equation-{tag}")
+                parts += [Text(text[end : cited.start()]), link]
+                end = cited.end()
+        if parts:
+            text.parent.replace(text, [*parts, Text(text[end:])])
 
 
 def without_addresses(_app, doctree):
@@ -101,6 +213,8 @@ def setup(app):
     app.connect("builder-inited", lambda app: gallery.write(app.srcdir))
     app.connect("builder-inited", lambda app: files.write(app.srcdir))
     app.connect("builder-inited", lambda app: questions.write(app.srcdir))
+    app.connect("builder-inited", find_equations)
     app.connect("doctree-read", without_addresses)
+    app.connect("doctree-resolved", link_equations)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("build-finished", redirect)

@@ -17,6 +17,8 @@ ENTRY = re.compile(
     r" \((?P<time>\d+ s), picture (?P<picture>\d+)\)\n",
     re.MULTILINE,
 )
+LINKED = r"\(\.\./notebooks/(\w+)\.ipynb\)"
+CHOSEN = re.compile(rf"(?:^- \[.*?\]{LINKED}\n)+", re.MULTILINE)
 CARD = """:::{{grid-item-card}} {title}
 :img-top: thumbnails/{name}.png
 :link: ../notebooks/{name}
@@ -87,8 +89,8 @@ def picture_of_the_page(notebook, number, path):
 
 
 def write(sources):
-    """The page with cards in place of the list, thumbnails, and notebooks with whole pictures, in
-    the copied sources."""
+    """The page with cards in place of the list, some of them on the front page, thumbnails, and
+    notebooks with whole pictures, in the copied sources."""
     page = Path(sources, "docs", "gallery.md")
     text = page.read_text()
     folder = page.with_name("thumbnails")
@@ -97,18 +99,31 @@ def write(sources):
         thumbnail(notebook, number, folder / f"{notebook.stem}.png")
         picture_of_the_page(notebook, number, folder / f"{notebook.stem}-whole.png")
     listed = re.sub(r"\?P<\w+>", "?:", f"(?:{ENTRY.pattern})+")
-    page.write_text(re.sub(listed, cards, text, flags=re.MULTILINE))
+    page.write_text(re.sub(listed, group, text, flags=re.MULTILINE))
+
+    front = page.with_name("index.md")
+    by_name = {entry["name"]: entry.groupdict() for entry in ENTRY.finditer(text)}
+    front.write_text(
+        CHOSEN.sub(
+            lambda chosen: cards([by_name[name] for name in re.findall(LINKED, chosen[0])]),
+            front.read_text(),
+        )
+    )
 
 
-def cards(listed):
+def cards(found):
+    shown = "".join(
+        CARD.format(**entry | {"line": entry["line"][0].upper() + entry["line"][1:]})
+        for entry in found
+    )
+    return f"::::{{grid}} 1 2 3 3\n:gutter: 2\n\n{shown}::::\n"
+
+
+def group(listed):
     """The entries of one group, and their place in the menu."""
     found = [entry.groupdict() for entry in ENTRY.finditer(listed[0])]
-    shown = "".join(CARD.format(**entry) for entry in found)
     menu = "".join(f"{e['title']} <../notebooks/{e['name']}>\n" for e in found)
-    return (
-        f"::::{{grid}} 1 2 3 3\n:gutter: 2\n\n{shown}::::\n\n"
-        f"```{{toctree}}\n:hidden:\n\n{menu}```\n"
-    )
+    return f"{cards(found)}\n```{{toctree}}\n:hidden:\n\n{menu}```\n"
 
 
 if __name__ == "__main__":

@@ -409,7 +409,7 @@ def shear_frame(
 
 
 def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
-    """Coefficients of Rayleigh damping C = c_m M + c_k K from two damping ratios.
+    """Coefficients of Rayleigh damping :math:`C = c_m M + c_k K` from two damping ratios.
 
     ``Subdomain(damping_ratio={T1: ratio1, T2: ratio2})`` takes periods in place of frequencies.
     If every subdomain uses the coefficients of the uncut structure with its own M and K, the
@@ -453,8 +453,8 @@ def modal_damping(
 ) -> np.ndarray | scipy.sparse.csr_array:
     """Damping matrix that gives each mode of a structure its own damping ratio.
 
-    C = sum_i 2 ratio_i omega_i (M x_i) (M x_i)^T with the mass-normalised modes x_i of M and K
-    (Chopra, Dynamics of Structures). C is full: n^2 entries.
+    :math:`C = sum_i 2 ratio_i omega_i (M x_i) (M x_i)^T` with the mass-normalised modes x_i of M
+    and K (Chopra, Dynamics of Structures). C is full: n^2 entries.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ The first example is the code in README.md itself; its exact solution is a matri
 import contextlib
 import re
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,11 @@ def example(page="README.md"):
     """The names that the Python code of a page defines."""
     code = "".join(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL))
     names = {}
-    with contextlib.redirect_stdout(None):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(None),
+    ):
         exec(compile(code, page, "exec"), names)
     return names
 
@@ -68,8 +73,9 @@ def double_steps(tower, rig, dt):
 
 
 def draw_uses(figure):
-    """A stiff detail, a specimen, small elements; the fine subdomain is blue."""
-    tower, specimen, solid = figure.subplots(1, 3)
+    """A stiff detail, a specimen, small elements, in a row or, in a tall figure, in a column."""
+    wide = figure.get_figwidth() > figure.get_figheight()
+    tower, specimen, solid = figure.subplots(*((1, 3) if wide else (3, 1)))
 
     _frame(tower, 0.5, 1.0, storeys=2)
     tower.add_patch(_box(0.2, 0.35, 1.6, 0.65, **FINE))
@@ -207,6 +213,7 @@ def halves(scheme, coupling):
 
 DRAWN = {
     "uses": (draw_uses, (8.0, 2.9)),
+    "uses-column": (draw_uses, (3.2, 7.6)),
     "first-example": (draw_first_example, (8.0, 3.4)),
     "diverges": (draw_diverges, (8.0, 2.6)),
 }
@@ -221,6 +228,7 @@ def main():
     # svg.hashsalt: the same picture gives the same file; a white ground for dark pages
     with matplotlib.rc_context(plot.RC | {"svg.hashsalt": "pmalpha", "savefig.facecolor": "w"}):
         pictures = {name: timeline(coupling) for name, coupling in SCHEDULES.items()}
+        pictures["tutorial"] = example("docs/tutorial.md")["ax"].figure
         for name, (content, size) in DRAWN.items():
             pictures[name] = Figure(figsize=size, layout="constrained")
             content(pictures[name])

@@ -33,7 +33,7 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.nd
     Returns
     -------
     float
-        The order q in error ~ dt^q.
+        The order q in :math:`error ~ dt^q`.
 
     Raises
     ------

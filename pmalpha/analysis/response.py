@@ -95,9 +95,10 @@ def response_spectrum(
 ) -> ResponseSpectrum:
     """Response spectrum of a ground motion: exact for a record linear between its samples.
 
-    u'' + 2 xi omega u' + omega^2 u = -a(t), at rest at the first sample. The motion from sample to
-    sample is exact (Nigam and Jennings 1969), and so are the largest values, which are also looked
-    for between samples. So the spectrum has no error of the time step, however short the period.
+    :math:`u'' + 2 xi omega u' + omega^2 u = -a(t)`, at rest at the first sample. The motion from
+    sample to sample is exact (Nigam and Jennings 1969), and so are the largest values, which are
+    also looked for between samples. So the spectrum has no error of the time step, however short
+    the period.
 
     Parameters
     ----------

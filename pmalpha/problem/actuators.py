@@ -258,9 +258,9 @@ class Compensated(Device):
 
     Notes
     -----
-    Of a motion of circular frequency w the error after the delay is (2 sin(w tau / 2))^(order + 1)
-    with "polynomial", and with "inverse" an amplitude of sqrt(1 + (w tau)^2). A higher order
-    multiplies noise by up to 2^(order + 1).
+    Of a motion of circular frequency w the error after the delay is
+    :math:`(2 sin(w tau / 2))^(order + 1)` with "polynomial", and with "inverse" an amplitude of
+    sqrt(1 + (w tau)^2). A higher order multiplies noise by up to 2^(order + 1).
 
     Examples
     --------

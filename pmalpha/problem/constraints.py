@@ -27,7 +27,7 @@ MatricesLike: TypeAlias = (
 
 
 class Constraint(Frozen):
-    """Constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
+    """Constraints :math:`sum_i L_i v_i = g(t)` on velocities of subdomains, equation (2).
 
     Without `velocity`, g is zero and the subdomains are tied. With `velocity`, the motion of a
     support or a driven end is prescribed.

@@ -146,7 +146,7 @@ class IndefiniteStiffness(ValueError):
 def modes(
     M: Any, K: Any, k: int = 6, *, fixed: ArrayLike | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest frequencies and modes: K x = omega^2 M x.
+    """The lowest frequencies and modes: :math:`K x = omega^2 M x`.
 
     Dense up to 200 free dofs or for more than a quarter of all modes, otherwise ARPACK about a
     small negative shift, with one factor of K + shift M.

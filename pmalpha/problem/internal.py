@@ -26,7 +26,7 @@ Evaluate: TypeAlias = Callable[[np.ndarray, np.ndarray, float, np.ndarray], Any]
 
 
 class InternalForce(Frozen):
-    """A force f(u, v, t; q) with its tangents and its history, for ``internal=`` of a `Subdomain`.
+    """A force :math:`f(u, v, t; q)` with tangents and history, for ``internal=`` of a `Subdomain`.
 
     It is on the left-hand side, beside K u + C v. An implicit subdomain iterates it by Newton's
     method. A callable without a history and without a pattern needs no InternalForce: it can be

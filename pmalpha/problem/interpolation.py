@@ -142,7 +142,8 @@ def interpolate(
     """Tie nodes of one subdomain to the elements of another that contain them.
 
     Node i of a, inside an element of b with shape functions N_j, has the velocity of that element:
-    v_a(i) - sum_j N_j v_b(j) = 0 for each component, a row for each in the order of the nodes.
+    :math:`v_a(i) - sum_j N_j v_b(j) = 0` for each component, a row for each in the order of the
+    nodes.
 
     Take the finer side as a: all of its interface nodes are then tied, and no gap can open. With
     the coarser side as a, the nodes of b between the nodes of a are free. For any meshes, the

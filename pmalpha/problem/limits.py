@@ -32,7 +32,7 @@ class Limits(Frozen):
         Largest rate of the command, (d_k - d_{k-1}) / h, and of the velocity that the force is
         evaluated at.
     acceleration : float or (n,) array, optional
-        Largest acceleration of the command, (d_k - 2 d_{k-1} + d_{k-2}) / h^2.
+        Largest acceleration of the command, :math:`(d_k - 2 d_{k-1} + d_{k-2}) / h^2`.
     force : float or (n,) array, optional
         Largest absolute measured force.
     energy : float, optional

@@ -89,7 +89,7 @@ class Scheme(Frozen):
         Returns
         -------
         (4, 4) ndarray
-            The matrix that maps (u, h v, h^2 w, h^2 a) to the next time level.
+            The matrix that maps :math:`(u, h v, h^2 w, h^2 a)` to the next time level.
         """
         am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
         d = 1.0 - am
@@ -128,11 +128,11 @@ class GeneralizedAlpha(Scheme):
     ----------
     rho : float
         In [0, 1]. Implicit: the spectral radius at infinite frequency. Explicit: the spectral
-        radius at the bifurcation, Omega = (1 + rho) sqrt(2 - rho). 1 is without algorithmic
+        radius at the bifurcation, :math:`Omega = (1 + rho) sqrt(2 - rho)`. 1 is without algorithmic
         damping, 0 damps the most.
     explicit : bool, default False
         The explicit scheme, stable up to
-        Omega = sqrt(12 (1 + rho) (2 - rho) / (10 - 5 rho + rho^2)).
+        :math:`Omega = sqrt(12 (1 + rho) (2 - rho) / (10 - 5 rho + rho^2))`.
 
     Raises
     ------
@@ -164,7 +164,7 @@ class GeneralizedAlpha(Scheme):
 
 
 class Newmark(Scheme):
-    """Newmark's schemes: am = af = 0. The default is the trapezoidal rule.
+    """Newmark's schemes: :math:`am = af = 0`. The default is the trapezoidal rule.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class Newmark(Scheme):
 
 
 class CentralDifference(Newmark):
-    """The explicit Newmark scheme with beta = 0, gamma = 1/2; stable up to Omega = 2.
+    """The explicit Newmark scheme, :math:`beta = 0, gamma = 1/2`; stable up to :math:`Omega = 2`.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class CentralDifference(Newmark):
 
 
 class HHT(Scheme):
-    """Hilber, Hughes and Taylor's scheme: am = 0, af = alpha, implicit.
+    """Hilber, Hughes and Taylor's scheme: :math:`am = 0, af = alpha`, implicit.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ class HHT(Scheme):
 
 
 class WBZ(Scheme):
-    """Wood, Bossak and Zienkiewicz's scheme: am = -alpha, af = 0, implicit.
+    """Wood, Bossak and Zienkiewicz's scheme: :math:`am = -alpha, af = 0`, implicit.
 
     Parameters
     ----------

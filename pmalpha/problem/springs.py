@@ -141,7 +141,7 @@ class Spring(Frozen):
 
 
 class CubicSpring(Spring):
-    """A Duffing spring: f = k d + k3 d^3, equation (H1).
+    """A Duffing spring: :math:`f = k d + k_3 d^3`, equation (H1).
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class CubicSpring(Spring):
 
 
 class Gap(Spring):
-    """A stop: f = k (d - gap) where the deformation d is above the gap, else 0, equation (H2).
+    """A stop: :math:`f = k (d - gap)` where the deformation d is above the gap, else 0, (H2).
 
     Parameters
     ----------

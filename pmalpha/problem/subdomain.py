@@ -112,7 +112,7 @@ def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
 
 
 class Subdomain(Frozen):
-    """One subdomain of the coupled problem (1): M w + C v + K u + r + f = F(t) + L^T Lam.
+    """One subdomain of the coupled problem (1): :math:`M w + C v + K u + r + f = F(t) + L^T Lam`.
 
     Arrays are copied, and several couplers can contain the same subdomain.
 

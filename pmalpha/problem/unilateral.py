@@ -21,7 +21,7 @@ MOST_TANGENTS = 2
 
 
 class Contact(Frozen):
-    """Rows whose gaps may open but not close below zero: g = gap + sum N_i u_i - d(t) >= 0.
+    """Rows whose gaps may open but not close below zero: :math:`gap + sum_i N_i u_i - d(t) >= 0`.
 
     A row that is closed pushes with an impulse P >= 0 in each fine step, N_i^T P on subdomain i,
     and slides with Coulomb's friction. It stands among the `constraints` of a `Coupler` under "gc",
@@ -121,8 +121,9 @@ def contact(
 ) -> Contact:
     """Contact of dofs of one subdomain with an obstacle, or with dofs of another one.
 
-    Row k has the gap g = gap + u_b - u_a between two subdomains, and g = gap + sign u_a - d(t)
-    between a subdomain and an obstacle: below it with sign = 1, above it with sign = -1.
+    Row k has the gap :math:`gap + u_b - u_a` between two subdomains, and
+    :math:`gap + sign u_a - d(t)` between a subdomain and an obstacle: below it with sign = 1, above
+    it with sign = -1.
 
     Parameters
     ----------

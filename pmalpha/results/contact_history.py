@@ -57,8 +57,10 @@ class ContactHistory:
 
     @property
     def force(self) -> np.ndarray:
-        """impulse / h, (k, rows): the mean force over the step that ends at t, or with ``every``
-        over the time since the row before; an impact has any force, by its step."""
+        """The mean force, (k, rows): impulse / h over the step that ends at t.
+
+        With ``every`` over the time since the row before; an impact has any force, by its step.
+        """
         h = np.diff(self.t)
         if h.size and np.ptp(h) <= ROUNDING * h[0]:
             h = np.full(h.size, (self.t[-1] - self.t[0]) / h.size)

@@ -95,8 +95,9 @@ class SubdomainHistory:
         -------
         (k - 1, dofs) array
             Row i is for the step that ends at ``t[i + 1]``, in the unit of u: equation (D1),
-            e = u_1 - [u + h v + h^2 (2 w + w_1) / 6], of order h^3. A double step begins two time
-            levels before its end; NaN where that level was before the beginning of the run.
+            :math:`e = u_1 - [u + h v + h^2 (2 w + w_1) / 6]`, of order h^3. A double step begins
+            two time levels before its end; NaN where that level was before the beginning of the
+            run.
 
         Raises
         ------

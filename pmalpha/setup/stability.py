@@ -136,16 +136,16 @@ def critical_step(
     Notes
     -----
     The largest stable omega h of the scheme, divided by the highest circular frequency of
-    K x = omega^2 M x. Implicit damping does not lower the limit and is neglected. Lagged damping
-    does: h is the step at which the largest eigenvalue of h^2 K / Omega_s^2 + h C / Z_s with
-    respect to M is 1. Of an unsymmetric K, omega^2 is the largest modulus of an eigenvalue; where
-    it is complex the motion itself grows, and no step is stable. Of lagged damping with a skew part
-    G, h is the step up to which an oscillator with the largest stiffness, damping and ``|G|`` is
-    stable, equation (C3). A restoring force is represented by the estimate K_r, which is added to
-    K, and springs by their largest tangent stiffness (k of a `CubicSpring`); in an implicit
-    subdomain they have the limit (C4), which K_r raises. Internal forces are represented by their
-    tangents at u, v and q, at the time 0, springs among them by the tangent at u or the largest one
-    and contact as closed at all of its nodes: with a longer step a bounce adds energy.
+    :math:`K x = omega^2 M x`. Implicit damping does not lower the limit and is neglected. Lagged
+    damping does: h is the step at which the largest eigenvalue of h^2 K / Omega_s^2 + h C / Z_s
+    with respect to M is 1. Of an unsymmetric K, omega^2 is the largest modulus of an eigenvalue;
+    where it is complex the motion itself grows, and no step is stable. Of lagged damping with a
+    skew part G, h is the step up to which an oscillator with the largest stiffness, damping and
+    ``|G|`` is stable, equation (C3). A restoring force is represented by the estimate K_r, which is
+    added to K, and springs by their largest tangent stiffness (k of a `CubicSpring`); in an
+    implicit subdomain they have the limit (C4), which K_r raises. Internal forces are represented
+    by their tangents at u, v and q, at the time 0, springs among them by the tangent at u or the
+    largest one and contact as closed at all of its nodes: with a longer step a bounce adds energy.
 
     `Coupler` warns of steps above the critical one, unless ties or damping make them stable: where
     all subdomains are linear and the amplification matrix has up to 300 rows, its spectral radius

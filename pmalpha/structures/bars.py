@@ -37,9 +37,9 @@ def truss(
 
     With l the present length and L0 the unstressed one, the force of a bar is, by `strain`,
 
-    * "engineering": N = EA (l - L0) / L0 + N0 along the bar;
-    * "green": N = (EA (l^2 - L0^2) / (2 L0^2) + N0) l / L0 along the bar (Crisfield, Non-linear
-      Finite Element Analysis of Solids and Structures).
+    * "engineering": :math:`N = EA (l - L_0) / L_0 + N_0` along the bar;
+    * "green": :math:`N = (EA (l^2 - L_0^2) / (2 L_0^2) + N_0) l / L_0` along the bar (Crisfield,
+      Non-linear Finite Element Analysis of Solids and Structures).
 
     Parameters
     ----------

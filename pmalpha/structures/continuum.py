@@ -94,8 +94,8 @@ def plate_on(
     With n_a the shape functions and d_i their derivatives, the stiffness between component i of
     node a and component j of node b is the integral over the element of
     t (lam d_i n_a d_j n_b + mu d_j n_a d_i n_b + mu delta_ij sum_k d_k n_a d_k n_b), with
-    mu = E / (2 (1 + nu)) and lam = E nu / (1 - nu^2) in plane stress,
-    lam = E nu / ((1 + nu) (1 - 2 nu)) in plane strain (Hughes, The Finite Element Method).
+    :math:`mu = E / (2 (1 + nu))` and :math:`lam = E nu / (1 - nu^2)` in plane stress,
+    :math:`lam = E nu / ((1 + nu) (1 - 2 nu))` in plane strain (Hughes, The Finite Element Method).
     Integration is full, with 1, 3, 2 x 2, 3 x 3 and 3 x 3 points in triangles of 3 and 6 and
     quadrilaterals of 4, 8 and 9 nodes: elements of first order need several through the depth of
     what bends, and are stiff for nu near 0.5 in plane strain.
@@ -206,9 +206,9 @@ def solid_on(
 ) -> Structure:
     """A solid on any mesh of tetrahedra, wedges and hexahedra, of first or second order.
 
-    The formula of `plate_on` without t and with lam = E nu / ((1 + nu) (1 - 2 nu)). Integration is
-    full, with 1 and 4, 6 and 21, 2 x 2 x 2 and 3 x 3 x 3 points in tetrahedra, wedges and
-    hexahedra of first and second order.
+    The formula of `plate_on` without t and with :math:`lam = E nu / ((1 + nu) (1 - 2 nu))`.
+    Integration is full, with 1 and 4, 6 and 21, 2 x 2 x 2 and 3 x 3 x 3 points in tetrahedra,
+    wedges and hexahedra of first and second order.
 
     Parameters
     ----------

@@ -41,9 +41,9 @@ class ElementForce:
 
     Made by `truss`, `corotational_frame`, `nonlinear_solid`, `nonlinear_solid_on`, `plane_contact`
     and `sphere_contact`; `Structure.internal` holds them. f is on the left-hand side of
-    M a + C v + K u + f(u) = F. A call changes nothing, neither the object nor its arguments. Forces
-    that are the derivative of an energy have, besides the methods below, ``potential(u)``, which
-    returns that energy; those of plastic solids have not.
+    :math:`M a + C v + K u + f(u) = F`. A call changes nothing, neither the object nor its
+    arguments. Forces that are the derivative of an energy have, besides the methods below,
+    ``potential(u)``, which returns that energy; those of plastic solids have not.
 
     Attributes
     ----------

@@ -102,9 +102,9 @@ def rod(
 ) -> Structure:
     """A rod under axial force, of n elements of equal length with linear displacement.
 
-    The wave speed is c = sqrt(EA / rhoA). With lumped mass and central differences the critical
-    step is h / c for the element length h, and with this step the solution at the nodes is exact
-    (Hughes, The Finite Element Method).
+    The wave speed is :math:`c = sqrt(EA / rhoA)`. With lumped mass and central differences the
+    critical step is h / c for the element length h, and with this step the solution at the nodes is
+    exact (Hughes, The Finite Element Method).
 
     Parameters
     ----------

@@ -65,10 +65,10 @@ class Hyperelastic(Material):
 class StVenantKirchhoff(Hyperelastic):
     """The linear law between Green strain and second Piola-Kirchhoff stress.
 
-    W = lam/2 tr(E)^2 + mu E : E with the Green strain E = (F^T F - 1) / 2 and the moduli of
-    `solid_on` or, in plane stress, `plate_on` (Bonet and Wood, Nonlinear Continuum Mechanics for
-    Finite Element Analysis). For large rotations and small strains; in strong compression, below
-    0.58 of the length in uniaxial strain, it softens.
+    :math:`W = lam/2 tr(E)^2 + mu E : E` with the Green strain :math:`E = (F^T F - 1) / 2` and the
+    moduli of `solid_on` or, in plane stress, `plate_on` (Bonet and Wood, Nonlinear Continuum
+    Mechanics for Finite Element Analysis). For large rotations and small strains; in strong
+    compression, below 0.58 of the length in uniaxial strain, it softens.
 
     Parameters
     ----------
@@ -122,9 +122,10 @@ class StVenantKirchhoff(Hyperelastic):
 class NeoHookean(Hyperelastic):
     """A compressible rubber-like material.
 
-    W = mu/2 (tr(F^T F) - 3) - mu ln J + lam/2 (ln J)^2 with J = det F and lam, mu as in `solid_on`
-    (Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis). Where an element
-    is turned inside out (J <= 0 at a Gauss point) force and tangent are not finite.
+    :math:`W = mu/2 (tr(F^T F) - 3) - mu ln J + lam/2 (ln J)^2` with :math:`J = det F` and lam, mu
+    as in `solid_on` (Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis).
+    Where an element is turned inside out (J <= 0 at a Gauss point) force and tangent are not
+    finite.
 
     Parameters
     ----------

@@ -377,7 +377,7 @@ class Structure:
         return sum((force(where)[1] for force in self.internal), start=self.K)
 
     def damping(self, c_m: float, c_k: float) -> Matrix:
-        """Rayleigh damping C = c_m M + c_k K, with coefficients as `rayleigh` returns them.
+        """Rayleigh damping :math:`C = c_m M + c_k K`, with coefficients as `rayleigh` returns them.
 
         K includes the tangents of the internal forces at u = 0.
 
