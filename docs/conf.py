@@ -174,8 +174,8 @@ def find_equations(app):
     }
 
 
-# ours are (F2); those of the paper are cited as "equation (18)" or between two of the method
-CITED = re.compile(r"\((?P<ours>[A-Z]\d\d?)\)|(?<=equation )\((?P<paper>\d\d?)\)")
+# ours are cited as (F2), those of the paper as "equation (18)" or "problem (1)"
+CITED = re.compile(r"\((?P<ours>[A-Z]\d\d?)\)|(?:(?<=equation )|(?<=problem ))\((?P<paper>\d\d?)\)")
 
 
 def link_equations(app, doctree, docname):
