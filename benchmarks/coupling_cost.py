@@ -21,8 +21,7 @@ EXPLICIT = pm.GeneralizedAlpha(0.8, explicit=True)
 DT = 0.1
 # Of the ratio with one face.
 TARGET = 1.1
-# Consecutive steps per measurement, of the coupled subdomains and of each alone: only the last of
-# them is not closed in one visit with the opening of the next.
+# Consecutive steps per measurement, of the coupled subdomains and of each alone.
 STEPS = 20
 # Positions of the neighbours of a cube, in units of its edge.
 SIDES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]

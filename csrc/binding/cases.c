@@ -24,24 +24,6 @@ PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *Py_UNUSED(igno
     return pma_raise(status, "in_lanes");
 }
 
-/* Loads that can be evaluated together get their numbers side by side, behind those of each. */
-static int join(pma_load *load, pma_load **each)
-{
-    const size_t size = pma_load_joined_size(*each);
-    if (size == 0)
-        return 0;
-    pma_load *longer = PyMem_Realloc(*each, PMA_LANES * sizeof **each + size * sizeof(double));
-    if (!longer) {
-        PyMem_Free(*each);
-        PyErr_NoMemory();
-        return -1;
-    }
-    *each = longer;
-    load->each = longer;
-    pma_load_join(longer, (double *)(longer + PMA_LANES), load);
-    return 0;
-}
-
 /* A tuple of loads, one for each lane; none is a function or the table of one. */
 PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each)
 {
@@ -70,8 +52,6 @@ PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each)
     }
     load->kind = PMA_LOAD_IN_LANES;
     load->each = *each;
-    if (join(load, each) < 0)
-        Py_CLEAR(arrays);
     return arrays;
 }
 

@@ -135,9 +135,9 @@ static void rebase(void *self, size_t j, const double *lam)
 
 /* ---- look-ahead: there is room for all time levels ------------------------------------------ */
 
-static pma_status prepare(void *self, pma_turns turns, size_t workers)
+static pma_status prepare(void *self, bool ahead, size_t workers)
 {
-    (void)self, (void)turns, (void)workers;
+    (void)self, (void)ahead, (void)workers;
     return PMA_OK;
 }
 

@@ -72,7 +72,6 @@ static void factors_in_bands_solve_for_every_size_of_interface(void)
             for (size_t nb = 0; nb <= n; nb++) {
                 const pma_factor band = band_factor(&t, nb, width, values);
                 check_sweeps(&t, &band, &seed);
-                CHECK_INT(pma_factor_reach(&band), width);
                 CHECK_INT(pma_factor_entries(&band), n * (width + 1));
             }
         }
@@ -83,55 +82,23 @@ static void factors_in_bands_solve_for_every_size_of_interface(void)
     CHECK_STATUS(pma_factor_check(&too_wide), PMA_BAD_SIZE);
 }
 
-static void check_parts(const pma_factor *f, uint64_t *seed)
-{
-    double whole[SIZE], parts[SIZE], f_b[SIZE], whole_b[SIZE], parts_b[SIZE];
-    const size_t n = f->n;
-    double *work = take_scratch(f);
-    draw_vector(n, seed, whole);
-    draw_vector(f->nb, seed, f_b);
-    memcpy(parts, whole, sizeof whole);
-    pma_factor_open(f, whole, whole_b, work);
-    for (size_t j = 0; j < n; j += 4)
-        pma_factor_open_part(f, j, j + 4 < n ? j + 4 : n, parts, parts_b, work);
-    CHECK_BITS(n, parts, whole);
-    CHECK_BITS(f->nb, parts_b, whole_b);
-    pma_factor_close(f, f_b, whole, work);
-    for (size_t end = n, begin; end > 0; end = begin) {
-        begin = end > 4 ? end - 4 : 0;
-        pma_factor_close_part(f, begin, end, f_b, parts, work);
-    }
-    CHECK_BITS(n, parts, whole);
-    return_scratch(f, work);
-}
-
-static void a_step_opened_and_closed_in_parts_is_the_whole_step(void)
+/* The interface first, then the rows above it, some at a time. */
+static void a_diagonal_factor_closed_in_parts_is_closed_as_a_whole(void)
 {
     uint64_t seed = 16;
-    double values[SIZE * SIZE];
+    double whole[SIZE], parts[SIZE], f_b[SIZE];
     for (size_t nb = 0; nb <= SIZE; nb++) {
-        triple t = make_triple(SIZE, 0.5, &seed);
-        const pma_factor diagonal = diagonal_factor(&t, nb), sparse = sparse_factor(&t, nb),
-                         band = band_factor(&t, nb, 2, values);
-        check_parts(&diagonal, &seed);
-        check_parts(&sparse, &seed);
-        check_parts(&band, &seed);
-        const pma_factor chain = band_factor(&t, nb, 1, values);
-        check_parts(&chain, &seed);
+        const triple t = make_triple(SIZE, 0.5, &seed);
+        const pma_factor f = diagonal_factor(&t, nb);
+        draw_vector(SIZE, &seed, whole);
+        draw_vector(nb, &seed, f_b);
+        memcpy(parts, whole, sizeof whole);
+        pma_factor_close(&f, f_b, whole, NULL);
+        pma_factor_close_border(&f, f_b, parts, NULL);
+        for (size_t i = 0; i < SIZE - nb; i += 4)
+            pma_factor_divide(&f, i, i + 4 < SIZE - nb ? i + 4 : SIZE - nb, parts);
+        CHECK_BITS(SIZE, parts, whole);
     }
-}
-
-static void the_reach_of_a_factor_is_its_furthest_entry(void)
-{
-    const int64_t ptr[5] = {0, 1, 3, 3, 3};
-    const int32_t index[3] = {1, 2, 3};
-    const pma_factor diagonal = {.form = PMA_DIAGONAL, .n = 4}, dense = {.form = PMA_DENSE, .n = 4},
-                     panels = {.form = PMA_PANELS, .n = 4},
-                     sparse = {.form = PMA_SPARSE, .n = 4, .ptr = ptr, .index = index};
-    CHECK_INT(pma_factor_reach(&diagonal), 0);
-    CHECK_INT(pma_factor_reach(&sparse), 2);
-    CHECK_INT(pma_factor_reach(&dense), 4); /* not in parts */
-    CHECK_INT(pma_factor_reach(&panels), 4);
 }
 
 static void a_diagonal_factor_has_three_forms(void)
@@ -203,8 +170,7 @@ static void an_interface_larger_than_the_factor_is_refused(void)
 const test FACTOR_TESTS[] = {
     TEST(dense_and_sparse_factors_solve_for_every_size_of_interface),
     TEST(factors_in_bands_solve_for_every_size_of_interface),
-    TEST(a_step_opened_and_closed_in_parts_is_the_whole_step),
-    TEST(the_reach_of_a_factor_is_its_furthest_entry),
+    TEST(a_diagonal_factor_closed_in_parts_is_closed_as_a_whole),
     TEST(a_diagonal_factor_has_three_forms),
     TEST(a_sweep_reads_the_reciprocals_and_what_is_below_the_diagonal),
     TEST(a_factor_with_a_bad_index_is_refused),

@@ -95,25 +95,10 @@ static void bands_of_every_width_multiply_like_two_loops(void)
             const pma_matrix A = take_band(n, width, rows, values);
             check_subtract(&A, rows);
             CHECK_INT(pma_matrix_entries(&A), n * (width + 1));
-            CHECK_INT(pma_matrix_reach(&A), width);
         }
     }
     const pma_matrix too_wide = {.form = PMA_BAND, .n = 3, .values = values, .width = 3};
     CHECK_STATUS(pma_matrix_check(&too_wide), PMA_BAD_SIZE);
-}
-
-static void the_reach_of_a_matrix_is_its_furthest_entry(void)
-{
-    const double values[4] = {0.0};
-    const int64_t ptr[5] = {0, 1, 2, 4, 4};
-    CHECK_INT(pma_matrix_reach(&(pma_matrix){.form = PMA_ZERO, .n = 4}), 0);
-    CHECK_INT(pma_matrix_reach(&(pma_matrix){.form = PMA_DIAGONAL, .n = 4, .values = values}), 0);
-    CHECK_INT(pma_matrix_reach(&(pma_matrix){.form = PMA_DENSE, .n = 4, .values = values}), 3);
-    const int32_t above[4] = {0, 3, 1, 2}, below[4] = {0, 1, 2, 0};
-    const pma_matrix up = sparse_matrix(4, values, ptr, above),
-                     down = sparse_matrix(4, values, ptr, below);
-    CHECK_INT(pma_matrix_reach(&up), 2);
-    CHECK_INT(pma_matrix_reach(&down), 2);
 }
 
 static void a_product_reads_as_many_entries_as_are_stored(void)
@@ -192,7 +177,6 @@ static void a_permuted_matrix_is_that_with_its_rows_and_columns_in_the_order(voi
 const test MATRIX_TESTS[] = {
     TEST(all_forms_of_a_matrix_multiply_like_two_loops),
     TEST(bands_of_every_width_multiply_like_two_loops),
-    TEST(the_reach_of_a_matrix_is_its_furthest_entry),
     TEST(a_product_reads_as_many_entries_as_are_stored),
     TEST(a_matrix_with_a_bad_index_is_refused),
     TEST(a_permuted_matrix_is_that_with_its_rows_and_columns_in_the_order),

@@ -61,7 +61,7 @@ static void check_orders(const pma_factor *f, const double *b)
     double visited[UNKNOWNS];
     memcpy(visited, opened, sizeof visited);
     memcpy(again + (f->n - f->nb), b + (f->n - f->nb), f->nb * sizeof *b);
-    pma_factor_close_part(f, f->n, f->n, zero, visited, work);
+    pma_factor_close_border(f, zero, visited, work);
     size_t node = T->child[T->count];
     while (node != T->count) {
         pma_factor_close_node(f, node, visited, NULL, work);
@@ -78,7 +78,7 @@ static void check_orders(const pma_factor *f, const double *b)
         }
         node = T->sibling[node] != PMA_NO_NODE ? T->sibling[node] : T->count;
     }
-    pma_factor_open_part(f, f->n, f->n, again, x_b, work);
+    pma_factor_open_border(f, again, x_b, work);
     CHECK_BITS(f->n, visited, x);
     CHECK_BITS(f->n, again, opened);
     return_scratch(f, work);

@@ -68,33 +68,6 @@ size_t pma_factor_entries(const pma_factor *f)
     }
 }
 
-static size_t reach_of_columns(const pma_factor *f)
-{
-    size_t reach = 0;
-    for (size_t j = 0; j < f->n; j++) {
-        const int64_t end = f->ptr[j + 1];
-        const size_t furthest = end > f->ptr[j] ? (size_t)f->index[end - 1] - j : 0;
-        reach = furthest > reach ? furthest : reach;
-    }
-    return reach;
-}
-
-size_t pma_factor_reach(const pma_factor *f)
-{
-    switch (f->form) {
-    case PMA_DIAGONAL:
-        return 0;
-    case PMA_BAND:
-        return f->width;
-    case PMA_SPARSE:
-        return reach_of_columns(f);
-    case PMA_IN_LANES:
-        return PMA_LANES * pma_factor_reach(f->each);
-    default:
-        return f->n;
-    }
-}
-
 static void eliminate_nothing(const pma_factor *f, size_t first, size_t last, double *x,
                               double *work)
 {
@@ -397,57 +370,21 @@ void pma_factor_interface(const pma_factor *f, double *xb, double *work)
     }
 }
 
-static void open_interface(const pma_factor *f, const double *x, double *xb, double *work)
+void pma_factor_divide(const pma_factor *f, size_t begin, size_t end, double *x)
 {
-    memcpy(xb, x + (f->n - f->nb), f->nb * sizeof *xb);
+    divide_some(f->inverse + begin, end - begin, x + begin);
+}
+
+void pma_factor_open_border(const pma_factor *f, double *x, double *xb, double *work)
+{
+    if (pma_factor_tree(f))
+        pma_tree_add_to_border(pma_factor_tree(f), lanes_of(f), updates_in(f, work), x);
+    for (size_t i = 0; i < f->nb; i++)
+        xb[i] = x[f->n - f->nb + i];
     pma_factor_interface(f, xb, work);
 }
 
-__attribute__((noinline)) static void open_tree(const pma_factor *f, size_t begin, size_t end,
-                                                double *x, double *xb, double *work)
-{
-    if (begin < f->n - f->nb)
-        open_nodes(f, x, work);
-    if (end < f->n)
-        return;
-    pma_tree_add_to_border(pma_factor_tree(f), lanes_of(f), updates_in(f, work), x);
-    if (f->nb > 0)
-        open_interface(f, x, xb, work);
-}
-
-__attribute__((noinline)) static void open_columns(const pma_factor *f, size_t begin, size_t end,
-                                                   double *x, double *xb, double *work)
-{
-    eliminate(f, begin, pma_least(end, f->n - f->nb), x + begin, work);
-    if (end == f->n && f->nb > 0)
-        open_interface(f, x, xb, work);
-}
-
-static void open_diagonal(const pma_factor *f, size_t end, const double *x, double *xb)
-{
-    const size_t interior = f->n - f->nb;
-    for (size_t i = 0; end == f->n && i < f->nb; i++)
-        xb[i] = x[interior + i] * f->inverse[interior + i];
-}
-
-/* Each way is a function that is called last, so that none saves registers for the others. */
-void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
-                          double *work)
-{
-    if (f->form == PMA_DIAGONAL)
-        open_diagonal(f, end, x, xb);
-    else if (pma_factor_tree(f))
-        open_tree(f, begin, end, x, xb, work);
-    else
-        open_columns(f, begin, end, x, xb, work);
-}
-
-void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work)
-{
-    pma_factor_open_part(f, 0, f->n, x, xb, work);
-}
-
-static void close_interface(const pma_factor *f, const double *fb, double *x, double *work)
+void pma_factor_close_border(const pma_factor *f, const double *fb, double *x, double *work)
 {
     double *xb = x + (f->n - f->nb);
     for (size_t i = 0; i < f->nb; i++)
@@ -455,47 +392,56 @@ static void close_interface(const pma_factor *f, const double *fb, double *x, do
     pma_factor_interface(f, xb, work);
 }
 
-__attribute__((noinline)) static void close_tree(const pma_factor *f, size_t begin, size_t end,
-                                                 const double *fb, double *x, double *work)
+__attribute__((noinline)) static void open_swept(const pma_factor *f, double *x, double *xb,
+                                                 double *work)
 {
-    if (end == f->n && f->nb > 0)
-        close_interface(f, fb, x, work);
-    if (begin < f->n - f->nb)
-        close_nodes(f, x, work);
+    if (pma_factor_tree(f))
+        open_nodes(f, x, work);
+    else
+        eliminate(f, 0, f->n - f->nb, x, work);
+    pma_factor_open_border(f, x, xb, work);
 }
 
-__attribute__((noinline)) static void close_columns(const pma_factor *f, size_t begin, size_t end,
-                                                    const double *fb, double *x, double *work)
+static void open_diagonal(const pma_factor *f, const double *x, double *xb)
 {
-    if (end == f->n && f->nb > 0)
-        close_interface(f, fb, x, work);
-    substitute(f, begin, pma_least(end, f->n - f->nb), x + begin, work);
+    const size_t interior = f->n - f->nb;
+    for (size_t i = 0; i < f->nb; i++)
+        xb[i] = x[interior + i] * f->inverse[interior + i];
 }
 
-static void close_diagonal(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x)
-{
-    const size_t interior = f->n - f->nb, inside = pma_least(end, interior);
-    for (size_t i = 0; end == f->n && i < f->nb; i++)
-        x[interior + i] = (x[interior + i] + fb[i]) * f->inverse[interior + i];
-    if (begin < inside)
-        divide_some(f->inverse + begin, inside - begin, x + begin);
-}
-
-void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x, double *work)
+/* Each way is a function that is called last, so that none saves registers for the others. */
+void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work)
 {
     if (f->form == PMA_DIAGONAL)
-        close_diagonal(f, begin, end, fb, x);
-    else if (pma_factor_tree(f))
-        close_tree(f, begin, end, fb, x, work);
+        open_diagonal(f, x, xb);
     else
-        close_columns(f, begin, end, fb, x, work);
+        open_swept(f, x, xb, work);
+}
+
+__attribute__((noinline)) static void close_swept(const pma_factor *f, const double *fb, double *x,
+                                                  double *work)
+{
+    pma_factor_close_border(f, fb, x, work);
+    if (pma_factor_tree(f))
+        close_nodes(f, x, work);
+    else
+        substitute(f, 0, f->n - f->nb, x, work);
+}
+
+static void close_diagonal(const pma_factor *f, const double *fb, double *x)
+{
+    const size_t interior = f->n - f->nb;
+    for (size_t i = 0; i < f->nb; i++)
+        x[interior + i] = (x[interior + i] + fb[i]) * f->inverse[interior + i];
+    divide_some(f->inverse, interior, x);
 }
 
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work)
 {
-    pma_factor_close_part(f, 0, f->n, fb, x, work);
+    if (f->form == PMA_DIAGONAL)
+        close_diagonal(f, fb, x);
+    else
+        close_swept(f, fb, x, work);
 }
 
 void pma_factor_solve(const pma_factor *f, double *x, double *work)

@@ -48,9 +48,6 @@ size_t pma_factor_scratch(const pma_factor *f);
 /* Entries read by a sweep through all columns. */
 size_t pma_factor_entries(const pma_factor *f);
 
-/* How far below the diagonal a column has entries; n where a step is opened and closed at once. */
-size_t pma_factor_reach(const pma_factor *f);
-
 /* A step is opened with the right-hand side and closed with what acts on the interface:
  *
  * x (n): swept as far as the interface needs; xb (nb) := (A^-1 x)_b              (F2) (F3) */
@@ -59,21 +56,21 @@ void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work);
 /* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) */
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work);
 
-/* The same in several calls for the rows begin..end-1 each, to open from the first rows on, to
- * close from the last. The right-hand side must be complete in these rows alone. A sweep must not
- * be cut in parts where the reach is n. */
-void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
-                          double *work);
-void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x, double *work);
+/* ---- in parts, which several threads can sweep ----------------------------------------------- */
 
-/* The tree by whose nodes a factor is swept, or NULL. Both sweeps node by node: to open, after its
- * children; to close, after its parent; x is the whole vector. Closed is first, and opened last,
- * what is no node: the border, by the part from row n to n. */
+/* x_i *= inverse_i in the rows begin..end-1 above the interface, of a diagonal factor: to close. */
+void pma_factor_divide(const pma_factor *f, size_t begin, size_t end, double *x);
+
+/* The tree by whose nodes a factor is swept, or NULL. Node by node: to open, after its children; to
+ * close, after its parent; x is the whole vector. */
 static inline const pma_tree *pma_factor_tree(const pma_factor *f)
 {
     return f->each ? f->each->tree : f->tree;
 }
+
+/* What is no node or row of these, the interface: opened last, closed first. */
+void pma_factor_open_border(const pma_factor *f, double *x, double *xb, double *work);
+void pma_factor_close_border(const pma_factor *f, const double *fb, double *x, double *work);
 
 /* The first unknown of a node; of the border for the number `count`. */
 size_t pma_factor_node(const pma_factor *f, size_t node);

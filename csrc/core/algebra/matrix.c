@@ -45,20 +45,6 @@ pma_status pma_strips_check(const pma_strips *S, size_t n)
     return PMA_OK;
 }
 
-size_t pma_strips_reach(const pma_strips *S)
-{
-    int64_t reach = 0;
-    for (size_t s = 0; s < S->count; s++) {
-        for (int64_t k = S->ptr[s]; k < S->ptr[s + 1]; k++) {
-            const int64_t above = S->first[s + 1] - 1 - S->index[k],
-                          below = S->index[k] - S->first[s];
-            const int64_t distance = above > below ? above : below;
-            reach = distance > reach ? distance : reach;
-        }
-    }
-    return (size_t)reach;
-}
-
 /* ---- strips from rows ------------------------------------------------------------------------ */
 
 static int64_t padded(int64_t columns)
@@ -200,36 +186,6 @@ size_t pma_matrix_entries(const pma_matrix *A)
     }
 }
 
-static size_t reach_of_rows(const pma_matrix *A)
-{
-    size_t reach = 0;
-    for (size_t i = 0; i < A->n; i++) {
-        for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++) {
-            const size_t j = (size_t)A->index[k], distance = j > i ? j - i : i - j;
-            reach = distance > reach ? distance : reach;
-        }
-    }
-    return reach;
-}
-
-size_t pma_matrix_reach(const pma_matrix *A)
-{
-    switch (A->form) {
-    case PMA_BAND:
-        return A->width;
-    case PMA_DENSE:
-        return A->n - 1;
-    case PMA_SPARSE:
-        return reach_of_rows(A);
-    case PMA_STRIPS:
-        return pma_strips_reach(&A->strips);
-    case PMA_IN_LANES:
-        return PMA_LANES * pma_matrix_reach(A->each);
-    default:
-        return 0;
-    }
-}
-
 /* ---- y -= A x in some rows, for each form ---------------------------------------------------- */
 
 static void subtract_zero(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
@@ -292,13 +248,25 @@ static void subtract_few(const pma_matrix *A, size_t begin, size_t end, const do
     }
 }
 
+/* Rows at a time, so that what is read for each diagonal again stays in the cache. */
+enum { PIECE = 1024 };
+
+static void subtract_diagonals(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                               double *y)
+{
+    for (size_t next; begin < end; begin = next) {
+        next = end - begin < PIECE ? end : begin + PIECE;
+        pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
+                                         next, x, y);
+    }
+}
+
 static void subtract_band(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
 {
     if (A->width == 1 && A->n <= FEW)
         subtract_rows_of_band_one(A, begin, end, x, y);
     else
-        pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
-                                         end, x, y);
+        subtract_diagonals(A, begin, end, x, y);
 }
 
 static void subtract_dense(const pma_matrix *A, size_t begin, size_t end, const double *x,
@@ -356,7 +324,7 @@ pma_matrix pma_matrix_in_lanes(const pma_matrix *each)
 }
 
 /* Rows at a time, so that what is read again stays in the cache. */
-enum { PIECE = 1024, LANE_PIECE = 256 };
+enum { LANE_PIECE = 256 };
 
 static void subtract_dense_lanes(const pma_matrix *A, size_t begin, size_t end, const double *x,
                                  double *y)
@@ -416,10 +384,7 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
 
 void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
 {
-    for (size_t begin = 0; begin < A->n; begin += PIECE) {
-        const size_t end = A->n - begin < PIECE ? A->n : begin + PIECE;
-        pma_matrix_subtract_rows(A, begin, end, x, y);
-    }
+    pma_matrix_subtract_rows(A, 0, A->n, x, y);
 }
 
 bool pma_is_finite(size_t n, const double *x)

@@ -63,9 +63,6 @@ pma_status pma_matrix_check(const pma_matrix *A);
 /* Entries read by one product. */
 size_t pma_matrix_entries(const pma_matrix *A);
 
-/* The furthest entry from the diagonal: row i reads x up to i + reach. */
-size_t pma_matrix_reach(const pma_matrix *A);
-
 /* y -= A x, both of length n and not overlapping. Does not allocate. */
 void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y);
 
@@ -85,9 +82,6 @@ bool pma_is_finite(size_t n, const double *x);
 /* PMA_BAD_INDEX unless the strips partition 0..n-1, none with too many rows, all columns lie in it
  * as it is said of fours, and the values have the sizes that follow. */
 pma_status pma_strips_check(const pma_strips *S, size_t n);
-
-/* How far from its row the furthest column is. */
-size_t pma_strips_reach(const pma_strips *S);
 
 /* Groups the rows of a matrix by rows, ptr (n+1) and index: a row joins the strip above it where
  * that takes fewer bytes. Returns how many strips there are.

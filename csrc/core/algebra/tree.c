@@ -137,16 +137,13 @@ static size_t divide(const survey *v, size_t entries, size_t *column)
 static void link_nodes(const survey *v, pma_tree *T)
 {
     for (size_t t = 0; t <= T->count; t++)
-        T->parent[t] = T->child[t] = T->sibling[t] = T->previous[t] = PMA_NO_NODE;
+        T->parent[t] = T->child[t] = T->sibling[t] = PMA_NO_NODE;
     for (size_t s = v->count; s-- > 0;) {
         const size_t t = v->node[s];
         if (T->parent[t] != PMA_NO_NODE)
             continue; /* its last supernode has a parent outside */
         T->parent[t] = v->parent[s] == v->count ? T->count : v->node[v->parent[s]];
-        const size_t next = T->child[T->parent[t]];
-        T->sibling[t] = next;
-        if (next != PMA_NO_NODE)
-            T->previous[next] = t;
+        T->sibling[t] = T->child[T->parent[t]];
         T->child[T->parent[t]] = t;
     }
 }
@@ -248,7 +245,7 @@ static void number_rows(const survey *v, pma_tree *T, size_t s)
 static pma_tree *allocate(size_t count, const size_t *column)
 {
     pma_tree *T = calloc(1, sizeof *T);
-    size_t *block = calloc(7 * (count + 1), sizeof *block);
+    size_t *block = calloc(6 * (count + 1), sizeof *block);
     if (!T || !block) {
         free(T);
         free(block);
@@ -259,8 +256,7 @@ static pma_tree *allocate(size_t count, const size_t *column)
     T->parent = T->column + count + 1;
     T->child = T->parent + count + 1;
     T->sibling = T->child + count + 1;
-    T->previous = T->sibling + count + 1;
-    T->update = T->previous + count + 1;
+    T->update = T->sibling + count + 1;
     T->entries = T->update + count + 1;
     memcpy(T->column, column, (count + 1) * sizeof *column);
     return T;

@@ -5,8 +5,7 @@
  * together; above these, supernodes of which each is the parent of the one before. What the columns
  * of a node and of its descendants subtract from rows above it is summed up in an update of the
  * node, which its parent adds, its children in their order. So the sums do not depend on the order
- * in which nodes are swept, nor on who sweeps them, and a node can be swept backward, and then its
- * descendants both ways, before it is swept forward again. */
+ * in which nodes are swept, nor on who sweeps them. */
 #ifndef PMA_TREE_H
 #define PMA_TREE_H
 
@@ -29,7 +28,6 @@ typedef struct {
     size_t *parent;   /* count+1 */
     size_t *child;    /* count+1: the first one, or PMA_NO_NODE */
     size_t *sibling;  /* count+1: the next child of the same parent, or PMA_NO_NODE */
-    size_t *previous; /* count+1: the one before, or PMA_NO_NODE */
     size_t *entries;  /* count+1: of the columns of each node */
     size_t *update;   /* count+1: where the update of each node begins, one number a row */
     int32_t *row;     /* update[count]: those rows, ascending */

@@ -132,12 +132,10 @@ static pma_status prepare_members(pma_coupler *c)
     pma_status status = PMA_OK;
     for (size_t i = 0; i < c->parts.count && status == PMA_OK; i++) {
         pma_coupled *m = &c->coupled[i];
-        m->joins = c->parts.schedule->joins && m->member.joins && !ahead && !c->exchange;
-        m->ahead = m->joins || ahead;
-        const pma_turns turns = ahead ? PMA_AHEAD : m->joins ? PMA_JOINED : PMA_IN_TURN;
-        if (m->ahead || m->workers)
+        m->ahead = ahead;
+        if (ahead || m->workers)
             status =
-                m->member.table->prepare(m->member.self, turns, m->workers ? m->workers->count : 1);
+                m->member.table->prepare(m->member.self, ahead, m->workers ? m->workers->count : 1);
     }
     return status;
 }

@@ -108,34 +108,12 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
     return m->member.table->advance(m->member.self, &m->step, NULL, c->working.lam, m->workers);
 }
 
-/* Can the substep after the one that ends be opened at once? Not at the end of a call, not before
- * (S3), and not where energies are summed up from what is evaluated when a substep is closed. */
-static bool goes_on(const pma_coupler *c, const pma_coupled *m, const pma_substep *next)
-{
-    const bool is_last = next->j == m->member.substeps;
-    if (c->observed || (is_last && (c->present.number + 1 == c->end ||
-                                    (c->present.number == 0 && c->parts.rebased))))
-        return false;
-    return m->member.table->is_known(m->member.self, next);
-}
-
-static pma_status end_substep(pma_coupler *c, pma_coupled *m)
-{
-    if (m->joins) {
-        const pma_substep next = pma_substep_of(c, m, m->now.j + 1);
-        if (goes_on(c, m, &next))
-            return m->member.table->advance(m->member.self, &m->step, &next, c->working.lam,
-                                            m->workers);
-    }
-    return pma_fine_close(c, m);
-}
-
 /* The substeps that end with this fine step: deferred, or closed now. */
 pma_status pma_fine_end(pma_coupler *c)
 {
     if (pma_look_ahead_is_used(c))
         pma_look_ahead_defer(c);
-    return pma_share(c, end_substep, ends);
+    return pma_share(c, pma_fine_close, ends);
 }
 
 /* ---- the schedule --------------------------------------------------------------------------- */
@@ -258,5 +236,4 @@ const pma_schedule pma_fine_schedule = {.check = check,
                                         .step = fine_steps,
                                         .interface_pieces = interface_pieces,
                                         .move_to = pma_coupler_move_to,
-                                        .rebases = true,
-                                        .joins = true};
+                                        .rebases = true};

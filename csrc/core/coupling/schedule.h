@@ -35,9 +35,8 @@ typedef struct {
     pma_substep step;           /* ... and the substep that it is in */
     size_t worker;              /* that has it */
     const pma_workers *workers; /* who share it, or NULL */
-    bool joins;                 /* can be closed and opened at once */
-    bool ahead;        /* ... or beside the fine steps: its next substep may be open already */
-    pma_status status; /* of the last open or close; written when it is not PMA_OK */
+    bool ahead;                 /* with look-ahead: its next substep may be open already */
+    pma_status status;          /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
     double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
 } pma_coupled;
@@ -134,9 +133,6 @@ struct pma_schedule {
     void (*move_to)(pma_coupler *c, size_t k);
     size_t more_rounds;
     bool rebases;
-    /* May a subdomain be opened when it is closed, before its next substep is due? Not where the
-     * processes meet in between. */
-    bool joins;
     /* In place of velocities, at the end of a macro step? */
     bool ties_displacements;
 };

@@ -34,7 +34,6 @@ static size_t state_size(const pma_levels *l)
 pma_status pma_levels_create(pma_levels *l)
 {
     l->count = l->doubled && l->substeps > 1 ? 2 : 1;
-    l->turns = l->doubled;
     const size_t states = 1 + l->count + (l->doubled ? 1 : 0);
     /* at most 4 (4 n + springs + history) + 4 nb doubles: no overflow below these */
     if (l->n > SIZE_MAX / (128 * sizeof(double)) || l->springs > SIZE_MAX / (16 * sizeof(double)) ||
@@ -80,13 +79,6 @@ pma_status pma_levels_extend(pma_levels *l)
     l->vf_most = 3;
     l->count = count;
     return PMA_OK;
-}
-
-pma_status pma_levels_take_turns(pma_levels *l)
-{
-    const pma_status status = pma_levels_extend(l);
-    l->turns = l->turns || status == PMA_OK;
-    return status;
 }
 
 /* ---- commit --------------------------------------------------------------------------------- */

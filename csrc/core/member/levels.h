@@ -11,8 +11,7 @@
 #include "member/state.h"
 #include "status.h"
 
-/* A closed substep, two that are open and the level before; or for single steps two macro steps
- * with two stored free velocities each. */
+/* A closed substep, two that are open and the level before. */
 enum { PMA_MOST_LEVELS = 4 };
 
 typedef struct {
@@ -20,7 +19,6 @@ typedef struct {
     size_t springs, history; /* ... of what springs and internal forces remember */
     size_t substeps;
     bool doubled;
-    bool turns;    /* every level has another slot than the one before; else one slot for all */
     size_t opened; /* substeps up to this time level are open, counted from the present */
     pma_state present, previous;      /* time levels 0 and -1, the latter for double steps */
     double *vf_present, *vf_previous; /* stored free velocities; no step reads the latter */
@@ -39,9 +37,6 @@ void pma_levels_destroy(pma_levels *l);
  * next macro step can then begin before the last one is committed. */
 pma_status pma_levels_extend(pma_levels *l);
 
-/* Room for the closed substep beside the open one that follows it, wherever both are. */
-pma_status pma_levels_take_turns(pma_levels *l);
-
 /* The last time level of the macro step becomes the present. Swaps pointers, cannot fail. */
 void pma_levels_commit(pma_levels *l);
 
@@ -51,13 +46,12 @@ void pma_levels_discard(pma_levels *l);
 /* ---- where a time level is, at hand for every step ------------------------------------------ */
 
 /* Single steps are made in place: a macro step has one slot, the next one another if there are two.
- * Double steps need the level before, and where a substep is closed and the next one opened in one
- * visit both are needed, so those levels take turns. */
+ * Double steps need the level before, so those levels take turns. */
 static inline size_t pma_levels_slot(const pma_levels *l, size_t j)
 {
     if (l->count == 1)
         return 0;
-    return (l->first + (l->turns ? j - 1 : j > l->substeps)) % l->count;
+    return (l->first + (l->doubled ? j - 1 : j > l->substeps)) % l->count;
 }
 
 /* Of the stored free velocity of time level j > 0. Those of the level before and of all that are

@@ -79,7 +79,7 @@ static void add_value(const pma_load *load, range rows, double *g)
 
 enum { PIECE = 256 }; /* dofs at a time, whose g stays in the first cache from lane to lane */
 
-static void add_lanes(const pma_load *load, double t, size_t begin, size_t end, double *g)
+static void add_piece(const pma_load *load, double t, size_t begin, size_t end, double *g)
 {
     for (size_t l = 0; l < PMA_LANES; l++) {
         const pma_load *own = &load->each[l];
@@ -93,64 +93,10 @@ static void add_lanes(const pma_load *load, double t, size_t begin, size_t end, 
     }
 }
 
-static void add_lanes_by_pieces(const pma_load *load, double t, size_t begin, size_t end, double *g)
+static void add_lanes(const pma_load *load, double t, size_t begin, size_t end, double *g)
 {
     for (; begin < end; begin += PIECE)
-        add_lanes(load, t, begin, end - begin < PIECE ? end : begin + PIECE, g);
-}
-
-static bool can_be_joined(const pma_load *a, const pma_load *b)
-{
-    return b->kind == PMA_LOAD_SAMPLED && b->shape && b->k == a->k && b->dt == a->dt &&
-           b->begin == a->begin && b->samples == a->samples && b->hold == a->hold;
-}
-
-size_t pma_load_joined_size(const pma_load *each)
-{
-    for (size_t l = 0; l < PMA_LANES; l++) {
-        if (!can_be_joined(&each[0], &each[l]))
-            return 0;
-    }
-    return (each->samples + each->n) * each->k * PMA_LANES;
-}
-
-void pma_load_join(const pma_load *each, double *numbers, pma_load *load)
-{
-    const size_t values = each->samples * each->k, shapes = each->k * each->n;
-    double *shape = numbers + values * PMA_LANES;
-    for (size_t l = 0; l < PMA_LANES; l++) {
-        for (size_t i = 0; i < values; i++)
-            numbers[i * PMA_LANES + l] = each[l].values[i];
-        for (size_t i = 0; i < shapes; i++)
-            shape[i * PMA_LANES + l] = each[l].shape[i];
-    }
-    load->values = numbers;
-    load->shape = shape;
-}
-
-/* g += scale x of one unknown, in each lane */
-static inline void add_products(const double *scale, const double *x, double *restrict g)
-{
-#pragma omp simd
-    for (size_t l = 0; l < PMA_LANES; l++)
-        g[l] += scale[l] * x[l];
-}
-
-static void add_joined(const pma_load *load, double t, size_t begin, size_t end, double *g)
-{
-    const size_t k = load->each->k;
-    const sum_of_samples sum = samples_at(load->each, t);
-    for (size_t q = 0; q < sum.count * k; q++) {
-        const size_t s = q / k, c = q % k;
-        const double *row = load->values + (sum.row[s] * k + c) * PMA_LANES;
-        const double *shape = load->shape + c * load->n;
-        double scale[PMA_LANES];
-#pragma omp simd
-        for (size_t l = 0; l < PMA_LANES; l++)
-            scale[l] = sum.weight[s] * row[l];
-        for (size_t i = begin * PMA_LANES; i < end * PMA_LANES; i += PMA_LANES)
-            add_products(scale, shape + i, g + i);
-    }
+        add_piece(load, t, begin, end - begin < PIECE ? end : begin + PIECE, g);
 }
 
 /* ---- any load ------------------------------------------------------------------------------- */
@@ -185,8 +131,7 @@ void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t be
         add_value(load, rows, g);
         break;
     case PMA_LOAD_IN_LANES:
-        (load->values ? add_joined : add_lanes_by_pieces)(load, t, begin / PMA_LANES,
-                                                          end / PMA_LANES, g);
+        add_lanes(load, t, begin / PMA_LANES, end / PMA_LANES, g);
         break;
     case PMA_LOAD_NONE:
         break;

@@ -24,8 +24,7 @@ typedef int (*pma_force_function)(double t, intptr_t n, double *f, void *user);
 typedef struct pma_load {
     pma_load_kind kind;
     size_t n;
-    const double *values; /* constant: n; sampled: samples x k by rows; table: rows x n by rows;
-                             in lanes: NULL, or those of all lanes by pma_load_join */
+    const double *values; /* constant: n; sampled: samples x k by rows; table: rows x n by rows */
     const double *shape;  /* sampled: k vectors of length n, or NULL: k = n and the unit matrix */
     size_t samples, k;
     double begin;  /* sampled: the time of the first sample */
@@ -40,12 +39,6 @@ typedef struct pma_load {
     const struct pma_load *each; /* in lanes: PMA_LANES loads, constant, sampled or none,
                                     of n / PMA_LANES dofs */
 } pma_load;
-
-/* Sampled loads of all lanes with the same times, as many series and a shape are evaluated together
- * if their numbers are side by side: how many numbers that are, 0 for other loads; and copies them
- * there, for `load` in lanes. */
-size_t pma_load_joined_size(const pma_load *each);
-void pma_load_join(const pma_load *each, double *numbers, pma_load *load);
 
 /* Evaluates a called load at t; does nothing for any other. PMA_FORCE_FAILED when the function
  * returns other than 0, which goes to *code. */

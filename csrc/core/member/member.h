@@ -46,24 +46,16 @@ typedef struct {
     bool (*share)(void *ctx, bool (*work)(void *self, size_t worker), void *self);
 } pma_workers;
 
-/* How the steps of a member are taken. */
-typedef enum {
-    PMA_IN_TURN, /* one macro step after the other */
-    PMA_JOINED,  /* a substep may be opened when the one before is closed, which is kept */
-    PMA_AHEAD    /* the next macro step may begin before this one is committed */
-} pma_turns;
-
 typedef struct {
     /* ---- what every member must do ------------------------------------------------------ */
 
-    /* A substep closed, or one opened, or both; what is not done is NULL.
+    /* A substep closed, or one opened; the other one is NULL.
      * Closed: the link problem (14) under lam, added: the state at its end. Fails with
      * PMA_NOT_FINITE when a value of that state is not finite.
      * Opened: the free problem (13), as far as the free velocity on the interface; the only substep
      * of a macro step that is `held` has that under lam (M6). Evaluates loads and forces, once.
      * Fails with PMA_FORCE_FAILED, PMA_RESTORING_FAILED or PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC.
-     * Workers (or NULL): those that `prepare` was told of. Bitwise the same for any of them, and
-     * one after the other. */
+     * Workers (or NULL): those that `prepare` was given. Bitwise the same for any of them. */
     pma_status (*advance)(void *self, const pma_substep *closed, const pma_substep *opened,
                           const double *lam, const pma_workers *workers);
 
@@ -86,10 +78,11 @@ typedef struct {
 
     /* ---- what a member may do; NULL where it does not ----------------------------------- */
 
-    /* Room for steps that are not taken in turn, and for this number of workers. Allocates. */
-    pma_status (*prepare)(void *self, pma_turns turns, size_t workers);
+    /* Room for this number of workers and, with look-ahead, for a macro step that begins before the
+     * last one is committed. Allocates. */
+    pma_status (*prepare)(void *self, bool ahead, size_t workers);
 
-    /* With any other turns: can the load of a substep be evaluated already, before its turn? */
+    /* Look-ahead: can the load of a substep be evaluated already, before its turn? */
     bool (*is_known)(const void *self, const pma_substep *step);
 
     /* Double steps. The stored free velocity of time level j is changed over to the operator of the
@@ -165,7 +158,6 @@ typedef struct {
     size_t alone;    /* ... by one worker while others wait: all of them, if they cannot share */
     pma_doubling doubling;
     pma_evaluation forces;
-    bool joins;     /* is large enough to gain from being closed and opened at once */
     bool waits;     /* under mean coupling, its single steps are closed, not responded to (K7) */
     bool shoots;    /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool elsewhere; /* is in another process (remote.h) */

@@ -6,19 +6,16 @@
 
 /* ---- a substep ------------------------------------------------------------------------------ */
 
-/* Both, or several workers, or the multipliers held in the only substep of a free run (M6) */
+/* Several workers, or the multipliers held in the only substep of a free run (M6) */
 __attribute__((noinline)) static pma_status
 advance_otherwise(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
                   const double *lam, const pma_workers *workers)
 {
-    if (s->fuses && (workers || (closed && opened)))
-        return pma_visit_advance(s, closed, opened, lam, workers);
     if (workers)
-        return pma_visit_advance_ranges(s, closed, opened, lam, workers);
-    pma_status status = closed ? pma_substep_close(s, closed, lam) : PMA_OK;
-    if (status == PMA_OK)
-        status = pma_substep_open(s, opened);
-    if (opened->held && s->parts.substeps == 1 && !s->parts.mean && status == PMA_OK)
+        return closed ? pma_division_close(s, closed, lam, workers)
+                      : pma_division_open(s, opened, workers);
+    const pma_status status = pma_substep_open(s, opened);
+    if (s->parts.substeps == 1 && !s->parts.mean && status == PMA_OK)
         pma_substep_hold(s, opened, lam);
     return status;
 }
@@ -26,22 +23,18 @@ advance_otherwise(pma_subdomain *s, const pma_substep *closed, const pma_substep
 static pma_status advance(void *self, const pma_substep *closed, const pma_substep *opened,
                           const double *lam, const pma_workers *workers)
 {
-    if (!workers && !opened)
+    if (!workers && closed)
         return pma_substep_close(self, closed, lam);
-    if (!workers && !closed && !opened->held)
+    if (!workers && !opened->held)
         return pma_substep_open(self, opened);
     return advance_otherwise(self, closed, opened, lam, workers);
 }
 
-static pma_status prepare(void *self, pma_turns turns, size_t workers)
+static pma_status prepare(void *self, bool ahead, size_t workers)
 {
     pma_subdomain *s = self;
-    pma_status status = PMA_OK;
-    if (turns == PMA_JOINED)
-        status = pma_levels_take_turns(&s->levels);
-    else if (turns == PMA_AHEAD)
-        status = pma_levels_extend(&s->levels);
-    return s->fuses && status == PMA_OK ? pma_visit_divide(s, workers) : status;
+    const pma_status status = ahead ? pma_levels_extend(&s->levels) : PMA_OK;
+    return s->branched && status == PMA_OK ? pma_division_prepare(s, workers) : status;
 }
 
 static size_t opened(const void *self)
@@ -267,12 +260,6 @@ static size_t entries_of(const pma_parts *p)
            pma_matrix_entries(&p->C) + pma_matrix_entries(&p->D_r) + 12 * p->n;
 }
 
-/* What is swept from beyond the first caches, without a function of the caller's. */
-static bool gains_from_joining(const pma_parts *p)
-{
-    return entries_of(p) > PMA_SUBTREE && !p->restoring.function && p->internal.count == 0;
-}
-
 static pma_evaluation forces_of(const pma_parts *p)
 {
     bool by_caller = p->restoring.function && p->restoring.by_caller;
@@ -286,9 +273,9 @@ static pma_evaluation forces_of(const pma_parts *p)
 /* What one worker reads while others wait: the trunk of the tree, no row of a range. */
 static size_t entries_alone(const pma_subdomain *s)
 {
-    if (s->iterate || !(s->fuses || pma_visit_is_in_ranges(s)))
+    if (s->iterate || !(s->branched || pma_division_is_in_ranges(s)))
         return entries_of(&s->parts);
-    return s->fuses ? 2 * s->trunk : 0;
+    return s->branched ? 2 * s->trunk : 0;
 }
 
 pma_member pma_subdomain_member(pma_subdomain *s)
@@ -303,7 +290,6 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .alone = entries_alone(s),
                          .doubling = pma_doubling_of(p->doubled, p->continues),
                          .forces = forces_of(p),
-                         .joins = !s->iterate && gains_from_joining(p),
                          .waits = p->waits,
                          .shoots = p->shoots,
                          .struck =

@@ -94,9 +94,9 @@ static pma_status advance(void *self, const pma_substep *closed, const pma_subst
     return PMA_OK;
 }
 
-static pma_status prepare(void *self, pma_turns turns, size_t workers)
+static pma_status prepare(void *self, bool ahead, size_t workers)
 {
-    (void)self, (void)turns, (void)workers;
+    (void)self, (void)ahead, (void)workers;
     return PMA_OK;
 }
 

@@ -89,18 +89,6 @@ void pma_response_begin(pma_response *r, bool twice, const double *lam)
         r->y[i] *= 0.5;
 }
 
-/* (K2)  ut += h^2/2 y, vt += h y, and the velocity that is extrapolated */
-static void add_acceleration(const pma_response *r, double h, const pma_state *x)
-{
-    const pma_subdomain *s = r->of;
-    for (size_t i = 0; i < s->parts.n; i++) {
-        x->u[i] += 0.5 * h * h * r->y[i];
-        x->v[i] += h * r->y[i];
-    }
-    for (size_t i = 0; s->parts.lagged && i < s->parts.n; i++)
-        r->vs[i] += h * r->y[i];
-}
-
 /* w += (j / substeps) L_b^T lam */
 static void add_ramp(const pma_response *r, size_t j, const double *lam, double *w)
 {
@@ -125,7 +113,7 @@ void pma_response_step(pma_response *r, size_t j, const double *lam)
         pma_substep_extrapolate(op->step.h, s->parts.n, x, r->vs);
     s->update->predict(&op->step, 0, s->parts.n, x, x);
     if (s->parts.mean)
-        add_acceleration(r, op->step.h, x);
+        pma_substep_push(s->parts.n, op->step.h, r->y, x, s->parts.lagged ? r->vs : NULL);
 
     /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4) */
     pma_matrix_subtract(&s->parts.C, s->parts.lagged ? r->vs : x->v, x->w);

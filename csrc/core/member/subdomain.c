@@ -79,25 +79,6 @@ static pma_status check_parts(const pma_parts *parts)
 
 /* ---- making --------------------------------------------------------------------------------- */
 
-static size_t reach_of(const pma_parts *p)
-{
-    const size_t matrices = pma_most(pma_matrix_reach(&p->K), pma_matrix_reach(&p->C));
-    const size_t factors = p->doubled ? pma_factor_reach(&p->twice.factor) : 0;
-    return pma_most(matrices, pma_most(factors, pma_factor_reach(&p->single.factor)));
-}
-
-/* Rows that fit into the first cache with all they need, and the furthest reach that leaves the
- * rest in the second. */
-enum { SLAB = 128, NARROW = 4096 };
-
-/* Restoring forces need all predictors at once. In lanes slabs have the same rows, since what is
- * added to the first rows of a slab comes after what the sweep over the one before subtracts. */
-static size_t slab_of(const pma_subdomain *s)
-{
-    const size_t n = s->parts.n, lanes = s->parts.link.each ? PMA_LANES : 1;
-    return s->reach <= NARROW * lanes && s->reach < n / 2 && !s->restores ? SLAB * lanes : n;
-}
-
 /* Of the springs and the restoring function, of a time level. */
 size_t pma_parts_memory(const pma_parts *parts)
 {
@@ -205,10 +186,8 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     else
         status = create_trees(s);
     if (status == PMA_OK)
-        status = pma_visit_find(s);
+        status = pma_division_find(s);
     if (status == PMA_OK) {
-        s->reach = reach_of(&s->parts);
-        s->slab = slab_of(s);
         s->table = pma_subdomain_table(s);
         status = lay_out(s);
     }
@@ -242,7 +221,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
-    pma_visit_destroy(s);
+    pma_division_destroy(s);
     pma_tree_destroy(s->tree);
     pma_tree_destroy(s->tree_twice);
     free(s->block);

@@ -1,8 +1,7 @@
 /* subdomain_struct.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
- * one with impulses, visit.c two of them at once or one by several workers, response.c what macro
- * coupling adds. */
+ * one with impulses, division.c one by several workers, response.c what macro coupling adds. */
 #ifndef PMA_SUBDOMAIN_STRUCT_H
 #define PMA_SUBDOMAIN_STRUCT_H
 
@@ -11,15 +10,13 @@
 #include "member/subdomain.h"
 #include "member/update.h"
 
-/* Both substeps, or one of them. */
+/* A substep that several workers take together. */
 typedef struct {
     const pma_operator *op;
-    const pma_substep *closed, *opened; /* or NULL */
-    const double *lam;
-    const pma_state *x, *from, *to; /* at the end of `closed`; at both ends of `opened` */
-    const pma_workers *workers;     /* who share it, or NULL */
-    bool reversed;                  /* children from the last on */
-} pma_visit;
+    const pma_substep *step;
+    const pma_state *from, *x; /* at its beginning, where it is opened; at its end */
+    const pma_workers *workers;
+} pma_divided;
 
 struct pma_subdomain {
     pma_parts parts;
@@ -37,14 +34,13 @@ struct pma_subdomain {
     pma_response *response;       /* if the subdomain responds, else NULL */
     pma_iterate *iterate;         /* if its steps are iterated, else NULL */
     const pma_update *update;
-    bool fuses;            /* a visit closes and opens node by node of the tree */
-    pma_visit visit;       /* the one at hand */
-    pma_branches branches; /* of the tree, for each worker */
+    bool branched;         /* several workers have branches of the tree of the factor */
+    pma_branches branches; /* ... these */
     double *fronts;        /* of all workers but the first */
     size_t trunk;          /* entries above the branches of two workers */
+    pma_divided divided;   /* what they do */
     bool extrapolates;     /* a substep uses the velocity extrapolated from its beginning (R1) */
     bool restores;         /* it has springs, or a force that depends on that velocity (R3) */
-    size_t reach, slab;    /* of the matrices; rows of a substep taken at a time */
     double *vs;            /* n: extrapolated velocity, if there is one */
     double *force;         /* n, and scratch: internal forces of an explicit subdomain */
     double *history;       /* of internal forces, at the next start */
@@ -107,7 +103,7 @@ void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const doub
 void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, const double *v_b,
                                      const double *lam, double *vf);
 
-/* Its stages, where they are the same for ranges of rows. */
+/* Its stages. */
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
 /* y -= r(ut, vs, t1); what the function remembers goes on from the level before, double step or
  * not, since it is evaluated at one level after the other */
@@ -141,33 +137,29 @@ static inline void pma_substep_accelerate(pma_subdomain *s, const double *lam, d
     pma_parts_accelerate(&s->parts, lam, s->closing, s->work, y);
 }
 
-/* Under mean coupling, the rows begin..end-1:  ut += h^2/2 y, vt += h y with y in s->push, and the
- * velocity that is extrapolated                                                           (K2) */
-void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end,
-                      const pma_state *to);
+/* Under mean coupling  ut += h^2/2 y, vt += h y, and the velocity vs that is extrapolated, unless
+ * NULL                                                                                    (K2) */
+void pma_substep_push(size_t n, double h, const double *y, const pma_state *to, double *vs);
 
 /* vs (n) := v + h w                                                                        (R1) */
 void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs);
 
-/* ---- two substeps in one visit: visit.c ------------------------------------------------------ */
+/* ---- by several workers: division.c ---------------------------------------------------------- */
 
-/* Finds whether both sweeps can go through the tree of the factor at once: no row of a node reads
- * what is neither below nor above it. Allocates: PMA_NO_MEMORY. */
-pma_status pma_visit_find(pma_subdomain *s);
-void pma_visit_destroy(pma_subdomain *s);
+/* Finds whether they can have branches of a tree, and which. Allocates: PMA_NO_MEMORY. */
+pma_status pma_division_find(pma_subdomain *s);
+void pma_division_destroy(pma_subdomain *s);
 
-/* Among as many workers. Allocates. */
-pma_status pma_visit_divide(pma_subdomain *s, size_t workers);
+/* Branches for this number of workers, where they have some. Allocates. */
+pma_status pma_division_prepare(pma_subdomain *s, size_t workers);
 
-pma_status pma_visit_advance(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
-                             const double *lam, const pma_workers *workers);
+/* Diagonal Mbar, linear, single steps: they can have ranges of rows. */
+bool pma_division_is_in_ranges(const pma_subdomain *s);
 
-/* Diagonal Mbar, linear, single steps: no row waits for another one in the same stage. */
-bool pma_visit_is_in_ranges(const pma_subdomain *s);
-
-pma_status pma_visit_advance_ranges(pma_subdomain *s, const pma_substep *closed,
-                                    const pma_substep *opened, const double *lam,
-                                    const pma_workers *workers);
+/* As pma_substep_open and pma_substep_close, bitwise. */
+pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pma_workers *workers);
+pma_status pma_division_close(pma_subdomain *s, const pma_substep *step, const double *lam,
+                              const pma_workers *workers);
 
 /* ---- the member: operations.c --------------------------------------------------------------- */
 

@@ -39,15 +39,14 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
         vs[i] = v[i] + h * w[i];
 }
 
-void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end,
-                      const pma_state *to)
+void pma_substep_push(size_t n, double h, const double *y, const pma_state *to, double *vs)
 {
-    for (size_t i = begin; i < end; i++) {
-        to->u[i] += 0.5 * h * h * s->push[i];
-        to->v[i] += h * s->push[i];
+    for (size_t i = 0; i < n; i++) {
+        to->u[i] += 0.5 * h * h * y[i];
+        to->v[i] += h * y[i];
     }
-    for (size_t i = begin; s->extrapolates && i < end; i++)
-        s->vs[i] += h * s->push[i];
+    for (size_t i = 0; vs && i < n; i++)
+        vs[i] += h * y[i];
 }
 
 void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, double *work,
@@ -207,43 +206,34 @@ void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, siz
     add_forces(s, step, pma_levels_at(&s->levels, step->j + 1), begin, end);
 }
 
-/* The free problem (13) up to its acceleration on the interface, slab by slab: where matrices and
- * factor are narrow, what one stage leaves is still in the cache for the next, and is computed
- * while a sweep waits for its last unknown. */
+/* The free problem (13) up to its acceleration on the interface */
 static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
                                     const pma_operator *op, const pma_state *to, double *wf_b)
 {
-    const pma_parts *p = &s->parts;
+    const size_t n = s->parts.n;
     const pma_state *from = pma_levels_origin(&s->levels, step);
     pma_status status = PMA_OK;
-    size_t predicted = 0;
 
     /* (R1) */
     if (s->extrapolates)
-        pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
+        pma_substep_extrapolate(op->step.h, n, from, s->vs);
 
-    for (size_t begin = 0; begin < p->n && status == PMA_OK; begin += s->slab) {
-        const size_t end = pma_least(begin + s->slab, p->n),
-                     ahead = pma_least(end + s->reach, p->n);
+    /* (5), (6) */
+    s->update->predict(&op->step, 0, n, from, to);
+    if (s->is_pushed)
+        pma_substep_push(n, op->step.h, s->push, to, s->extrapolates ? s->vs : NULL);
 
-        /* (5), (6) */
-        s->update->predict(&op->step, predicted, ahead, from, to);
-        if (s->is_pushed)
-            pma_substep_push(s, op->step.h, predicted, ahead, to);
-        predicted = ahead;
+    add_forces(s, step, to, 0, n);
 
-        add_forces(s, step, to, begin, end);
+    /* (R3) */
+    if (s->restores)
+        status = restore(s, step, from, to);
+    if (s->balance && status == PMA_OK)
+        watch_forces(s, step, to);
 
-        /* (R3), in all rows at once */
-        if (s->restores)
-            status = restore(s, step, from, to);
-        if (s->balance && status == PMA_OK)
-            watch_forces(s, step, to);
-
-        /* (F2), (F3) */
-        if (status == PMA_OK)
-            pma_factor_open_part(&op->factor, begin, end, to->w, wf_b, s->work);
-    }
+    /* (F2), (F3) */
+    if (status == PMA_OK)
+        pma_factor_open(&op->factor, to->w, wf_b, s->work);
     return status;
 }
 
@@ -347,17 +337,11 @@ void pma_substep_load_interface(pma_subdomain *s, const double *lam)
         pma_link_load(&s->parts.link, lam, s->closing);
 }
 
-/* (F4) and (F5) with L^T Lam in s->closing, (8), (9), slab by slab from the last rows on; true when
- * every new value is finite */
+/* (F4) and (F5) with L^T Lam in s->closing, (8), (9); true when every new value is finite */
 bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
 {
-    bool finite = true;
-    for (size_t end = s->parts.n, begin; end > 0; end = begin) {
-        begin = end > s->slab ? end - s->slab : 0;
-        pma_factor_close_part(&op->factor, begin, end, s->closing, x->w, s->work);
-        finite = s->update->correct(&op->step, begin, end, x) && finite;
-    }
-    return finite;
+    pma_factor_close(&op->factor, s->closing, x->w, s->work);
+    return s->update->correct(&op->step, 0, s->parts.n, x);
 }
 
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)

@@ -1,4 +1,4 @@
-/* test_slabs.c - long narrow subdomains, stepped slab by slab; and which ones can be divided. */
+/* test_cases.c - long narrow subdomains, several cases of one, and which ones can be divided. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -21,7 +21,6 @@ static double K_band[(WIDTH + 1) * LONG], K_dense[LONG * LONG];
 static double R_band[LONG * WIDTH], R_dense[LONG * LONG];
 static double diagonal[LONG], load[LONG], start[3 * LONG];
 
-/* Across the border of two slabs, inside one, and at both ends. */
 static const int32_t FIRST[SPRINGS] = {127, 0, 299, 200}, SECOND[SPRINGS] = {128, -1, 297, 100};
 static const double HARD[SPRINGS] = {0.5, 0.5, 0.5, 0.5}, SOFT[SPRINGS] = {1.0, 2.0, 1.0, 2.0};
 static const double LIMIT[SPRINGS] = {0.1, 0.1, 0.2, 0.2};
@@ -116,8 +115,6 @@ static const double STEPS_AGREE = 1e-11;
 static void check_narrow(bool sprung)
 {
     pma_subdomain *narrow = make_long(true, sprung), *dense = make_long(false, sprung);
-    CHECK_INT(narrow->slab < LONG, !sprung); /* springs want all predictors at once */
-    CHECK_INT(dense->slab, LONG);
     walk(narrow);
     walk(dense);
     const pma_state *x = pma_subdomain_present(narrow), *y = pma_subdomain_present(dense);
@@ -135,7 +132,7 @@ static void check_narrow(bool sprung)
     pma_subdomain_destroy(dense);
 }
 
-static void a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once(void)
+static void a_subdomain_in_bands_is_stepped_as_in_dense_matrices(void)
 {
     draw_numbers();
     check_narrow(false);
@@ -326,8 +323,8 @@ static void a_member_is_what_its_parts_are(void)
     CHECK_INT(member_of(&parts).forces, PMA_NO_FORCES);
 }
 
-const test SLABS_TESTS[] = {
-    TEST(a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once),
+const test CASES_TESTS[] = {
+    TEST(a_subdomain_in_bands_is_stepped_as_in_dense_matrices),
     TEST(every_case_in_a_lane_is_bitwise_the_subdomain_alone),
     TEST(functions_are_evaluated_for_one_case_alone),
     TEST(only_an_explicit_linear_subdomain_with_single_steps_is_shared),

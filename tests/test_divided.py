@@ -1,7 +1,6 @@
-"""Subdomains closed and opened in one visit: bitwise as one by one, with errors in between.
+"""Large subdomains: steps at once, one by one, with energies, by several threads, and with errors.
 
-A run opens the next substep when it closes one, except at its end and where energies are summed up.
-So the same run step by step, or with energies, closes and opens one by one.
+Bitwise the same in all of these.
 """
 
 from functools import cache
@@ -80,23 +79,7 @@ def test_one_solid_by_several_threads_is_bitwise_identical(threads):
     assert_same_levels(shared, alone)
 
 
-def test_what_is_recorded_of_a_visit_is_what_is_recorded_one_by_one():
-    recorded, alone = blocks(substeps=(1, 2)), blocks(substeps=(1, 2))
-    history = recorded.run(steps=STEPS)
-    for step in range(1, STEPS + 1):
-        row = alone.run(steps=1)
-        for i, ss in enumerate((1, 2)):
-            for name in ("u", "v", "a"):
-                np.testing.assert_array_equal(
-                    getattr(history[i], name)[ss * step], getattr(row[i], name)[ss]
-                )
-        for name in ("multipliers", "velocity_jump"):
-            np.testing.assert_array_equal(getattr(history, name)[2 * step], getattr(row, name)[2])
-        jump = history.displacement_jump[step]
-        np.testing.assert_array_equal(jump, row.displacement_jump[1])
-
-
-def test_eight_cases_side_by_side_are_visited_too():
+def test_eight_cases_of_large_subdomains_are_bitwise_single_runs():
     coupler = blocks()
     forces = [k * np.cos(np.arange(1176.0)) for k in range(8)]
     cases = [{"force": {"subdomain 1": force}} for force in forces]

@@ -1,5 +1,4 @@
-/* test_visit.c - a substep closed and the next one opened in one visit, by one worker or several in
- * branches of the tree: bitwise as one by one. */
+/* test_division.c - a substep by several workers in branches of the tree: bitwise as by one. */
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,49 +62,6 @@ static void check_same(const pma_subdomain *a, const pma_subdomain *b, size_t j)
     CHECK_BITS(n, x->a, y->a);
 }
 
-/* One by one in `a`; in `b` each closed together with the next one opened, past the macro level. */
-static void check_steps(pma_subdomain *a, pma_subdomain *b, bool doubled)
-{
-    const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
-    const pma_substep first = substep(0, 0, doubled);
-    CHECK_STATUS(y.table->prepare(y.self, PMA_JOINED, 1), PMA_OK);
-    CHECK_STATUS(y.table->advance(y.self, NULL, &first, NULL, NULL), PMA_OK);
-    for (size_t macro = 0; macro < MACROS; macro++) {
-        for (size_t j = 0; j < SUBSTEPS; j++) {
-            const pma_substep now = substep(macro, j, doubled),
-                              next = substep(macro, j + 1, doubled);
-            CHECK_STATUS(x.table->advance(x.self, NULL, &now, NULL, NULL), PMA_OK);
-            CHECK_STATUS(x.table->advance(x.self, &now, NULL, NULL, NULL), PMA_OK);
-            CHECK_STATUS(y.table->advance(y.self, &now, &next, NULL, NULL), PMA_OK);
-            CHECK_INT(y.table->opened(y.self), j + 2);
-            check_same(a, b, j + 1);
-            CHECK_BITS(a->parts.nb, pma_levels_free_velocity(&b->levels, j + 1),
-                       pma_levels_free_velocity(&a->levels, j + 1));
-        }
-        x.table->commit(x.self);
-        y.table->commit(y.self);
-        check_same(a, b, 0);
-        CHECK_INT(y.table->opened(y.self), 1);
-    }
-}
-
-/* ... and when it is discarded, what was opened last leaves no trace. */
-static void check_discarded(pma_subdomain *a, pma_subdomain *b, bool doubled)
-{
-    const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
-    const pma_substep now = substep(MACROS, 0, doubled), next = substep(MACROS, 1, doubled);
-    CHECK_STATUS(y.table->advance(y.self, &now, &next, NULL, NULL), PMA_OK);
-    y.table->discard(y.self);
-    CHECK_INT(y.table->opened(y.self), 0);
-    check_same(a, b, 0);
-    for (size_t i = 0; i < 2; i++) {
-        const pma_member *z = i == 0 ? &x : &y;
-        CHECK_STATUS(z->table->advance(z->self, NULL, &now, NULL, NULL), PMA_OK);
-        CHECK_STATUS(z->table->advance(z->self, &now, NULL, NULL, NULL), PMA_OK);
-    }
-    check_same(a, b, 1);
-}
-
 /* The branches of as many workers, one after the other. */
 static bool share_in_turn(void *ctx, bool (*work)(void *self, size_t worker), void *self)
 {
@@ -115,12 +71,11 @@ static bool share_in_turn(void *ctx, bool (*work)(void *self, size_t worker), vo
     return finite;
 }
 
-/* What is closed or opened, or both. */
-static pma_status visit_in_branches(const pma_member *m, size_t workers, const pma_substep *closed,
-                                    const pma_substep *opened)
+static void step_in_branches(const pma_member *m, size_t workers, const pma_substep *step)
 {
     const pma_workers all = {workers, &workers, share_in_turn};
-    return m->table->advance(m->self, closed, opened, NULL, &all);
+    CHECK_STATUS(m->table->advance(m->self, NULL, step, NULL, &all), PMA_OK);
+    CHECK_STATUS(m->table->advance(m->self, step, NULL, NULL, &all), PMA_OK);
 }
 
 /* Every node is in one branch or in the trunk. */
@@ -142,24 +97,20 @@ static void check_division(const pma_subdomain *s, size_t workers)
 static void check_branches(pma_subdomain *a, pma_subdomain *b, bool doubled, size_t workers)
 {
     const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
-    const size_t last = SUBSTEPS - 1;
-    if (!b->fuses)
+    if (!b->branched)
         return;
-    CHECK_STATUS(y.table->prepare(y.self, PMA_JOINED, workers), PMA_OK);
+    CHECK_STATUS(y.table->prepare(y.self, false, workers), PMA_OK);
     check_division(b, workers);
-    for (size_t macro = 0; macro < 2; macro++) {
-        const pma_substep first = substep(macro, 0, doubled), end = substep(macro, last, doubled);
-        CHECK_STATUS(visit_in_branches(&y, workers, NULL, &first), PMA_OK);
+    for (size_t macro = 0; macro < MACROS; macro++) {
         for (size_t j = 0; j < SUBSTEPS; j++) {
-            const pma_substep now = substep(macro, j, doubled),
-                              next = substep(macro, j + 1, doubled);
+            const pma_substep now = substep(macro, j, doubled);
             CHECK_STATUS(x.table->advance(x.self, NULL, &now, NULL, NULL), PMA_OK);
             CHECK_STATUS(x.table->advance(x.self, &now, NULL, NULL, NULL), PMA_OK);
-            if (j < last)
-                CHECK_STATUS(visit_in_branches(&y, workers, &now, &next), PMA_OK);
+            step_in_branches(&y, workers, &now);
+            check_same(a, b, j + 1);
+            CHECK_BITS(a->parts.nb, pma_levels_free_velocity(&b->levels, j + 1),
+                       pma_levels_free_velocity(&a->levels, j + 1));
         }
-        CHECK_STATUS(visit_in_branches(&y, workers, &end, NULL), PMA_OK);
-        check_same(a, b, SUBSTEPS);
         x.table->commit(x.self);
         y.table->commit(y.self);
     }
@@ -205,7 +156,7 @@ static pma_status advance_and_interrupt(void *self, const pma_substep *closed,
                                         const pma_workers *workers)
 {
     if (!workers) {
-        if (closed && opened)
+        if (closed)
             interrupt(&stop, false);
         return usual->advance(self, closed, opened, lam, workers);
     }
@@ -219,7 +170,6 @@ static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_interface *none
     const pma_factor empty = {.form = PMA_DIAGONAL};
     pma_member member = pma_subdomain_member(s);
     member.entries = 10 * PMA_RANGE;
-    member.joins = true;
     usual = member.table;
     interrupted = *usual;
     interrupted.advance = advance_and_interrupt;
@@ -280,9 +230,9 @@ static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
     pma_tree_destroy(T);
 }
 
-/* ---- stopped in a visit --------------------------------------------------------------------- */
+/* ---- stopped in a step ---------------------------------------------------------------------- */
 
-/* At the stop_at-th visit, or branch of one: true if the run ended with it. All is as after whole
+/* At the stop_at-th substep, or share of one: true if the run ended with it. All is as after whole
  * macro steps of `alone`, and goes on from there. */
 static bool check_stop(const pma_parts *parts, size_t threads, size_t stop_at)
 {
@@ -313,7 +263,7 @@ static bool check_stop(const pma_parts *parts, size_t threads, size_t stop_at)
     return stopped;
 }
 
-static void a_stop_in_the_middle_of_a_visit_leaves_the_last_macro_level(void)
+static void a_stop_in_the_middle_of_a_substep_leaves_the_last_macro_level(void)
 {
     static structure m;
     pma_tree *T = draw_alone(&m, 84);
@@ -329,7 +279,7 @@ static void a_stop_in_the_middle_of_a_visit_leaves_the_last_macro_level(void)
     pma_tree_destroy(T);
 }
 
-static void a_step_of_visits_does_not_allocate(void)
+static void a_step_in_branches_does_not_allocate(void)
 {
     static structure m;
     pma_interface none;
@@ -353,30 +303,29 @@ static void a_step_of_visits_does_not_allocate(void)
     pma_tree_destroy(T);
 }
 
-/* ---- one by one and together ---------------------------------------------------------------- */
+/* ---- one worker and several ----------------------------------------------------------------- */
 
-static void check_visits(structure *m, size_t entries, bool doubled)
+static void check_parts(const pma_parts *parts, bool branched, bool doubled)
+{
+    for (size_t workers = 1; workers <= 5; workers += 2) {
+        pma_subdomain *a = start(parts), *b = start(parts);
+        CHECK_INT(b->branched, branched);
+        check_branches(a, b, doubled, workers);
+        pma_subdomain_destroy(a);
+        pma_subdomain_destroy(b);
+    }
+}
+
+static void check_workers(structure *m, size_t entries, bool doubled)
 {
     pma_tree *T;
     CHECK_STATUS(pma_tree_create(&m->panels, m->n, m->nb, entries, &T), PMA_OK);
     const pma_parts parts = describe_tree(m, T, doubled);
-    pma_subdomain *a = start(&parts), *b = start(&parts);
-    CHECK_INT(b->fuses, T != NULL);
-    check_steps(a, b, doubled);
-    check_discarded(a, b, doubled);
-    for (size_t workers = 1; workers <= 5; workers += 2) {
-        pma_subdomain_destroy(a);
-        pma_subdomain_destroy(b);
-        a = start(&parts);
-        b = start(&parts);
-        check_branches(a, b, doubled, workers);
-    }
-    pma_subdomain_destroy(a);
-    pma_subdomain_destroy(b);
+    check_parts(&parts, T != NULL, doubled);
     pma_tree_destroy(T);
 }
 
-static void two_substeps_in_a_visit_by_any_workers_are_those_one_by_one(void)
+static void a_substep_by_any_workers_is_that_of_one(void)
 {
     static structure m;
     uint64_t seed = 81;
@@ -392,8 +341,8 @@ static void two_substeps_in_a_visit_by_any_workers_are_those_one_by_one(void)
         for (size_t k = 0; k < 3 * m.n; k++)
             begin[k] = draw_eighth(&seed);
         for (size_t entries = 0; entries <= 256; entries = 8 * entries + 4) {
-            check_visits(&m, entries, false);
-            check_visits(&m, entries, true);
+            check_workers(&m, entries, false);
+            check_workers(&m, entries, true);
         }
     }
 }
@@ -409,12 +358,11 @@ static void couple_first(structure *m, int32_t with)
     m->ptr[m->n] = (int64_t)m->n + 1;
 }
 
-/* Two nodes without nodes below them have nothing to do with each other. */
-static void rows_that_couple_beside_the_tree_are_not_visited_together(void)
+/* Two nodes without nodes below them, which no entry of the factor couples, in two branches. */
+static void rows_of_K_may_couple_any_nodes(void)
 {
     static structure m, other;
     pma_tree *T;
-    pma_subdomain *s;
     uint64_t seed = 82;
     draw_definite(&m, UNKNOWNS, 4, 24, &seed);
     analyse(&m);
@@ -424,23 +372,19 @@ static void rows_that_couple_beside_the_tree_are_not_visited_together(void)
     while (beside < T->count && T->child[beside] != PMA_NO_NODE)
         beside++;
     CHECK(beside < T->count);
-    for (size_t i = 0; i < 2; i++) {
-        other = m;
-        couple_first(&other, (int32_t)T->column[i == 0 ? T->parent[0] : beside]);
-        parts.K.ptr = other.ptr;
-        parts.K.index = other.index;
-        CHECK_STATUS(pma_subdomain_create(&parts, &s), PMA_OK);
-        CHECK_INT(s->fuses, i == 0);
-        pma_subdomain_destroy(s);
-    }
+    other = m;
+    couple_first(&other, (int32_t)T->column[beside]);
+    parts.K.ptr = other.ptr;
+    parts.K.index = other.index;
+    check_parts(&parts, true, false);
     pma_tree_destroy(T);
 }
 
-const test VISIT_TESTS[] = {
-    TEST(two_substeps_in_a_visit_by_any_workers_are_those_one_by_one),
+const test DIVISION_TESTS[] = {
+    TEST(a_substep_by_any_workers_is_that_of_one),
     TEST(a_coupler_with_any_number_of_threads_is_bitwise_identical),
-    TEST(a_stop_in_the_middle_of_a_visit_leaves_the_last_macro_level),
-    TEST(a_step_of_visits_does_not_allocate),
-    TEST(rows_that_couple_beside_the_tree_are_not_visited_together),
+    TEST(a_stop_in_the_middle_of_a_substep_leaves_the_last_macro_level),
+    TEST(a_step_in_branches_does_not_allocate),
+    TEST(rows_of_K_may_couple_any_nodes),
     END_OF_TESTS,
 };
