@@ -414,7 +414,7 @@ def loads(part, seed, number=1):
 
 
 SETTINGS = hypothesis.settings(
-    max_examples=30,
+    max_examples=12,
     stateful_step_count=15,
     derandomize=True,
     database=None,

@@ -77,7 +77,7 @@ def test_chains_move_and_iterate_as_in_the_reference(law, tangent, coupling, dou
     rho = 0.0 if law == "contact" else 0.5  # docs/method.md, "Which rho"
     subdomains, L = chain(N, force, history=q, ss=ss, v0=V0, rho=rho)
     subdomains = doubled(subdomains, double, ss)
-    ours, theirs = both(subdomains, L, 0.01, 20, coupling, pm.Newton(tangent=tangent))
+    ours, theirs = both(subdomains, L, 0.01, 12, coupling, pm.Newton(tangent=tangent))
     # rounding, which the contact magnifies (omega h = 14). Under "macro" it is magnified by the
     # Broyden matrix too, whose updates divide by differences of small residuals
     assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)

@@ -6,6 +6,7 @@ from agreement import assert_motion_agrees
 from newton_coupled import same_bits
 from newton_problems import bilinear, chain, contact, cubic
 from newton_reference import Newton, run, run_macro
+from pairwise import pairwise
 from scipy.integrate import solve_ivp
 from test_springs import bouc_wen_motion
 
@@ -55,9 +56,9 @@ def sides(springs, subdomains):
     return twins
 
 
-@pytest.mark.parametrize("schedule", SCHEDULES)
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("law", "tangent", "schedule"), pairwise(list(LAWS), ["full", "reuse"], list(SCHEDULES))
+)
 def test_springs_move_as_in_the_reference_and_record_their_loops(law, tangent, schedule):
     force, q, springs = LAWS[law]
     coupling, double, ss = SCHEDULES[schedule]

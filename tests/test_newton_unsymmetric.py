@@ -55,7 +55,7 @@ def test_chains_move_and_iterate_as_in_the_reference(law, tangent, coupling, dou
     force, q = LAWS[law]
     subdomains, L = whirling_chain(force, history=q, ss=ss, v0=V0)
     subdomains = doubled(subdomains, double, ss)
-    ours, theirs = both(subdomains, L, 0.01, 20, coupling, pm.Newton(tangent=tangent))
+    ours, theirs = both(subdomains, L, 0.01, 10, coupling, pm.Newton(tangent=tangent))
     iterations_agree(ours, theirs)
     assert differences(ours, theirs) < (1e-7 if coupling == "macro" else 1e-9)
 
