@@ -392,7 +392,7 @@ def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(for
     s = pm.Subdomain(
         form(np.diag([0.0, 2.0])), form(K_SERIES), scheme=SOFT, u0=[0.73, 1.0], name="spring"
     )
-    with pytest.warns(pm.ConstraintWarning, match=r"dof 0 of subdomain 'spring'.*\b3 is left"):
+    with pytest.warns(pm.ConstraintWarning, match=r"dof 0 of 'spring'.*\b3 is left"):
         coupler = pm.Coupler([s], dt=0.1)
     # the first step jumps to equilibrium: rounding of forces of 70
     left = coupler.run(steps=3)[0].u @ K_SERIES[0]
@@ -405,7 +405,7 @@ def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(for
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         coupler = pm.Coupler([s], dt=0.1)
-    with pytest.warns(pm.ConstraintWarning, match=r"dof 1 of subdomain 'late'.*\b1 is left"):
+    with pytest.warns(pm.ConstraintWarning, match=r"dof 1 of 'late'.*\b1 is left"):
         coupler.step()
 
 
@@ -422,7 +422,7 @@ def test_equilibrium_of_massless_rows_is_checked_relative_to_the_forces(scale):
 
 def test_massless_dofs_tied_to_each_other_out_of_balance_warn():
     subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in (5.0, -2.0)]
-    with pytest.warns(pm.ConstraintWarning, match="no mass"):
+    with pytest.warns(pm.ConstraintWarning, match="without mass"):
         coupler = pm.Coupler(
             subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1, coupling="pm"
         )

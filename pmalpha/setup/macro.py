@@ -60,13 +60,10 @@ def _warn_of_restoring(parts: Sequence[Part]) -> None:
     restored = [p for p in parts if p.responds and p.nb and p.subdomain.restoring is not None]
     if not restored:
         return
-    one = len(restored) == 1
     warn(
-        f"the restoring {'force' if one else 'forces'} of {_names(restored)} "
-        f"{'is' if one else 'are'} combined with substeps under "
-        'coupling="macro": the run can grow unless restoring_stiffness is within a few '
-        f"per cent of the tangent stiffness, or the {'force varies' if one else 'forces vary'} "
-        'little in dt; else take coupling="pm" or "gc"',
+        f"the restoring forces of {_names(restored)} are combined with substeps under "
+        'coupling="macro": the run can grow unless restoring_stiffness is within a few per cent of '
+        'the tangent stiffness, or the forces vary little in dt; else take coupling="pm" or "gc"',
         StabilityWarning,
     )
 
@@ -81,12 +78,9 @@ def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
     each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
     if not each:
         return
-    one = sum(dofs.size for dofs in tied.values()) == 1
     warn(
-        f"{'this interface dof has' if one else 'these interface dofs have'} no mass: "
-        f"{listing(each)}; with substeps "
-        f'coupling="macro" is of order 1 there; give {"it" if one else "them"} mass, or take '
-        '"pm" or "gc"',
+        f'interface dofs without mass: {listing(each)}; with substeps coupling="macro" is of order '
+        '1 there; give them mass, or take "pm" or "gc"',
         ConstraintWarning,
     )
 

@@ -402,19 +402,15 @@ def warn_of_factors(parts: Sequence[Part]) -> None:
     costly = {name: found for name, found in swept.items() if found is not None}
     if not costly:
         return
-    one = len(costly) == 1
-    kind = "explicit subdomain " if one else ""
     each = [
-        f"{' and '.join(full)} of {kind}{name!r} ({entries} entries, {8e-6 * entries:.3g} MB)"
+        f"{' and '.join(full)} of {name!r} ({entries} entries, {8e-6 * entries:.3g} MB)"
         for name, (full, entries) in costly.items()
     ]
     full = sorted({A for full, _ in costly.values() for A in full}, reverse=True)
     advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
-    text = each[0] if one else f"matrices of explicit subdomains, {listing(each)},"
-    verb = "is" if one and len(full) == 1 else "are"
     warn(
-        f"{text} {verb} not diagonal: every step sweeps {'a factor' if one else 'factors'} of this "
-        "size, more than half of its work; "
+        f"matrices of explicit subdomains are not diagonal: {listing(each)}; every step sweeps "
+        "factors of this size, more than half of its work; "
         f"{' and '.join(advice[A] for A in full)}",
         PerformanceWarning,
     )

@@ -249,14 +249,11 @@ def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float
     """ConstraintWarning for equations without mass that do not hold at t = 0."""
     if not broken:
         return
-    one = sum(dofs.size for _, dofs, _ in broken) == 1
-    kind = "subdomain " if len(broken) == 1 else ""
-    each = [f"{numbered('dof', dofs)} of {kind}{name!r}" for name, dofs, _ in broken]
-    lack, their = ("has", "its") if one else ("have", "their")
+    each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs, _ in broken]
     warn(
-        f"{listing(each)} {lack} no mass, and {their} equation does not hold at t = 0: "
+        f"the equations of dofs without mass do not hold at t = 0, those of {listing(each)}: "
         f"{max(left for _, _, left in broken):g} is left of forces up to {size:g}; the first "
-        "steps will jump to a state where it holds",
+        "steps will jump to a state where they hold",
         ConstraintWarning,
     )
 
