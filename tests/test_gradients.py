@@ -548,8 +548,10 @@ def test_elements_of_a_structure_and_of_groups_are_the_same_factors():
     rods = pm.Elements([[-1, 0], [0, 1]], M=[[0.5, 0.5]], K=[[[1.0, -1.0], [-1.0, 1.0]]])
     springs = pm.element_parameters(rods, "chain", labels=["b", "a"])
     assert springs.labels.tolist() == ["a", "b"]
-    for bad, message in (([0, 1], "labels must be"), (np.full(6, 0.5), "whole numbers or names")):
-        refused(message, pm.element_parameters, wall, s, labels=bad, fixed=foot)
+    wrong = dict(fixed=foot, labels=[0, 1])
+    refused(r"labels must have shape \(6,\)", pm.element_parameters, wall, s, **wrong)
+    wrong |= dict(labels=np.full(6, 0.5), error=TypeError)
+    refused("labels must be whole numbers or names", pm.element_parameters, wall, s, **wrong)
     refused("must have the 18 dofs", pm.element_parameters, wall, s)
     refused("scales must be", pm.element_parameters, wall, s, fixed=foot, scales="E")
     refused("come with the dofs", pm.Parameters, "m", K=[np.eye(2)], labels=[0])

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, plain_array, whole_number
+from .._checks import counted, listing, whole_number
+from ..gradients.parameters import labelled
 from ..problem.ordering import has_nested_dissection
 from ..problem.schemes import GeneralizedAlpha, Scheme
 from ..setup.stability import critical_product
@@ -375,7 +376,8 @@ def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: A
         numbers = partition(whole, parts, costs)
         names = [f"part {i}" for i in range(int(numbers.max()) + 1)]
     else:
-        names, numbers = checked_labels(labels, whole.count)
+        tags, numbers = labelled(labels, whole.count)
+        names = [tag if isinstance(tag, str) else f"part {tag}" for tag in tags.tolist()]
     schemes = _schemes(scheme, names)
     substeps = [1] * len(names)
     if omega is not None and dt is not None:
@@ -415,22 +417,6 @@ def _any_limit(scheme: Any) -> bool:
     if not isinstance(schemes, Iterable) or hasattr(schemes, "ndim"):  # of arrays
         schemes = [schemes]
     return any(isinstance(s, Scheme) and np.isfinite(critical_product(s)) for s in schemes)
-
-
-def checked_labels(labels: Any, count: int) -> tuple[list[str], np.ndarray]:
-    """Names of the subdomains, and the number of that of each element."""
-    given = plain_array(labels, "labels")
-    if given.shape != (count,):
-        raise ValueError(f"labels must have shape ({count},), one each element, got {given.shape}")
-    if given.dtype.kind == "O" and all(isinstance(x, str) for x in given):
-        given = given.astype(str)
-    if given.dtype.kind == "U":
-        names, numbers = np.unique(given, return_inverse=True)
-        return names.tolist(), numbers
-    if given.dtype.kind not in "iu":
-        raise TypeError(f"labels must be whole numbers or names, got dtype {given.dtype}")
-    tags, numbers = np.unique(given, return_inverse=True)
-    return [f"part {tag}" for tag in tags.tolist()], numbers
 
 
 def _schemes(scheme: Any, names: Sequence[str]) -> list[Scheme]:

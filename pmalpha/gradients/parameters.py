@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, real_array
+from .._checks import plain_array, real_array
 from ..problem.dofs import dof_array
 from ..problem.frozen import Frozen
 from ..problem.subdomain import Subdomain
@@ -231,12 +231,13 @@ def _element(value: Any, name: str, dofs: np.ndarray) -> np.ndarray:
 
 def labelled(labels: Any, e: int) -> tuple[np.ndarray, np.ndarray]:
     """The different labels in rising order, and the number of that of each element."""
-    given = np.arange(e) if labels is None else np.asarray(labels)
-    if given.shape != (e,) or given.dtype.kind not in "iuU":
-        raise ValueError(
-            f"labels must be whole numbers or names of {counted(e, 'element')}, got shape "
-            f"{given.shape} of {given.dtype}"
-        )
+    given = np.arange(e) if labels is None else plain_array(labels, "labels")
+    if given.shape != (e,):
+        raise ValueError(f"labels must have shape ({e},), one each element, got {given.shape}")
+    if given.dtype.kind == "O" and all(isinstance(x, str) for x in given):
+        given = given.astype(str)
+    if given.dtype.kind not in "iuU":
+        raise TypeError(f"labels must be whole numbers or names, got dtype {given.dtype}")
     return np.unique(given, return_inverse=True)
 
 
