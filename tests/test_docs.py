@@ -65,8 +65,8 @@ def stated(code):
 def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, monkeypatch):
     if "record_to" in (shown := (ROOT / page).read_text()):
         pytest.importorskip("h5py")
-    if "meshio" in shown:
-        pytest.importorskip("meshio")
+    if "import meshlane" in shown:
+        pytest.importorskip("meshlane")
     monkeypatch.chdir(tmp_path)
     code = "".join(re.findall(r"```python\n(.*?)```", shown, re.DOTALL))  # one program
     printed = io.StringIO()

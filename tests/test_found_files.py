@@ -113,8 +113,7 @@ def test_a_mesh_may_include_files_below_its_folder(tmp_path):
     assert plate.n == 8
 
 
-def test_a_damaged_mesh_ends_no_program(tmp_path):
-    pytest.importorskip("meshio")
+def test_a_damaged_mesh_ends_no_program(tmp_path, mesh_library):
     path = tmp_path / "mesh.vtu"
     path.write_text("<VTKFile")
     refused(
@@ -207,7 +206,7 @@ def test_a_history_with_arrays_that_do_not_fit_is_refused(tmp_path):
         refused(ValueError, lambda: pm.History.load(tmp_path / "wrong.npz"), "wrong.npz", name)
 
 
-# ---- meshes of meshio ----------------------------------------------------------------------------
+# ---- meshes that meshlane or meshio reads --------------------------------------------------------
 
 STEEL = {"E": 1.0, "nu": 0.3, "rho": 1.0}
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -238,7 +237,14 @@ def test_a_mesh_has_the_nodes_and_members_that_it_names(change, words):
     refused(ValueError, lambda: pm.structures.from_mesh(meshio_mesh(**change)[1], STEEL), words)
 
 
-# what the campaign was left with after damage: each made meshio read on for ever
+def test_polygons_of_different_sizes_are_refused_by_name():
+    meshlane = pytest.importorskip("meshlane")
+    mesh = meshlane.Mesh(CORNERS, [("polygon", [[0, 1, 2], [0, 1, 2, 3]])])
+    words = "mesh must have cells of one size in each block, got 'polygon'"
+    refused(ValueError, lambda: pm.structures.from_mesh(mesh, STEEL), words)
+
+
+# what the campaign was left with after damage: each made both libraries read on for ever
 ENDLESS = {
     "ansys.msh": '(1 "meshio")\n(2 2)\n(10 (0 1 4 0))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n',
     "nastran.bdf": "BEGIN BULK\n",
@@ -246,23 +252,24 @@ ENDLESS = {
 
 
 @pytest.mark.parametrize("name", ENDLESS)
-def test_a_mesh_that_is_cut_off_ends(tmp_path, name):
-    meshio_mesh()
+def test_a_mesh_that_is_cut_off_ends(tmp_path, mesh_library, name):
     path = tmp_path / name
     path.write_text(ENDLESS[name])
     refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), name, "it ends too early")
 
 
-def test_formats_whose_readers_may_read_other_files_are_read_by_meshio_itself(tmp_path):
+def test_formats_whose_readers_may_read_other_files_are_read_by_their_library_itself(
+    tmp_path, mesh_library
+):
     meshio, mesh = meshio_mesh()
     path = tmp_path / "mesh.ply"
     meshio.write(path, mesh)
     refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), "mesh.ply", "meshio.read")
-    assert pm.structures.from_mesh(meshio.read(path), STEEL).n == 8
+    assert pm.structures.from_mesh(mesh_library.read(path), STEEL).n == 8
 
 
 @pytest.mark.parametrize("name", ["mesh.msh", "mesh.bdf", "mesh.med"])
-def test_a_mesh_is_read_whatever_it_is_read_by(tmp_path, name):
+def test_a_mesh_is_read_whatever_it_is_read_by(tmp_path, mesh_library, name):
     meshio, mesh = meshio_mesh()
     if name.endswith("med"):
         pytest.importorskip("h5py")
@@ -289,7 +296,7 @@ IN_HDF5 = {
 
 
 @pytest.mark.parametrize("words", IN_HDF5)
-def test_a_mesh_in_hdf5_has_all_of_it_in_its_file(tmp_path, words):
+def test_a_mesh_in_hdf5_has_all_of_it_in_its_file(tmp_path, mesh_library, words):
     h5py = pytest.importorskip("h5py")
     meshio, mesh = meshio_mesh()
     path = tmp_path / "mesh.med"

@@ -1,5 +1,6 @@
 """Structures on meshes of files: formats, names, materials, numbering of nodes, bad input."""
 
+import sys
 import warnings
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_a_mesh_in_memory_gives_the_structure_of_its_elements(kind):
 
 @pytest.mark.parametrize("kind", READABLE)
 @pytest.mark.parametrize("version", ["gmsh22", "vtu"])
-def test_files_that_meshio_writes_are_read_with_their_groups(tmp_path, kind, version):
+def test_files_that_meshio_writes_are_read_with_their_groups(tmp_path, mesh_library, kind, version):
     mesh, left, wall = halves(kind, *(["half"] if version == "vtu" else []))
     path = tmp_path / ("mesh.msh" if version == "gmsh22" else "mesh.vtu")
     if version == "vtu" and kind == "wedge":
@@ -86,6 +87,7 @@ def test_files_that_meshio_writes_are_read_with_their_groups(tmp_path, kind, ver
     assert_equal(structure, direct(kind))
     np.testing.assert_array_equal(structure.groups[names[0]], left)
     np.testing.assert_array_equal(structure.sets[names[1]], wall)
+    assert_equal(structures.from_mesh(mesh_library.read(path), STEEL), structure)
 
 
 GMSH_41 = """$MeshFormat
@@ -444,7 +446,7 @@ BAR = {"EA": 1.0, "rhoA": 1.0}
 @pytest.mark.parametrize(
     "mesh, material, options, error, message",
     [
-        (3, STEEL, {}, TypeError, "mesh must be a path or a mesh of meshio, got 3"),
+        (3, STEEL, {}, TypeError, "mesh must be a path or a mesh of meshlane or meshio, got 3"),
         ("nowhere.msh", STEEL, {}, FileNotFoundError, "mesh must be a file, got 'nowhere.msh'"),
         (PLATE, 7.0, {}, TypeError, "material must be a dict, got 7.0"),
         (PLATE, {}, {}, TypeError, "material must be a dict"),
@@ -546,10 +548,11 @@ def test_an_invalid_input_of_abaqus_is_refused_by_its_keyword(tmp_path, change, 
         structures.from_mesh(path, STEEL)
 
 
-def test_without_meshio_a_file_is_refused_and_an_input_of_abaqus_is_read(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "meshio", None)
+def test_without_a_library_a_file_is_refused_and_an_input_of_abaqus_is_read(tmp_path, monkeypatch):
+    for name in ("meshlane", "meshio"):
+        monkeypatch.setitem(sys.modules, name, None)
     (tmp_path / "mesh.msh").write_text(GMSH_41)
-    message = r"mesh.msh' needs meshio: pip install 'pmalpha\[mesh\]'"
+    message = r"mesh.msh' needs meshlane or meshio: pip install 'pmalpha\[mesh\]'"
     with pytest.raises(ImportError, match=message):
         structures.from_mesh(tmp_path / "mesh.msh", STEEL)
     (tmp_path / "job.inp").write_text(INPUT)

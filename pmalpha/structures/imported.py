@@ -91,7 +91,7 @@ def from_mesh(
     mass: str = "consistent",
     names: str | None = None,
 ) -> Structure:
-    """A linear structure on a mesh of gmsh, Abaqus, VTK or another program that meshio reads.
+    """A linear structure on a mesh of gmsh, Abaqus, VTK or another program that meshlane reads.
 
     Plates of the surfaces of a mesh in the plane z = constant (which then has points (x, y)),
     solids of the cells of a mesh in space, bars and plane beams of its lines; see `plate_on`,
@@ -101,11 +101,12 @@ def from_mesh(
 
     Parameters
     ----------
-    mesh : path, or meshio.Mesh
-        Files need meshio (``pip install pmalpha[mesh]``), except ``.inp``: gmsh, VTK (``.vtk``,
-        ``.vtu``), MED, Nastran, CGNS, Medit, Netgen, STL, Ansys (``.msh``) and others. For formats
-        whose readers may read other files, or not end, such as XDMF, give ``meshio.read(path)``. Of
-        an ``.inp`` file nodes, elements and sets are read, of element types only the shape.
+    mesh : path, or a mesh of meshlane or meshio
+        Files need one of the two (``pip install pmalpha[mesh]``; meshlane is used where both are),
+        except ``.inp``: gmsh, VTK (``.vtk``, ``.vtu``), MED, Nastran, CGNS, Medit, Netgen, STL,
+        Ansys (``.msh``) and others. For formats whose readers may read other files, or not end,
+        such as XDMF, give ``meshlane.read(path)``. Of an ``.inp`` file nodes, elements and sets
+        are read, of element types only the shape.
     material : dict
         ``{"E": ..., "nu": ..., "rho": ...}`` of plates and solids, for plates also "t", the
         thickness, default 1; ``{"EA": ..., "rhoA": ...}`` of bars, ``{"EA": ..., "EI": ...,
@@ -128,7 +129,7 @@ def from_mesh(
     Raises
     ------
     ImportError
-        When meshio is missing.
+        When meshlane and meshio are missing.
     FileNotFoundError
         When there is no such file.
     TypeError, ValueError
@@ -145,11 +146,11 @@ def from_mesh(
     --------
     A square of two triangles, supported at a named line:
 
-    >>> import meshio
+    >>> import meshlane
     >>> from pmalpha import structures
     >>> points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
     >>> cells = [("triangle", [[0, 1, 2], [0, 2, 3]]), ("line", [[3, 0]])]
-    >>> mesh = meshio.Mesh(points, cells, cell_sets={"wall": [[], [0]], "upper": [[1], []]})
+    >>> mesh = meshlane.Mesh(points, cells, cell_sets={"wall": [[], [0]], "upper": [[1], []]})
     >>> plate = structures.from_mesh(mesh, {"E": 30e9, "nu": 0.2, "rho": 2500.0, "t": 0.2})
     >>> plate, plate.dofs("wall").tolist(), plate.groups["upper"].tolist()
     (<Structure 4 points, 2 triangle, 8 dofs>, [0, 1, 6, 7], [1])

@@ -1,7 +1,8 @@
-"""Meshes of files, with the names in them: Abaqus by our own reader, others by meshio.
+"""Meshes of files, with the names in them: Abaqus by our own reader, others by meshlane or meshio.
 
-Of meshio's readers those are used that read no other file, and end for every damaged file of
-campaign_files.py, two of them since what they read from raises an exception behind its end.
+Of their readers, which are the same but for gmsh and MED, those are used that read no other file,
+and end for every damaged file of campaign_files.py, two of them since what they read from raises an
+exception behind its end.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Mapping
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +24,7 @@ from ..results.history_file import SIGNATURE, own_array
 from .inp import Input
 from .mesh import Block, checked_mesh, nodal_vectors, padded
 
-# Formats of meshio by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
+# Formats of both by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
 # Tecplot, TetGen and WKT, whose readers do not end for some damaged files, XDMF and DOLFIN, which
 # name other files, and formats of libraries that are not tested here.
 FORMATS = {
@@ -61,7 +64,7 @@ class FileMesh(NamedTuple):
 
 
 def read_mesh(mesh: Any, names: str | None) -> FileMesh:
-    """A file, or a mesh of meshio; `names` is the name of cell data that number groups."""
+    """A file, or a mesh of a library; `names` is the name of cell data that number groups."""
     if isinstance(mesh, (str, os.PathLike)):
         path = Path(mesh)
         if not path.is_file():
@@ -70,21 +73,29 @@ def read_mesh(mesh: Any, names: str | None) -> FileMesh:
             return _of_input(Input(path), names)
         mesh = _read(path)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
-        raise TypeError(f"mesh must be a path or a mesh of meshio, got {mesh!r}")
-    read = _of_meshio(mesh, names)
+        raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
+    read = _of_library(mesh, names)
     _check(read)
     return read
 
 
+def mesh_library(use: str) -> Any:
+    """meshlane, or meshio, from which it comes, which has no maintainer; else ImportError."""
+    for name in ("meshlane", "meshio"):
+        with suppress(ImportError):
+            return import_module(name)
+    raise ImportError(f"{use} needs meshlane or meshio: pip install 'pmalpha[mesh]'")
+
+
 def _read(path: Path) -> Any:
-    meshio = library("meshio", f"reading {path.name!r}", "'pmalpha[mesh]'")
+    reader = mesh_library(f"reading {path.name!r}")
     file_format = _format(path)
     try:
         _require_own_arrays(path)
         if file_format not in ENDING:
-            return meshio.read(path, file_format=file_format)
+            return reader.read(path, file_format=file_format)
         with ENDING[file_format](path) as file:
-            return meshio.read(file, file_format=file_format)
+            return reader.read(file, file_format=file_format)
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # of a dozen types, for damaged files
@@ -93,13 +104,13 @@ def _read(path: Path) -> Any:
 
 
 def _format(path: Path) -> str:
-    """The format for meshio: a .msh file is one of Ansys if it begins with "("."""
+    """The format, as both libraries name it: a .msh file is one of Ansys if it begins with "("."""
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise ValueError(
             f"mesh must be a file with suffix {', '.join(FORMATS)} or .inp, got {path.name!r}; "
-            "give meshio.read(path) for a file that you trust: the readers of other formats may "
-            "read other files, or never end"
+            "give meshlane.read(path) or meshio.read(path) for a file that you trust: the readers "
+            "of other formats may read other files, or never end"
         )
     with reading(path) as file:
         return "ansys" if suffix == ".msh" and file.read(1) == b"(" else FORMATS[suffix]
@@ -177,8 +188,8 @@ def _of_input(read: Input, names: str | None) -> FileMesh:
     return FileMesh(read.points, read.blocks, groups, points_of)
 
 
-def _of_meshio(mesh: Any, names: str | None) -> FileMesh:
-    blocks = [Block(cells.type, np.asarray(cells.data)) for cells in mesh.cells]
+def _of_library(mesh: Any, names: str | None) -> FileMesh:
+    blocks = [Block(cells.type, _rows(cells)) for cells in mesh.cells]
     groups: dict[str, list[np.ndarray]] = {}
     for name, members in (mesh.cell_sets or {}).items():
         if not name.startswith("gmsh:"):
@@ -188,6 +199,13 @@ def _of_meshio(mesh: Any, names: str | None) -> FileMesh:
         groups[name] = [np.union1d(a, b) for a, b in zip(known, own)]
     points_of = {name: np.unique(_numbers(x)) for name, x in (mesh.point_sets or {}).items()}
     return FileMesh(np.asarray(mesh.points, dtype=float), blocks, groups, points_of)
+
+
+def _rows(cells: Any) -> np.ndarray:
+    """Nodes of cells; ValueError for polygons of different sizes, in meshlane a list."""
+    if isinstance(cells.data, list) and len({len(row) for row in cells.data}) > 1:
+        raise ValueError(f"mesh must have cells of one size in each block, got {cells.type!r}")
+    return np.asarray(cells.data)
 
 
 def _check(read: FileMesh) -> None:
