@@ -275,9 +275,12 @@ def steps_of(
                 f"substeps of {len(session.everything)} subdomains, got {len(substeps)}"
             )
         layout = layout_of(session.everything, session.coupling, clock.dt, substeps)
-        first = None if facts["first"] is None else replace(layout, overs=_overs(facts["first"]))
-        if first is not None and len(first.overs) not in (0, len(substeps)):
-            raise ValueError(f"first of {len(substeps)} subdomains, got {len(first.overs)}")
+        first = facts["first"]
+        if first is not None:  # the steps of the next macro step alone
+            overs = tuple(None if x is None else time_step(x, "first") for x in first)
+            if len(overs) not in (0, len(substeps)):
+                raise ValueError(f"first of {len(substeps)} subdomains, got {len(overs)}")
+            first = replace(layout, overs=overs)
     except (LookupError, TypeError, ValueError) as error:
         raise damaged(path, error) from None
     session.assemblies.of(layout)
@@ -321,8 +324,3 @@ def take_regular_steps(session: Session) -> None:
     take_over(old, new, found, steps.clock)
     take(session, regular, new)
     session.loads = loads
-
-
-def _overs(given: Sequence[Any]) -> tuple[float | None, ...]:
-    """The `overs` of a Layout from a file."""
-    return tuple(None if x is None else time_step(x, "first") for x in given)

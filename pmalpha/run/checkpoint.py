@@ -31,6 +31,7 @@ from ..problem.springs import Spring
 from ..results.clock import Clock
 from ..setup.assembly import Assembly
 from ..setup.constraint_rows import CoreRows
+from ..setup.contact_rows import Contacts
 from ..setup.part import Part
 from ..setup.schedule import Options
 from .motion import Motion
@@ -67,7 +68,7 @@ def constants(
     matrices: Sequence[sp.csc_array],
     *,
     iterates: bool,
-    contacts: Any = None,
+    contacts: Contacts | None = None,
 ) -> dict[str, Any]:
     """The constant facts of a problem, by the name that an error shows.
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from ..errors import AccuracyWarning, warn
 from ..problem.matrices import product
+from ..results.history import History, SubdomainHistory
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
 from ..setup.ranks import joined
@@ -30,7 +30,7 @@ SAMPLES = 64
 
 
 def warn_if_drifting(
-    history: Any, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
+    history: History, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
 ) -> None:
     """AccuracyWarning when macro steps are too long for the forces that cross the interfaces.
 
@@ -58,7 +58,7 @@ def warn_if_drifting(
 
 
 def drift_shares(
-    history: Any, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
+    history: History, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
 ) -> np.ndarray:
     """The share of each constraint in the measure (D4), (p,); zeros where it cannot be computed.
 
@@ -69,8 +69,8 @@ def drift_shares(
     none = np.zeros(p)
     if p == 0 or levels < FEWEST_MACRO_STEPS + 1:
         return none
-    own = [(part.n, _is_judged(part, s)) for part, s in zip(parts, history.subdomains)]
-    found = joined(rows.ranks, own)
+    known = [(part.n, _is_judged(part, s)) for part, s in zip(parts, history.subdomains)]
+    found = joined(rows.ranks, known)
     if not all(judged for _, judged in found):
         return none
     numbers = sum(n for n, _ in found) + p
@@ -80,6 +80,7 @@ def drift_shares(
     work = force * np.max(np.abs(jump), axis=0)
     terms = []
     for part, own, L in zip(parts, history.subdomains, rows.matrices):
+        assert own is not None  # or it is not judged
         v, u = (levels_of(x, levels, some) for x in (own.v, own.u))
         energy = float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
         terms.append((energy, abs(L) @ np.std(u, axis=0), abs(L) @ np.max(np.abs(u), axis=0)))
@@ -100,7 +101,7 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
     return numbers
 
 
-def _is_judged(part: Part, own: Any) -> bool:
+def _is_judged(part: Part, own: SubdomainHistory | None) -> bool:
     """Whether steps are below the critical one, and all dofs were recorded."""
     if part.step_ratio is not None and not part.step_ratio.is_judged:
         return False

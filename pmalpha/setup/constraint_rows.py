@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -162,7 +161,7 @@ class CoreRows:
     contacts: beside them, in the user's order.
     """
 
-    def __init__(self, position: np.ndarray, scale: np.ndarray, contacts: Any = None):
+    def __init__(self, position: np.ndarray, scale: np.ndarray, contacts: Contacts | None = None):
         self.position, self.scale, self.contacts = position, scale, contacts
         self._in_order = np.array_equal(position, np.arange(position.size))
         self._of_size_one = bool(np.all(scale == 1.0))

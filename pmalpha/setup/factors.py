@@ -270,7 +270,7 @@ def columns_of_panels(panels: tuple[Any, ...]) -> tuple[Any, ...]:
     return in_columns(ptr, i[kept], x[:, kept])
 
 
-def check_smallest(A: Any, factor: Factor, names: Names) -> None:
+def check_smallest(A: Matrix, factor: Factor, names: Names) -> None:
     """FactorizationError for a mechanism of an unsymmetric matrix, as `check_softest`."""
     inverse, d = factor[0], diagonal(A)
     with np.errstate(all="ignore"):
@@ -363,7 +363,7 @@ def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
         raise names.not_definite(A, int(np.argmax(bad)))
 
 
-def check_softest(A: Any, factor: Factor, names: Names) -> None:
+def check_softest(A: Matrix, factor: Factor, names: Names) -> None:
     """FactorizationError for a mechanism, whose small last pivot is accumulated rounding.
 
     Where a pivot is suspicious, inverse iteration finds the softest motion x of A. For a mechanism,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -111,7 +110,7 @@ def _rows_of_size_one(L: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array
     return rows_of_size_one(L)
 
 
-def _translations(K: Any, n: int) -> np.ndarray:
+def _translations(K: Matrix, n: int) -> np.ndarray:
     """(n, t): translations without force in K, for the dofs per node with the largest number."""
     best, size = np.empty((n, 0)), abs(K)
     tried = [(K, size)] if n <= SAMPLE else [(K[:SAMPLE], size[:SAMPLE]), (K, size)]
@@ -125,13 +124,13 @@ def _translations(K: Any, n: int) -> np.ndarray:
     return best
 
 
-def _are_free(K: Any, size: Any, x: np.ndarray) -> np.ndarray:
+def _are_free(K: Matrix, size: Matrix, x: np.ndarray) -> np.ndarray:
     """Whether K x is rounding for each column of x, in rows of K; `size` is |K|."""
     result: np.ndarray = np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
     return result
 
 
-def _is_singular(K: Any, L: np.ndarray | sp.csr_array) -> bool:
+def _is_singular(K: Matrix, L: np.ndarray | sp.csr_array) -> bool:
     """Whether K + L^T L, the constraints replaced by springs, has a motion without stiffness."""
     scale = scales_to_one(K.diagonal())
     if isinstance(K, np.ndarray) and is_symmetric(K):

@@ -306,8 +306,7 @@ def mean_blocks(part: Part) -> dict[bool, Block]:
 def _of_old(part: Part) -> Block:
     """The block of a double step for the multipliers of its first macro step."""
     block, (h, long) = part.blocks[True], part.lengths
-    result: Block = block.times((long - h) / h)
-    return result
+    return block.times((long - h) / h)
 
 
 def doubled_part(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> Any:

@@ -83,7 +83,7 @@ class Part:
     # of Mbar(h) and, for a double step, of Mbar(2 h)
     factors: list[Factor] = field(default_factory=list)
     # its blocks of H computed so far, by whether they are of the double step
-    blocks: dict[bool, Any] = field(default_factory=dict)
+    blocks: dict[bool, Block] = field(default_factory=dict)
     internal: InternalForces | None = None
     # where its steps are iterated: implicit, with internal forces
     tangent: TangentPattern | None = None
@@ -228,8 +228,7 @@ class Part:
     def block(self, twice: bool) -> Block:
         """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
         if twice in self.blocks:
-            result: Block = self.blocks[twice]
-            return result
+            return self.blocks[twice]
         if self.is_diagonal:
             (block,) = diagonal_compliances([self.diagonal_inverse(twice)], [self.L])
         else:

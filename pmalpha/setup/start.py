@@ -24,8 +24,9 @@ from .._checks import listing, numbered
 from .._core import LANES
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, warn
-from ..problem.matrices import EXPORTED, combination, diagonal
+from ..problem.matrices import EXPORTED, Matrix, combination, diagonal
 from ..problem.schemes import Scheme
+from .factors import Factor
 from .interface import interface_factor, summed, total
 from .link import Block, Link, compliance, diagonal_compliances
 from .part import Part, core_subdomain
@@ -258,7 +259,7 @@ def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float
     )
 
 
-def _mass_factor(part: Part, M: Any) -> Any:
+def _mass_factor(part: Part, M: Matrix) -> Factor:
     """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding.
 
     s is the smallest power of ten times the largest entry of M that makes it definite, up to the
