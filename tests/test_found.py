@@ -295,9 +295,9 @@ REFUSED = {
         "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got <DIA",
     ),
     "a picture of ragged constraints": (
-        lambda: coupled().run(steps=1).plot(conditions=[[0, 1], [0]]),
+        lambda: coupled().run(steps=1).plot(constraints=[[0, 1], [0]]),
         ValueError,
-        "conditions must be a regular array",
+        "constraints must be a regular array",
     ),
     "a record of a dof beyond 64 bits": (
         lambda: pm.Coupler([single()], dt=0.1).run(steps=1, record={0: [-(2**70)]}),

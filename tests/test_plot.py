@@ -204,9 +204,16 @@ def test_many_constraints_are_a_few_curves_and_the_band_of_all():
 
 def test_constraints_can_be_chosen():
     lam = np.random.default_rng(0).normal(size=(50, 9))
-    axes = made_up(lam, lam).plot(conditions=[7, 2]).figure.axes
+    axes = made_up(lam, lam).plot(constraints=[7, 2]).figure.axes
     assert list(lines(axes[-1])) == ["constraint 7", "constraint 2"]
     np.testing.assert_array_equal(axes[-1].lines[0].get_ydata(), lam[:, 7])
+
+
+def test_the_earlier_name_of_the_constraints_to_draw_warns():
+    lam = np.random.default_rng(0).normal(size=(50, 9))
+    with pytest.warns(DeprecationWarning, match="plot takes constraints=; conditions= ends"):
+        axes = made_up(lam, lam).plot(conditions=[7]).figure.axes
+    assert list(lines(axes[-1])) == ["constraint 7"]
 
 
 def test_a_long_history_is_drawn_by_its_extremes():
@@ -271,7 +278,7 @@ def test_a_history_from_a_file_draws_the_same(tmp_path):
         ({"dofs": {7: [0]}}, ValueError, "dofs: there are 2 subdomains, got index 7"),
         ({"dofs": [0]}, TypeError, "dofs must be a dict"),
         ({"dofs": {}}, ValueError, "dofs must name 1 to 16 dofs in all, got 0"),
-        ({"conditions": [1]}, ValueError, r"conditions must lie in 0\.\.0, got 1"),
+        ({"constraints": [1]}, ValueError, r"constraints must lie in 0\.\.0, got 1"),
         ({"quantity": "w"}, ValueError, "quantity must be 'u', 'v' or 'a', got 'w'"),
     ],
 )
@@ -285,8 +292,8 @@ def test_hundreds_of_curves_are_refused():
     history = made_up(np.zeros((2, 300)), np.zeros((2, 300)))
     with pytest.raises(ValueError, match="dofs must name 1 to 16 dofs in all, got 300"):
         history.plot({0: None})
-    with pytest.raises(ValueError, match="conditions must be at most 16 constraints, got 300"):
-        history.plot(conditions=np.arange(300))
+    with pytest.raises(ValueError, match="constraints must be at most 16 numbers, got 300"):
+        history.plot(constraints=np.arange(300))
 
 
 def test_nothing_recorded_and_no_constraints_is_nothing_to_draw():

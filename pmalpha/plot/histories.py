@@ -60,7 +60,7 @@ def time_histories(
     history: Any,
     dofs: Any = None,
     *,
-    conditions: Any = None,
+    constraints: Any = None,
     quantity: str = "u",
     title: str | None = None,
     units: Mapping[str, str] | None = None,
@@ -73,7 +73,7 @@ def time_histories(
     curves = list(_curves(history, dofs, quantity))
     if ax is not None:
         return _drawn_into(ax, curves, quantity, unit, title)
-    rows = _rows(history, conditions)
+    rows = _rows(history, constraints)
     notes = _rounding_notes(history) if rows else {}
     interface = {x: of for x, of in INTERFACE.items() if rows and of[1] not in notes}
     chosen = history.substeps is not None and bool(np.any(history.substeps != history.substeps[0]))
@@ -250,16 +250,16 @@ def _columns(subdomain: Any, given: Any) -> list[int]:
     )
 
 
-def _rows(history: Any, conditions: Any) -> list[int]:
+def _rows(history: Any, constraints: Any) -> list[int]:
     """The constraints to draw."""
     p = history.multipliers.shape[1]
-    if p == 0 and conditions is None:
+    if p == 0 and constraints is None:
         return []
-    if conditions is None:
+    if constraints is None:
         return _distinct(history.multipliers, np.ptp(history.multipliers, axis=0), DEFAULT_CURVES)
-    rows = [int(row) for row in dof_list(conditions, p, "conditions")]
+    rows = [int(row) for row in dof_list(constraints, p, "constraints")]
     if len(rows) > MOST_CURVES:
-        raise ValueError(f"conditions must be at most {MOST_CURVES} constraints, got {len(rows)}")
+        raise ValueError(f"constraints must be at most {MOST_CURVES} numbers, got {len(rows)}")
     return rows
 
 

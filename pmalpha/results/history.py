@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import counted
+from ..errors import warn
 from ..problem.subdomain import Subdomain
 from .contact_history import Contacts, Recorded, recorded_contacts
 from .contact_nodes import contact_fields
@@ -246,11 +247,12 @@ class History:
         self,
         dofs: Any = None,
         *,
-        conditions: Any = None,
+        constraints: Any = None,
         quantity: str = "u",
         title: str | None = None,
         units: Mapping[str, str] | None = None,
         ax: Axes | None = None,
+        conditions: Any = None,
     ) -> Axes:
         """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
@@ -265,8 +267,8 @@ class History:
             Dofs, one or several, by subdomain, None for all recorded dofs of one; at most 16 in
             total. An int or a list: dofs of the only subdomain. Default: at most four in total, the
             dofs of each subdomain with the largest range and different motion.
-        conditions : int or list of int
-            Constraints, as rows of L, at most 16. Default: at most four, chosen in the same way by
+        constraints : int or list of int
+            Constraints by number, at most 16. Default: at most four, chosen in the same way by
             their multipliers. A grey band shows the range of all if there are more.
         quantity : {"u", "v", "a"}, default "u"
             Displacement, velocity or acceleration.
@@ -278,6 +280,8 @@ class History:
             whose unit does not follow from those given is labelled without.
         ax : matplotlib.axes.Axes, optional
             Axes to draw into, without the panels of the interface. Default: a new figure of pyplot.
+        conditions : int or list of int
+            The earlier name of `constraints`, until version 0.4.
 
         Returns
         -------
@@ -303,8 +307,11 @@ class History:
         """
         from ..plot.histories import time_histories
 
+        if conditions is not None:
+            warn("plot takes constraints=; conditions= ends with version 0.4", DeprecationWarning)
+            constraints = conditions
         return time_histories(
-            self, dofs, conditions=conditions, quantity=quantity, title=title, units=units, ax=ax
+            self, dofs, constraints=constraints, quantity=quantity, title=title, units=units, ax=ax
         )
 
     # ---- files and other libraries -----------------------------------------------------------
