@@ -77,7 +77,7 @@ def write_series(
     subdomains.
 
     The suffix of the path chooses the format. ``.xdmf``: an XML description, and the numbers in an
-    HDF5 file beside it, ``run.xdmf.h5`` for ``run.xdmf``, which meshio's TimeSeriesReader reads
+    HDF5 file next to it, ``run.xdmf.h5`` for ``run.xdmf``, which meshio's TimeSeriesReader reads
     too; without h5py in a binary file, ``run.bin``. ``.pvd``: an XML list of the times, and a
     folder of the same name with a ``.vtu`` file for each time. In ParaView, the filter "Warp By
     Vector" shows the displacements. Numbers are written time by time, in double precision, without

@@ -401,7 +401,7 @@ def test_what_a_reader_returns_is_taken_as_a_matrix(written):
 def test_matrices_of_readers_with_other_rows_are_refused(written):
     K = read_abaqus(written("5,1, 5,1, 2.0\n5,1, 9,1, -1.0\n9,1, 9,1, 1.0\n"))
     M = read_abaqus(written("2,1, 2,1, 3.0\n9,1, 9,1, 4.0\n", "job_MASS1.mtx"))
-    match = "K must have the labels of M, row by row, got 2 rows beside 2; K.arranged"
+    match = "K must have the labels of M, row by row, got 2 rows and 2; K.arranged"
     for use in (
         lambda: pm.Subdomain(M, K, scheme=pm.Newmark()),
         lambda: pm.reduce(M, K, fixed=[]),

@@ -157,7 +157,7 @@ def response_spectrum(
     if np.any((T > 0.0) & (T < dt / MOST_PERIODS)):
         raise ValueError(
             f"periods must be 0 or at least dt / {MOST_PERIODS:g}, got {T[T > 0.0].min():g} "
-            f"beside a dt of {dt:g}"
+            f"with a dt of {dt:g}"
         )
     free_vibration = flag(free_vibration, "free_vibration")
     xi = real_number(damping, "damping", low=0.0)

@@ -34,7 +34,7 @@ class Elements(Frozen):
     C : (e, k, k) or (1, k, k) array, optional
         Damping matrices, symmetric. Default: none.
     internal : callable, optional
-        Internal forces of elements beside K u: ``internal(u, v, t, q, elements)`` returns
+        Internal forces of elements, added to K u: ``internal(u, v, t, q, elements)`` returns
         ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` with f (m, k), the tangents
         (m, k, k) or None, and the history q1 (m, h) at the end of the step, for the m elements
         whose numbers in this group are in ``elements`` (m,); u and v are (m, k), zero at fixed

@@ -51,7 +51,7 @@ def tie_coincident(
     components : int, default 1
         Component c < components of node i is dof ``dofs_per_node * i + c``; these are tied.
     dofs_per_node : int or dict by subdomain, optional
-        A dict where the subdomains differ, such as 3 for a frame (u, w, rotation) beside 2 for a
+        A dict where the subdomains differ, such as 3 for a frame (u, w, rotation) and 2 for a
         plate. Default: `components`.
     tol : float, optional
         Nodes up to this distance apart are coincident, in the unit of the points. Default: 0.01 of

@@ -165,7 +165,7 @@ def _warn_of_dense(C: np.ndarray, K: Any) -> None:
     kind = "sparse" if sp.issparse(K) else "diagonal"
     n = len(C)
     warn(
-        f"C is dense beside a {kind} K: each step then reads all {n} x {n} entries, and where C "
+        f"C is dense and K is {kind}: each step then reads all {n} x {n} entries, and where C "
         "was meant to have the pattern of M and K it is wrong. For C = c_m M + c_k K take "
         "rayleigh=(c_m, c_k); a C that is meant to be full can be given as scipy.sparse.csr_array",
         PerformanceWarning,

@@ -28,7 +28,7 @@ Evaluate: TypeAlias = Callable[[np.ndarray, np.ndarray, float, np.ndarray], Any]
 class InternalForce(Frozen):
     """A force :math:`f(u, v, t; q)` with tangents and history, for ``internal=`` of a `Subdomain`.
 
-    It is on the left-hand side, beside K u + C v. An implicit subdomain iterates it by Newton's
+    It is on the left-hand side, added to K u + C v. An implicit subdomain iterates it by Newton's
     method. A callable without a history and without a pattern needs no InternalForce: it can be
     given as it is.
 

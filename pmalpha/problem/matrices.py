@@ -63,7 +63,7 @@ def plain_matrices(**given: Any) -> list[Any]:
         if not np.array_equal(labels, rows):
             raise ValueError(
                 f"{name} must have the labels of {first}, row by row, got {len(labels)} rows "
-                f"beside {len(rows)}; {name}.arranged({first}.labels) has them in that order"
+                f"and {len(rows)}; {name}.arranged({first}.labels) has them in that order"
             )
     return [plain_matrix(A) for A in given.values()]
 

@@ -177,7 +177,7 @@ class Subdomain(Frozen):
     Warns
     -----
     PerformanceWarning
-        For a dense C beside a sparse or diagonal K.
+        For a dense C where K is sparse or diagonal.
 
     Examples
     --------

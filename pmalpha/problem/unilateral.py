@@ -24,7 +24,7 @@ class Contact(Frozen):
     """Rows whose gaps may open but not close below zero: :math:`gap + sum_i N_i u_i - d(t) >= 0`.
 
     A row that is closed pushes with an impulse P >= 0 in each fine step, N_i^T P on subdomain i,
-    and slides with Coulomb's friction. It stands among the `constraints` of a `Coupler` under "gc",
+    and slides with Coulomb's friction. It is one of the `constraints` of a `Coupler` under "gc",
     or "pm" where its subdomains take single steps, and all its subdomains are at the finest step.
     Equations (U1) to (U11).
 

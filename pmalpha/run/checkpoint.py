@@ -444,9 +444,9 @@ def _of_ranks(
     arrays: dict[str, np.ndarray] = {}
     for other, theirs in found:
         if not isinstance(other.get("problem"), dict):
-            raise damaged(path, "a file beside it has no description of the problem")
+            raise damaged(path, "a file next to it has no description of the problem")
         if any(other.get(fact) != header.get(fact) for fact in ("step_count", "steps")):
-            raise damaged(path, "the files beside it are of different macro steps")
+            raise damaged(path, "the files next to it are of different macro steps")
         header["problem"] |= other["problem"]
         arrays |= theirs
     return header, arrays

@@ -83,7 +83,7 @@ def doubts_of_schemes(parts: Sequence[Part], ranks: Ranks | None = None) -> list
     if coarse:
         return [_doubt("explicit subdomains with fewer substeps than others", coarse)]
     if explicit and undamped:
-        what = "implicit subdomains with little or no algorithmic damping beside explicit ones"
+        what = "implicit subdomains with little or no algorithmic damping and explicit ones"
         return [_doubt(what, undamped, f"; rho <= {MOST_BESIDE:g} is safe there")]
     if len(undamped) > 1 and len(substeps) > 1:
         what = "several subdomains without algorithmic damping and with different substeps"

@@ -46,7 +46,7 @@ class Structure:
         Names of the dofs of a node, in their order: "ux", "uy", "uz" are displacements along the
         axes, "rz" is a rotation, counter-clockwise.
     internal : tuple of ElementForce
-        Forces of nonlinear elements and of contact, beside K u.
+        Forces of nonlinear elements and of contact, added to K u.
     moduli : dict
         Of linear elastic plates and solids, by the name of the elements: Lame's constants ``lam``,
         ``mu`` (in plane stress those of the plane), ``density``, ``thickness`` and ``across`` (zz
@@ -450,7 +450,7 @@ class Structure:
         """The matrix S from displacements of all dofs to stresses in the middle of each element.
 
         For ``run(outputs=)``, with the columns of the free dofs if some are fixed. Of linear plates
-        and solids; lines beside them have no rows.
+        and solids; line elements have no rows.
 
         Returns
         -------
