@@ -1,7 +1,11 @@
 """Restoring forces of one dof that feed in energy, or take it, with no help of the steps."""
 
 import numpy as np
+import pytest
 
+import pmalpha as pm
+
+RHO_0 = pm.GeneralizedAlpha(0.0)
 ACTIVE_FORCES = {
     "active": lambda u, v, t: -0.2 * v,  # negative damping: it grows a million times
     "load": lambda u, v, t: -np.sin(6.0 * t) * np.ones(1),
@@ -11,3 +15,12 @@ ACTIVE_FORCES = {
     "noise": lambda u, v, t: 4.0 * u + 0.1 * np.sin(1e5 * t),
     "step": lambda u, v, t: -1.0 * (t > 1.0) * np.ones(1),
 }
+
+
+def fed(schemes):
+    """Each force with two of four schemes in turn."""
+    return [
+        pytest.param(force, schemes[(i + j) % 4], id=f"{name}, {schemes[(i + j) % 4]!r}")
+        for i, (name, force) in enumerate(ACTIVE_FORCES.items())
+        for j in (0, 2)
+    ]

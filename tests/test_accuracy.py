@@ -447,7 +447,7 @@ def test_the_warning_does_not_change_the_run():
 
 
 # a few with errors of all sizes among them
-FEW = [("random", range(15)), ("realistic", range(7, 11)), ("nonlinear", range(1, 5))]
+FEW = [("random", range(7)), ("realistic", range(8, 11)), ("nonlinear", range(1, 5))]
 MANY = [("random", range(40)), ("realistic", range(12)), ("nonlinear", range(6))]
 
 

@@ -123,7 +123,7 @@ def killed_at(command, process, client):
 @pytest.mark.parametrize(
     ("command", "coupling", "threads"),
     # in mid-step, and at its end
-    [(75, "pm", 1), (81, "pm", 2), (82, "pm", 1), (82, "gc", 2), (81, "macro", 1)],
+    [(75, "pm", 1), (82, "gc", 2), (81, "macro", 1)],
 )
 def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, coupling, threads):
     done = (command - 2) // rig.substeps
