@@ -83,6 +83,7 @@ class Recorded:
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.columns = [recorded_columns(*own) for own in zip(parts, self.dofs, self.springs)]
         self.interface = self._interface()
+        self.substeps = np.array([[part.substeps for part in parts]], dtype=np.int64)
         self.has_energy = energy
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.positions = [
@@ -171,13 +172,12 @@ class Recording:
         self.wanted = wanted
         self.whole: History | None = None  # the last one made, where less is wanted
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
-        # by levels per macro step: of which macro steps, and the times; the same in all cases
-        self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
-        self.numbers = self._numbers(self._rows_in_memory)
+        self.rows_in_memory = {levels: self._rows_in_memory(levels) for levels in of.numbers}
+        self.numbers = self._numbers(self.rows_in_memory.__getitem__)
         require(8.0 * self.numbers, "the History", advice)
         self._make_arrays()
 
@@ -190,7 +190,7 @@ class Recording:
     def _make_arrays(self) -> None:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
-        of, rows = self.of, {levels: self._rows_in_memory(levels) for levels in self.of.numbers}
+        of, rows = self.of, self.rows_in_memory
         of_history = rows[1] * of.energy_columns  # energies once more
         self.block = np.empty(int(self.numbers - of_history))
         used = 0
@@ -250,20 +250,14 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
-        begin_end = self.begin, end
-        if levels not in self.instants or self.instants[levels][0] != begin_end:
-            self.instants[levels] = begin_end, self._times(levels, end)
-        return self.instants[levels][1].copy()
-
-    def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
             times = np.arange(first, last + 1, dtype=float)
-            times /= levels
+            if levels > 1:
+                times /= levels
             times *= clock.dt
-            times += clock.t0
-            return times
+            return times + clock.t0 if clock.t0 else times
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
         done = np.concatenate([[self.begin], later]) - clock.origin
         return clock.t0 + done * clock.dt
@@ -352,7 +346,7 @@ class Recording:
             macro_times=self.times(1, end),
             keys=of.keys,
             energy=self._energy_history(rows[1], end) if of.has_energy else None,
-            substeps=np.array([[part.substeps for part in of.parts]] * rows[1], dtype=np.int64),
+            substeps=of.substeps.repeat(rows[1], axis=0),
             contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
         )

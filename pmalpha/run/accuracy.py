@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import gcd
 
 import numpy as np
 import scipy
@@ -87,7 +88,7 @@ def estimated_error(
     ranks = rows.ranks
     own = [_levels(history, part) for history, part in zip(histories, parts)]
     found = joined(ranks, own)
-    count = int(np.gcd.reduce(found)) if found and min(found) else 0
+    count = gcd(*found) if found and min(found) else 0
     if count < FEWEST_LEVELS:
         return None
     recorded = [history for history in histories if history is not None]

@@ -38,6 +38,8 @@ def warn_if_drifting(
     rows: with the processes, all of which call this; each of them warns.
     motions: prescribed velocities; the displacements of their rows are not tied.
     """
+    if history.macro_times.size <= FEWEST_MACRO_STEPS:
+        return
     if not any(joined(rows.ranks, [part.responds for part in parts])):
         return
     with np.errstate(all="ignore"):
@@ -62,12 +64,11 @@ def drift_shares(
 ) -> np.ndarray:
     """The share of each constraint in the measure (D4), (p,); zeros where it cannot be computed.
 
-    That is with few macro steps, with a step above the critical one, and unless all dofs of all
-    subdomains were recorded.
+    That is with a step above the critical one, and unless all dofs of all subdomains were recorded.
     """
     p, levels = rows.p, history.macro_times.size
     none = np.zeros(p)
-    if p == 0 or levels < FEWEST_MACRO_STEPS + 1:
+    if p == 0:
         return none
     known = [(part.n, _is_judged(part, s)) for part, s in zip(parts, history.subdomains)]
     found = joined(rows.ranks, known)

@@ -214,6 +214,7 @@ class Loads:
             for i, (part, force) in enumerate(zip(parts, forces))
             if is_callback(force)
         }
+        self.stored = self._stored()
 
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
         """These loads, or others, without stored values of callables."""
@@ -255,7 +256,7 @@ class Loads:
     @property
     def has_callables(self) -> bool:
         """Whether values of Python callables are stored."""
-        return bool(self._all_callbacks())
+        return bool(self.stored)
 
     @property
     def iterates(self) -> bool:
@@ -280,7 +281,7 @@ class Loads:
     @property
     def bytes_per_macro_step(self) -> int:
         """Bytes of the values of all callables for one macro step."""
-        return sum(callback.bytes_per_macro_step for callback in self._all_callbacks())
+        return sum(callback.bytes_per_macro_step for callback in self.stored)
 
     def prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
         """Evaluate the callables for the macro steps begin..end-1 and give the core the values.
@@ -289,7 +290,7 @@ class Loads:
         if that is before `end`.
         """
         first_failure = None
-        for callback in self._all_callbacks():
+        for callback in self.stored:
             end, failure = callback.prepare(begin, end)
             first_failure = failure if failure is not None else first_failure
         for i, callback in self.callbacks.items():
@@ -314,7 +315,7 @@ class Loads:
         ]
         return [values.tobytes() for values in rows]
 
-    def _all_callbacks(self) -> list[CallbackLoad]:
+    def _stored(self) -> list[CallbackLoad]:
         velocities = [motion.callback for motion in self.motions if motion.callback is not None]
         obstacles = [] if self.obstacles is None else [self.obstacles.callback]
         others = [callback for callback in obstacles if callback is not None]
