@@ -88,6 +88,21 @@ def test_peaks_are_the_largest_values_with_their_times():
     assert abs(history.at(at)["tower"]["roof"].u) == peak["roof"].u == peak.u[1]
 
 
+def test_the_motion_of_one_subdomain_is_taken_at_other_times_as_that_of_all():
+    history = tower_and_rig().run(1.0)
+    tower, t = history["tower"], [0.0, 0.0137, 0.5]
+    np.testing.assert_array_equal(tower.resampled(t).u, history.resampled(t)["tower"].u)
+    np.testing.assert_array_equal(tower.at(0.0137).v, history.at(0.0137)["tower"].v)
+    np.testing.assert_array_equal(tower.peak().times["a"], history.peak()["tower"].times["a"])
+    with pytest.raises(ValueError, match=r"t must lie in the run, 0..1, got 1.1"):
+        tower.at(1.1)
+    k = int(np.argmax(abs(tower["roof"].u)))
+    most = f"largest |u| {abs(tower['roof'].u[k]):.4g} at dof roof, largest |v|"
+    assert repr(tower.peak()).startswith(f"<Peak of 2 dofs: {most}")
+    assert repr(tower.at(tower.t[k])).startswith(f"<State of 2 dofs: {most}")
+    assert repr(tower.at(0.0)["roof"]) == "<dof roof: u = 0, v = 1, a = 0>"
+
+
 def test_a_history_shows_the_run_in_a_notebook():
     history = tower_and_rig().run(2.0, energy=True)
     shown = history._repr_html_()
@@ -108,6 +123,11 @@ def test_a_run_to_the_present_time_warns_and_keeps_the_run_before():
     with pytest.warns(UserWarning, match=r"time is 1 already: nothing is computed\. reset\(\)"):
         again = coupler.run(1.0)
     assert len(again.macro_times) == 1 and coupler.last_history is history
+    shown = repr(history)
+    del history
+    with pytest.warns(UserWarning, match=r"begins again at t = 0; last_history has the run before"):
+        coupler.run(1.0)
+    assert repr(coupler.last_history) == shown  # kept, however often
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         coupler.run(steps=0)  # which says it

@@ -69,6 +69,11 @@ class Gradient:
     velocity: np.ndarray | None
     history: Any
 
+    def __repr__(self) -> str:
+        sizes = [len(x) for x in self.parameters]
+        of = f"by {sizes} parameters" if sizes else "by loads and initial values"
+        return f"<Gradient of the value {self.value:.6g} {of}>"
+
 
 def gradient(
     coupler: Any,

@@ -36,6 +36,8 @@ class DofMotion:
     t: Any = None
 
     def __repr__(self) -> str:
+        if np.ndim(self.u) == 0:
+            return f"<dof {self.name}: u = {self.u:.4g}, v = {self.v:.4g}, a = {self.a:.4g}>"
         return f"<dof {self.name}: {counted(np.size(self.u), 'time level')}>"
 
 
@@ -70,8 +72,24 @@ class State:
         name = label_of(dofs, self.dof_names, j)
         return DofMotion(name, *(float(x[j]) for x in (self.u, self.v, self.a)))
 
+    def __repr__(self) -> str:
+        dofs = np.arange(len(self.u)) if self.dofs is None else self.dofs
+        return f"<State of {counted(len(dofs), 'dof')}: {largest(self, dofs, self.dof_names)}>"
+
     def __iter__(self) -> NoReturn:  # else entry after entry up to an error
         raise TypeError("a State is of one time: take its u, v or a")
+
+
+def largest(motion: Any, dofs: np.ndarray, names: Sequence[str] | None) -> str:
+    """The largest absolute u, v and a of the dofs, in words."""
+    if dofs.size == 0:
+        return "none recorded"
+    sizes = ((kind, np.abs(getattr(motion, kind))) for kind in "uva")
+    found = ((kind, size, int(np.argmax(size))) for kind, size in sizes)
+    return ", ".join(
+        f"largest |{kind}| {size[j]:.4g} at dof {label_of(dofs, names, j)}"
+        for kind, size, j in found
+    )
 
 
 def columns_of(

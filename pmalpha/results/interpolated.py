@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import real_array, real_number
-from .dof_motion import DofMotion, State, columns_of, label_of
+from .._checks import counted, real_array, real_number
+from .dof_motion import DofMotion, State, columns_of, label_of, largest
 from .keys import position
 from .quantities import OF_SUBDOMAIN, growing, of_columns
 
@@ -81,6 +81,10 @@ class Peak:
     n: int | None = None
     dof_names: Sequence[str] | None = None
 
+    def __repr__(self) -> str:
+        most = largest(self, self.dofs, self.dof_names)
+        return f"<Peak of {counted(self.dofs.size, 'dof')}: {most}>"
+
     def __getitem__(self, key: int | str) -> DofMotion:
         (j,) = columns_of(key, self.dofs, self.n, self.dof_names, "dof", one=True)
         values = (float(x[j]) for x in (self.u, self.v, self.a))
@@ -89,29 +93,32 @@ class Peak:
 
 def at(history: Any, t: Any) -> Instant:
     """The implementation of `History.at`."""
-    time = real_number(t, "t")
-    times = within(history, np.array([time]), "t")
-    states = [s and _state(s, times) for s in history.subdomains]
+    times = one_time(t, history.macro_times)
+    time = float(times[0])
+    states = [s and state(s, times) for s in history.subdomains]
     multipliers = linear(times, history.multiplier_times, history.multipliers)[0]
     return Instant(time, multipliers, tuple(states), history.keys)
 
 
-def _state(s: Any, times: np.ndarray) -> State:
+def one_time(t: Any, levels: np.ndarray) -> np.ndarray:
+    """A time of a run with these time levels, (1,)."""
+    return within(levels, np.array([real_number(t, "t")]), "t")
+
+
+def state(s: Any, times: np.ndarray) -> State:
+    """The motion of a subdomain at one time, (1,)."""
     u, v, a = (x[0] for x in hermite(times, s.t, s.u, s.v, s.a))
     return State(u, v, a, s.dofs, s.n, s.dof_names)
 
 
 def resampled(history: Any, times: Any) -> Any:
     """The implementation of `History.resampled`."""
-    given = real_array(times, "times")
-    if given.size == 0 or np.any(np.diff(given) <= 0.0):
-        raise ValueError("times must be at least one, in rising order")
-    t = within(history, given, "times")
+    given, t = rising(times, history.macro_times)
     fine, macro = history.multiplier_times, history.macro_times
     jump_times = fine if len(history.velocity_jump) == len(fine) else macro
     return replace(
         history,
-        subdomains=tuple(s and _resampled(s, t) for s in history.subdomains),
+        subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains),
         multipliers=linear(t, fine, history.multipliers),
         multiplier_times=given,
         velocity_jump=linear(t, jump_times, history.velocity_jump),
@@ -122,7 +129,16 @@ def resampled(history: Any, times: Any) -> Any:
     )
 
 
-def _resampled(s: Any, t: np.ndarray) -> Any:
+def rising(times: Any, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times of a run with these time levels, as given and as `within` has them."""
+    given = real_array(times, "times")
+    if given.size == 0 or np.any(np.diff(given) <= 0.0):
+        raise ValueError("times must be at least one, in rising order")
+    return given, within(levels, given, "times")
+
+
+def resampled_one(s: Any, t: np.ndarray) -> Any:
+    """A `SubdomainHistory` at other times of the run."""
     u, v, a = hermite(t, s.t, s.u, s.v, s.a)
     others: dict[str, Any] = dict.fromkeys((*growing(s), "substep", "double_after"))
     others |= {
@@ -133,9 +149,8 @@ def _resampled(s: Any, t: np.ndarray) -> Any:
     return replace(s, **(others | dict(t=t, u=u, v=v, a=a)), outputs=outputs)
 
 
-def within(history: Any, times: np.ndarray, name: str) -> np.ndarray:
-    """The times; those that are the ends of the run but for rounding are its ends."""
-    levels = history.macro_times
+def within(levels: np.ndarray, times: np.ndarray, name: str) -> np.ndarray:
+    """The times; those that are the ends of the time levels but for rounding are these ends."""
     first, last = float(levels[0]), float(levels[-1])
     slack = ROUNDING * (last - first) / max(len(levels) - 1, 1)
     outside = times[(times < first - slack) | (times > last + slack)]

@@ -11,7 +11,8 @@ import numpy as np
 
 from .._checks import counted
 from .conversion import subdomain_dataset, subdomain_frame
-from .dof_motion import DofMotion, columns_of, label_of
+from .dof_motion import DofMotion, State, columns_of, label_of
+from .interpolated import Peak, one_time, peak, resampled_one, rising, state
 from .local_error import local_error
 from .stored import write_history
 
@@ -87,6 +88,51 @@ class SubdomainHistory:
 
     def __iter__(self) -> NoReturn:  # else dof after dof up to an error
         raise TypeError("a SubdomainHistory has dofs by name or number: take its u, v or a")
+
+    def at(self, t: float) -> State:
+        """The motion at one time of the run, as `History.at`, whose errors it raises.
+
+        Parameters
+        ----------
+        t : float
+
+        Returns
+        -------
+        State
+            With ``.u``, ``.v`` and ``.a``, (dofs,); ``["roof"]`` is one dof.
+
+        Examples
+        --------
+        >>> one = solve(Subdomain([1.0], [4.0], scheme=Newmark(), v0=[-1.0]), dt=0.01, t_end=1.0)
+        >>> one.at(0.123).u.round(4).tolist()  # -sin(0.246) / 2
+        [-0.1218]
+        """
+        return state(self, one_time(t, self.t))
+
+    def resampled(self, times: Any) -> SubdomainHistory:
+        """The motion at other times of the run, as `History.resampled`, whose errors it raises.
+
+        Parameters
+        ----------
+        times : (k,) array_like
+            In rising order.
+
+        Returns
+        -------
+        SubdomainHistory
+        """
+        result: SubdomainHistory = resampled_one(self, rising(times, self.t)[1])
+        return result
+
+    def peak(self) -> Peak:
+        """The largest absolute values, as `History.peak` has them by subdomain.
+
+        Returns
+        -------
+        Peak
+            With ``.u``, ``.v``, ``.a`` and ``.times``; ``["roof"]`` is one dof.
+        """
+        return peak(self)
 
     def local_error(self) -> np.ndarray:
         """Estimate of the displacement error that each step adds, from recorded u, v and a.

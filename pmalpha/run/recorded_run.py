@@ -52,32 +52,27 @@ def run(
         done = session.done
         last = session.clock.end(*end, done)
         check_call(session, "run", last, chosen["every"], chosen["energy"])
-        warn_of_nothing(session, end[0], last)
+        before = session.completed() if session.completed and last == done else None
+        warn_of_nothing(session, end[0], last, before)
         recording = recording_of(session, done, last, *files, **chosen)
         with reporting(progress, done, recording.end) as report:
             history = recorded(session, recording, report, held)
-    keep_last(session, history)
+    if session.done and last == done:
+        session.last_history = before
+    else:
+        session.last_history, session.completed = None, ref(history)
     return history
 
 
-def keep_last(session: Session, history: History) -> None:
-    """`last_history` after a run that was completed: None, or the run before one of no step.
-
-    That is kept alive only by the caller until then.
-    """
-    before = None if session.completed is None else session.completed()
-    if session.done and len(history.macro_times) == 1:
-        session.last_history = before
-        return
-    session.last_history, session.completed = None, ref(history)
-
-
-def warn_of_nothing(session: Session, t_end: float | None, last: int) -> None:
-    """Warn of a run to the present time."""
+def warn_of_nothing(
+    session: Session, t_end: float | None, last: int, before: History | None
+) -> None:
+    """Warn of a run to the present time; `before` is the last one of steps, if it still exists."""
     if t_end is not None and last == session.done > 0:
+        kept = "" if before is None else "; last_history has the run before"
         warn(
             f"the time is {session.clock.time(last):g} already: nothing is computed. reset() "
-            "begins again at t = 0; last_history has the run before, if it still exists",
+            f"begins again at t = 0{kept}",
             UserWarning,
         )
 
