@@ -435,6 +435,14 @@ def test_names_are_labels_and_schemes_can_differ():
     assert parts.scatter(np.arange(5.0))["b"].tolist() == [0.0, 1.0, 2.0]
 
 
+def test_schemes_by_tags_of_a_mesh_are_those_of_their_subdomains():
+    structure = structures.rod(4, 4.0, EA=1.0, rhoA=1.0)
+    schemes = {11: pm.Newmark(), 7: pm.GeneralizedAlpha(0.8)}
+    parts = pm.cut(structure, [11, 11, 7, 7], scheme=schemes)
+    assert [s.name for s in parts.subdomains] == ["part 7", "part 11"]
+    assert [s.scheme for s in parts.subdomains] == [schemes[7], schemes[11]]
+
+
 def test_a_layer_is_the_elements_around_nodes():
     block = structures.plate(4, 5, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     low = block.nodes_at(y=0.0)
@@ -1005,5 +1013,5 @@ def test_fixed_dofs_have_the_names_of_the_structure():
     )
     for one, other in zip(by_number.subdomains, by_name.subdomains):
         np.testing.assert_array_equal(one.K.toarray(), other.K.toarray())
-    with pytest.raises(ValueError, match="fixed must be names of dofs, got 'uy 0'"):
+    with pytest.raises(ValueError, match="fixed must be dofs by name, got 'uy 0'"):
         pm.cut(bar, [0, 0, 0, 1, 1, 1], scheme=pm.Newmark(), fixed="uy 0")

@@ -66,6 +66,7 @@ def test_supports_records_outputs_and_states_take_names():
     driven = pm.Constraint({"frame": ["foot"]}, velocity=motion)
     by_number = pm.Constraint({"frame": [[1.0, 0.0, 0.0]]}, velocity=motion)
     outputs = {"frame": {"drift": {"roof": 1.0, "floor": -1.0}, "speed": {"v": {-1: 2.0}}}}
+    outputs["frame"]["both"] = {"a": ["roof", "foot"]}
     history = run(a, b, driven, record={"frame": ["roof", 0], "rig": -1}, outputs=outputs)
     whole = run(a, b, by_number)
     u, v = whole["frame"].u, whole["frame"].v
@@ -73,6 +74,7 @@ def test_supports_records_outputs_and_states_take_names():
     np.testing.assert_array_equal(history["rig"].dofs, [1])
     np.testing.assert_allclose(history["frame"].outputs["drift"][:, 0], u[:, 2] - u[:, 1])
     np.testing.assert_allclose(history["frame"].outputs["speed"][:, 0], 2.0 * v[:, 2])
+    np.testing.assert_array_equal(history["frame"].outputs["both"], whole["frame"].a[:, [2, 0]])
     coupler = pm.Coupler([a, b], driven, dt=0.1, coupling="gc")
     coupler.step(6)
     assert coupler.state("frame")["roof"].u == u[-1, 2] == coupler.state("frame")[-1].u
@@ -92,6 +94,7 @@ def test_supports_records_outputs_and_states_take_names():
         lambda a, b: frame(restoring=pm.Gap(["rof"], 1.0, 0.0)),
         lambda a, b: run(a, b, None, record={"frame": "rof", "rig": None}),
         lambda a, b: run(a, b, None, outputs={"frame": {"x": {"rof": 1.0}}}),
+        lambda a, b: run(a, b, None, outputs={"frame": {"x": ["rof"]}}),
         lambda a, b: run(a, b, None)["frame"]["rof"],
         lambda a, b: run(a, b, None).plot({"frame": "rof"}),
     ],

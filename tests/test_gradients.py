@@ -434,9 +434,9 @@ def test_dofs_of_a_misfit_and_of_parameters_have_names_and_count_from_the_end():
     with pytest.raises(ValueError, match="the nearest is 'top'"):
         pm.Parameters(bar(), dofs=[["base", "topp"]], K=k)
     coupler = pm.Coupler([bar()], dt=0.1)
-    with pytest.raises(ValueError, match="dofs of 'bar' in the Misfit must be names of dofs"):
+    with pytest.raises(ValueError, match="dofs of 'bar' in the Misfit must be dofs by name"):
         coupler.gradient(pm.Misfit({"bar": dict(dofs=["side"], u=data[:, :1])}), 1.0)
-    with pytest.raises(TypeError, match="there are no dof_names"):
+    with pytest.raises(TypeError, match="dofs by name need the Subdomain itself, got its name"):
         pm.Parameters("bar", dofs=[["base", "top"]], K=k)
 
 

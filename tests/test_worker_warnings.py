@@ -29,6 +29,12 @@ def test_a_warning_of_a_thread_points_at_the_line_that_began_the_study(together)
         assert {w.filename for w in found} == {__file__}
 
 
+def test_a_warning_of_an_executor_that_maps_the_study_points_at_the_line_that_made_it():
+    with pytest.warns(pm.AccuracyWarning) as found, ThreadPoolExecutor(2) as pool:
+        assert all(case.error is None for case in pool.map(pm.Study(coarse, steps=60), [{}, {}]))
+    assert {w.filename for w in found} == {__file__}
+
+
 def test_the_users_own_function_in_a_worker_is_the_line_of_its_warnings():
     line = ("elsewhere.py", 7, "elsewhere")
     with warnings.catch_warnings(record=True) as found:

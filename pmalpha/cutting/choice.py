@@ -377,7 +377,7 @@ def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: A
         names = [f"part {i}" for i in range(int(numbers.max()) + 1)]
     else:
         tags, numbers = labelled(labels, whole.count)
-        names = [tag if isinstance(tag, str) else f"part {tag}" for tag in tags.tolist()]
+        names = [_named(tag) for tag in tags.tolist()]
     schemes = _schemes(scheme, names)
     substeps = [1] * len(names)
     if omega is not None and dt is not None:
@@ -419,11 +419,17 @@ def _any_limit(scheme: Any) -> bool:
     return any(isinstance(s, Scheme) and np.isfinite(critical_product(s)) for s in schemes)
 
 
+def _named(label: Any) -> Any:
+    """The name of the subdomain with this label."""
+    return f"part {label}" if isinstance(label, (int, np.integer)) else label
+
+
 def _schemes(scheme: Any, names: Sequence[str]) -> list[Scheme]:
     """The scheme of each subdomain."""
     if scheme is None:
         scheme = GeneralizedAlpha(RHO)
     if isinstance(scheme, Mapping):
+        scheme = {_named(label): own for label, own in scheme.items()}
         unknown = [name for name in scheme if name not in names]
         missing = [name for name in names if name not in scheme]
         if unknown or missing:

@@ -74,7 +74,7 @@ def cut(
         The macro step. With it, subdomains of explicit and conditionally stable schemes have
         1, 2, 4, ... substeps, so that these are no longer than 0.95 times the critical step of each
         of their elements at rest. Default: one substep.
-    scheme : Scheme, or one for each subdomain: a sequence, or a dict by name
+    scheme : Scheme, or one for each subdomain: a sequence, or a dict by name or label
         Default: ``GeneralizedAlpha(0.5)``, with "steps" ``GeneralizedAlpha(0.5, explicit=True)``.
         With "auto" an explicit one and an implicit one, by default these two; with `layer_of` the
         explicit one for the layer, the implicit one for the bulk.

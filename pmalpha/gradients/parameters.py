@@ -212,6 +212,8 @@ class Parameters(Frozen):
 def _elements(subdomain: Subdomain | str, dofs: Any) -> np.ndarray:
     if isinstance(subdomain, Subdomain):
         array = dof_array(dofs, subdomain.n, "dofs", subdomain.dof_names)
+    elif plain_array(dofs, "dofs").dtype.kind == "U":
+        raise TypeError(f"dofs by name need the Subdomain itself, got its name {subdomain!r}")
     else:
         array = dof_array(dofs, None, "dofs")
     if array.ndim != 2 or array.size == 0:

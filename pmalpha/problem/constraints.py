@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing, numbered, plain_array
 from .argument_types import DofsLike, MatrixLike
-from .dofs import dof_list
+from .dofs import dof_list, has_names
 from .forces import BaseAcceleration, SampledForce, checked_force
 from .frozen import Frozen
 from .matrices import rectangular
@@ -181,8 +181,13 @@ def _rows_on(subdomain: Any, L: Any, name: str, each: str) -> sp.csr_array | Cho
         raise TypeError(f"{name} must be keyed by Subdomain or name, got {subdomain!r}")
     if isinstance(L, Chosen):  # of a tie
         return L
-    if isinstance(L, str) or isinstance(L, (list, tuple)) and any(isinstance(x, str) for x in L):
+    if has_names(L):
         return chosen(L, subdomain, 1.0, f"dofs of {name_of(subdomain)!r}")
+    if isinstance(L, Mapping):
+        raise TypeError(
+            f"{each} of {name_of(subdomain)!r} must be a matrix of p rows, or names of p dofs, got "
+            f"{L!r}"
+        )
     columns = None if isinstance(subdomain, str) else subdomain.n
     return rectangular(L, columns, f"{each} of {subdomain!r}", ndim=2)
 

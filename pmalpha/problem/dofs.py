@@ -131,7 +131,8 @@ def dof_array(
         raise ValueError(f"{name} must {rule}, got {listing(outside)}")
     if outside.size:
         assert n is not None
-        raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")
+        ends = f"{-n}..{n - 1}" if outside.min() < 0 else f"0..{n - 1}"
+        raise ValueError(f"{name} must lie in {ends}, got {listing(outside)}")
     dofs = dofs.astype(np.int64)
     return dofs if n is None else np.where(dofs < 0, dofs + n, dofs)
 
@@ -149,6 +150,13 @@ def numbers_of(value: Any, name: str, names: Sequence[str] | None) -> Any:
     return value
 
 
+def has_names(value: Any) -> bool:
+    """Whether it is a name of a dof, or a list with one."""
+    return isinstance(value, str) or (
+        isinstance(value, (list, tuple)) and any(isinstance(x, str) for x in value)
+    )
+
+
 def number_of(given: str, name: str, names: Sequence[str] | None) -> int:
     """The number of a dof by its name; ValueError with the nearest name."""
     if names is None:
@@ -161,7 +169,7 @@ def number_of(given: str, name: str, names: Sequence[str] | None) -> int:
     except ValueError:
         near = get_close_matches(given, names[:MOST_COMPARED], n=1, cutoff=0.0)
         raise ValueError(
-            f"{name} must be names of dofs, got {given!r}; the nearest is {near[0]!r}"
+            f"{name} must be dofs by name, got {given!r}; the nearest is {near[0]!r}"
         ) from None
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import real_number
-from ..problem.dofs import NodeNames, dof_list
+from ..problem.constraints import selection
+from ..problem.dofs import NodeNames, dof_list, has_names
 from ..problem.matrices import rectangular
 from ..problem.subdomain import Subdomain
 from .keys import by_index
@@ -112,6 +113,8 @@ def _weights(W: Any, subdomain: Subdomain, what: str) -> sp.csr_array:
         columns = dof_list(list(numbers), n, what, names)
         entries = np.array(list(numbers.values())), (np.zeros(columns.size, int), columns)
         return sp.csr_array(entries, shape=(1, n))
+    if has_names(W):
+        return selection(dof_list(W, n, what, names), 1.0, n)
     whole = names.whole if isinstance(names, NodeNames) else n
     if isinstance(names, NodeNames) and whole > n and np.shape(W)[-1:] == (whole,):
         return sp.csr_array(rectangular(W, whole, what)[:, names.numbers])  # others are fixed

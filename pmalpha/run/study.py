@@ -119,9 +119,12 @@ class Study:
         self.together = whole_number(together, "together", low=1)
         self.as_run = as_run if t_end is None else {"t_end": t_end, **as_run}
         self._token = uuid.uuid4().hex
+        self._line = users_line()  # that of the call may be one of an executor
 
     def __call__(self, case: Mapping[str, Any]) -> CaseResult:
         """One case: a dict of what `Coupler.reset` takes, `u0`, `v0`, `force`.
+
+        Its warnings point at the line that made the study.
 
         Parameters
         ----------
@@ -131,6 +134,10 @@ class Study:
         -------
         CaseResult
         """
+        result: CaseResult = for_line(self._line, self._one, case)
+        return result
+
+    def _one(self, case: Mapping[str, Any]) -> CaseResult:
         try:
             if not isinstance(case, Mapping):
                 raise TypeError(f"a case must be a dict of arguments of reset, got {case!r}")
@@ -209,14 +216,14 @@ class Study:
     def _several(self, cases: Sequence[Mapping[str, Any]]) -> list[CaseResult]:
         """Cases that one worker was given together."""
         if len(cases) == 1:
-            return [self(cases[0])]
+            return [self._one(cases[0])]
         failures: Mapping[int, Exception] = {}
         try:
             histories = self._coupler().run_each(cases, **self.as_run)
         except CasesError as error:
             histories, failures = error.histories, error.failures
         except Exception:  # before the first case began: of which of them, each alone shows
-            return [self(case) for case in cases]
+            return [self._one(case) for case in cases]
         return [
             _failed(failures[k]) if k in failures else self._result(history)
             for k, history in enumerate(histories)
