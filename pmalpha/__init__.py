@@ -5,6 +5,7 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 # ruff: noqa: E402 - before anything imports the extension it is compared with its sources
 
+import sys as _sys
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
@@ -155,7 +156,8 @@ def __getattr__(name: str) -> _Any:
         return _import_module(".files", __name__).package_version()
     home = _LATER.get(name) or _MOVED.get(name)
     if home is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        text = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(text, name=name, obj=_sys.modules[__name__])  # and what is near
     value = getattr(_import_module(f".{home}", __name__), name)
     if name in _LATER:
         globals()[name] = value

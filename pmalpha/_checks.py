@@ -111,6 +111,15 @@ def plain_array(value: Any, name: str) -> np.ndarray:
         raise ValueError(f"{name} must be a regular array, got a ragged one: {error}") from None
 
 
+def not_real(array: np.ndarray, name: str) -> TypeError:
+    """The error for an array without real numbers, such as one of another object."""
+    got = f"dtype {array.dtype}"
+    if array.dtype == object and array.ndim == 0:
+        one = array.item()
+        got = "None" if one is None else f"a {type(one).__name__}"
+    return TypeError(f"{name} must hold real numbers, got {got}")
+
+
 def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.ndarray:
     """A new C-contiguous float64 array of finite numbers with one of these dimensions.
 
@@ -118,7 +127,7 @@ def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.nda
     """
     array = plain_array(value, name)
     if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 and array.dtype.kind != "f":
-        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+        raise not_real(array, name)
     dimensions = (ndim,) if isinstance(ndim, int) else ndim
     if array.ndim not in dimensions:
         wanted = " or ".join(f"{d}-D" for d in dimensions)

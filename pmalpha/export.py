@@ -18,7 +18,8 @@ from ._checks import listing, real_array, whole_number
 from .errors import warn
 from .files import checked_path, package_version, replacing
 from .problem.kinds import KINDS
-from .results.history import SubdomainHistory
+from .results.dof_motion import on_mesh
+from .results.history import History, SubdomainHistory
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
@@ -140,8 +141,10 @@ def write_series(
         if not isinstance(elements, SubdomainHistory) or times is not None:
             raise TypeError(f"a Structure must come with a motion alone, got {elements!r}")
         motion = elements
-        times, u, v, a = motion.t, motion.u, motion.v, motion.a
+        times, (u, v, a) = motion.t, (on_mesh(motion, kind) for kind in "uva")
         points, elements = points.points, points.elements
+    if isinstance(points, (History, SubdomainHistory)):
+        raise TypeError(f"the mesh must come before its motion, got {points!r}")
     path = checked_path(path)
     writers = {".xdmf": _write_xdmf, ".pvd": _write_pvd}
     if path.suffix.lower() not in writers:

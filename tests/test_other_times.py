@@ -103,6 +103,21 @@ def test_the_motion_of_one_subdomain_is_taken_at_other_times_as_that_of_all():
     assert repr(tower.at(0.0)["roof"]) == "<dof roof: u = 0, v = 1, a = 0>"
 
 
+def test_subdomains_are_in_a_history_by_name_number_and_object():
+    coupler = tower_and_rig()
+    history = coupler.run(0.1)
+    assert "tower" in history and 1 in history and coupler.subdomains[0] in history
+    assert "hall" not in history and 2 not in history and 0.5 not in history
+    with pytest.raises(AttributeError, match=r"no 'u'; each subdomain has: history\[name\]\.u"):
+        _ = history.u
+    with pytest.raises(AttributeError, match="a History has no 'story'$"):
+        _ = history.story
+    with pytest.raises(TypeError, match="arrays of dofs are u, v and a"):
+        _ = history["tower"][:, 0]
+    with pytest.raises(TypeError, match="its value must hold real numbers, got None"):
+        pm.solve(pm.Subdomain([1, 1], [1, 1], scheme=pm.Newmark(), force=lambda t: None), 0.1, 0.1)
+
+
 def test_a_history_shows_the_run_in_a_notebook():
     history = tower_and_rig().run(2.0, energy=True)
     shown = history._repr_html_()

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_export import read_xdmf
 
 import pmalpha as pm
-from pmalpha import models, structures
+from pmalpha import export, models, structures
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib import pyplot  # noqa: E402
@@ -684,6 +685,35 @@ def test_a_structure_with_fixed_dofs_is_shown_with_all_of_them():
     moved = wall.points + free.expand(history["wall"].u[-1]).reshape(-1, 2)
     np.testing.assert_allclose(last, moved[wall.elements["quad"]], rtol=0.0, atol=1e-14)
     assert np.abs(moved - wall.points).max() > 0.01  # there is something to see
+
+
+def test_supports_of_a_structure_are_drawn_and_written_at_rest(tmp_path):
+    wall = structures.plate(3, 1, 1.0, E=100.0, nu=0.3, rho=1.0)
+    foot, v0 = wall.dofs(wall.nodes_at(x=0.0)), np.zeros(wall.n)
+    v0[wall.dofs(wall.nodes_at(x=3.0), "uy")] = 1.0
+    held = wall.subdomain(scheme=pm.Newmark(), fixed=foot, v0=v0, name="wall")
+    coupler = pm.Coupler([held], dt=0.05)
+    history = coupler.run(steps=8)
+    whole = np.zeros((9, wall.n))
+    whole[:, np.setdiff1d(np.arange(wall.n), foot)] = history["wall"].u
+    quads = (wall.points + whole[-1].reshape(-1, 2))[wall.elements["quad"]]
+
+    def drawn(ax):
+        return [p.vertices[:4] for p in of(ax, PolyCollection)[0].get_paths()]
+
+    moving = plot.animation(history, {"wall": wall}, frames=3, scale=1)
+    np.testing.assert_allclose(watched(moving, drawn)[-1], quads, rtol=0.0, atol=1e-14)
+    ax = plot.deformed(wall, history.at(0.4)["wall"], scale=1)
+    np.testing.assert_allclose(drawn(ax), quads, rtol=0.0, atol=1e-14)
+    export.write_series(tmp_path / "wall.xdmf", wall, history["wall"])
+    key = "displacement", "Vector", "Node"
+    written = np.array([fields[key] for *_, fields in read_xdmf(tmp_path / "wall.xdmf")])
+    np.testing.assert_array_equal(written[..., :2].reshape(9, -1), whole)
+    with pytest.raises(TypeError, match="the mesh must come before its motion, got <'wall'"):
+        export.write_series(tmp_path / "wrong.xdmf", history["wall"], wall)
+    part = coupler.run(steps=8, record={"wall": [0, 1]})
+    with pytest.raises(ValueError, match="u of 'wall' for meshes"):  # not the supports alone
+        plot.animation(part, {"wall": wall})
 
 
 def test_colours_of_a_film_have_the_limits_of_all_frames():

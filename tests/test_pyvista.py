@@ -49,6 +49,16 @@ def test_the_grid_has_the_mesh_and_the_motion():
         motion.to_pyvista(box, 1.0)
 
 
+def test_supports_of_a_structure_are_at_rest():
+    pytest.importorskip("pyvista")
+    box = structures.solid(1, 1, 1, 0.5, E=1.0, nu=0.3, rho=1.0)
+    held = box.subdomain(scheme=pm.Newmark(), fixed=box.dofs([0, 1]), v0=np.ones(18))
+    motion = pm.solve(held, dt=0.01, t_end=0.05)
+    grid = motion.to_pyvista(box)
+    expected = np.concatenate([np.zeros(6), motion.u[-1]])
+    np.testing.assert_array_equal(grid.point_data["displacement"].ravel(), expected)
+
+
 def test_kinds_of_one_structure_are_cells_of_their_own():
     pyvista = pytest.importorskip("pyvista")
     frame = structures.beam_frame([[0, 0], [0, 3]], [[0, 1]], EA=1.0, EI=1.0, rhoA=1.0)

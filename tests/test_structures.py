@@ -880,3 +880,25 @@ def test_invalid_arguments_of_a_structure_are_named(call, error, message):
 def test_matrices_and_points_of_a_structure_must_agree():
     with pytest.raises(ValueError, match="K must have 2 rows, 1 for each of 2 points, got 3"):
         structures.Structure(np.ones(2), sp.eye_array(3), np.zeros((2, 1)), {}, ("ux",))
+
+
+def test_loads_and_initial_values_of_all_dofs_are_those_of_the_free_ones():
+    bar = structures.rod(4, 2.0, EA=1.0, rhoA=1.0)
+    free, record = np.array([1, 2, 3, 4]), np.arange(5.0)
+    whole = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    loads = [
+        (whole, whole[free]),
+        (pm.BaseAcceleration(record, 0.1, np.ones(5), bar.M), None),
+        (pm.SampledForce(np.outer(record, whole), 0.1), None),
+        (lambda t: whole[free], whole[free]),
+    ]
+    for force, expected in loads:
+        made = bar.subdomain(scheme=pm.Newmark(), fixed=[0], force=force, u0=whole, v0=whole[free])
+        np.testing.assert_array_equal(made.u0, whole[free])
+        np.testing.assert_array_equal(made.v0, whole[free])
+        value = made.force(0.25) if callable(made.force) else made.force
+        if expected is None:
+            expected = force(0.25)[free]
+        np.testing.assert_array_equal(value, expected)
+    with pytest.raises(ValueError, match="u must be zero at the fixed dofs, got up to 1 at dofs 0"):
+        bar.subdomain(scheme=pm.Newmark(), fixed=[0], u0=np.ones(5))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._checks import listing, positive_number, whole_number
+from ..results.dof_motion import on_mesh
 from ..results.history import History, SubdomainHistory
 from ..results.interpolated import linear
 from ..structures.mesh import Mesh, checked_mesh, nodal_values
@@ -59,7 +60,7 @@ def animation(
         structure by `Cut.gather`, needs one mesh.
     meshes : dict, Structure, Cut or tuple
         By subdomain, with the keys of the history: ``(points, elements)`` as for `deformed`, or a
-        `Structure`. If the subdomain has other dofs than the mesh,
+        `Structure`, whose fixed dofs are at rest. If the subdomain has other dofs than the mesh,
         ``(points, elements, expand)`` or ``(structure, expand)`` with a function from displacements
         (k, n) of the subdomain to those of the mesh, such as ``reduction.expand``. One of these
         without a dict for a single motion. A `Cut`, with a history of its subdomains or what it
@@ -184,9 +185,10 @@ def _film(s: SubdomainHistory, given: Any, key: str, times: np.ndarray, values: 
     if not np.array_equal(s.dofs, np.arange(s.dofs.size)):
         raise ValueError(f"all dofs of {s.name!r} must be recorded, got {listing(s.dofs)}")
     mesh = given if isinstance(given, (tuple, list)) else (given,)
-    u = linear(times, s.t, s.u)
     if len(mesh) > 1 and callable(mesh[-1]):
-        mesh, u = mesh[:-1], mesh[-1](u)
+        mesh, u = mesh[:-1], mesh[-1](linear(times, s.t, s.u))
+    else:
+        u = linear(times, s.t, on_mesh(s))
     structure = structure_of(mesh[0])
     if len(mesh) == 1 and structure is not None:
         mesh = structure.points, structure.elements

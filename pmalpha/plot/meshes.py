@@ -16,6 +16,7 @@ from .._checks import (
     require_moderate,
 )
 from ..problem.kinds import KINDS
+from ..results.dof_motion import State, on_mesh
 from ..structures.mesh import (
     Block,
     Mesh,
@@ -104,9 +105,10 @@ def deformed(
         An array is taken as lines (m, 2), triangles (m, 3), quadrilaterals (m, 4) or hexahedra
         (m, 8). Of solids the outer faces are drawn. Edges of second order consist of two straight
         pieces.
-    u : (N * d,) or (N, d) array_like
-        Displacements, d >= dim dofs per node. Dofs beyond dim, such as rotations, are not drawn:
-        lines are straight.
+    u : (N * d,) or (N, d) array_like, or State
+        Displacements, or a motion at one time, such as ``history.at(2.0)["frame"]``, in which
+        fixed dofs are at rest; d >= dim dofs per node. Dofs beyond dim, such as rotations, are not
+        drawn: lines are straight.
     scale : float, optional
         Factor of the displacements, shown above the axes. Default: that of the axes; for new axes
         1, 2 or 5 times a power of ten such that the largest displacement is 5 to 10 % of the size
@@ -162,6 +164,8 @@ def deformed(
     if structure is not None:
         u = elements if u is None else u
         points, elements = structure.points, structure.elements
+    if isinstance(u, State):
+        u = on_mesh(u)
     if isinstance(values, str):
         values, value_label = stresses(structure, u, values), value_label or stress_label(values)
     mesh, u = flattened(checked_mesh(points, elements), u, "u")

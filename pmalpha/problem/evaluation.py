@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import plain_array, require_finite
+from .._checks import not_real, plain_array, require_finite
 from .tangents import Placement, Slots, Tangent, checked_tangent, entries_of, symmetric_union
 
 RETURNS = "(f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1)"
@@ -51,7 +51,7 @@ def numbers(value: Any, name: str, size: int) -> np.ndarray:
     """A float64 array of shape (size,), which may have values that are not finite."""
     array = plain_array(value, name)
     if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+        raise not_real(array, name)
     if array.shape != (size,):
         raise ValueError(f"{name} must have shape ({size},), got {array.shape}")
     return np.ascontiguousarray(array, dtype=np.float64)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import issparse
 
 from .._checks import counted, listing, plain_array
-from ..problem.dofs import dof_list
+from ..problem.dofs import NodeNames, dof_list
 
 __all__ = ["DofMotion", "State"]
 
@@ -112,7 +112,9 @@ def columns_of(
     Raises TypeError, ValueError for what is not a dof, or was not recorded.
     """
     if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
-        raise TypeError(f"{what} must be a name or a number, got {given!r}")
+        raise TypeError(
+            f"{what} must be a name or a number, got {given!r}; arrays of dofs are u, v and a"
+        )
     if isinstance(given, str):
         return [int(x) for x in dof_list(given, len(dofs), what, names)]
     if plain_array(given, what).dtype.kind in "UO" and _has_items(given):
@@ -136,6 +138,21 @@ def _has_items(given: Any) -> bool:
     if isinstance(given, np.ndarray):
         return given.ndim > 0
     return isinstance(given, Iterable) and not issparse(given)
+
+
+def on_mesh(motion: Any, kind: str = "u") -> np.ndarray:
+    """The u, v or a of a motion on all dofs of its mesh, (..., n): zeros at supports.
+
+    motion: what was recorded of a subdomain, or a `State`.
+    Returns that of the subdomain where its dofs are not those of a mesh, or not all were recorded.
+    """
+    x: np.ndarray = getattr(motion, kind)
+    names = motion.dof_names
+    if not isinstance(names, NodeNames) or len(names) != motion.n:
+        return x
+    whole = np.zeros((*x.shape[:-1], names.whole))
+    whole[..., names.numbers] = x
+    return whole
 
 
 def label_of(dofs: np.ndarray, names: Sequence[str] | None, j: int) -> str:

@@ -98,6 +98,21 @@ class History:
             raise KeyError(f"subdomain {self.keys[i][0]!r} was not recorded")
         return found
 
+    def __contains__(self, key: Any) -> bool:
+        """Whether there is a subdomain of this name, number or object."""
+        try:
+            position(key, self.keys)
+        except LookupError:
+            return False
+        return True
+
+    if not TYPE_CHECKING:  # a checker refuses by itself what is not there
+
+        def __getattr__(self, name):
+            of_one = name in SubdomainHistory.__dataclass_fields__
+            where = f"; each subdomain has: history[name].{name}" if of_one else ""
+            raise AttributeError(f"a History has no {name!r}{where}", name=name, obj=self)
+
     @property
     def contacts(self) -> Contacts:
         """What was recorded of contacts.

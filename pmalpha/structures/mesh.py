@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._checks import counted, listing, real_array, require_finite
+from .._checks import counted, listing, not_real, real_array, require_finite
 from ..problem.kinds import BY_COLUMNS, KINDS
 
 
@@ -82,7 +82,7 @@ def nodal_vectors(values: Any, mesh: Mesh, name: str, *, times: int | None = Non
     N, dim = mesh.points.shape
     array = np.asarray(values)
     if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+        raise not_real(array, name)
     before = () if times is None else (times,)
     after = array.shape[len(before) :]
     flat = len(after) == 1 and after[0] % N == 0 and after[0] >= N * dim
@@ -106,7 +106,7 @@ def nodal_values(values: Any, mesh: Mesh, name: str, *, times: int | None = None
     shape = (len(mesh.points),) if times is None else (times, len(mesh.points))
     array = np.asarray(values)
     if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+        raise not_real(array, name)
     if array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
     require_finite(array, name)

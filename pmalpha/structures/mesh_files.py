@@ -20,6 +20,7 @@ import numpy as np
 from .._checks import listing, real_number, require_finite, require_moderate
 from ..files import library, reading
 from ..problem.kinds import KINDS
+from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
 from .inp import Input
 from .mesh import Block, checked_mesh, nodal_vectors, padded
@@ -294,8 +295,8 @@ def grid_of(
         grid.point_data["displacement"] = padded(nodal_vectors(motion, mesh, "motion"), 3)
         return grid
     k = -1 if t is None else _level(motion, t)
-    for name, x in (("displacement", motion.u), ("velocity", motion.v), ("acceleration", motion.a)):
-        grid.point_data[name] = padded(nodal_vectors(x[k], mesh, "motion"), 3)
+    for name, kind in (("displacement", "u"), ("velocity", "v"), ("acceleration", "a")):
+        grid.point_data[name] = padded(nodal_vectors(on_mesh(motion, kind)[k], mesh, "motion"), 3)
     grid.field_data["time"] = [motion.t[k]]
     return grid
 

@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy import LowLevelCallable
 
 from .._checks import counted, listing, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
 from ..problem.dofs import NodeNames, dof_list
+from ..problem.forces import SampledForce
 from ..problem.matrices import Matrix, combination, sparse_diagonal
-from ..problem.reduction import reduce
+from ..problem.reduction import Reduction, reduce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .elasticity import Moduli, stresses
@@ -635,8 +637,9 @@ class Structure:
         fixed : int, str, array of them, or (n,) array of bool, optional
             Dofs of supports, which the Subdomain does not have. Default: none.
         **options
-            Further arguments of `Subdomain`, of the dofs that are not fixed: C, substeps, force,
-            u0, name, ... An `internal` is added to the forces of the structure.
+            Further arguments of `Subdomain`, of the dofs that are not fixed: C, substeps, name, ...
+            An `internal` is added to the forces of the structure. `force` (an array or samples),
+            `u0` and `v0` may also be of all n dofs, as for `cut`: supports carry what acts on them.
 
         Returns
         -------
@@ -670,8 +673,24 @@ class Structure:
             own = [force.reduced(held.free) for force in self.internal]
             options["internal"] = [*(own if held.fixed.size else self.internal), *further]
         M, K = (held.M, held.K) if held.fixed.size else (self.M, self.K)
+        options |= {x: _of_free(options[x], held, x) for x in ("force", "u0", "v0") if x in options}
         options.setdefault("dof_names", held.dof_names)
         return Subdomain(M, K, scheme=scheme, **options)
+
+
+def _of_free(given: Any, held: Reduction, name: str) -> Any:
+    """A load or initial values of all dofs as those of the free ones; others as they are."""
+    if isinstance(given, SampledForce):
+        if given.n != held.n:
+            return given
+        if given.shape is None:
+            return given._changed(values=given.values.take(held.free, axis=1))
+        return given._changed(shape=given.shape[held.free])
+    if given is None or callable(given) or isinstance(given, LowLevelCallable):
+        return given
+    if np.shape(given) != (held.n,):
+        return given
+    return held.reduce_load(given) if name == "force" else held.reduce_motion(given)
 
 
 def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:
