@@ -54,7 +54,7 @@ def test_a_mask_ties_its_dofs_in_their_order():
         (None, TypeError, "whole numbers"),
         ([[1]], TypeError, "whole numbers"),
         (3, ValueError, r"0\.\.2, got 3"),
-        (-4, ValueError, r"0\.\.2, got -4"),
+        (-4, ValueError, r"-3\.\.2, got -4"),
         ([True, False], ValueError, r"mask of shape \(3,\), got shape \(2,\)"),
         ([False, False, False], ValueError, "at least one"),
     ],
