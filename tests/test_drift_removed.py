@@ -216,8 +216,8 @@ def test_no_step_grows_where_no_warning_is_given(schemes):
 @pytest.mark.parametrize(
     "schemes",
     [
-        (pm.Newmark(), pm.CentralDifference(), 3.519, 2, 0.82, "beside"),
-        (ALPHA(0.8), pm.CentralDifference(), 3.519, 2, 0.82, "beside"),
+        (pm.Newmark(), pm.CentralDifference(), 3.519, 2, 0.82, "and explicit ones"),
+        (ALPHA(0.8), pm.CentralDifference(), 3.519, 2, 0.82, "and explicit ones"),
         (pm.CentralDifference(), pm.Newmark(), 20.291, 8, 2.2, "fewer"),
         (pm.CentralDifference(), pm.CentralDifference(), 16.97, 20, 0.765, "fewer"),
         (pm.Newmark(), pm.Newmark(), 0.572, 2, 1.19, "several"),
