@@ -210,6 +210,10 @@ PyObject *pma_failure(CouplerObject *self, pma_status status);
  * extent accepts any. */
 int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, const char *name,
                    PyObject *arrays, PyArrayObject **out);
+
+/* The data of one with a single axis; a length of -1 is any, and is set. */
+int pma_take_vector(PyObject *obj, int type, npy_intp *length, const char *name, PyObject *arrays,
+                    void *out);
 int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
                      const double **out);
 
@@ -221,6 +225,9 @@ int pma_take_positions(PyObject *obj, size_t size, const char *name, PyObject *a
 
 /* A new array of this type, zeroed; its data in *data. */
 PyObject *pma_new_array(npy_intp length, int type, void *data);
+
+/* A new tuple, which takes these references over; NULL where one of them is NULL. */
+PyObject *pma_pack(Py_ssize_t count, PyObject *const *items);
 
 /* None, an (n,) array, an (n, n) array or a tuple: (band,), (ptr, index, values) or
  * strips */

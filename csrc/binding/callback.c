@@ -94,10 +94,9 @@ bool pma_is_compiled(PyObject *obj)
 
 int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
 {
-    PyArrayObject *order;
-    if (pma_take_array(obj, NPY_INT64, 1, &n, "order", arrays, &order) < 0)
-        return -1;
     size_t count;
+    if (pma_take_vector(obj, NPY_INT64, &n, "order", arrays, out) < 0)
+        return -1;
     return pma_take_positions(obj, (size_t)n, "order", NULL, &count, out);
 }
 

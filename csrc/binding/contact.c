@@ -24,14 +24,12 @@ static int take_side(CouplerObject *self, PyObject *obj, size_t rows, pma_contac
 
 static int take_rows(CouplerObject *self, PyObject *const *obj, pma_contact_parts *out)
 {
-    const npy_intp any = -1;
-    PyArrayObject *first;
-    if (pma_take_array(obj[0], NPY_INT64, 1, &any, "first", self->arrays, &first) < 0)
+    npy_intp starts = -1;
+    if (pma_take_vector(obj[0], NPY_INT64, &starts, "first", self->arrays, &out->first) < 0)
         return -1;
-    const npy_intp contacts = PyArray_DIM(first, 0) - 1;
+    const npy_intp contacts = starts - 1;
     if (contacts < 1)
         return pma_refuse(PyExc_ValueError, "first must have at least two numbers");
-    out->first = PyArray_DATA(first);
     out->contacts = (size_t)contacts;
     if (pma_take_doubles(obj[1], contacts, "gap", self->arrays, &out->gap) < 0 ||
         pma_take_doubles(obj[2], contacts, "restitution", self->arrays, &out->restitution) < 0)

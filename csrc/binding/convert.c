@@ -48,6 +48,24 @@ int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, con
     return 0;
 }
 
+int pma_take_vector(PyObject *obj, int type, npy_intp *length, const char *name, PyObject *arrays,
+                    void *out)
+{
+    PyArrayObject *array;
+    if (pma_take_array(obj, type, 1, length, name, arrays, &array) < 0)
+        return -1;
+    *length = PyArray_DIM(array, 0);
+    void *data = PyArray_DATA(array);
+    memcpy(out, &data, sizeof data);
+    return 0;
+}
+
+int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
+                     const double **out)
+{
+    return pma_take_vector(obj, NPY_DOUBLE, &count, name, arrays, out);
+}
+
 int pma_take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
                     PyArrayObject **out)
 {
@@ -61,26 +79,14 @@ int pma_take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *
 int pma_take_positions(PyObject *obj, size_t size, const char *name, PyObject *arrays,
                        size_t *count, const int64_t **out)
 {
-    PyArrayObject *array;
-    const npy_intp any = -1;
-    if (pma_take_array(obj, NPY_INT64, 1, &any, name, arrays, &array) < 0)
+    npy_intp length = -1;
+    if (pma_take_vector(obj, NPY_INT64, &length, name, arrays, out) < 0)
         return -1;
-    *count = (size_t)PyArray_DIM(array, 0);
-    *out = PyArray_DATA(array);
+    *count = (size_t)length;
     for (size_t i = 0; i < *count; i++) {
         if ((*out)[i] < 0 || (size_t)(*out)[i] >= size)
             return pma_refuse(PyExc_ValueError, "%s: a position is out of range", name);
     }
-    return 0;
-}
-
-int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
-                     const double **out)
-{
-    PyArrayObject *array;
-    if (pma_take_array(obj, NPY_DOUBLE, 1, &count, name, arrays, &array) < 0)
-        return -1;
-    *out = PyArray_DATA(array);
     return 0;
 }
 
@@ -108,19 +114,16 @@ static int take_compressed(PyObject *obj, npy_intp n, const char *name, PyObject
                            const int64_t **ptr, const int32_t **index, const double **values,
                            size_t *second)
 {
-    const npy_intp starts = n + 1;
-    PyArrayObject *p, *i;
+    npy_intp starts = n + 1;
     if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3)
         return pma_refuse(PyExc_TypeError, "%s must be a tuple (ptr, index, values)", name);
-    if (pma_take_array(PyTuple_GetItem(obj, 0), NPY_INT64, 1, &starts, name, arrays, &p) < 0)
+    if (pma_take_vector(PyTuple_GetItem(obj, 0), NPY_INT64, &starts, name, arrays, ptr) < 0)
         return -1;
-    *ptr = PyArray_DATA(p);
     npy_intp entries = (npy_intp)(*ptr)[n];
     if (entries < 0)
         return pma_refuse(PyExc_ValueError, "%s: the last start must not be negative", name);
-    if (pma_take_array(PyTuple_GetItem(obj, 1), NPY_INT32, 1, &entries, name, arrays, &i) < 0)
+    if (pma_take_vector(PyTuple_GetItem(obj, 1), NPY_INT32, &entries, name, arrays, index) < 0)
         return -1;
-    *index = PyArray_DATA(i);
     PyObject *numbers = PyTuple_GetItem(obj, 2);
     return second ? take_once_or_twice(numbers, 1, &entries, name, arrays, values, second)
                   : pma_take_doubles(numbers, entries, name, arrays, values);
@@ -217,30 +220,22 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
 /* (first, row_ptr, rows, start) of a tuple of five */
 int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
 {
-    PyObject *objs[5];
-    PyArrayObject *first, *row_ptr, *rows, *start;
-    npy_intp any = -1;
-    if (!PyArg_ParseTuple(obj, "OOOOO", &objs[0], &objs[1], &objs[2], &objs[3], &objs[4]) ||
-        pma_take_array(objs[0], NPY_INT64, 1, &any, name, arrays, &first) < 0)
+    PyObject *first, *row_ptr, *rows, *start, *last;
+    npy_intp starts = -1;
+    *out = (pma_panels){.count = 0};
+    if (!PyArg_ParseTuple(obj, "OOOOO", &first, &row_ptr, &rows, &start, &last) ||
+        pma_take_vector(first, NPY_INT64, &starts, name, arrays, &out->first) < 0)
         return -1;
-    npy_intp starts = PyArray_DIM(first, 0);
     if (starts == 0)
         return pma_refuse(PyExc_ValueError, "%s: first must not be empty", name);
-    if (pma_take_array(objs[1], NPY_INT64, 1, &starts, name, arrays, &row_ptr) < 0 ||
-        pma_take_array(objs[3], NPY_INT64, 1, &starts, name, arrays, &start) < 0)
+    if (pma_take_vector(row_ptr, NPY_INT64, &starts, name, arrays, &out->row_ptr) < 0 ||
+        pma_take_vector(start, NPY_INT64, &starts, name, arrays, &out->start) < 0)
         return -1;
-    const int64_t *ends[2] = {PyArray_DATA(row_ptr), PyArray_DATA(start)};
-    npy_intp length = (npy_intp)ends[0][starts - 1];
-    if (length < 0 || ends[1][starts - 1] < 0)
+    out->count = (size_t)starts - 1;
+    npy_intp length = (npy_intp)out->row_ptr[out->count];
+    if (length < 0 || out->start[out->count] < 0)
         return pma_refuse(PyExc_ValueError, "%s: the last start must not be negative", name);
-    if (pma_take_array(objs[2], NPY_INT32, 1, &length, name, arrays, &rows) < 0)
-        return -1;
-    *out = (pma_panels){.count = (size_t)starts - 1,
-                        .first = PyArray_DATA(first),
-                        .row_ptr = PyArray_DATA(row_ptr),
-                        .rows = PyArray_DATA(rows),
-                        .start = PyArray_DATA(start)};
-    return 0;
+    return pma_take_vector(rows, NPY_INT32, &length, name, arrays, &out->rows);
 }
 
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
@@ -286,23 +281,19 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
 int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out)
 {
     PyObject *inverse, *L, *U, *row, *column;
-    PyArrayObject *diagonal, *rows, *columns;
     npy_intp n = -1;
+    *out = (pma_lu){.p = (size_t)p};
     if (!PyTuple_Check(obj))
         return pma_refuse(PyExc_TypeError, "gap must be a tuple (inverse, L, U, row, column)");
     if (!PyArg_ParseTuple(obj, "OOOOO", &inverse, &L, &U, &row, &column) ||
-        pma_take_array(inverse, NPY_DOUBLE, 1, &n, "gap", arrays, &diagonal) < 0)
+        pma_take_vector(inverse, NPY_DOUBLE, &n, "gap", arrays, &out->inverse) < 0)
         return -1;
-    n = PyArray_DIM(diagonal, 0);
-    *out = (pma_lu){.n = (size_t)n, .p = (size_t)p, .inverse = PyArray_DATA(diagonal)};
+    out->n = (size_t)n;
     if (take_compressed(L, n, "gap", arrays, &out->below, &out->lower, &out->L, NULL) < 0 ||
         take_compressed(U, n, "gap", arrays, &out->above, &out->upper, &out->U, NULL) < 0 ||
-        pma_take_array(row, NPY_INT32, 1, &p, "gap", arrays, &rows) < 0 ||
-        pma_take_array(column, NPY_INT32, 1, &p, "gap", arrays, &columns) < 0)
+        pma_take_vector(row, NPY_INT32, &p, "gap", arrays, &out->row) < 0)
         return -1;
-    out->row = PyArray_DATA(rows);
-    out->column = PyArray_DATA(columns);
-    return 0;
+    return pma_take_vector(column, NPY_INT32, &p, "gap", arrays, &out->column);
 }
 
 /* As many elements as there are parameters for; -1 without an exception where these do not fit. */
@@ -320,19 +311,14 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
 {
     int law;
     PyObject *first, *second, *parameters;
-    PyArrayObject *array;
     npy_intp count = -1;
     if (!PyTuple_Check(obj))
         return pma_refuse(PyExc_TypeError, "springs must be tuples");
     if (!PyArg_ParseTuple(obj, "iOOO!", &law, &first, &second, &PyTuple_Type, &parameters) ||
-        pma_take_array(first, NPY_INT32, 1, &count, "first", arrays, &array) < 0)
+        pma_take_vector(first, NPY_INT32, &count, "first", arrays, &set->first) < 0 ||
+        pma_take_vector(second, NPY_INT32, &count, "second", arrays, &set->second) < 0)
         return -1;
-    set->first = PyArray_DATA(array);
-    count = PyArray_DIM(array, 0);
     set->count = (size_t)count;
-    if (pma_take_array(second, NPY_INT32, 1, &count, "second", arrays, &array) < 0)
-        return -1;
-    set->second = PyArray_DATA(array);
     if (law < 0 || law >= PMA_SPRING_LAWS || take_elements(law, parameters, set) < 0)
         return pma_refuse(PyExc_ValueError, "springs: law and number of parameters must agree");
     for (Py_ssize_t k = 0; k < PyTuple_Size(parameters); k++) {
@@ -362,9 +348,23 @@ int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma
 PyObject *pma_new_array(npy_intp length, int type, void *data)
 {
     PyObject *array = PyArray_ZEROS(1, &length, type, 0);
-    if (array)
-        *(void **)data = PyArray_DATA((PyArrayObject *)array);
+    void *own = array ? PyArray_DATA((PyArrayObject *)array) : NULL;
+    memcpy(data, &own, sizeof own);
     return array;
+}
+
+PyObject *pma_pack(Py_ssize_t count, PyObject *const *items)
+{
+    PyObject *tuple = PyTuple_New(count);
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (!items[i])
+            Py_CLEAR(tuple);
+        if (tuple)
+            PyTuple_SetItem(tuple, i, items[i]);
+        else
+            Py_XDECREF(items[i]);
+    }
+    return tuple;
 }
 
 PyObject *pma_new_vector(npy_intp n, const double *x)
@@ -379,8 +379,7 @@ int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
 {
     Py_ssize_t p;
     PyObject *ptr, *index, *values;
-    const npy_intp starts = (npy_intp)nb + 1;
-    PyArrayObject *array;
+    npy_intp starts = (npy_intp)nb + 1;
     if (!PyTuple_Check(obj))
         return pma_refuse(PyExc_TypeError, "link must be a tuple (p, ptr, index, values)");
     if (!PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
@@ -388,12 +387,10 @@ int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
     if (p < 0)
         return pma_refuse(PyExc_ValueError, "link: p must not be negative");
     *out = (pma_link){.p = (size_t)p, .nb = nb};
-    if (pma_take_array(ptr, NPY_INT64, 1, &starts, "link", arrays, &array) < 0)
+    if (pma_take_vector(ptr, NPY_INT64, &starts, "link", arrays, &out->ptr) < 0)
         return -1;
-    out->ptr = PyArray_DATA(array);
-    const npy_intp entries = (npy_intp)out->ptr[nb];
-    if (pma_take_array(index, NPY_INT32, 1, &entries, "link", arrays, &array) < 0)
+    npy_intp entries = (npy_intp)out->ptr[nb];
+    if (pma_take_vector(index, NPY_INT32, &entries, "link", arrays, &out->index) < 0)
         return -1;
-    out->index = PyArray_DATA(array);
     return pma_take_doubles(values, entries, "link", arrays, &out->values);
 }

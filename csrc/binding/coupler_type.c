@@ -19,14 +19,12 @@ static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
 /* a tuple of (k,) arrays: the rows of each prescribed motion, before its load is set */
 static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
 {
-    const npy_intp any = -1;
-    PyArrayObject *rows;
     for (Py_ssize_t i = 0; i < PyTuple_Size(obj); i++) {
-        if (pma_take_array(PyTuple_GetItem(obj, i), NPY_INT64, 1, &any, "motions", arrays, &rows) <
-            0)
+        npy_intp rows = -1;
+        if (pma_take_vector(PyTuple_GetItem(obj, i), NPY_INT64, &rows, "motions", arrays,
+                            &motions[i].rows) < 0)
             return -1;
-        motions[i].rows = PyArray_DATA(rows);
-        motions[i].load.n = (size_t)PyArray_DIM(rows, 0);
+        motions[i].load.n = (size_t)rows;
     }
     return 0;
 }

@@ -52,15 +52,13 @@ static bool gather_by_address(void *ctx, double *all, const int *counts, const i
 /* the constraints of a subdomain whose steps are iterated; None for another */
 static int take_iterated(PyObject *obj, PyObject *arrays, pma_remote_parts *parts)
 {
-    const npy_intp any = -1;
-    PyArrayObject *rows;
+    npy_intp count = -1;
     if (obj == Py_None)
         return 0;
-    if (pma_take_array(obj, NPY_INT64, 1, &any, "rows", arrays, &rows) < 0)
+    if (pma_take_vector(obj, NPY_INT64, &count, "rows", arrays, &parts->rows) < 0)
         return -1;
     parts->iterates = true;
-    parts->count = (size_t)PyArray_DIM(rows, 0);
-    parts->rows = PyArray_DATA(rows);
+    parts->count = (size_t)count;
     return 0;
 }
 
@@ -117,13 +115,9 @@ static int take_gather(PyObject *obj, PyObject *arrays, npy_intp size, pma_proce
     Py_ssize_t address, type, communicator;
     if (!PyArg_Parse(obj, "(nnn)", &address, &type, &communicator))
         return -1;
-    PyObject *sent = PyArray_ZEROS(1, &size, NPY_DOUBLE, 0);
-    if (!sent || PyList_Append(arrays, sent) < 0) {
-        Py_XDECREF(sent);
+    x->sent = pma_add_scratch(size, arrays);
+    if (!x->sent)
         return -1;
-    }
-    x->sent = PyArray_DATA((PyArrayObject *)sent);
-    Py_DECREF(sent);
     memcpy(&x->address, &address, sizeof address);
     x->type = type;
     x->communicator = communicator;
@@ -134,22 +128,16 @@ static int take_gather(PyObject *obj, PyObject *arrays, npy_intp size, pma_proce
 static int take_buffers(PyObject *first, PyObject *all, PyObject *counts, PyObject *starts,
                         PyObject *arrays, pma_processes *x)
 {
-    const npy_intp any = -1;
-    PyArrayObject *array, *numbers[2];
-    if (pma_take_array(first, NPY_INT64, 1, &any, "first", arrays, &array) < 0)
+    npy_intp ranks = -1;
+    if (pma_take_vector(first, NPY_INT64, &ranks, "first", arrays, &x->parts.first) < 0)
         return -1;
-    x->parts.first = PyArray_DATA(array);
-    const npy_intp ranks = PyArray_DIM(array, 0) - 1;
-    bool fits = ranks >= 1 && (npy_intp)x->parts.rank < ranks;
-    if (pma_take_array(counts, NPY_INT, 1, &ranks, "counts", arrays, &numbers[0]) < 0 ||
-        pma_take_array(starts, NPY_INT, 1, &ranks, "starts", arrays, &numbers[1]) < 0 ||
-        pma_take_array(all, NPY_DOUBLE, 1, &any, "all", arrays, &array) < 0)
+    bool fits = --ranks >= 1 && (npy_intp)x->parts.rank < ranks;
+    x->size = -1;
+    if (pma_take_vector(counts, NPY_INT, &ranks, "counts", arrays, &x->parts.counts) < 0 ||
+        pma_take_vector(starts, NPY_INT, &ranks, "starts", arrays, &x->parts.starts) < 0 ||
+        pma_take_vector(all, NPY_DOUBLE, &x->size, "all", arrays, &x->parts.all) < 0)
         return -1;
     x->parts.ranks = (size_t)ranks;
-    x->parts.all = PyArray_DATA(array);
-    x->size = PyArray_DIM(array, 0);
-    x->parts.counts = PyArray_DATA(numbers[0]);
-    x->parts.starts = PyArray_DATA(numbers[1]);
     for (npy_intp r = 0; fits && r < ranks; r++)
         fits = x->parts.first[r] >= 0 && x->parts.first[r] <= x->parts.first[r + 1];
     if (fits)
@@ -175,7 +163,7 @@ int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out)
     if (take_remotes(remotes, arrays, x) < 0 ||
         take_buffers(first, all, counts, starts, arrays, x) < 0)
         return -1;
-    return take_gather(gather, arrays, PyArray_DIM((PyArrayObject *)all, 0), x);
+    return take_gather(gather, arrays, x->size, x);
 }
 
 void pma_release_processes(pma_processes *x)

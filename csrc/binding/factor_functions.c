@@ -17,18 +17,15 @@ typedef struct {
 
 static int take_pattern(PyObject *ptr_obj, PyObject *index_obj, pattern *out)
 {
-    PyArrayObject *ptr, *index;
-    const npy_intp any = -1;
-    if (pma_take_array(ptr_obj, NPY_INT64, 1, &any, "ptr", NULL, &ptr) < 0)
+    npy_intp starts = -1;
+    if (pma_take_vector(ptr_obj, NPY_INT64, &starts, "ptr", NULL, &out->ptr) < 0)
         return -1;
-    const npy_intp n = PyArray_DIM(ptr, 0) - 1;
-    if (n < 0)
+    if (starts == 0)
         return pma_refuse(PyExc_ValueError, "ptr must not be empty");
-    const int64_t *starts = PyArray_DATA(ptr);
-    const npy_intp entries = starts[n] < 0 ? 0 : (npy_intp)starts[n];
-    if (pma_take_array(index_obj, NPY_INT32, 1, &entries, "index", NULL, &index) < 0)
+    out->n = (size_t)starts - 1;
+    npy_intp entries = out->ptr[out->n] < 0 ? 0 : (npy_intp)out->ptr[out->n];
+    if (pma_take_vector(index_obj, NPY_INT32, &entries, "index", NULL, &out->index) < 0)
         return -1;
-    *out = (pattern){(size_t)n, starts, PyArray_DATA(index)};
     const pma_matrix A = {.form = PMA_SPARSE, .n = out->n, .ptr = out->ptr, .index = out->index};
     if (pma_matrix_check(&A) == PMA_OK)
         return 0;
@@ -58,9 +55,9 @@ static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
         return PyErr_NoMemory();
     array = pma_new_array((npy_intp)A.n, NPY_INT64, &count);
     if (array) {
-        Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n,
-                                                  count);
-        Py_END_ALLOW_THREADS
+        PyThreadState *before = pma_gil_release();
+        pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n, count);
+        pma_gil_acquire(before);
     }
     PyMem_Free(scratch);
     return array;
@@ -80,9 +77,10 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
     array = pma_new_array((npy_intp)A.n, NPY_INT64, &order);
     if (array) {
         int64_t *parent = scratch, *count = scratch + A.n, *rest = scratch + 2 * A.n;
-        Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
+        PyThreadState *before = pma_gil_release();
+        pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
         pma_symbolic_postorder(A.n, (size_t)nb, parent, count, rest, order);
-        Py_END_ALLOW_THREADS
+        pma_gil_acquire(before);
     }
     PyMem_Free(scratch);
     return array;
@@ -92,11 +90,9 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
 
 static int take_groups(PyObject *group_obj, size_t n, Py_ssize_t groups, const int32_t **out)
 {
-    const npy_intp length = (npy_intp)n;
-    PyArrayObject *group;
-    if (pma_take_array(group_obj, NPY_INT32, 1, &length, "group", NULL, &group) < 0)
+    npy_intp length = (npy_intp)n;
+    if (pma_take_vector(group_obj, NPY_INT32, &length, "group", NULL, out) < 0)
         return -1;
-    *out = PyArray_DATA(group);
     bool right = groups >= 0 && groups <= INT32_MAX;
     for (size_t i = 0; right && i < n; i++)
         right = (*out)[i] >= 0 && (*out)[i] < groups;
@@ -112,25 +108,23 @@ static PyObject *new_graph(const pattern *A, size_t groups, const int32_t *group
     int64_t *ptr, *list_ptr = integers, *other_ptr = integers + groups + 1;
     int64_t *start = integers + 2 * (groups + 1), *mark = integers + 3 * (groups + 1);
     int32_t *list = indices + A->n, *other = list + A->ptr[A->n];
-    PyObject *graph = NULL, *ptr_obj = pma_new_array((npy_intp)(groups + 1), NPY_INT64, &ptr);
-    if (!ptr_obj)
+    int32_t *index;
+    PyObject *graph[2] = {pma_new_array((npy_intp)(groups + 1), NPY_INT64, &ptr), NULL};
+    if (!graph[0])
         return NULL;
-    Py_BEGIN_ALLOW_THREADS pma_symbolic_merge(A->n, A->ptr, A->index, groups, group, start, indices,
-                                              mark, list_ptr, list);
+    PyThreadState *before = pma_gil_release();
+    pma_symbolic_merge(A->n, A->ptr, A->index, groups, group, start, indices, mark, list_ptr, list);
     pma_symbolic_transpose(groups, list_ptr, list, other_ptr, other);
     pma_symbolic_transpose(groups, other_ptr, other, list_ptr, list);
     pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, ptr, NULL);
-    Py_END_ALLOW_THREADS npy_intp length = (npy_intp)ptr[groups];
-    PyObject *index_obj = PyArray_ZEROS(1, &length, NPY_INT32, 0);
-    if (index_obj) {
-        int32_t *index = PyArray_DATA((PyArrayObject *)index_obj);
-        Py_BEGIN_ALLOW_THREADS pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, ptr,
-                                                  index);
-        Py_END_ALLOW_THREADS graph = PyTuple_Pack(2, ptr_obj, index_obj);
+    pma_gil_acquire(before);
+    graph[1] = pma_new_array((npy_intp)ptr[groups], NPY_INT32, &index);
+    if (graph[1]) {
+        before = pma_gil_release();
+        pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, ptr, index);
+        pma_gil_acquire(before);
     }
-    Py_XDECREF(index_obj);
-    Py_DECREF(ptr_obj);
-    return graph;
+    return pma_pack(2, graph);
 }
 
 static PyObject *graph_of_groups(PyObject *Py_UNUSED(module), PyObject *args)
@@ -165,7 +159,6 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
                            pma_new_array((npy_intp)(s + 1), NPY_INT64, &row_ptr), NULL,
                            pma_new_array((npy_intp)(s + 1), NPY_INT64, &start),
                            pma_new_array((npy_intp)A->n, NPY_INT64, &owner)};
-    PyObject *structure = NULL;
     if (arrays[0] && arrays[1] && arrays[3] && arrays[4]) {
         memcpy(first, columns, (s + 1) * sizeof *first);
         pma_symbolic_lay_out(s, first, count, row_ptr, start);
@@ -175,15 +168,16 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
     if (arrays[2]) {
         int32_t *rows = PyArray_DATA((PyArrayObject *)arrays[2]);
         pma_status status;
-        Py_BEGIN_ALLOW_THREADS status =
-            pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
-                              scratch + A->n, scratch + 2 * A->n, rows);
-        Py_END_ALLOW_THREADS if (status != PMA_OK) pma_raise(status, "supernodes");
-        else structure = PyTuple_Pack(5, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4]);
+        PyThreadState *before = pma_gil_release();
+        status = pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
+                                   scratch + A->n, scratch + 2 * A->n, rows);
+        pma_gil_acquire(before);
+        if (status != PMA_OK) {
+            pma_raise(status, "supernodes");
+            Py_CLEAR(arrays[2]);
+        }
     }
-    for (size_t k = 0; k < 5; k++)
-        Py_XDECREF(arrays[k]);
-    return structure;
+    return pma_pack(5, arrays);
 }
 
 static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
@@ -198,9 +192,11 @@ static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *parent = scratch, *count = scratch + A.n, *first = scratch + 2 * A.n;
     int64_t *rest = scratch + 3 * A.n + 1;
     size_t s;
-    Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
+    PyThreadState *before = pma_gil_release();
+    pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
     s = pma_symbolic_supernodes(A.n, (size_t)nb, parent, count, rest, first);
-    Py_END_ALLOW_THREADS PyObject *structure = new_structure(&A, s, first, count, rest);
+    pma_gil_acquire(before);
+    PyObject *structure = new_structure(&A, s, first, count, rest);
     PyMem_Free(scratch);
     return structure;
 }
@@ -308,7 +304,6 @@ static pma_status factor(const pma_panels *p, const pma_panels_input *A, const i
 static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values, PyObject *arrays,
                         pma_panels_input *A, pma_panels *p, const int64_t **owner)
 {
-    PyArrayObject *owners;
     pattern of;
     if (!PyTuple_Check(matrix) || PyTuple_Size(matrix) != 3 || !PyTuple_Check(structure) ||
         PyTuple_Size(structure) != 5)
@@ -318,13 +313,11 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     A->n = of.n;
     A->ptr = of.ptr;
     A->index = of.index;
-    const npy_intp n = (npy_intp)of.n;
+    npy_intp n = (npy_intp)of.n;
     if (pma_take_doubles(PyTuple_GetItem(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
                          &A->values) < 0 ||
-        pma_take_array(PyTuple_GetItem(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &owners) <
-            0)
+        pma_take_vector(PyTuple_GetItem(structure, 4), NPY_INT64, &n, "owner", arrays, owner) < 0)
         return -1;
-    *owner = PyArray_DATA(owners);
     PyObject *panels =
         PyTuple_Pack(5, PyTuple_GetItem(structure, 0), PyTuple_GetItem(structure, 1),
                      PyTuple_GetItem(structure, 2), PyTuple_GetItem(structure, 3), values);

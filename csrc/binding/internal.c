@@ -100,25 +100,20 @@ static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
 {
     PyObject *function, *where, *across, *potential;
     Py_ssize_t history;
-    PyArrayObject *array;
-    const npy_intp any = -1;
+    npy_intp entries = -1;
     if (!PyArg_ParseTuple(obj, "OnOOO", &function, &history, &where, &across, &potential))
         return -1;
     if (history < 0)
         return pma_refuse(PyExc_ValueError, "history must not be negative");
     out->history = (size_t)history;
     if (where != Py_None) {
-        if (pma_take_array(where, NPY_INT64, 1, &any, "where", arrays, &array) < 0)
+        if (pma_take_vector(where, NPY_INT64, &entries, "where", arrays, &out->where) < 0)
             return -1;
-        out->where = PyArray_DATA(array);
-        out->entries = (size_t)PyArray_DIM(array, 0);
+        out->entries = (size_t)entries;
     }
-    if (where != Py_None && across != Py_None) {
-        const npy_intp entries = (npy_intp)out->entries;
-        if (pma_take_array(across, NPY_INT64, 1, &entries, "across", arrays, &array) < 0)
-            return -1;
-        out->across = PyArray_DATA(array);
-    }
+    if (where != Py_None && across != Py_None &&
+        pma_take_vector(across, NPY_INT64, &entries, "across", arrays, &out->across) < 0)
+        return -1;
     if (PyList_Append(arrays, function) < 0)
         return -1;
     out->function = (pma_internal_function)pma_address_of(function, &out->user);
@@ -140,8 +135,7 @@ int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *f
                       pma_internal *out)
 {
     PyObject *order, *initial, *list;
-    PyArrayObject *array;
-    const npy_intp any = -1;
+    npy_intp history = -1;
     *out = (pma_internal){.n = (size_t)n};
     if (obj == Py_None)
         return 0;
@@ -149,10 +143,9 @@ int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *f
         return pma_refuse(PyExc_TypeError, "internal must be a tuple (order, initial, forces)");
     if (!PyArg_ParseTuple(obj, "OOO!", &order, &initial, &PyTuple_Type, &list) ||
         pma_take_order(order, n, arrays, &out->order) < 0 ||
-        pma_take_array(initial, NPY_DOUBLE, 1, &any, "initial", arrays, &array) < 0)
+        pma_take_vector(initial, NPY_DOUBLE, &history, "initial", arrays, &out->initial) < 0)
         return -1;
-    out->initial = PyArray_DATA(array);
-    out->history = (size_t)PyArray_DIM(array, 0);
+    out->history = (size_t)history;
     const size_t count = (size_t)PyTuple_Size(list);
     forces->forces = PyMem_Calloc(count + 1, sizeof *forces->forces);
     forces->callables = PyMem_Calloc(count + 1, sizeof *forces->callables);
@@ -183,32 +176,27 @@ int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
 {
     PyObject *ptr, *index, *structure, *dgemm, *dtrsm;
     int unsymmetric;
-    PyArrayObject *array;
-    npy_intp size = n + 1, entries;
+    npy_intp size = n + 1;
     *out = (pma_numeric_parts){.n = (size_t)n, .nb = (size_t)nb};
     if (!PyTuple_Check(obj))
         return pma_refuse(PyExc_TypeError, "pattern must be a tuple of six");
     if (!PyArg_ParseTuple(obj, "OOOOOp", &ptr, &index, &structure, &dgemm, &dtrsm, &unsymmetric) ||
-        pma_take_array(ptr, NPY_INT64, 1, &size, "ptr", arrays, &array) < 0)
+        pma_take_vector(ptr, NPY_INT64, &size, "ptr", arrays, &out->ptr) < 0)
         return -1;
     out->unsymmetric = unsymmetric;
-    out->ptr = PyArray_DATA(array);
-    entries = (npy_intp)out->ptr[n];
-    if (pma_take_array(index, NPY_INT32, 1, &entries, "index", arrays, &array) < 0)
+    npy_intp entries = (npy_intp)out->ptr[n];
+    if (pma_take_vector(index, NPY_INT32, &entries, "index", arrays, &out->index) < 0)
         return -1;
-    out->index = PyArray_DATA(array);
     if (structure == Py_None)
         return 0;
     if (pma_take_blas(dgemm, dtrsm, &out->blas) < 0)
         return -1;
     if (!PyTuple_Check(structure) || PyTuple_Size(structure) != 5)
         return pma_refuse(PyExc_TypeError, "structure must be a tuple of five arrays");
-    if (pma_take_structure(structure, "structure", arrays, &out->panels) < 0 ||
-        pma_take_array(PyTuple_GetItem(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &array) <
-            0)
+    if (pma_take_structure(structure, "structure", arrays, &out->panels) < 0)
         return -1;
-    out->owner = PyArray_DATA(array);
-    return 0;
+    return pma_take_vector(PyTuple_GetItem(structure, 4), NPY_INT64, &n, "owner", arrays,
+                           &out->owner);
 }
 
 int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pma_team **team,

@@ -22,8 +22,7 @@ static int take_sampled(PyObject *obj, PyObject *arrays, pma_load *load)
     if (shape == Py_None) {
         if (load->k == load->n)
             return 0;
-        PyErr_SetString(PyExc_ValueError, "values must have n columns when there is no shape");
-        return -1;
+        return pma_refuse(PyExc_ValueError, "values must have n columns when there is no shape");
     }
     const npy_intp extents[2] = {(npy_intp)load->k, (npy_intp)load->n};
     if (pma_take_array(shape, NPY_DOUBLE, 2, extents, "shape", arrays, &array) < 0)

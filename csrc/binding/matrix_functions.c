@@ -23,27 +23,19 @@ static PyObject *new_strips(const pma_matrix *A, size_t count, const int64_t *fi
     int32_t *index;
     double *values;
     const npy_intp starts = (npy_intp)count + 1;
-    PyObject *f = pma_new_array(starts, NPY_INT64, &own_first);
-    PyObject *p = pma_new_array(starts, NPY_INT64, &ptr),
-             *b = pma_new_array(starts, NPY_INT64, &start);
-    PyObject *i = NULL, *v = NULL, *tuple = NULL;
-    if (f && p && b) {
+    PyObject *arrays[5] = {pma_new_array(starts, NPY_INT64, &own_first),
+                           pma_new_array(starts, NPY_INT64, &ptr), NULL,
+                           pma_new_array(starts, NPY_INT64, &start), NULL};
+    if (arrays[0] && arrays[1] && arrays[3]) {
         memcpy(own_first, first, (size_t)starts * sizeof *first);
         pma_strips S = {.count = count, .first = own_first, .ptr = ptr, .start = start};
         lay_out(&S, columns, ptr, start);
-        i = pma_new_array((npy_intp)ptr[count], NPY_INT32, &index);
-        v = pma_new_array((npy_intp)start[count], NPY_DOUBLE, &values);
-        if (i && v) {
+        arrays[2] = pma_new_array((npy_intp)ptr[count], NPY_INT32, &index);
+        arrays[4] = pma_new_array((npy_intp)start[count], NPY_DOUBLE, &values);
+        if (arrays[2] && arrays[4])
             pma_strips_fill(&S, A->n, A->ptr, A->index, A->values, mark, index, values);
-            tuple = PyTuple_Pack(5, f, p, i, b, v);
-        }
     }
-    Py_XDECREF(f);
-    Py_XDECREF(p);
-    Py_XDECREF(i);
-    Py_XDECREF(b);
-    Py_XDECREF(v);
-    return tuple;
+    return pma_pack(5, arrays);
 }
 
 /* (ptr, index, values) of any size */
@@ -99,18 +91,15 @@ static PyObject *new_permuted(const pma_matrix *A, const int64_t *order, const i
     int32_t *index;
     double *values;
     const npy_intp entries = (npy_intp)A->ptr[A->n];
-    PyObject *p = pma_new_array((npy_intp)A->n + 1, NPY_INT64, &ptr), *tuple = NULL;
-    PyObject *i = pma_new_array(entries, NPY_INT32, &index);
-    PyObject *v = pma_new_array(entries, NPY_DOUBLE, &values);
-    if (p && i && v) {
-        Py_BEGIN_ALLOW_THREADS pma_matrix_permute(A->n, A->ptr, A->index, A->values, order,
-                                                  position, ptr, index, values);
-        Py_END_ALLOW_THREADS tuple = PyTuple_Pack(3, p, i, v);
+    PyObject *arrays[3] = {pma_new_array((npy_intp)A->n + 1, NPY_INT64, &ptr),
+                           pma_new_array(entries, NPY_INT32, &index),
+                           pma_new_array(entries, NPY_DOUBLE, &values)};
+    if (arrays[0] && arrays[1] && arrays[2]) {
+        PyThreadState *before = pma_gil_release();
+        pma_matrix_permute(A->n, A->ptr, A->index, A->values, order, position, ptr, index, values);
+        pma_gil_acquire(before);
     }
-    Py_XDECREF(p);
-    Py_XDECREF(i);
-    Py_XDECREF(v);
-    return tuple;
+    return pma_pack(3, arrays);
 }
 
 static PyObject *permuted(PyObject *Py_UNUSED(module), PyObject *args)

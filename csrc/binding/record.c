@@ -2,7 +2,7 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "algebra/kernel.h"
+#include "algebra/lists.h"
 
 static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
                      double **out)
@@ -36,31 +36,22 @@ static int take_springs(PyObject *obj, npy_intp *rows, pma_selection *selection)
 /* None or (start, position, weight), the rows of a matrix with `size` columns */
 static int take_combination(PyObject *obj, size_t size, size_t rows, pma_combination *out)
 {
-    PyObject *position, *weight;
-    PyArrayObject *start, *weights;
-    const npy_intp starts = (npy_intp)rows + 1;
-    npy_intp entries;
+    npy_intp starts = (npy_intp)rows + 1;
     size_t count;
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3)
         return pma_refuse(PyExc_TypeError, "a combination must be None or a tuple of three arrays");
-    position = PyTuple_GetItem(obj, 1);
-    weight = PyTuple_GetItem(obj, 2);
-    if (pma_take_array(PyTuple_GetItem(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) < 0 ||
-        pma_take_positions(position, size, "position", NULL, &count, &out->position) < 0)
+    if (pma_take_vector(PyTuple_GetItem(obj, 0), NPY_INT64, &starts, "start", NULL, &out->start) <
+            0 ||
+        pma_take_positions(PyTuple_GetItem(obj, 1), size, "position", NULL, &count,
+                           &out->position) < 0 ||
+        pma_take_doubles(PyTuple_GetItem(obj, 2), (npy_intp)count, "weight", NULL, &out->weight) <
+            0)
         return -1;
-    entries = (npy_intp)count;
-    if (pma_take_array(weight, NPY_DOUBLE, 1, &entries, "weight", NULL, &weights) < 0)
-        return -1;
-    out->start = PyArray_DATA(start);
-    out->weight = PyArray_DATA(weights);
-    bool fits = out->start[0] == 0 && out->start[rows] == (int64_t)entries;
-    for (size_t row = 0; row < rows; row++)
-        fits = fits && out->start[row] <= out->start[row + 1];
-    if (!fits)
-        PyErr_SetString(PyExc_ValueError, "start must rise from 0 to the number of weights");
-    return fits ? 0 : -1;
+    if (pma_are_starts(rows, out->start) && out->start[rows] == (int64_t)count)
+        return 0;
+    return pma_refuse(PyExc_ValueError, "start must rise from 0 to the number of weights");
 }
 
 /* (output, of_u, of_v, of_w) */

@@ -40,18 +40,18 @@ static specimen *add_specimen(Py_ssize_t filters, npy_intp n, PyObject *arrays)
 static int take_actuator(PyObject *obj, PyObject *arrays, pma_actuator *out)
 {
     PyObject *lag, *weight, *phi, *before, *after, *slope;
-    PyArrayObject *lags, *square;
+    PyArrayObject *square;
     const npy_intp any[2] = {-1, -1};
+    npy_intp taps = -1;
     unsigned long long seed;
     if (!PyArg_ParseTuple(obj, "OOdOOOOddK", &lag, &weight, &out->largest, &phi, &before, &after,
                           &slope, &out->noise, &out->quantum, &seed) ||
-        pma_take_array(lag, NPY_INT64, 1, any, "lag", arrays, &lags) < 0 ||
+        pma_take_vector(lag, NPY_INT64, &taps, "lag", arrays, &out->lag) < 0 ||
         pma_take_array(phi, NPY_DOUBLE, 2, any, "phi", arrays, &square) < 0)
         return -1;
-    const npy_intp taps = PyArray_DIM(lags, 0), order = PyArray_DIM(square, 0);
+    const npy_intp order = PyArray_DIM(square, 0);
     out->seed = seed;
     out->taps = (size_t)taps;
-    out->lag = PyArray_DATA(lags);
     out->phi = PyArray_DATA(square);
     out->order = (size_t)order;
     out->length = 1;
@@ -203,16 +203,14 @@ static PyObject *follow_in(PyObject *args, PyObject *arrays)
     specimen *own = take_specimen(obj, shape[1], arrays, &by_caller);
     if (!own)
         return NULL;
-    PyObject *r = PyArray_ZEROS(2, shape, NPY_DOUBLE, 0),
-             *x = PyArray_ZEROS(2, shape, NPY_DOUBLE, 0);
-    PyObject *result = NULL;
-    if (r && x &&
-        run_commands(own, shape[0], t, PyArray_DATA(u), v, PyArray_DATA((PyArrayObject *)r),
-                     PyArray_DATA((PyArrayObject *)x)) == 0)
-        result = PyTuple_Pack(2, r, x);
-    Py_XDECREF(r);
-    Py_XDECREF(x);
-    return result;
+    PyObject *results[2] = {PyArray_ZEROS(2, shape, NPY_DOUBLE, 0),
+                            PyArray_ZEROS(2, shape, NPY_DOUBLE, 0)};
+    if (results[0] && results[1] &&
+        run_commands(own, shape[0], t, PyArray_DATA(u), v,
+                     PyArray_DATA((PyArrayObject *)results[0]),
+                     PyArray_DATA((PyArrayObject *)results[1])) < 0)
+        Py_CLEAR(results[1]);
+    return pma_pack(2, results);
 }
 
 static PyObject *follow_specimen(PyObject *Py_UNUSED(module), PyObject *args)

@@ -4,30 +4,23 @@
 
 #include "member/laws.h"
 
-static double *data_of(PyObject *array)
-{
-    return PyArray_DATA((PyArrayObject *)array);
-}
-
 /* (levels, slopes, f) of springs that go from `from` to u */
 static PyObject *follow(const pma_springs *springs, npy_intp n, const double *u, const double *from)
 {
     const npy_intp total = (npy_intp)springs->total,
                    shape[2] = {(npy_intp)pma_springs_fields(springs), total};
-    PyObject *to = PyArray_ZEROS(2, shape, NPY_DOUBLE, 0), *result = NULL;
-    PyObject *slopes = PyArray_ZEROS(1, &total, NPY_DOUBLE, 0);
-    PyObject *f = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
-    if (to && slopes && f) {
-        pma_springs_subtract(springs, u, from, data_of(to), data_of(f));
-        pma_springs_tangent(springs, from, data_of(to), data_of(slopes));
+    double *slopes, *f;
+    PyObject *arrays[3] = {PyArray_ZEROS(2, shape, NPY_DOUBLE, 0),
+                           pma_new_array(total, NPY_DOUBLE, &slopes),
+                           pma_new_array(n, NPY_DOUBLE, &f)};
+    if (arrays[0] && arrays[1] && arrays[2]) {
+        double *to = PyArray_DATA((PyArrayObject *)arrays[0]);
+        pma_springs_subtract(springs, u, from, to, f);
+        pma_springs_tangent(springs, from, to, slopes);
         for (npy_intp i = 0; i < n; i++)
-            data_of(f)[i] = 0.0 - data_of(f)[i]; /* no negative zeros */
-        result = PyTuple_Pack(3, to, slopes, f);
+            f[i] = 0.0 - f[i]; /* no negative zeros */
     }
-    Py_XDECREF(to);
-    Py_XDECREF(slopes);
-    Py_XDECREF(f);
-    return result;
+    return pma_pack(3, arrays);
 }
 
 static PyObject *take_and_follow(PyObject *list, PyObject *u_obj, PyObject *from_obj,
