@@ -387,6 +387,16 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
     pma_matrix_subtract_rows(A, 0, A->n, x, y);
 }
 
+double pma_matrix_square(const pma_matrix *A, const double *x, double *product)
+{
+    double sum = 0.0;
+    memset(product, 0, A->n * sizeof *product);
+    pma_matrix_subtract(A, x, product);
+    for (size_t i = 0; i < A->n; i++)
+        sum -= x[i] * product[i];
+    return sum;
+}
+
 bool pma_is_finite(size_t n, const double *x)
 {
     double zero = 0.0;

@@ -70,6 +70,9 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y);
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y);
 
+/* x . A x; product (n): scratch */
+double pma_matrix_square(const pma_matrix *A, const double *x, double *product);
+
 /* The matrix that does the same in every lane (lanes.h), of PMA_LANES times its size: ranges of
  * rows begin and end with whole unknowns. `each` has to outlive it. */
 pma_matrix pma_matrix_in_lanes(const pma_matrix *each);

@@ -89,15 +89,6 @@ static pma_status check(const pma_coupler_parts *parts)
     return status;
 }
 
-static bool is_any_double(const pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (c->coupled[i].member.doubling != PMA_SINGLE)
-            return true;
-    }
-    return false;
-}
-
 static contact_level take_level(const pma_contact *x, double **next)
 {
     const contact_level at = {
@@ -204,7 +195,7 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts)
     x->rows = (size_t)x->parts.first[x->parts.contacts];
     x->numbers = 2 * x->rows + 2 * x->parts.contacts;
     x->reached = -1;
-    const bool twice = is_any_double(c);
+    const bool twice = pma_is_any_doubled(c);
     pma_status status = allocate(x, c->parts.count, twice);
     if (status != PMA_OK)
         return status;

@@ -10,12 +10,6 @@
 
 #include "coupling/schedule.h"
 
-/* Number i of the roster. */
-static pma_coupled *member_of(const pma_coupler *c, size_t i)
-{
-    return &c->coupled[c->roster.order[i]];
-}
-
 /* The members beside the fine steps are the last ones of the roster. */
 static size_t first_aside(const pma_coupler *c)
 {
@@ -29,7 +23,7 @@ pma_status pma_look_ahead_create(pma_coupler *c)
     if (!c->lam_deferred)
         return PMA_NO_MEMORY;
     for (size_t i = first; i < c->parts.count; i++)
-        member_of(c, i)->lam = c->lam_deferred + (i - first) * p;
+        pma_member_of(c, i)->lam = c->lam_deferred + (i - first) * p;
     return PMA_OK;
 }
 
@@ -52,7 +46,7 @@ static void go_ahead(void *ctx, size_t worker)
 {
     const pma_coupler *c = ctx;
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
-        pma_coupled *m = member_of(c, i);
+        pma_coupled *m = pma_member_of(c, i);
         pma_assignment *work = &m->assigned;
         if (work->closes)
             work->status = close_assigned(m);
@@ -67,7 +61,7 @@ static void await(pma_coupler *c, size_t worker)
 {
     pma_teamwork_await(c, worker);
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++)
-        member_of(c, i)->assigned.closes = member_of(c, i)->assigned.opens = false;
+        pma_member_of(c, i)->assigned.closes = pma_member_of(c, i)->assigned.opens = false;
 }
 
 static void await_all(pma_coupler *c)
@@ -84,7 +78,7 @@ static void assign(pma_coupler *c, bool (*is_due)(const pma_coupler *c, const pm
     for (size_t w = c->roster.fine; w < c->roster.workers; w++) {
         bool any = false;
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++) {
-            pma_coupled *m = member_of(c, i);
+            pma_coupled *m = pma_member_of(c, i);
             if (!is_due(c, m))
                 continue;
             if (!any)
@@ -130,7 +124,7 @@ void pma_look_ahead_open(pma_coupler *c)
 static bool has_failed_assignment(const pma_coupler *c)
 {
     for (size_t i = first_aside(c); i < c->parts.count; i++) {
-        const pma_assignment *work = &member_of(c, i)->assigned;
+        const pma_assignment *work = &pma_member_of(c, i)->assigned;
         if (!work->closes && !work->opens && work->status != PMA_OK)
             return true;
     }
@@ -143,7 +137,7 @@ pma_status pma_look_ahead_await(pma_coupler *c)
     for (size_t w = c->roster.fine; w < c->roster.workers; w++) {
         bool ending = false;
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
-            ending = ending || pma_is_ending(member_of(c, i));
+            ending = ending || pma_is_ending(pma_member_of(c, i));
         if (ending)
             await(c, w);
         any = any || ending;
@@ -160,7 +154,7 @@ pma_status pma_look_ahead_await(pma_coupler *c)
 bool pma_look_ahead_is_busy(const pma_coupler *c)
 {
     for (size_t i = first_aside(c); i < c->parts.count; i++) {
-        const pma_assignment *work = &member_of(c, i)->assigned;
+        const pma_assignment *work = &pma_member_of(c, i)->assigned;
         if (work->closes || work->opens || work->status != PMA_OK)
             return true;
     }

@@ -169,9 +169,9 @@ pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m)
 
 /* ---- the schedule --------------------------------------------------------------------------- */
 
-void pma_macro_move_to_end(pma_coupler *c)
+void pma_macro_move_to(pma_coupler *c, size_t k)
 {
-    c->k = 1;
+    c->k = k;
     for (size_t i = 0; i < c->parts.count; i++) {
         pma_coupled *m = &c->coupled[i];
         m->now = (pma_moment){.j = m->member.substeps - 1, .phase = 1};
@@ -188,29 +188,32 @@ size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round
     return 1;
 }
 
-void pma_macro_move_to(pma_coupler *c, size_t k)
+pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages)
 {
-    (void)k;
-    pma_macro_move_to_end(c);
+    pma_macro_move_to(c, 1);
+    pma_status status = pma_share(c, stages->free_run, pma_is_any);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_interface(c);
+    if (status == PMA_OK)
+        status = stages->solve(c);
+    if (status == PMA_OK)
+        status = pma_share(c, stages->respond, pma_is_any);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_jumps(c);
+    if (atomic_load(&c->stopped))
+        status = PMA_STOPPED; /* whatever else went wrong */
+    if (c->exchange)
+        status = pma_exchange_agree(c, status); /* what follows belongs to the state */
+    if (status == PMA_OK && c->record)
+        pma_recorder_write(c);
+    return status;
 }
 
 static pma_status macro_step(pma_coupler *c)
 {
-    pma_macro_move_to_end(c);
-    pma_status status = pma_share(c, pma_macro_free_run, pma_is_any);
-    if (status == PMA_OK && c->exchange)
-        status = pma_exchange_interface(c);
-    if (status == PMA_OK)
-        status = solve_interface(c);
-    if (status == PMA_OK)
-        status = pma_share(c, pma_macro_respond, pma_is_any);
-    if (status == PMA_OK && c->exchange)
-        status = pma_exchange_jumps(c);
-    if (atomic_load(&c->stopped))
-        return PMA_STOPPED; /* whatever else went wrong */
-    if (status == PMA_OK && c->record)
-        pma_recorder_write(c);
-    return status;
+    static const pma_macro_stages STAGES = {
+        .free_run = pma_macro_free_run, .solve = solve_interface, .respond = pma_macro_respond};
+    return pma_macro_step(c, &STAGES);
 }
 
 const pma_schedule pma_macro_schedule = {.check = check,

@@ -105,9 +105,10 @@ void pma_mean_right_side(pma_coupler *c, double *right)
         pma_matrix_subtract(&c->parts.doubled, c->present.lam, right);
 }
 
-/* (K4) */
+/* (K4), for constant multipliers */
 static pma_status solve_interface(pma_coupler *c)
 {
+    memset(c->dlam, 0, c->parts.p * sizeof(double));
     pma_mean_right_side(c, c->working.lam);
     return pma_coupler_solve(c);
 }
@@ -220,27 +221,12 @@ size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
 
 static pma_status macro_step(pma_coupler *c)
 {
-    pma_macro_move_to_end(c);
-    pma_status status = pma_share(c, pma_mean_free_run, pma_is_any);
-    if (status == PMA_OK && c->exchange)
-        status = pma_exchange_interface(c);
+    static const pma_macro_stages STAGES = {
+        .free_run = pma_mean_free_run, .solve = solve_interface, .respond = pma_mean_respond};
+    const pma_status status = pma_macro_step(c, &STAGES);
     if (status == PMA_OK)
-        status = solve_interface(c);
-    memset(c->dlam, 0, c->parts.p * sizeof(double)); /* constant */
-    if (status == PMA_OK)
-        status = pma_share(c, pma_mean_respond, pma_is_any);
-    if (status == PMA_OK && c->exchange)
-        status = pma_exchange_jumps(c);
-    if (atomic_load(&c->stopped))
-        status = PMA_STOPPED; /* whatever else went wrong */
-    if (c->exchange)
-        status = pma_exchange_agree(c, status); /* what follows belongs to the state */
-    if (status != PMA_OK)
-        return status;
-    if (c->record)
-        pma_recorder_write(c);
-    pma_mean_record(c);
-    return PMA_OK;
+        pma_mean_record(c);
+    return status;
 }
 
 static pma_status prepare(pma_coupler *c, const pma_iteration_parts *parts)

@@ -168,6 +168,15 @@ static inline bool pma_is_ending(const pma_coupled *m)
     return m->now.phase == m->ratio;
 }
 
+/* Number i of the roster. */
+static inline pma_coupled *pma_member_of(const pma_coupler *c, size_t i)
+{
+    return &c->coupled[c->roster.order[i]];
+}
+
+/* Does any member take double steps? */
+bool pma_is_any_doubled(const pma_coupler *c);
+
 /* For a task of all members. */
 static inline bool pma_is_any(const pma_coupled *m)
 {
@@ -271,9 +280,8 @@ pma_status pma_macro_check(const pma_coupler_parts *parts);
 size_t pma_macro_instants(const pma_coupler_parts *parts); /* one */
 pma_duty pma_macro_duty(const pma_member *member);
 
-/* All are at the end of their last substep. */
-void pma_macro_move_to_end(pma_coupler *c);
-void pma_macro_move_to(pma_coupler *c, size_t k); /* the same; k = 1 */
+/* All are at the end of their last substep; k = 1. */
+void pma_macro_move_to(pma_coupler *c, size_t k);
 
 /* Members in other processes: the velocity at the end of the free run. */
 size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
@@ -282,6 +290,13 @@ size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round
 /* The substeps of a member, each taken by `take` and recorded. */
 pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
                          pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j));
+
+/* A macro step: the free runs, the interface problem, the link responses, recorded. */
+typedef struct {
+    pma_task free_run, respond;
+    pma_status (*solve)(pma_coupler *c);
+} pma_macro_stages;
+pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages);
 
 /* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
  * adds to the velocity on the interface at the end of the free run, added to sum (p). */

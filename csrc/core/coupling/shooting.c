@@ -32,11 +32,6 @@ static bool runs_here(const pma_coupled *m)
     return m->member.shoots && !m->member.elsewhere;
 }
 
-static bool responds(const pma_coupled *m)
-{
-    return !m->member.shoots;
-}
-
 /* ---- a run ---------------------------------------------------------------------------------- */
 
 /* Displacements are tied, by multipliers that are constant and push: in what follows dLam is then
@@ -134,7 +129,7 @@ static void known_part(pma_coupler *c, double *known)
     for (size_t row = 0; row < c->parts.p; row++)
         known[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (responds(&c->coupled[i]))
+        if (!shoots(&c->coupled[i]))
             pma_macro_free_velocity(&c->coupled[i], known);
     }
 }
@@ -192,14 +187,14 @@ static void measure(const pma_coupler *c, bool first)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        pma_iteration_member *mine = &c->iteration->members[i];
+        pma_iteration_member *own = &c->iteration->members[i];
         if (!runs_here(&c->coupled[i]))
             continue;
         if (first)
-            mine->kinetic_before = member->table->kinetic(member->self, 0);
-        mine->kinetic = member->table->kinetic(member->self, member->substeps);
+            own->kinetic_before = member->table->kinetic(member->self, 0);
+        own->kinetic = member->table->kinetic(member->self, member->substeps);
         if (member->iterated.table)
-            mine->scale = member->iterated.table->scale(member->self);
+            own->scale = member->iterated.table->scale(member->self);
     }
 }
 
@@ -303,22 +298,13 @@ static pma_status shoot(pma_coupler *c, const double *known)
     return PMA_NOT_CONVERGED;
 }
 
-static bool is_any_doubled(const pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (c->coupled[i].member.doubling != PMA_SINGLE)
-            return true;
-    }
-    return false;
-}
-
 /* B starts as the inverse of H with the tangents at t = 0, and again after the first macro step,
  * where H changes with double steps. */
 static void begin_broyden(pma_coupler *c)
 {
     pma_iteration *it = c->iteration;
     it->broyden.start = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
-    if (c->present.number == 0 || (c->present.number == 1 && is_any_doubled(c)))
+    if (c->present.number == 0 || (c->present.number == 1 && pma_is_any_doubled(c)))
         pma_broyden_begin(&it->broyden, it->scratch);
 }
 
@@ -334,34 +320,40 @@ static void take_multipliers(pma_coupler *c)
     }
 }
 
-static pma_status run_all(pma_coupler *c)
+/* Members without internal forces, and at the end what of the others no state has */
+static pma_status run_free(pma_coupler *c, pma_coupled *m)
 {
-    pma_iteration *it = c->iteration;
-    double *known = it->lam_begin;
-    pma_macro_move_to_end(c);
+    if (shoots(m))
+        return PMA_OK;
+    return is_mean(c) ? pma_mean_free_run(c, m) : pma_macro_free_run(c, m);
+}
+
+static pma_status respond(pma_coupler *c, pma_coupled *m)
+{
+    if (!is_mean(c))
+        return shoots(m) ? PMA_OK : pma_macro_respond(c, m);
+    if (!shoots(m))
+        return pma_mean_respond(c, m);
+    return runs_here(m) ? pma_mean_accelerate(c, m) : PMA_OK;
+}
+
+static pma_status solve(pma_coupler *c)
+{
+    double *known = c->iteration->lam_begin;
     begin_broyden(c);
-    pma_status status = pma_share(c, is_mean(c) ? pma_mean_free_run : pma_macro_free_run, responds);
-    if (status == PMA_OK && c->exchange)
-        status = pma_exchange_interface(c);
     if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
-    if (status == PMA_OK) {
-        known_part(c, known);
-        status = shoot(c, known);
-    }
+    known_part(c, known);
+    const pma_status status = shoot(c, known);
     take_multipliers(c);
-    if (status == PMA_OK)
-        status = pma_share(c, is_mean(c) ? pma_mean_respond : pma_macro_respond, responds);
-    if (status == PMA_OK && is_mean(c))
-        status = pma_share(c, pma_mean_accelerate, runs_here);
-    if (status == PMA_OK && c->exchange)
-        status = pma_exchange_jumps(c);
-    if (atomic_load(&c->stopped))
-        status = PMA_STOPPED; /* whatever else went wrong */
-    if (c->exchange)
-        status = pma_exchange_agree(c, status); /* what follows belongs to the state */
-    if (status == PMA_OK && c->record)
-        pma_recorder_write(c);
+    return status;
+}
+
+static pma_status run_all(pma_coupler *c)
+{
+    static const pma_macro_stages STAGES = {
+        .free_run = run_free, .solve = solve, .respond = respond};
+    const pma_status status = pma_macro_step(c, &STAGES);
     if (status == PMA_OK && is_mean(c))
         pma_mean_record(c);
     return status;

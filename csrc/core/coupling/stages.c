@@ -15,6 +15,15 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
     }
 }
 
+bool pma_is_any_doubled(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (c->coupled[i].member.doubling != PMA_SINGLE)
+            return true;
+    }
+    return false;
+}
+
 void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
@@ -94,11 +103,6 @@ void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work)
 
 /* ---- shares --------------------------------------------------------------------------------- */
 
-static pma_coupled *member_of(const pma_coupler *c, size_t i)
-{
-    return &c->coupled[c->roster.order[i]];
-}
-
 static bool is_due(const pma_coupler *c, const pma_coupled *m)
 {
     return c->due(m) && m != c->split;
@@ -110,7 +114,7 @@ static void work_through(void *ctx, size_t worker)
 {
     pma_coupler *c = ctx;
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
-        pma_coupled *m = member_of(c, i);
+        pma_coupled *m = pma_member_of(c, i);
         const pma_status status = is_due(c, m) ? c->task(c, m) : PMA_OK;
         if (status != PMA_OK) {
             m->status = status;
@@ -123,7 +127,7 @@ static void work_through(void *ctx, size_t worker)
 static bool has_work(const pma_coupler *c, size_t worker)
 {
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
-        if (is_due(c, member_of(c, i)))
+        if (is_due(c, pma_member_of(c, i)))
             return true;
     }
     return false;

@@ -259,17 +259,6 @@ static void sum_up_lanes(pma_balance *b, size_t j, const double *ut, const doubl
         sum_up(b, j > 0 || b->begun, from, to, ut, r, v, l);
 }
 
-/* - x . A x */
-static double square(pma_balance *b, const pma_matrix *A, const double *x)
-{
-    double sum = 0.0;
-    memset(b->product, 0, b->parts.n * sizeof(double));
-    pma_matrix_subtract(A, x, b->product);
-    for (size_t i = 0; i < b->parts.n; i++)
-        sum += x[i] * b->product[i];
-    return sum;
-}
-
 /* (B11)  Does the increment from a level to (ut, r) close a contact? */
 static void look_for_contact(pma_balance *b, const level *from, const double *ut, const double *r,
                              double t)
@@ -282,13 +271,13 @@ static void look_for_contact(pma_balance *b, const level *from, const double *ut
     }
     if (back < -TURNS * work)
         return;
-    const double mass = -square(b, &b->parts.M, du), before = fabs(b->seen);
+    const double mass = pma_matrix_square(&b->parts.M, du, b->product), before = fabs(b->seen);
     b->seen = mass > 0.0 ? work / mass : 0.0;
     if (!(b->seen > CLOSES * before && work > IMPACT * b->judged[0].motion) ||
         !(b->seen > STIFFER * b->impact.square))
         return;
     const bool known = b->parts.K_r.form != PMA_ZERO;
-    const double estimated = known ? -square(b, &b->parts.K_r, du) / work : 0.0;
+    const double estimated = known ? pma_matrix_square(&b->parts.K_r, du, b->product) / work : 0.0;
     b->impact = (pma_impact){.square = b->seen, .share = estimated, .t = t};
 }
 

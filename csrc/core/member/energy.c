@@ -239,14 +239,9 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     at->contact = 0.0;
 }
 
-pma_matrix pma_energy_mass(const pma_energy *e)
+const pma_energy_parts *pma_energy_get_parts(const pma_energy *e)
 {
-    return e->parts.M;
-}
-
-pma_matrix pma_energy_skew(const pma_energy *e)
-{
-    return e->parts.skew;
+    return &e->parts;
 }
 
 static void copy_level(const pma_energy *e, const level *from, level *to)
@@ -326,16 +321,6 @@ void pma_energy_commit(pma_energy *e)
     e->begun = true;
 }
 
-/* x . A x / 2 */
-static double half_square(pma_energy *e, const pma_matrix *A, const double *x)
-{
-    double sum = 0.0;
-    multiply(A, x, e->product);
-    for (size_t i = 0; i < A->n; i++)
-        sum += x[i] * e->product[i];
-    return 0.5 * sum;
-}
-
 void pma_energy_conserve(pma_energy *e, double weight)
 {
     e->conserves = true;
@@ -346,9 +331,10 @@ void pma_energy_conserve(pma_energy *e, double weight)
 static double conserved(pma_energy *e, const pma_state *x)
 {
     const pma_matrix *M = &e->parts.M, *K = &e->parts.K;
-    double sum = half_square(e, M, x->w) + half_square(e, K, x->v);
+    double sum = 0.5 * pma_matrix_square(M, x->w, e->product);
+    sum += 0.5 * pma_matrix_square(K, x->v, e->product);
     if (e->weight != 0.0)
-        sum += e->weight * half_square(e, K, x->w);
+        sum += e->weight * (0.5 * pma_matrix_square(K, x->w, e->product));
     return sum;
 }
 
@@ -364,8 +350,8 @@ static double potential_of_load(const pma_energy *e, const level *at)
 void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
 {
     const level *at = level_at(e, j);
-    out[PMA_KINETIC] = half_square(e, &e->parts.M, x->v); /* (B1) */
-    out[PMA_STRAIN] = half_square(e, &e->parts.K, x->u);
+    out[PMA_KINETIC] = 0.5 * pma_matrix_square(&e->parts.M, x->v, e->product); /* (B1) */
+    out[PMA_STRAIN] = 0.5 * pma_matrix_square(&e->parts.K, x->u, e->product);
     out[PMA_STRAIN] += pma_springs_energy(e->parts.springs, x->springs) + at->potential;
     out[PMA_DISSIPATED] = at->dissipated - (at->potential - e->start_potential);
     out[PMA_EXTERNAL] = at->external;

@@ -58,8 +58,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
 
 /* The works of `from` go on, for the same subdomain with other steps. */
 void pma_energy_follow(pma_energy *e, const pma_energy *from);
-pma_matrix pma_energy_mass(const pma_energy *e);
-pma_matrix pma_energy_skew(const pma_energy *e);
+const pma_energy_parts *pma_energy_get_parts(const pma_energy *e);
 
 /* A substep has been closed: the state x at its end, lam (p). No later substep has been opened yet,
  * so that a called load and the restoring force have the values of this one. The works of a double

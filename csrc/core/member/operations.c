@@ -1,6 +1,4 @@
 /* operations.c - those of member.h, as a subdomain does them. */
-#include <string.h>
-
 #include "member/own_step.h"
 #include "member/subdomain_struct.h"
 
@@ -170,13 +168,7 @@ static void hold_energy(void *self, bool twice, const double *lam)
 static double kinetic(const void *self, size_t j)
 {
     const pma_subdomain *s = self;
-    const double *v = pma_levels_at(&s->levels, j)->v;
-    double sum = 0.0;
-    memset(s->product, 0, s->parts.n * sizeof(double));
-    pma_matrix_subtract(&s->parts.M, v, s->product);
-    for (size_t i = 0; i < s->parts.n; i++)
-        sum -= v[i] * s->product[i];
-    return sum;
+    return pma_matrix_square(&s->parts.M, pma_levels_at(&s->levels, j)->v, s->product);
 }
 
 /* ---- link response -------------------------------------------------------------------------- */

@@ -33,25 +33,13 @@ static void find_jump(const pma_subdomain *s, const double *f, double *J)
         J[i] = s->parts.struck.inverse[i] * f[i];
 }
 
-/* z -= B J, in all rows */
-static void resist(const pma_struck *p, size_t nb, const double *J, double *z)
+/* z -= B J, in the rows from `first` on */
+static void resist(const pma_struck *p, size_t nb, const double *J, size_t first, double *z)
 {
     for (size_t i = 0; i < nb; i++) {
-        for (int64_t k = p->ptr[i]; k < p->ptr[i + 1] && J[i] != 0.0; k++)
-            z[p->index[k]] -= p->values[k] * J[i];
-    }
-}
-
-/* The same in the rows of the interface alone, of which a diagonal Mbar needs no others. */
-static void resist_there(const pma_subdomain *s, const double *J, double *z)
-{
-    const pma_struck *p = &s->parts.struck;
-    const int64_t inner = (int64_t)(s->parts.n - s->parts.nb);
-    memset(z, 0, s->parts.nb * sizeof(double));
-    for (size_t i = 0; i < s->parts.nb; i++) {
         for (int64_t k = p->ptr[i]; k < p->ptr[i + 1] && J[i] != 0.0; k++) {
-            if (p->index[k] >= inner)
-                z[p->index[k] - inner] -= p->values[k] * J[i];
+            if ((size_t)p->index[k] >= first)
+                z[(size_t)p->index[k] - first] -= p->values[k] * J[i];
         }
     }
 }
@@ -72,10 +60,11 @@ static void find_link(pma_subdomain *s, const pma_operator *op, const double *f,
         for (size_t i = 0; i < nb; i++)
             w_b[i] = -p->beta * f[i];
     } else if (is_diagonal(op)) {
-        resist_there(s, J, w_b);
+        memset(w_b, 0, nb * sizeof(double)); /* a diagonal Mbar needs no rows but these */
+        resist(p, nb, J, s->parts.n - nb, w_b);
     } else {
         memset(s->sweep, 0, s->parts.n * sizeof(double));
-        resist(p, nb, J, s->sweep);
+        resist(p, nb, J, 0, s->sweep);
         pma_factor_open(&op->factor, s->sweep, w_b, s->link_work);
         return;
     }
@@ -120,7 +109,7 @@ static void strike(void *self, const pma_substep *step, const double *f)
         force[i] = p->ptr ? 0.0 : -p->beta * f[i];
     }
     if (p->ptr && is_diagonal(op))
-        resist(p, nb, J, to->w);
+        resist(p, nb, J, 0, to->w);
     for (size_t i = 0; p->ptr && !is_diagonal(op) && i < s->parts.n; i++)
         to->w[i] += s->sweep[i];
 }

@@ -497,9 +497,10 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }
 
-static pma_energy_parts energy_parts(pma_subdomain *s, pma_matrix M, pma_matrix skew)
+/* Works are summed up anew, by *out. */
+static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew, pma_energy **out)
 {
-    return (pma_energy_parts){
+    const pma_energy_parts parts = {
         .n = s->parts.n,
         .nb = s->parts.nb,
         .substeps = s->parts.substeps,
@@ -515,20 +516,22 @@ static pma_energy_parts energy_parts(pma_subdomain *s, pma_matrix M, pma_matrix 
         .internal = internal_force_of(s),
         .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
         .springs = &s->parts.springs};
+    const pma_status status = pma_energy_create(&parts, out);
+    if (status != PMA_OK)
+        return status;
+    pma_subdomain_end_energy(s);
+    s->energy = *out;
+    return PMA_OK;
 }
 
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
                                       const double *load, const double *lam)
 {
-    const pma_energy_parts parts = energy_parts(s, M, skew);
     pma_energy *energy;
-    const pma_status status = pma_energy_create(&parts, &energy);
-    if (status != PMA_OK)
-        return status;
-    pma_energy_begin(energy, &s->levels.present, load, lam);
-    pma_subdomain_end_energy(s);
-    s->energy = energy;
-    return PMA_OK;
+    const pma_status status = replace_energy(s, M, skew, &energy);
+    if (status == PMA_OK)
+        pma_energy_begin(energy, &s->levels.present, load, lam);
+    return status;
 }
 
 void pma_subdomain_conserve(pma_subdomain *s, double weight)
@@ -540,16 +543,12 @@ pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *fr
 {
     if (!from->energy)
         return PMA_OK;
-    const pma_energy_parts parts =
-        energy_parts(s, pma_energy_mass(from->energy), pma_energy_skew(from->energy));
+    const pma_energy_parts *of = pma_energy_get_parts(from->energy);
     pma_energy *energy;
-    const pma_status status = pma_energy_create(&parts, &energy);
-    if (status != PMA_OK)
-        return status;
-    pma_energy_follow(energy, from->energy);
-    pma_subdomain_end_energy(s);
-    s->energy = energy;
-    return PMA_OK;
+    const pma_status status = replace_energy(s, of->M, of->skew, &energy);
+    if (status == PMA_OK)
+        pma_energy_follow(energy, from->energy);
+    return status;
 }
 
 void pma_subdomain_end_energy(pma_subdomain *s)
