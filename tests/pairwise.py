@@ -1,6 +1,6 @@
 """Fewer cases than a full product: every pair of values of two parameters occurs in one of them."""
 
-from itertools import combinations, product
+from itertools import combinations, cycle, product
 
 
 def pairwise(*values):
@@ -20,3 +20,8 @@ def pairwise(*values):
         missing -= pairs(case)
         chosen.append(tuple(x[k] for x, k in zip(values, case)))
     return chosen
+
+
+def in_turn(names, *others):
+    """Each of the names with one of the others in turn, for what does not depend on both."""
+    return list(zip(names, cycle(others)))

@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 CSRC = Path(__file__).parents[1] / "csrc"
 CORE = CSRC / "core"
 FILES = sorted(path.relative_to(CORE) for path in CORE.rglob("*.[ch]"))
@@ -35,13 +33,13 @@ def functions(text):
             begin = None
 
 
-@pytest.mark.parametrize("path", FILES, ids=str)
-def test_a_folder_of_the_core_includes_what_is_below_it(path):
-    folder = str(path.parent) if path.parent.name else ""
-    allowed = BELOW[folder] | {folder, ""}
-    for name in included(path):
-        assert (CORE / name).exists(), name
-        assert (name.split("/")[0] if "/" in name else "") in allowed, name
+def test_a_folder_of_the_core_includes_what_is_below_it():
+    for path in FILES:
+        folder = str(path.parent) if path.parent.name else ""
+        allowed = BELOW[folder] | {folder, ""}
+        for name in included(path):
+            assert (CORE / name).exists(), f"{path}: {name}"
+            assert (name.split("/")[0] if "/" in name else "") in allowed, f"{path}: {name}"
 
 
 def test_the_core_includes_no_header_of_python():
@@ -49,21 +47,18 @@ def test_the_core_includes_no_header_of_python():
         assert "Python.h" not in (CORE / path).read_text()
 
 
-@pytest.mark.parametrize("path", sorted(CSRC.rglob("*.[ch]")), ids=lambda p: str(p.name))
-def test_files_in_c_have_at_most_600_lines(path):
-    assert len(path.read_text().splitlines()) <= 600
-
-
-def test_lines_of_c_have_at_most_100_columns():
+def test_files_in_c_have_at_most_600_lines_and_lines_100_columns():
     for path in sorted(CSRC.rglob("*.[ch]")):
-        for number, line in enumerate(path.read_text().splitlines(), 1):
+        lines = path.read_text().splitlines()
+        assert len(lines) <= 600, path.name
+        for number, line in enumerate(lines, 1):
             assert len(line) <= 100, f"{path.name}, line {number}"
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.name))
-def test_functions_in_c_have_at_most_60_lines(path):
-    for begin, lines in functions(path.read_text()):
-        assert lines <= 60, f"line {begin}"
+def test_functions_in_c_have_at_most_60_lines():
+    for path in SOURCES:
+        for begin, lines in functions(path.read_text()):
+            assert lines <= 60, f"{path.name}, line {begin}"
 
 
 def test_a_long_function_would_be_seen():

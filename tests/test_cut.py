@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import in_turn
 from scipy.linalg import eigh
 from test_export import read_xdmf
 
@@ -177,8 +178,7 @@ def compare(parts, one, expand, dt, steps, tolerance=1e-10):
 
 # M of the explicit subdomains is not diagonal where it is consistent
 @pytest.mark.filterwarnings("ignore::pmalpha.PerformanceWarning")
-@pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()], ids=repr)
-@pytest.mark.parametrize("kind", LINEAR)
+@pytest.mark.parametrize(("kind", "scheme"), in_turn(LINEAR, pm.Newmark(), pm.CentralDifference()))
 def test_put_together_the_motion_is_that_of_the_uncut_structure(kind, scheme):
     """To 1e-10 as promised: 40 steps with rounding of 1e-16 and condition numbers of 1e3."""
     rng = np.random.default_rng(SEED)
@@ -196,8 +196,9 @@ def test_put_together_the_motion_is_that_of_the_uncut_structure(kind, scheme):
         compare(parts, one, expand, 0.9 * limit, 40)
 
 
-@pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), pm.CentralDifference()], ids=repr)
-@pytest.mark.parametrize("kind", NONLINEAR)
+@pytest.mark.parametrize(
+    ("kind", "scheme"), in_turn(NONLINEAR, pm.GeneralizedAlpha(0.5), pm.CentralDifference())
+)
 def test_nonlinear_elements_put_together_move_as_the_uncut_structure(kind, scheme):
     """The tolerance of the Newton iteration is 1e-12 of the motion, whose errors add up."""
     rng = np.random.default_rng(SEED)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import waits
+from pairwise import in_turn
 
 import pmalpha as pm
 
@@ -227,8 +228,7 @@ def plain():
     return history()
 
 
-@pytest.mark.parametrize("form", FORMATS)
-@pytest.mark.parametrize("name", "MKCL")
+@pytest.mark.parametrize(("form", "name"), [*in_turn(FORMATS, *"MK"), *in_turn(FORMATS, *"CL")])
 def test_a_matrix_in_any_format_gives_the_results_of_a_dense_one(plain, name, form):
     given = FORMATS[form](PLAIN[name])
     before = snapshot(given)
@@ -461,8 +461,7 @@ def test_several_series_of_samples_may_have_any_format(form):
     check_same(history(force=pm.SampledForce(DENSE[form](whole), 0.5)), expected)
 
 
-@pytest.mark.parametrize("form", FORMATS)
-@pytest.mark.parametrize("mass", [M, FULL_M], ids=["diagonal", "full"])
+@pytest.mark.parametrize(("form", "mass"), in_turn(FORMATS, M, FULL_M))
 def test_the_mass_of_a_base_acceleration_may_have_any_format(form, mass):
     record, direction = np.array([0.0, 1.0, -0.5]), np.array([1.0, 0.0, 2.0, 0.5, 0.0])
     expected = history(M=mass, force=pm.BaseAcceleration(record, 0.5, direction, mass))

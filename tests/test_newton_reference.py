@@ -220,38 +220,13 @@ def test_the_initial_state_satisfies_the_equations_and_takes_over_its_history():
     assert result.subdomains[0].q[0, 0] == pytest.approx(0.08, abs=1e-15)
 
 
-# ---- order ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("function", "ss", "double", "explicit", "low", "high"),
-    [
-        # second terms of the errors are below 5 per cent of the slope at these steps
-        (run, 1, False, True, 1.9, 2.1),
-        (run, 1, True, False, 1.9, 2.1),
-        (run, 4, False, False, 0.9, 1.1),
-        (run, 4, True, True, 0.9, 1.4),  # falling towards 1, as for linear subdomains
-        (run_macro, 1, False, False, 1.9, 2.1),
-        (run_macro, 4, False, False, 1.9, 2.1),
-        (run_macro, 4, False, True, 1.9, 2.1),
-        (run_macro, 1, True, True, 1.9, 2.1),
-    ],
-)
-def test_duffing_oscillators_have_the_order_of_linear_ones(
-    function, ss, double, explicit, low, high
-):
-    errors = []
-    for n in (100, 200):
-        subdomains, L = duffing_pair(ss=(1, ss), double=double, explicit=explicit)
-        errors.append(duffing_error(function(subdomains, L, 1.0 / n, n, TIGHT)))
-    slopes = np.log2(np.divide(*errors))
-    assert ((low < slopes) & (slopes < high)).all(), slopes
+# ---- order (of two subdomains: test_newton.py, by the core) ---------------------------------------
 
 
 @pytest.mark.parametrize(
     ("ss", "double", "low", "high"),
     [
-        ((1, 4, 2), (True, False, True), 0.95, 1.4),  # falling towards 1, as above
+        ((1, 4, 2), (True, False, True), 0.95, 1.4),  # falling towards 1
         ((2, 4, 1), (True, False, False), 0.95, 1.4),
         ((1, 1, 1), (True, True, False), 1.95, 2.05),
     ],
