@@ -17,7 +17,7 @@
 #include "tests.h"
 #include "workers/team.h"
 
-enum { WORKERS = 4, ROUNDS = 5000 };
+enum { WORKERS = 4, ROUNDS = 2000 };
 
 /* Plain numbers: what a worker writes, the caller may read after it has awaited it, and the other
  * way round. ThreadSanitizer watches. */
