@@ -220,7 +220,7 @@ def test_the_initial_state_satisfies_the_equations_and_takes_over_its_history():
     assert result.subdomains[0].q[0, 0] == pytest.approx(0.08, abs=1e-15)
 
 
-# ---- order (of two subdomains: test_newton.py, by the core) ---------------------------------------
+# ---- order (of two subdomains: test_newton.py, by the core) --------------------------------------
 
 
 @pytest.mark.parametrize(
