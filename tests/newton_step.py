@@ -24,7 +24,7 @@ import numpy as np
 from reference import State, Subdomain
 
 EPS = np.finfo(float).eps
-SHARE = 0.1  # of the largest force, below which no row has to be balanced (N7)
+SHARE = 1e-3  # of the largest force, below which no row has to be balanced (N7)
 UNKNOWN, MARGIN = 1e3, 10.0  # what is left where the rate is not known; of an expected residual
 
 # ---- the problem ----------------------------------------------------------------------------
@@ -160,7 +160,8 @@ class Trial:
         root = np.sqrt(abs(base) + abs(np.diag(tangent) - base))
         s2 = self.member.scale / self.al1
         found = np.sqrt(max(0.0, -s2))  # (N9)
-        self.rounding = root * max(100.0 * EPS * max(terms / root), found)
+        whole = abs(np.diag(tangent) - base) / self.al1 * abs(self.displacement(self.w))
+        self.rounding = root * max(EPS * max((100.0 * terms + 10.0 * whole) / root), found)
         self.forces = np.maximum(self.forces, terms) if not self.seen else self.forces
         self.seen = True
         largest = max(max((self.forces - pull) / root), np.sqrt(max(0.0, s2)))
@@ -262,8 +263,10 @@ class Iteration:
         """Iterate up to the accepted iterates."""
         for count in range(1, self.newton.iterations + 1):
             self.evaluate()
-            parts = [x.part(x.R) for x in self.trials]
-            if self.accepts(self.close and max(parts) <= self.newton.tol):
+            left = max(x.part(x.R) for x in self.trials)
+            if self.accepts(
+                self.tied and (left == 0.0 or (self.close and left <= self.newton.tol))
+            ):
                 count -= 1
                 break
             self.count = count
@@ -286,7 +289,7 @@ class Iteration:
             return False
         ends = [(y.w, y.Lam) for y in self.trials]
         # the slope does not follow the tangent over 2^-10 of the last correction, but over 2^30
-        if self.departure(2.0**-10) <= 0.5 or not self.departure(2.0**30) <= 0.1:
+        if self.departure(2.0**-10) <= 0.1 or not self.departure(2.0**30) <= 0.1:
             return False
         self.move(ends)
         self.scales = [
@@ -362,7 +365,6 @@ class Iteration:
         if fresh:
             for x in trials:
                 x.refresh()
-        rounding = max(x.part(x.R) for x in trials) == 0.0
         Lam = self.multipliers()
         parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
@@ -393,7 +395,7 @@ class Iteration:
         tol = self.newton.tol
         self.close = rate_of(theta) * e <= tol * motion
         balanced = fresh and max(x.expected for x in trials) <= tol
-        return self.accepts((theta is not None and rounding) or (self.close and balanced))
+        return self.accepts(self.close and balanced)
 
 
 def rate_of(theta):

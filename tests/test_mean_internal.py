@@ -304,7 +304,9 @@ def test_one_subdomain_conserves_energy_where_the_step_does_not_resolve_the_cont
     ball = pm.Subdomain([1.0], None, scheme=TRAPEZOIDAL, v0=[1.0], internal=stops, name="ball")
     coupler = pm.Coupler([ball], dt=0.03, newton=TIGHT)  # 30 radians of the contact in a step
     total = total_energy(coupler.run(30.0, energy=True))
-    assert np.ptp(total) < 1e-12 * total[0]
+    # residuals of up to 100 eps of the forces, 2 / 0.03, count as rounding (N8); they work over
+    # 0.03 in each of 150 impacts: 7e-12
+    assert np.ptp(total) < 7e-12
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -201,6 +201,20 @@ def test_a_slow_subdomain_beside_one_that_converges_at_once_ends_in_equilibrium(
     assert imbalance(subdomains[2], L[2], history[2], history.multipliers, jump) < 1e-7
 
 
+@couplings
+@pytest.mark.parametrize("seed", [420, 916])
+def test_a_row_whose_forces_are_small_is_in_balance_with_these(seed, coupling):
+    # tangents wrong by a factor, so that corrections are small long before the residual is
+    subdomains, L = held(seed, coupling)
+    subdomains, jump = with_fault(subdomains, seed)
+    newton = pm.Newton(tangent=("full", "reuse")[seed % 3 > 0])
+    history = coupler(subdomains, L, DT, coupling, newton=newton).run(steps=STEPS)
+    for s, Li, x in zip(subdomains, L, history, strict=True):
+        if s.internal:
+            # ten times the tolerance; 82 and 17 times where a tenth of the largest force counted
+            assert imbalance(s, Li, x, history.multipliers, jump) < 1e-7
+
+
 def test_a_force_without_equilibrium_is_refused():
     def leap(u, v, t, q):  # of the velocity, which no constraint holds
         return np.where(v > 0.0, 1.0, -2.0), np.eye(1), np.eye(1), q
@@ -260,3 +274,14 @@ def test_a_string_under_prestress_stays_at_rest_and_is_in_balance_when_it_is_pul
         f = string(u, v, t, None)[0]
         size = abs(force(t)) + abs(f) + abs(T * a)
         assert abs(force(t) - f - T * a).max() < 1e-7 * size.max()  # ten times the tolerance
+
+
+@pytest.mark.parametrize("T, EA, mass, n", [(2e3, 20.0, 20.0, 8), (4e3, 10.0, 10.0, 11)])
+def test_a_heavy_string_at_rest_is_at_rest(T, EA, mass, n):
+    # much of the tangent is that of the mass, whose forces do not round as those of the string do
+    string = PrestressedString(T, EA, n)
+    masses = np.full(2 * n - 4, mass)
+    s = pm.Subdomain(masses, None, scheme=pm.GeneralizedAlpha(0.5), internal=string)
+    history = pm.Coupler([s], dt=DT).run(steps=STEPS)[0]
+    # forces of order T, exact to some units in the last place, on stiffnesses of order n T
+    assert abs(history.u).max() < 1e-13

@@ -103,10 +103,11 @@ def test_linear_internal_forces_give_the_linear_reference(steps, which, newton):
     assert largest_difference(linear, newtons) < 1e-12
     assert abs(linear.multipliers - newtons.multipliers).max() < 1e-12
     assert abs(linear.displacement_jump - newtons.displacement_jump).max() < 1e-12
-    # a linear force converges in the first iteration, and the second confirms it
+    # a linear force converges in one iteration, as the next residual shows; a coarse subdomain
+    # has a free solution before
     for i in which:
         coarse = substeps[i] < max(substeps)
-        assert newtons.subdomains[i].iterations[1:].max() == (4 if coarse else 2)
+        assert newtons.subdomains[i].iterations[1:].max() == (2 if coarse else 1)
     if not any(twice and ss > 1 for twice, ss in zip(double, substeps, strict=True)):
         linear = reference.run_macro(subdomains, L, 0.1, 20)
         newtons = run_macro(others, L, 0.1, 20, newton)

@@ -292,11 +292,10 @@ class Equilibrium:
         """Whether a correction is below the rounding of the forces, (N9)."""
         s0 = trial.slope
 
-        def off(x: float) -> float:
-            return abs(self._slope(u, load, trial, x) - (1.0 - x) * s0)
+        def follows(x: float) -> bool:
+            return abs(self._slope(u, load, trial, x) - (1.0 - x) * s0) <= 0.1 * x * s0
 
-        x, wide = 2.0**-10, 2.0**20
-        return off(x) > 0.5 * x * s0 and off(wide) <= 0.1 * wide * s0
+        return not follows(2.0**-10) and follows(2.0**30)
 
     # ---- residual and tangent ------------------------------------------------------------------
 

@@ -14,9 +14,11 @@
 #define OVERSHOOT 0.8
 #define ENOUGH 0.5
 
-/* Parts of a correction over which rounding shows, and over which it does not.             (N9) */
+/* Parts of a correction over which rounding shows, and over which it does not; where nothing but
+ * rounding shows, the slope departs from the tangent by no more than this.                 (N9) */
 #define NEAR 0x1p-10
 #define FAR 0x1p30
+#define FOLLOWS 0.1
 
 /* Shorter corrections tried at most. */
 enum { MOST_TRIALS = 8 };
@@ -43,13 +45,18 @@ double pma_newton_rate(double theta)
     return theta < 1.0 ? fmin(theta / (1.0 - theta), UNKNOWN) : UNKNOWN;
 }
 
-/* After a correction with the root energy e, theta of the one before. */
-static bool is_accepted(iteration *it, const pma_measure *m, double theta, bool fresh)
+/* At an iterate that satisfies the constraints, as all do after a correction. */
+static bool is_balanced(const iteration *it)
+{
+    const double left = it->at.residual;
+    return it->count > 0 && (left == 0.0 || (it->close && left <= it->newton->tolerance));
+}
+
+/* After a correction, theta of the one before: without looking at the residual that is left. */
+static bool will_be_balanced(iteration *it, const pma_measure *m, double theta, bool fresh)
 {
     const double tolerance = it->newton->tolerance;
     it->close = pma_newton_rate(theta) * sqrt(m->correction) <= tolerance * sqrt(m->motion);
-    if (it->e > 0.0 && it->at.residual == 0.0)
-        return true; /* (N8) */
     return it->close && fresh && m->residual <= tolerance;
 }
 
@@ -154,18 +161,23 @@ static pma_status evaluate(iteration *it, bool *fresh)
 
 /* ---- (N9)  corrections that do not fall because they are rounding --------------------------- */
 
+/* |s(x) - (1 - x) s(0)| / |x s(0)|, from where the iterate is, `from` */
+static double departure(const iteration *it, double *from, double x)
+{
+    double s;
+    const pma_status status = slope_at(it, from, x, &s);
+    return status == PMA_OK ? fabs(s / it->slope - (1.0 - x)) / x : NAN;
+}
+
 /* The slope does not follow the tangent over a small part of the last correction, but does over a
  * large multiple. */
 static bool is_rounding(const iteration *it)
 {
-    double x = 1.0, off[2] = {0.0, 0.0};
-    for (size_t k = 0; k < 2 && it->count >= 2; k++) {
-        double s, to = k == 0 ? NEAR : FAR;
-        const pma_status status = slope_at(it, &x, to, &s);
-        off[k] = status == PMA_OK ? fabs(s / it->slope - (1.0 - to)) / to : NAN;
-    }
+    double x = 1.0;
+    const bool rounding = it->count >= 2 && !(departure(it, &x, NEAR) <= FOLLOWS) &&
+                          departure(it, &x, FAR) <= FOLLOWS;
     it->equations->move(it->ctx, 1.0 - x);
-    return !(off[0] <= 0.5) && off[1] <= 0.1;
+    return rounding;
 }
 
 pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equations, void *ctx,
@@ -180,7 +192,7 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
         pma_measure m = {0};
         bool fresh = false;
         pma_status status = evaluate(&it, &fresh);
-        if (status == PMA_OK && it.close && it.at.residual <= newton->tolerance)
+        if (status == PMA_OK && is_balanced(&it))
             return PMA_OK;
         if (status == PMA_OK)
             status = equations->correct(ctx, fresh, &m);
@@ -195,7 +207,7 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
             equations->restart(ctx);
             continue;
         }
-        if (is_accepted(&it, &m, theta, fresh))
+        if (will_be_balanced(&it, &m, theta, fresh))
             return PMA_OK;
         it.slow = it.count > 1 && theta > SLOW;
         it.e = e;

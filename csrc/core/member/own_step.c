@@ -7,11 +7,13 @@
 #include <math.h>
 #include <string.h>
 
-/* Residuals are exact up to this many units in the last place of their terms.              (N8) */
-#define ROUNDING (100.0 * DBL_EPSILON)
+/* Residuals are exact up to so many units in the last place of their terms, and of the forces that
+ * the tangents give to the displacements.                                                  (N8) */
+#define OF_TERMS (100.0 * DBL_EPSILON)
+#define OF_DISPLACEMENTS (10.0 * DBL_EPSILON)
 
 /* No row has to be nearer to balance than this part of the largest own force asks for.      (N7) */
-#define SHARE 0.1
+#define SHARE 1e-3
 
 /* Of a residual this many times as much may be left as of a correction.                     (N7) */
 #define SLOWER 10.0
@@ -219,27 +221,30 @@ static double largest_part(const pma_iterate *it)
 }
 
 /* (N7)  T: the forces at the beginning, and at the first guess; rows by the root of D
- * (N8)  rounding: 100 eps of the largest terms t of all rows, or as large as it was found (N9) */
+ * (N8)  rounding: of the largest terms t and displacements of all rows, or what was found (N9) */
 static void measure_residual(pma_iterate *it)
 {
     const pma_parts *p = &it->of->parts;
     const size_t n = p->n, inner = n - p->nb;
-    const double s2 = it->scale / operator_of(it)->step.al1;
+    const double al1 = operator_of(it)->step.al1, s2 = it->scale / al1;
     const double *base = it->step.twice ? it->parts.base_twice : it->parts.base;
-    double *root = it->rounding, *terms = it->product, largest = 0.0, own = sqrt(fmax(0.0, s2));
+    double *root = it->rounding, *terms = it->product, own = sqrt(fmax(0.0, s2));
+    double rounding = sqrt(fmax(0.0, -s2));
     find_inertia(it, iterate_of(it)->w);
     for (size_t i = 0; i < n; i++) {
         const int64_t k = it->diagonal[i];
         const double pull = i < inner ? 0.0 : it->pull_size[i - inner];
-        root[i] = sqrt(fabs(base[k]) + fabs(it->numeric.values[k] - base[k]));
+        const double tangent = fabs(it->numeric.values[k] - base[k]);
+        root[i] = sqrt(fabs(base[k]) + tangent);
         terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + fabs(it->held[i]) + pull;
-        largest = fmax(largest, terms[i] / root[i]);
+        const double whole = tangent / al1 * fabs(it->u[i]);
+        rounding = fmax(rounding, (OF_TERMS * terms[i] + OF_DISPLACEMENTS * whole) / root[i]);
         it->forces[i] = it->begun ? it->forces[i] : fmax(it->forces[i], terms[i]);
         own = fmax(own, (it->forces[i] - pull) / root[i]);
     }
     for (size_t i = 0; i < n; i++) {
         it->limit[i] = fmax(it->forces[i], SHARE * own * root[i]);
-        root[i] *= fmax(ROUNDING * largest, sqrt(fmax(0.0, -s2)));
+        root[i] *= rounding;
     }
     it->begun = true;
     it->measure.residual = largest_part(it);
