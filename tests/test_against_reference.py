@@ -16,12 +16,12 @@ AGREEMENT = 1e-9
 STEPS = 17
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("seed", range(30))
 def test_core_and_reference_agree_on_a_random_problem(seed):
     assert_agreement(random_problem(seed))
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(20))
 def test_core_and_reference_agree_on_a_random_problem_with_restoring_forces(seed):
     assert_agreement(random_restored_problem(seed))
 

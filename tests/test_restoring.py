@@ -6,6 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import pairwise
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -232,9 +233,10 @@ def test_uncoupled_it_is_of_order_two(scheme, restoring):
     np.testing.assert_allclose(order, 2.0, atol=0.1 if scheme.gamma == 0.5 else 0.15)
 
 
-@pytest.mark.parametrize("coupling", ["gc", "pm"])
-@pytest.mark.parametrize("restoring", [duffing, van_der_pol])
-@pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), pm.Newmark(), CD], ids=names)
+@pytest.mark.parametrize(
+    ("scheme", "restoring", "coupling"),
+    pairwise([pm.GeneralizedAlpha(0.5), pm.Newmark(), CD], [duffing, van_der_pol], ["gc", "pm"]),
+)
 def test_coupled_with_equal_steps_it_is_of_order_two(scheme, restoring, coupling):
     order = orders(lambda dt: cut(restoring, scheme, dt, coupling), restoring)
     np.testing.assert_allclose(order, 2.0, atol=0.2)

@@ -463,7 +463,7 @@ def test_whether_threads_are_faster_is_timed_and_changes_no_result(coupling):
     for threads in (1, None):
         coupler = row_of_subdomains(2, 20_000, threads=threads, coupling=coupling, dt=0.05)
         promised = coupler.threads
-        runs.append(coupler.run(steps=40))
+        runs.append(coupler.run(steps=20))
     assert_identical(*runs)
     assert coupling == "macro" or promised == min(2, most_threads(None)[0])
     assert 1 <= coupler.threads <= promised
