@@ -61,10 +61,10 @@ def warn_of_gains(parts: Sequence[Part]) -> None:
 
 
 def cause_of(part: Part) -> str:
-    """The cause of growth in a subdomain with restoring or internal forces, or empty."""
+    """The cause of growth in a subdomain, or empty."""
     s = part.subdomain
     if s.restoring is None and s.internal is None:
-        return ""
+        return _of_step(part)
     gain = part.core.gain
     why = _of_springs(part) or _of_impact(part) or (_of_others(part) if gain > 1.0 else "")
     added = f"its steps added {gain:.3g} times its kinetic energy: " if why and gain > 1.0 else ""
@@ -81,6 +81,13 @@ def _of_impact(part: Part) -> str:
     compiled = any(map(is_compiled, functions_of(part.subdomain.restoring)))
     kind = "compiled restoring function" if compiled else "internal force"
     return cause_of_contact(kind, part.name, part.step, omega, gain, t) if gain > MOST else ""
+
+
+def _of_step(part: Part) -> str:
+    ratio = part.step_ratio
+    if ratio is None or not ratio.is_above or ratio.raised:
+        return ""
+    return f"its step {part.step:g} is {ratio.value:.3g} times the critical one; take smaller steps"
 
 
 def _of_springs(part: Part) -> str:
