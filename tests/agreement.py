@@ -89,6 +89,17 @@ def assert_motion_agrees(history, expected, within):
             assert_close(got, wanted, within, what, size=largest(wanted), times=ours.t)
 
 
+def assert_order(errors, low, high, names=("the motion",)):
+    """The order of each of the named errors, whose rows are of runs with steps halved in turn."""
+    errors = np.asarray(errors, dtype=float).reshape(len(errors), -1)
+    orders = np.log2(errors[:-1] / errors[1:])
+    for k, i in np.argwhere(~((low < orders) & (orders < high))):
+        raise AssertionError(
+            f"{names[i]} has order {orders[k, i]:.3g}, not between {low:g} and {high:g}: its error "
+            f"is {errors[k, i]:.3g}, and {errors[k + 1, i]:.3g} with half the step"
+        )
+
+
 def assert_identical(history, other):
     """Two histories to the last bit, minus zero and NaN included; shapes and types too."""
     assert [name for name, _ in history.keys] == [name for name, _ in other.keys]

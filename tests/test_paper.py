@@ -138,10 +138,14 @@ def test_the_rational_matrix_is_the_one_that_runs(rho, b1, ss):
     expected = np.array(rational(rho, b1, ss, F(1, 2)), dtype=float)
     G = matrix(np.sqrt(0.5), rho if rho is PM else float(rho), float(b1), ss)
     names = ["u", "v", "vf", "w", "a"]
-    rows = [G.names.index(f"{x}[0] of A at {when}") for when in ("n-1", "n") for x in names]
-    rows += [G.names.index(f"{x}[0] of B at n") for x in ("u", "v", "w", "a")]
+    shown = [f"{x}[0] of A at {when}" for when in ("n-1", "n") for x in names]
+    shown += [f"{x}[0] of B at n" for x in ("u", "v", "w", "a")]
+    rows = [G.names.index(name) for name in shown]
+    wrong = np.abs(np.asarray(G)[np.ix_(rows, rows)] - expected)
+    i, j = np.unravel_index(wrong.argmax(), wrong.shape)
+    where = f"{shown[i]} after a macro step from {shown[j]} = 1 is {wrong[i, j]:.3g} off"
     # a few hundred operations on numbers up to the largest entry
-    assert G[np.ix_(rows, rows)] == pytest.approx(expected, abs=1e-13 * np.abs(expected).max())
+    assert wrong[i, j] <= 1e-13 * np.abs(expected).max(), where
 
 
 @pytest.mark.parametrize("rho, b1, ss", SOME)
