@@ -95,6 +95,7 @@ class SubdomainHistory:
         Parameters
         ----------
         t : float
+            Within the run.
 
         Returns
         -------
@@ -120,6 +121,7 @@ class SubdomainHistory:
         Returns
         -------
         SubdomainHistory
+            With these times as ``.t``.
         """
         result: SubdomainHistory = resampled_one(self, rising(times, self.t)[1])
         return result
