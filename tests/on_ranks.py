@@ -1,8 +1,8 @@
 """What each rank does in the tests of couplers in several processes (test_mpi.py).
 
-    mpiexec -n 3 python tests/on_ranks.py NAME
+    mpiexec -n 3 python tests/on_ranks.py NAME[,NAME...] [OPTIONS]
 
-Every rank asserts by itself and prints one line at the end; an assertion that fails ends all.
+Every rank asserts by itself and prints a line at the end of each; an assertion that fails ends all.
 """
 
 import sys
@@ -43,10 +43,14 @@ TESTS += (chosen, drifting, histories, iterated, killed, killed_in_save, left, m
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    name, *options = sys.argv[1:]
+    names, *options = sys.argv[1:]
+    name = names
     try:
-        {test.__name__: test for test in TESTS}[name](*options)
-    except BaseException:
+        for name in names.split(","):
+            {test.__name__: test for test in TESTS}[name](*options)
+    except BaseException as error:
+        # the last line is what pytest shows: which test, on which rank, what differs
         traceback.print_exc()
+        print(f"{name} on rank {WORLD.rank}: {type(error).__name__}: {error}", file=sys.stderr)
         sys.stderr.flush()
         WORLD.Abort(1)
