@@ -447,6 +447,7 @@ def test_bad_arguments_are_refused_and_the_coupler_stays_as_it_was():
     call = coupler.gradient
     refused("must have shape", call, lambda h: (0.0, {"s0": {"u": np.zeros((1, 3))}}), steps=3)
     refused("by subdomain", call, lambda h: (0.0, {"x": {}}), steps=3, error=KeyError)
+    refused("value and the deriv", call, lambda h: h.peak(), steps=3, error=TypeError)
     refused("u, v or a", call, lambda h: (0.0, {"s0": {"w": 0.0}}), steps=3)
     refused(
         "one of the subdomains",

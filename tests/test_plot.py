@@ -716,6 +716,21 @@ def test_supports_of_a_structure_are_drawn_and_written_at_rest(tmp_path):
         plot.animation(part, {"wall": wall})
 
 
+def test_several_axes_and_other_things_are_no_ax():
+    u, rows = [[0.0, 0.0]] * 4, pyplot.subplots(2)[1]
+    history = made_up(np.zeros((2, 8)))
+    for call in (
+        lambda: history.plot(ax=rows),
+        lambda: history[0].plot(ax=rows),
+        lambda: plot.deformed(*SQUARE, u, ax=rows),
+        lambda: plot.animation(history, {0: SQUARE}, ax=rows),
+    ):
+        with pytest.raises(TypeError, match="ax must be one Axes of matplotlib, got ndarray"):
+            call()
+    with pytest.raises(ValueError, match=r"no constraints to draw, got constraints=\[0\]"):
+        history.plot(constraints=[0])
+
+
 def test_colours_of_a_film_have_the_limits_of_all_frames():
     u = np.zeros((3, 8))
     u[1, 2], u[2, 2] = -0.3, 0.7

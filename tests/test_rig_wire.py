@@ -426,6 +426,11 @@ def test_bad_options_of_a_connection_are_refused_before_it_is_made(options, mess
         rig.connect((LOCAL, 1), **options)
 
 
+def test_an_address_is_a_host_and_a_port():
+    with pytest.raises(TypeError, match="address must be a host and a port, .* got 'localhost:1'"):
+        rig.connect("localhost:1")
+
+
 # ---- who may connect -----------------------------------------------------------------------------
 
 

@@ -218,7 +218,13 @@ class Blocks:
         """`names` are the subdomains of the parameters."""
         record = objective.record if isinstance(objective, Misfit) else None
         blocks, accelerations, history = self.forward(record, names)
-        value, given = objective(history)
+        found = objective(history)
+        if not isinstance(found, Sequence) or len(found) != 2:
+            raise TypeError(
+                "objective must return its value and the derivatives by subdomain, or be a Misfit, "
+                f"got {found!r}"
+            )
+        value, given = found
         members, p, fine = self.single.members, self.single.p, self.single.fine
         sources, of_lam = checked_sources(members, given, history, self.steps)
         if self.problem.mean and (of_lam is not None or any(np.any(x.w) for x in sources.values())):

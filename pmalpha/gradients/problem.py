@@ -174,7 +174,8 @@ def subdomain_of(keys: Any, p: Parameters) -> str:
             result: str = name
             return result
     names = ", ".join(repr(name) for name, _ in keys)
-    raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}")
+    other = p.name in dict(keys) and "; it is another object of this name: give the name alone"
+    raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}{other or ''}")
 
 
 def require_adjoint(session: Any, what: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from ..problem.dofs import dof_list
 from ..results.dof_motion import columns_of
 from ..results.keys import by_index
-from .styling import LINES, shown_figure, shown_style, style
+from .styling import LINES, require_axes, shown_figure, shown_style, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,6 +68,7 @@ def time_histories(
 ) -> Axes:
     """The implementation of `History.plot`."""
     unit = _units(units)
+    require_axes(ax)
     if not isinstance(quantity, str) or quantity not in QUANTITIES:
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
@@ -257,6 +258,8 @@ def _rows(history: Any, constraints: Any) -> list[int]:
         return []
     if constraints is None:
         return _distinct(history.multipliers, np.ptp(history.multipliers, axis=0), DEFAULT_CURVES)
+    if p == 0:
+        raise ValueError(f"the history has no constraints to draw, got constraints={constraints!r}")
     rows = [int(row) for row in dof_list(constraints, p, "constraints")]
     if len(rows) > MOST_CURVES:
         raise ValueError(f"constraints must be at most {MOST_CURVES} numbers, got {len(rows)}")
@@ -367,6 +370,7 @@ def gaps_and_forces(
     history: Any, rows: Any = None, *, title: str | None = None, ax: Axes | None = None
 ) -> Axes:
     """`ContactHistory.plot`."""
+    require_axes(ax)
     gap, force = history.gap, history.force
     labels, names = ["smallest gap"], ("smallest gap", "sum of forces")
     if rows is None:

@@ -28,7 +28,7 @@ from ..structures.mesh import (
     outer_faces,
     padded,
 )
-from .styling import shown_figure, shown_style
+from .styling import require_axes, shown_figure, shown_style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -228,6 +228,7 @@ def flattened(mesh: Mesh, u: Any, name: str, times: int | None = None) -> tuple[
 def axes_for(mesh: Mesh, ax: Any | None) -> Axes:
     """New axes, or the given ones if their dimension is that of the mesh."""
     solid = mesh.points.shape[1] == 3
+    require_axes(ax)
     if ax is not None:
         if (ax.name == "3d") != solid:
             needed = 'projection="3d"' if solid else "two dimensions"

@@ -106,6 +106,12 @@ def shown_style() -> Iterator[None]:
         yield
 
 
+def require_axes(ax: Any) -> None:
+    """TypeError unless it is one Axes, or None."""
+    if ax is not None and not hasattr(ax, "add_artist"):
+        raise TypeError(f"ax must be one Axes of matplotlib, got {type(ax).__name__}")
+
+
 def shown_figure(**options: Any) -> Figure:
     """A figure of pyplot, with its options: a notebook shows it at the end of the cell, a script by
     plt.show()."""

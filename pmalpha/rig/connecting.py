@@ -72,6 +72,8 @@ def connect(
         )
     if "force" not in received:
         raise ValueError(f'receive must have "force", got {list(receive)}')
+    if not isinstance(address, Sequence) or isinstance(address, str) or len(address) != 2:
+        raise TypeError(f'address must be a host and a port, ("localhost", 8090), got {address!r}')
     timeout, known = positive_number(timeout, "timeout"), checked_secret(secret)
     connection = socket.create_connection(address, timeout)
     link = w.Wire(connection, timeout, name)
