@@ -207,8 +207,8 @@ int pma_processes_fill(const pma_processes *x, size_t own, pma_member *members)
     const size_t first = pma_processes_first(x);
     bool fits = (size_t)x->parts.first[x->parts.rank + 1] == first + own;
     for (size_t i = 0; fits && i < x->count; i++) {
-        const bool mine = i >= first && i < first + own;
-        fits = mine == !x->remotes[i];
+        const bool is_own = i >= first && i < first + own;
+        fits = is_own == !x->remotes[i];
         if (x->remotes[i])
             members[i] = pma_remote_member(x->remotes[i]);
     }

@@ -68,16 +68,16 @@ typedef struct {
 } responses;
 
 /* Those of the constraints begin..begin+count-1, which were taken together. */
-static void copy_responses(const pma_unit_run *run, size_t n, npy_intp begin, npy_intp count,
+static void copy_responses(const pma_unit_response *run, size_t n, npy_intp begin, npy_intp count,
                            const responses *b)
 {
     for (npy_intp c = 0; c < count; c++) {
         for (npy_intp r = 0; r < b->k; r++) {
-            b->end[(begin + c) * b->k + r] = pma_unit_run_end(run, (size_t)c, b->rows[r]);
-            b->mean[(begin + c) * b->k + r] = pma_unit_run_mean(run, (size_t)c, b->rows[r]);
+            b->end[(begin + c) * b->k + r] = pma_unit_response_end(run, (size_t)c, b->rows[r]);
+            b->mean[(begin + c) * b->k + r] = pma_unit_response_mean(run, (size_t)c, b->rows[r]);
         }
         if (b->states)
-            pma_unit_run_copy(run, (size_t)c, b->states + (size_t)(begin + c) * 4 * n);
+            pma_unit_response_copy(run, (size_t)c, b->states + (size_t)(begin + c) * 4 * n);
     }
 }
 
@@ -87,11 +87,11 @@ typedef struct {
     const pma_subdomain *of;
     const responses *b;
     size_t workers;
-    pma_unit_run **runs;    /* workers */
-    atomic_size_t next;     /* block of constraints */
-    atomic_bool stopped;    /* a signal has raised an exception */
-    atomic_bool not_finite; /* a response is not */
-    pma_watch watch;        /* of worker 0, the thread that called */
+    pma_unit_response **runs; /* workers */
+    atomic_size_t next;       /* block of constraints */
+    atomic_bool stopped;      /* a signal has raised an exception */
+    atomic_bool not_finite;   /* a response is not */
+    pma_watch watch;          /* of worker 0, the thread that called */
 } responding;
 
 static void look(void *ctx)
@@ -109,17 +109,17 @@ static bool is_over(const responding *r)
 static void respond(responding *r, size_t worker, npy_intp begin)
 {
     const pma_parts *parts = pma_subdomain_parts(r->of);
-    pma_unit_run *run = r->runs[worker];
+    pma_unit_response *run = r->runs[worker];
     const npy_intp left = r->b->k - begin, count = left < PMA_LANES ? left : PMA_LANES;
-    pma_unit_run_begin(run, r->b->twice, (size_t)count, r->b->rows + begin);
+    pma_unit_response_begin(run, r->b->twice, (size_t)count, r->b->rows + begin);
     for (size_t j = 1; j <= parts->substeps; j++) {
         if (worker == 0)
             look(r);
         if (is_over(r))
             return;
-        pma_unit_run_step(run, j);
+        pma_unit_response_step(run, j);
     }
-    if (pma_unit_run_is_finite(run))
+    if (pma_unit_response_is_finite(run))
         copy_responses(run, parts->n, begin, count, r->b);
     else
         atomic_store(&r->not_finite, true);
@@ -139,11 +139,11 @@ static void work(void *ctx, size_t worker)
 static pma_status create_runs(responding *r)
 {
     pma_status status = PMA_OK;
-    r->runs = PyMem_Calloc(r->workers, sizeof(pma_unit_run *));
+    r->runs = PyMem_Calloc(r->workers, sizeof(pma_unit_response *));
     if (!r->runs)
         return PMA_NO_MEMORY;
     for (size_t w = 0; w < r->workers && status == PMA_OK; w++)
-        status = pma_unit_run_create(r->of, &r->runs[w]);
+        status = pma_unit_response_create(r->of, &r->runs[w]);
     return status;
 }
 
@@ -163,7 +163,7 @@ static pma_status fill_responses(const pma_subdomain *s, const responses *b, siz
     }
     pma_team_destroy(team);
     for (size_t w = 0; r.runs && w < workers; w++)
-        pma_unit_run_destroy(r.runs[w]);
+        pma_unit_response_destroy(r.runs[w]);
     PyMem_Free(r.runs);
     if (atomic_load(&r.stopped))
         return PMA_STOPPED;

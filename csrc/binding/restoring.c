@@ -55,10 +55,10 @@ static int take_function(PyObject *function, npy_intp n, PyObject *arrays, pma_r
 }
 
 /* The cell in which the functions find what they remember. */
-static int add_place(PyObject *arrays, pma_restoring *out)
+static int add_cell(PyObject *arrays, pma_restoring *out)
 {
-    out->place = PyMem_Calloc(1, sizeof *out->place);
-    return pma_keep(out->place, free_series, arrays);
+    out->cell = PyMem_Calloc(1, sizeof *out->cell);
+    return pma_keep(out->cell, free_series, arrays);
 }
 
 static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma_restoring *out)
@@ -67,7 +67,7 @@ static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma
     if (count == 0)
         return pma_refuse(PyExc_ValueError, "restoring: a function is missing");
     series *all = add_series(count, n, arrays);
-    if (!all || add_place(arrays, out) < 0)
+    if (!all || add_cell(arrays, out) < 0)
         return -1;
     for (Py_ssize_t i = 0; i < count; i++) {
         if (take_function(PyTuple_GetItem(functions, i), n, arrays, out, &all->each[i]) < 0)

@@ -142,7 +142,7 @@ static int call_specimen(double t, intptr_t n, double *u, double *v, double *r, 
 {
     const specimen *own = user;
     (void)n;
-    return pma_specimen_evaluate(&own->core, t, u, v, r, own->core.place->memory + own->offset);
+    return pma_specimen_evaluate(&own->core, t, u, v, r, own->core.cell->memory + own->offset);
 }
 
 int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *restoring,
@@ -151,7 +151,7 @@ int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring
     specimen *own = take_specimen(obj, n, arrays, &restoring->by_caller);
     if (!own)
         return -1;
-    own->core.place = restoring->place;
+    own->core.cell = restoring->cell;
     own->core.number = restoring->compensators;
     restoring->compensators += own->core.compensators > 0;
     own->offset = restoring->memory;

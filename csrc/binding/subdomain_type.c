@@ -347,7 +347,7 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
     return result_of(self, status, F);
 }
 
-static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
+static PyObject *subdomain_restoring(SubdomainObject *self, PyObject *args)
 {
     double t;
     PyObject *u_obj, *v_obj;
@@ -363,7 +363,7 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
         return NULL;
     }
     const pma_status status =
-        pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
+        pma_subdomain_evaluate_restoring(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
     return result_of(self, status, r);
 }
 
@@ -504,8 +504,8 @@ static PyMethodDef subdomain_methods[] = {
     {"state", (PyCFunction)subdomain_state, METH_NOARGS, "state() -> (u, v, w), copies"},
     {"force", (PyCFunction)subdomain_force, METH_VARARGS,
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
-    {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
-     "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
+    {"restoring", (PyCFunction)subdomain_restoring, METH_VARARGS,
+     "restoring(t, u, v) -> r(u, v, t), or the code that the function returned"},
     {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
      "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the "
      "previous one if "

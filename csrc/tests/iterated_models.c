@@ -93,7 +93,7 @@ void start_histories(model *m)
         part *x = &m->parts[i];
         double r[MOST];
         if (x->inner.used)
-            CHECK_STATUS(pma_subdomain_restore(x->core, 0.0, x->u0, x->v0, r), PMA_OK);
+            CHECK_STATUS(pma_subdomain_evaluate_restoring(x->core, 0.0, x->u0, x->v0, r), PMA_OK);
     }
 }
 

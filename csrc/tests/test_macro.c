@@ -168,13 +168,13 @@ static void macro_steps_are_free_run_plus_link_response(void)
 }
 
 /* All substeps of the responses to unit multipliers. */
-static pma_unit_run *run_units(const part *x, size_t count, const int64_t *rows)
+static pma_unit_response *run_units(const part *x, size_t count, const int64_t *rows)
 {
-    pma_unit_run *r;
-    CHECK_STATUS(pma_unit_run_create(x->core, &r), PMA_OK);
-    pma_unit_run_begin(r, false, count, rows);
+    pma_unit_response *r;
+    CHECK_STATUS(pma_unit_response_create(x->core, &r), PMA_OK);
+    pma_unit_response_begin(r, false, count, rows);
     for (size_t j = 1; j <= x->substeps; j++)
-        pma_unit_run_step(r, j);
+        pma_unit_response_step(r, j);
     return r;
 }
 
@@ -182,13 +182,13 @@ static void a_unit_response_gives_the_interface_matrix_and_its_mean(void)
 {
     static pair q;
     make_pair(&q, false, false);
-    pma_unit_run *r = run_units(&q.B, 1, (int64_t[]){0});
-    const double end = pma_unit_run_end(r, 0, 0), mean = pma_unit_run_mean(r, 0, 0);
+    pma_unit_response *r = run_units(&q.B, 1, (int64_t[]){0});
+    const double end = pma_unit_response_end(r, 0, 0), mean = pma_unit_response_mean(r, 0, 0);
     const level b = naive_substeps(&q.B, false, NO_FORCE, 1.0, true, REST);
     CHECK_NEAR(end, constrained(&q.B, 0, b.v), AGREE);
     CHECK(mean > 0.0 && mean < end); /* far from a resonance the velocity grows */
-    CHECK(pma_unit_run_is_finite(r));
-    pma_unit_run_destroy(r);
+    CHECK(pma_unit_response_is_finite(r));
+    pma_unit_response_destroy(r);
     destroy_pair(&q);
 }
 
@@ -217,7 +217,7 @@ static void link_responses_know_lagged_damping_and_estimates(void)
 }
 
 /* L v of all substeps of the response to one multiplier: the last one, and their mean */
-static void check_unit_response(const part *x, const pma_unit_run *r, size_t lane, size_t unit)
+static void check_unit_response(const part *x, const pma_unit_response *r, size_t lane, size_t unit)
 {
     double sum[CONSTRAINTS] = {0.0}, state[4 * MOST];
     level at = REST;
@@ -230,10 +230,10 @@ static void check_unit_response(const part *x, const pma_unit_run *r, size_t lan
             sum[row] += constrained(x, row, at.v) / (double)x->substeps;
     }
     for (size_t row = 0; row < x->p; row++) {
-        CHECK_NEAR(pma_unit_run_end(r, lane, (int64_t)row), constrained(x, row, at.v), AGREE);
-        CHECK_NEAR(pma_unit_run_mean(r, lane, (int64_t)row), sum[row], AGREE);
+        CHECK_NEAR(pma_unit_response_end(r, lane, (int64_t)row), constrained(x, row, at.v), AGREE);
+        CHECK_NEAR(pma_unit_response_mean(r, lane, (int64_t)row), sum[row], AGREE);
     }
-    pma_unit_run_copy(r, lane, state);
+    pma_unit_response_copy(r, lane, state);
     check_state(
         x,
         &(pma_state){.u = state, .v = state + x->n, .w = state + 2 * x->n, .a = state + 3 * x->n},
@@ -246,14 +246,14 @@ static void unit_responses_are_the_naive_ones_in_every_lane(void)
     const int64_t rows[PMA_LANES] = {1, 0, 0, 1, 0, 1, 1, 0};
     build_chain(&m, &ESTIMATED);
     for (size_t i = 0; i < m.count; i++) {
-        pma_unit_run *r = run_units(&m.parts[i], PMA_LANES, rows);
+        pma_unit_response *r = run_units(&m.parts[i], PMA_LANES, rows);
         for (size_t l = 0; l < PMA_LANES; l++)
             check_unit_response(&m.parts[i], r, l, (size_t)rows[l]);
-        pma_unit_run_begin(r, false, 1, rows); /* what was there is forgotten */
+        pma_unit_response_begin(r, false, 1, rows); /* what was there is forgotten */
         for (size_t j = 1; j <= m.parts[i].substeps; j++)
-            pma_unit_run_step(r, j);
+            pma_unit_response_step(r, j);
         check_unit_response(&m.parts[i], r, 0, 1);
-        pma_unit_run_destroy(r);
+        pma_unit_response_destroy(r);
     }
     destroy_model(&m);
 }

@@ -108,12 +108,12 @@ static void the_force_alone_is_what_a_step_would_evaluate(void)
     double r = -1.0;
     const double u = 2.0, v = 3.0, zero = 0.0;
     make_part(&x);
-    CHECK_STATUS(pma_subdomain_restore(x.core, 8.0, &u, &v, &r), PMA_OK);
+    CHECK_STATUS(pma_subdomain_evaluate_restoring(x.core, 8.0, &u, &v, &r), PMA_OK);
     CHECK_BITS(1, &r, &zero);
     pma_subdomain_destroy(x.core);
     x.restored = true;
     make_part(&x);
-    CHECK_STATUS(pma_subdomain_restore(x.core, 8.0, &u, &v, &r), PMA_OK);
+    CHECK_STATUS(pma_subdomain_evaluate_restoring(x.core, 8.0, &u, &v, &r), PMA_OK);
     CHECK(r == 8.0 + 3.0 + 0.75 + 1.0);
     pma_subdomain_destroy(x.core);
 }

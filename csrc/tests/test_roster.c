@@ -18,9 +18,9 @@ static pma_duty of_caller(size_t entries, size_t substeps)
     return (pma_duty){.entries = entries, .substeps = substeps, .by_caller = true};
 }
 
-static pma_duty aside(size_t entries, size_t substeps)
+static pma_duty parallel(size_t entries, size_t substeps)
 {
-    return (pma_duty){.entries = entries, .substeps = substeps, .aside = true};
+    return (pma_duty){.entries = entries, .substeps = substeps, .parallel = true};
 }
 
 static pma_roster made(size_t count, const pma_duty *duties, size_t workers, bool worthwhile)
@@ -130,7 +130,7 @@ static void double_step_subdomains_work_beside_the_fine_steps_where_that_pays(vo
 {
     const size_t large = 100 * PMA_MEETING;
     /* (W2) max(20, 1) instead of 20 + 1, in hundreds of meetings */
-    const pma_duty two[2] = {aside(20 * large, 1), common(large / 20, 20)};
+    const pma_duty two[2] = {parallel(20 * large, 1), common(large / 20, 20)};
     pma_roster r = made(2, two, 2, false);
     CHECK_INT(r.fine, 1);
     CHECK_INT(worker_of(&r, 0), 1);
@@ -141,7 +141,7 @@ static void double_step_subdomains_work_beside_the_fine_steps_where_that_pays(vo
     CHECK_INT(r.workers, 1);
     pma_roster_destroy(&r);
     /* two fine ones, each as much as the coarse one: one worker for all of them is slower */
-    const pma_duty three[3] = {aside(large, 1), common(large, 20), common(large, 20)};
+    const pma_duty three[3] = {parallel(large, 1), common(large, 20), common(large, 20)};
     r = made(3, three, 2, false);
     CHECK_INT(r.fine, 2);
     CHECK(worker_of(&r, 1) != worker_of(&r, 2));
@@ -194,7 +194,7 @@ static void a_subdomain_is_split_where_the_others_leave_workers_idle(void)
     const pma_duty three[3] = {divisible(e, 1), divisible(e / 2, 20), divisible(e, 2)};
     CHECK_INT(split_of(3, three, 4), 1);
     /* the rest goes on beside it */
-    const pma_duty coarse[2] = {aside(20 * e, 1), divisible(e, 20)};
+    const pma_duty coarse[2] = {parallel(20 * e, 1), divisible(e, 20)};
     pma_roster r = made(2, coarse, 3, false);
     CHECK_INT(r.fine, 2);
     CHECK_INT(r.split, 1);

@@ -195,17 +195,17 @@ static void a_command_that_is_refused_after_the_compensator_does_not_reach_the_s
                                             .largest = INFINITY,
                                             .slope = &NO_SLOPE}};
     gate g = {.largest = 1.0};
-    pma_place place = {.allows = allows, .self = &g};
+    pma_cell cell = {.allows = allows, .self = &g};
     rig x;
     set_up(&x, 1, &filter);
     x.s.compensators = 1;
-    x.s.place = &place;
+    x.s.cell = &cell;
     x.s.number = 7;
     CHECK(follow(&x, 0.5, 0.0) == 0.5);
     double u = 0.8, v = 0.0, r = 0.0;
     CHECK(pma_specimen_evaluate(&x.s, 0.0, &u, &v, &r, x.memory) != 0);
     CHECK(g.seen == 2.0 * 0.8 - 0.5);
-    CHECK(place.refused && x.calls == 1 && r == 0.0);
+    CHECK(cell.refused && x.calls == 1 && r == 0.0);
 }
 
 const test SPECIMEN_TESTS[] = {

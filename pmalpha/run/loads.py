@@ -375,7 +375,7 @@ class Loads:
             if s.limits is not None:
                 check_first_command(s.limits, part.name, u[part.position], v[part.position])
             if s.restoring is not None or part.internal is not None or part.feedback is not None:
-                r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
+                r = self._values(part.core.restoring(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms
 

@@ -294,7 +294,7 @@ static size_t place_in(const pma_panels *p, const hand *h, size_t s, int64_t row
 static pma_status read_across(const pma_panels_input *A, size_t row, int64_t column, double *entry)
 {
     const int64_t end = A->ptr[row + 1];
-    const int64_t k = pma_place_of(A->index, A->ptr[row], end, (size_t)column);
+    const int64_t k = pma_position_of(A->index, A->ptr[row], end, (size_t)column);
     if (k == end || A->index[k] != column)
         return PMA_BAD_INDEX;
     *entry += A->values[k];

@@ -43,7 +43,7 @@ static inline bool pma_are_within(size_t n, int64_t count, const int32_t *index)
 }
 
 /* Of an ascending list, the first place in low..high-1 that is not below `value`, or high. */
-static inline int64_t pma_place_of(const int32_t *list, int64_t low, int64_t high, size_t value)
+static inline int64_t pma_position_of(const int32_t *list, int64_t low, int64_t high, size_t value)
 {
     while (low < high) {
         const int64_t middle = low + (high - low) / 2;

@@ -305,7 +305,7 @@ pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
 size_t pma_numeric_entry(const pma_numeric_parts *parts, size_t row, size_t column)
 {
     const int64_t end = parts->ptr[row + 1];
-    const int64_t k = pma_place_of(parts->index, parts->ptr[row], end, column);
+    const int64_t k = pma_position_of(parts->index, parts->ptr[row], end, column);
     return k < end && (size_t)parts->index[k] == column ? (size_t)k : SIZE_MAX;
 }
 

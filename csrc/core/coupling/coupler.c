@@ -108,7 +108,7 @@ static pma_status make_roster(pma_coupler *c)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < c->parts.count; i++) {
         duties[i] = c->parts.schedule->duty(&c->coupled[i].member);
-        duties[i].aside = duties[i].aside && ahead;
+        duties[i].parallel = duties[i].parallel && ahead;
     }
     const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
                                                 c->parts.worthwhile, &c->roster);

@@ -44,10 +44,10 @@ pma_duty pma_fine_duty(const pma_member *member)
                       .alone = member->alone};
 }
 
-static pma_duty duty_aside(const pma_member *member)
+static pma_duty duty_in_parallel(const pma_member *member)
 {
     pma_duty duty = pma_fine_duty(member);
-    duty.aside =
+    duty.parallel =
         member->doubling != PMA_SINGLE && member->forces == PMA_NO_FORCES && !member->elsewhere;
     return duty;
 }
@@ -232,7 +232,7 @@ static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_
 
 const pma_schedule pma_fine_schedule = {.check = check,
                                         .instants = pma_fine_instants,
-                                        .duty = duty_aside,
+                                        .duty = duty_in_parallel,
                                         .step = fine_steps,
                                         .interface_pieces = interface_pieces,
                                         .move_to = pma_coupler_move_to,

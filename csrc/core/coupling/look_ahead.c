@@ -11,14 +11,14 @@
 #include "coupling/schedule.h"
 
 /* The members beside the fine steps are the last ones of the roster. */
-static size_t first_aside(const pma_coupler *c)
+static size_t first_parallel(const pma_coupler *c)
 {
     return c->roster.begin[c->roster.fine];
 }
 
 pma_status pma_look_ahead_create(pma_coupler *c)
 {
-    const size_t first = first_aside(c), p = c->parts.p;
+    const size_t first = first_parallel(c), p = c->parts.p;
     c->lam_deferred = calloc((c->parts.count - first) * p + 1, sizeof(double));
     if (!c->lam_deferred)
         return PMA_NO_MEMORY;
@@ -123,7 +123,7 @@ void pma_look_ahead_open(pma_coupler *c)
 
 static bool has_failed_assignment(const pma_coupler *c)
 {
-    for (size_t i = first_aside(c); i < c->parts.count; i++) {
+    for (size_t i = first_parallel(c); i < c->parts.count; i++) {
         const pma_assignment *work = &pma_member_of(c, i)->assigned;
         if (!work->closes && !work->opens && work->status != PMA_OK)
             return true;
@@ -153,7 +153,7 @@ pma_status pma_look_ahead_await(pma_coupler *c)
 
 bool pma_look_ahead_is_busy(const pma_coupler *c)
 {
-    for (size_t i = first_aside(c); i < c->parts.count; i++) {
+    for (size_t i = first_parallel(c); i < c->parts.count; i++) {
         const pma_assignment *work = &pma_member_of(c, i)->assigned;
         if (work->closes || work->opens || work->status != PMA_OK)
             return true;

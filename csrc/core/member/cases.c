@@ -119,16 +119,16 @@ pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out)
 
 /* ---- unit responses, PMA_LANES constraints in one pass -------------------------------------- */
 
-struct pma_unit_run {
+struct pma_unit_response {
     pma_subdomain lanes; /* matrices and factors alone, for the response */
     pma_response *response;
     double *lam, *end, *mean; /* p each: unit multipliers; sums of L_b v, see the header */
 };
 
-pma_status pma_unit_run_create(const pma_subdomain *s, pma_unit_run **out)
+pma_status pma_unit_response_create(const pma_subdomain *s, pma_unit_response **out)
 {
     *out = NULL;
-    pma_unit_run *r = calloc(1, sizeof *r);
+    pma_unit_response *r = calloc(1, sizeof *r);
     if (!r)
         return PMA_NO_MEMORY;
     r->lanes.parts = parts_in_lanes(&s->parts);
@@ -137,7 +137,7 @@ pma_status pma_unit_run_create(const pma_subdomain *s, pma_unit_run **out)
     const pma_status status = pma_response_create(&r->lanes, &r->response);
     r->lam = calloc(3 * p + 1, sizeof *r->lam);
     if (status != PMA_OK || !r->lam) {
-        pma_unit_run_destroy(r);
+        pma_unit_response_destroy(r);
         return PMA_NO_MEMORY;
     }
     r->end = r->lam + p;
@@ -146,7 +146,7 @@ pma_status pma_unit_run_create(const pma_subdomain *s, pma_unit_run **out)
     return PMA_OK;
 }
 
-void pma_unit_run_destroy(pma_unit_run *r)
+void pma_unit_response_destroy(pma_unit_response *r)
 {
     if (!r)
         return;
@@ -155,7 +155,7 @@ void pma_unit_run_destroy(pma_unit_run *r)
     free(r);
 }
 
-void pma_unit_run_begin(pma_unit_run *r, bool twice, size_t count, const int64_t *rows)
+void pma_unit_response_begin(pma_unit_response *r, bool twice, size_t count, const int64_t *rows)
 {
     memset(r->lam, 0, 3 * r->lanes.parts.link.p * sizeof *r->lam); /* all three */
     for (size_t l = 0; l < count; l++)
@@ -163,7 +163,7 @@ void pma_unit_run_begin(pma_unit_run *r, bool twice, size_t count, const int64_t
     pma_response_begin(r->response, twice, r->lam);
 }
 
-void pma_unit_run_step(pma_unit_run *r, size_t j)
+void pma_unit_response_step(pma_unit_response *r, size_t j)
 {
     const pma_parts *p = &r->lanes.parts;
     const pma_state *x = pma_response_state(r->response);
@@ -176,24 +176,24 @@ void pma_unit_run_step(pma_unit_run *r, size_t j)
 
 /* ---- results -------------------------------------------------------------------------------- */
 
-double pma_unit_run_end(const pma_unit_run *r, size_t lane, int64_t row)
+double pma_unit_response_end(const pma_unit_response *r, size_t lane, int64_t row)
 {
     return r->end[(size_t)row * PMA_LANES + lane];
 }
 
-double pma_unit_run_mean(const pma_unit_run *r, size_t lane, int64_t row)
+double pma_unit_response_mean(const pma_unit_response *r, size_t lane, int64_t row)
 {
     return r->mean[(size_t)row * PMA_LANES + lane];
 }
 
-void pma_unit_run_copy(const pma_unit_run *r, size_t lane, double *out)
+void pma_unit_response_copy(const pma_unit_response *r, size_t lane, double *out)
 {
     const double *u = pma_response_state(r->response)->u;
     for (size_t i = 0; i < 4 * r->lanes.parts.n / PMA_LANES; i++)
         out[i] = u[i * PMA_LANES + lane];
 }
 
-bool pma_unit_run_is_finite(const pma_unit_run *r)
+bool pma_unit_response_is_finite(const pma_unit_response *r)
 {
     return pma_is_finite(4 * r->lanes.parts.n, pma_response_state(r->response)->u);
 }

@@ -14,7 +14,7 @@
 bool pma_division_is_in_ranges(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
-    return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !s->restores;
+    return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !s->evaluates;
 }
 
 /* All sweeps of its steps go through one tree. */
@@ -22,7 +22,8 @@ static bool is_in_branches(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     const pma_tree *T = pma_factor_tree(&p->single.factor);
-    return T && !s->restores && !p->mean && (!p->doubled || pma_factor_tree(&p->twice.factor) == T);
+    return T && !s->evaluates && !p->mean &&
+           (!p->doubled || pma_factor_tree(&p->twice.factor) == T);
 }
 
 pma_status pma_division_find(pma_subdomain *s)

@@ -52,7 +52,7 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
         pma_matrix_subtract(&p->D_r, it->product, it->held);
     }
     if (p->restoring.function)
-        status = pma_substep_restore(s, &it->step, to, it->held);
+        status = pma_substep_subtract_restoring(s, &it->step, to, it->held);
     return status == PMA_OK && (s->limits || s->stamp) ? pma_substep_measure(s, to) : status;
 }
 

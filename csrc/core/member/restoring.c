@@ -26,13 +26,13 @@ pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, cons
     if (restoring->memory > 0) {
         if (to != from)
             memcpy(to, from, restoring->memory * sizeof(double));
-        restoring->place->memory = to;
-        restoring->place->refused = false;
+        restoring->cell->memory = to;
+        restoring->cell->refused = false;
     }
     *code = restoring->function(t, (intptr_t)n, own_u, own_v, r, restoring->user);
     if (*code != 0)
-        return restoring->memory > 0 && restoring->place->refused ? PMA_LIMITED
-                                                                  : PMA_RESTORING_FAILED;
+        return restoring->memory > 0 && restoring->cell->refused ? PMA_LIMITED
+                                                                 : PMA_RESTORING_FAILED;
     for (size_t i = 0; i < n; i++)
         y[i] -= r[order[i]];
     return PMA_OK;

@@ -21,7 +21,7 @@ typedef struct {
     bool (*allows)(void *self, size_t i, const double *u, const double *v);
     void *self;
     bool refused; /* has the last evaluation ended so? */
-} pma_place;
+} pma_cell;
 
 /* The arrays are the caller's and have to outlive it. */
 typedef struct {
@@ -35,7 +35,7 @@ typedef struct {
                              contains as - f, for its work; or NULL */
     size_t memory;        /* numbers that the function remembers from one evaluation to the next */
     size_t compensators;  /* of commands, among the functions */
-    pma_place *place;     /* NULL without memory and compensators */
+    pma_cell *cell;       /* NULL without memory and compensators */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */
@@ -43,7 +43,7 @@ pma_status pma_restoring_check(const pma_restoring *restoring);
 
 /* y (n) -= r(u, v, t), all in elimination order; `to` (memory) is what the function remembers
  * after it, `from` before it, which may be the same. PMA_RESTORING_FAILED when the function returns
- * other than 0, which goes to *code, PMA_LIMITED when it gives no command since `place` refuses it;
+ * other than 0, which goes to *code, PMA_LIMITED when it gives no command since `cell` refuses it;
  * y is then as it was. Does not allocate. */
 pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
                                   const double *v, const double *from, double *to, double *y,

@@ -310,11 +310,11 @@ static void adapt(const pma_filter *f, size_t n, const double *measured, double 
 
 static bool is_allowed(const pma_specimen *s, const double *u, const double *v)
 {
-    pma_place *place = s->place;
-    if (!place || !place->allows)
+    pma_cell *cell = s->cell;
+    if (!cell || !cell->allows)
         return true;
-    place->refused = !place->allows(place->self, s->number, u, v);
-    return !place->refused;
+    cell->refused = !cell->allows(cell->self, s->number, u, v);
+    return !cell->refused;
 }
 
 int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v, double *r,

@@ -50,7 +50,7 @@ typedef struct {
 typedef struct {
     size_t n, count, compensators; /* filters that are compensators, before all others */
     const pma_filter *filters;     /* count */
-    pma_place *place;              /* asked what they may give, as compensator `number`; or NULL */
+    pma_cell *cell; /* decides what they may give, as compensator `number`; or NULL */
     size_t number;
     pma_springs springs;
     pma_restoring_function function; /* or NULL; may write the measured displacement into u */
@@ -62,7 +62,7 @@ typedef struct {
 size_t pma_specimen_numbers(const pma_specimen *s);
 
 /* r (n) += r(u, v, t); u and v (n) are used up, u is what was measured. Returns what the function
- * returns, or 1 when `place` refuses what compensators make of the command. Once a step, in the
+ * returns, or 1 when `cell` refuses what compensators make of the command. Once a step, in the
  * order of time. Does not allocate. */
 int pma_specimen_evaluate(const pma_specimen *s, double t, double *u, double *v, double *r,
                           double *memory);

@@ -179,7 +179,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     s->update = pma_update_best();
     s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO ||
                       (parts->internal.count > 0 && !parts->iterate);
-    s->restores = s->extrapolates || parts->springs.total > 0;
+    s->evaluates = s->extrapolates || parts->springs.total > 0;
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
     if (parts->iterate)
         status = create_iterate(s, parts->iterate);
@@ -283,8 +283,8 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
                                  NULL, s->force + s->parts.n, &s->code);
 }
 
-pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
-                                 double *r)
+pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
+                                            const double *v, double *r)
 {
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
@@ -454,8 +454,8 @@ pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
         return status;
     }
     if (compensators > 0) {
-        restoring->place->self = s;
-        restoring->place->allows = pma_substep_allows;
+        restoring->cell->self = s;
+        restoring->cell->allows = pma_substep_allows;
     }
     return PMA_OK;
 }

@@ -116,8 +116,8 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 /* r (n) := r(u, v, t) + f(u, v, t; q): the restoring force as `open` evaluates it, with springs
  * that were never loaded before, and the internal forces from their initial histories: what these
  * become is what the next start takes */
-pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
-                                 double *r);
+pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
+                                            const double *v, double *r);
 
 /* sum (p) += L Z mu with Z of the single step (V2), of a subdomain whose predictors can be
  * shifted */

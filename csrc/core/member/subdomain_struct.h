@@ -40,7 +40,7 @@ struct pma_subdomain {
     size_t trunk;          /* entries above the branches of two workers */
     pma_divided divided;   /* what they do */
     bool extrapolates;     /* a substep uses the velocity extrapolated from its beginning (R1) */
-    bool restores;         /* it has springs, or a force that depends on that velocity (R3) */
+    bool evaluates;        /* it has springs, or a force that depends on that velocity (R3) */
     double *vs;            /* n: extrapolated velocity, if there is one */
     double *force;         /* n, and scratch: internal forces of an explicit subdomain */
     double *history;       /* of internal forces, at the next start */
@@ -107,8 +107,8 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
 /* y -= r(ut, vs, t1); what the function remembers goes on from the level before, double step or
  * not, since it is evaluated at one level after the other */
-pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const pma_state *to,
-                               double *y);
+pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
+                                          const pma_state *to, double *y);
 void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
                             size_t end);
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);

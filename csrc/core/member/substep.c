@@ -73,8 +73,8 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
     return status;
 }
 
-pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const pma_state *to,
-                               double *y)
+pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
+                                          const pma_state *to, double *y)
 {
     const pma_parts *p = &s->parts;
     const size_t springs = pma_springs_numbers(&p->springs);
@@ -141,8 +141,9 @@ pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to)
 }
 
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
-__attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_substep *step,
-                                                    const pma_state *from, const pma_state *to)
+__attribute__((noinline)) static pma_status
+subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *from,
+                   const pma_state *to)
 {
     const pma_parts *p = &s->parts;
     const double t1 = step->t1;
@@ -150,7 +151,7 @@ __attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_
     if (status == PMA_OK && p->springs.total > 0)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
     if (status == PMA_OK && p->restoring.function)
-        status = pma_substep_restore(s, step, to, to->w);
+        status = pma_substep_subtract_restoring(s, step, to, to->w);
     if (status == PMA_OK && (s->limits || s->stamp))
         status = pma_substep_measure(s, to);
     if (status != PMA_OK || !s->extrapolates)
@@ -165,7 +166,7 @@ __attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_
     return PMA_OK;
 }
 
-/* The forces of restore, for the balance */
+/* The forces that it subtracts, for the balance */
 __attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_substep *step,
                                                    const pma_state *to)
 {
@@ -226,8 +227,8 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
     add_forces(s, step, to, 0, n);
 
     /* (R3) */
-    if (s->restores)
-        status = restore(s, step, from, to);
+    if (s->evaluates)
+        status = subtract_restoring(s, step, from, to);
     if (s->balance && status == PMA_OK)
         watch_forces(s, step, to);
 

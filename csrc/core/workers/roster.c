@@ -52,15 +52,15 @@ static double largest(const double *load, size_t begin, size_t end)
 /* What there is to give out, and to how many. */
 typedef struct {
     size_t count;
-    entrant *list;         /* in the order of by_size */
-    double *load;          /* of each worker: scratch */
-    size_t workers, aside; /* all of them; those beside the fine steps, the last ones */
-    size_t split;          /* shared by the workers of the fine steps, or PMA_NO_SPLIT */
+    entrant *list;            /* in the order of by_size */
+    double *load;             /* of each worker: scratch */
+    size_t workers, parallel; /* all of them; those beside the fine steps, the last ones */
+    size_t split;             /* shared by the workers of the fine steps, or PMA_NO_SPLIT */
 } division;
 
-static bool goes_aside(const division *d, const entrant *e)
+static bool goes_in_parallel(const division *d, const entrant *e)
 {
-    return d->aside > 0 && e->duty.aside;
+    return d->parallel > 0 && e->duty.parallel;
 }
 
 /* Every worker has a part of what can be divided.                                           (W3) */
@@ -82,13 +82,13 @@ static void assign_ranges(const division *d, entrant *e, size_t end)
  * substep of all that worker w has in the classes up to c. */
 static double assign_fine(const division *d)
 {
-    const size_t end = d->workers - d->aside;
+    const size_t end = d->workers - d->parallel;
     double cost = end > 1 ? (double)PMA_MEETING * (double)d->list[0].duty.substeps : 0.0;
     double busiest = 0.0;
     size_t substeps = 0;
     for (size_t i = 0; i < d->count; i++) {
         entrant *e = &d->list[i];
-        if (goes_aside(d, e))
+        if (goes_in_parallel(d, e))
             continue;
         if (substeps > e->duty.substeps)
             cost += (double)(substeps - e->duty.substeps) * busiest;
@@ -107,41 +107,41 @@ static double assign_fine(const division *d)
 
 /* Those beside the fine steps, by what they read in a whole macro step; they meet the others at
  * their own time levels.                                                                  (W2) */
-static double assign_aside(const division *d)
+static double assign_parallel(const division *d)
 {
     for (size_t i = 0; i < d->count; i++) {
         entrant *e = &d->list[i];
-        if (!goes_aside(d, e))
+        if (!goes_in_parallel(d, e))
             continue;
-        e->worker = least_loaded(d->load, d->workers - d->aside, d->workers);
+        e->worker = least_loaded(d->load, d->workers - d->parallel, d->workers);
         d->load[e->worker] += (double)e->duty.substeps * (double)(e->duty.entries + PMA_MEETING);
     }
-    return largest(d->load, d->workers - d->aside, d->workers);
+    return largest(d->load, d->workers - d->parallel, d->workers);
 }
 
 /* The slower of the two decides. */
-static double assign(division *d, size_t workers, size_t aside)
+static double assign(division *d, size_t workers, size_t parallel)
 {
     d->workers = workers;
-    d->aside = aside;
+    d->parallel = parallel;
     memset(d->load, 0, workers * sizeof *d->load);
-    const double fine = assign_fine(d), beside = aside > 0 ? assign_aside(d) : 0.0;
+    const double fine = assign_fine(d), beside = parallel > 0 ? assign_parallel(d) : 0.0;
     return fine > beside ? fine : beside;
 }
 
 /* The best number of these workers beside the fine steps; rather one than none. */
-static double choose_aside(division *d, size_t workers)
+static double choose_parallel(division *d, size_t workers)
 {
     size_t most = 0, best = 0;
     for (size_t i = 0; i < d->count; i++)
-        most += d->list[i].duty.aside;
+        most += d->list[i].duty.parallel;
     most = most < workers - 1 ? most : workers - 1;
     double least = assign(d, workers, 0);
-    for (size_t aside = 1; aside <= most; aside++) {
-        const double cost = assign(d, workers, aside);
+    for (size_t parallel = 1; parallel <= most; parallel++) {
+        const double cost = assign(d, workers, parallel);
         if (cost < least || (cost == least && best == 0)) {
             least = cost;
-            best = aside;
+            best = parallel;
         }
     }
     return assign(d, workers, best);
@@ -151,15 +151,15 @@ static double choose_aside(division *d, size_t workers)
 static double choose_split(division *d, size_t candidate, size_t workers)
 {
     d->split = PMA_NO_SPLIT;
-    const double whole = choose_aside(d, workers);
+    const double whole = choose_parallel(d, workers);
     if (candidate == PMA_NO_SPLIT)
         return whole;
     d->split = candidate;
-    const double divided = choose_aside(d, workers);
+    const double divided = choose_parallel(d, workers);
     if (divided < whole)
         return divided;
     d->split = PMA_NO_SPLIT;
-    return choose_aside(d, workers);
+    return choose_parallel(d, workers);
 }
 
 /* The number of workers that pays. Twice the number is tried each time. */
@@ -212,7 +212,7 @@ static void divide(division *d, size_t candidate, size_t most, bool worthwhile, 
         out->workers = d->count;
         choose_split(d, PMA_NO_SPLIT, out->workers);
     }
-    out->fine = d->workers - d->aside;
+    out->fine = d->workers - d->parallel;
     out->split = d->split;
 }
 

@@ -15,7 +15,7 @@ typedef struct {
     size_t entries;  /* read by one substep */
     size_t substeps; /* substeps in a macro step */
     bool by_caller;  /* worker 0 has to do it */
-    bool aside;      /* takes double steps: can be left to a worker beside the fine steps */
+    bool parallel;   /* takes double steps: can be left to a worker beside the fine steps */
     bool divides;    /* several workers can do it together, a part each */
     size_t alone;    /* entries of it that one of them has to read while the others wait */
 } pma_duty;
