@@ -32,6 +32,10 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 class PmalphaError(Exception):
     """Base class of the errors of pmalpha, other than plain ``ValueError`` and ``TypeError``."""
 

@@ -225,7 +225,9 @@ def test_what_is_only_returned_is_found_in_its_module_and_warns_under_its_old_na
             DeprecationWarning, match=f"pmalpha.{name} is pmalpha.{home}.{name}"
         ) as w:
             found = getattr(pm, name)
-        assert found is getattr(importlib.import_module(f"pmalpha.{home}"), name)
+        module = importlib.import_module(f"pmalpha.{home}")
+        assert found is getattr(module, name)
+        assert dir(module) == sorted(module.__all__)  # np, Any and os are not offered
         assert name not in pm.__all__ and w[0].filename == __file__
     with pytest.raises(AttributeError, match="module 'pmalpha' has no attribute 'Coupled'"):
         pm.Coupled  # noqa: B018

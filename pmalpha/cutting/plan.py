@@ -23,6 +23,11 @@ from ..setup.stability import step_ratio
 
 __all__ = ["Plan", "PlanRow"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 # Work beside the reading of entries, as entries that take as long (benchmarks/cut_plan.py): of a
 # constraint in a fine step (free velocities interpolated and summed up), of an interface dof in a
 # step of its subdomain (multipliers gathered, the link solution added), and of a step as such.

@@ -27,6 +27,13 @@ from .misfit import KINDS, Misfit, places
 from .parameters import Parameters
 from .problem import Problem, require_adjoint, subdomain_of
 
+__all__ = ["Gradient"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 # Macro steps in a block: rounding grows with it, and the memory of a block.
 BLOCK = 100
 # Numbers for each dof and level of a block: motion of both runs, loads, filters.

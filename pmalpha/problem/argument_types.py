@@ -27,6 +27,10 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 class Load(Protocol):
     """``force=``: the load at time t, evaluated in advance at the end of each substep."""
 

@@ -16,6 +16,11 @@ from .matrices import Matrix, canonical, plain_matrices, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 # Rounding of zeros in a computed motion, relative to its largest entry.
 ROUNDING = 1e-12
 

@@ -28,6 +28,11 @@ __all__ = [
     "SpringState",
 ]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 # Range of the deformation at first yield: its powers and inverse are finite.
 LARGEST = 1e100
 MOST_POINTS = 32  # of a backbone, two parameters each and one

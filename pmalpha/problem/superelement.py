@@ -29,6 +29,11 @@ from .reduction import numbers_along
 
 __all__ = ["ReducedBasis"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 # Columns of Psi that are solved for at once
 COLUMNS = 64
 # First number of modes up to a frequency; it is doubled until one is above

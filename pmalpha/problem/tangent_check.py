@@ -15,6 +15,10 @@ from .tangents import Tangent
 __all__ = ["TangentCheck"]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 @dataclass(frozen=True)
 class TangentCheck:
     """How well the tangents of an `InternalForce` agree with central differences of its force.

@@ -15,6 +15,10 @@ from ..problem.dofs import NodeNames, dof_list
 __all__ = ["DofMotion", "State"]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 @dataclass(frozen=True)
 class DofMotion:
     """The motion of one dof: ``history["frame"]["roof"]``.

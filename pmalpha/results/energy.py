@@ -17,6 +17,11 @@ from ..setup.schedule import Options
 
 __all__ = ["Energy"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 # The energies of a subdomain that the core records at a macro time level, in this order.
 ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface", "contact", "conserved")
 ENERGY_FIELDS = (*ENERGIES[:-2], "balance")

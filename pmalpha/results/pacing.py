@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 __all__ = ["Pacing"]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 @dataclass(frozen=True)
 class Pacing:
     """When the fine steps of `Coupler.run_paced` were due, and when they were done.

@@ -26,6 +26,10 @@ from .transfer import Steps
 __all__ = ["Snapshot"]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 class _Contents(NamedTuple):
     """What a snapshot keeps."""
 

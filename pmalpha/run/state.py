@@ -22,6 +22,11 @@ from .session import Session, begin
 
 __all__ = ["State"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 HEADINGS = (
     "subdomain",
     "dofs",

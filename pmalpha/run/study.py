@@ -25,6 +25,11 @@ from .progress import reporting
 
 __all__ = ["CaseResult", "Study"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 _kept = threading.local()  # the coupler of the last study in each thread of this process
 NOT_RUN, TEXT = b"not run", 400  # of the dataset "error"; bytes of a text that are kept
 
