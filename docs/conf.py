@@ -2,7 +2,6 @@
 
 import re
 import sys
-from operator import attrgetter
 from pathlib import Path
 
 import latex2mathml.converter
@@ -14,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import files  # noqa: E402
 import gallery  # noqa: E402
 import questions  # noqa: E402
+import reference_names  # noqa: E402
 
 project = "pmalpha"
 author = copyright = "the pmalpha authors"
@@ -38,54 +38,11 @@ myst_fence_as_directive = ["math"]
 nb_execution_mode = "off"  # the tests execute the notebooks
 nb_merge_streams = True
 
-# what classes have for the program's own use, which the reference leaves out
-SPRING = "core_parameters has_memory initial_tangent largest_tangent law numbers"
-ACTUATOR = "facts innermost springs"
-INTERNAL = {
-    **dict.fromkeys("CubicSpring Gap Bilinear BoucWen RambergOsgood".split(), SPRING),
-    "Multilinear": "core_parameters has_memory initial_tangent largest_tangent numbers",
-    "Subdomain": "has_feedback has_functions has_symmetric_steps implicit_damping iterates springs"
-    " implicit_stiffness initial_tangent largest_tangent massless restoring_springs",
-    "BaseAcceleration": "hold",
-    "SampledForce": "hold",
-    "History": "contact_gaps contact_impulses contact_layout",
-    "Misfit": "record",
-    "Parameters": "name",
-    "rig.Compensated": ACTUATOR,
-    "rig.SimulatedActuator": ACTUATOR,
-    "structures.Structure": "recipe",
-}
-for name, attributes in INTERNAL.items():
-    for attribute in attributes.split():
-        attrgetter(f"{name}.{attribute}")(pmalpha)  # or the list is out of date
-# where names of the reference are explained: the pages of a name, or of all names of a module
-ERRORS = [name for name in pmalpha.__all__ if name.endswith(("Error", "Warning"))]
-LAWS = "CubicSpring Gap Bilinear BoucWen RambergOsgood Multilinear DiscreteGradient".split()
-EXPLAINED = {
-    "Subdomain": "tutorial own-element units",
-    "GeneralizedAlpha": "tutorial choosing",
-    "SampledForce": "model units",
-    "BaseAcceleration": "tutorial units",
-    "InternalForce": "own-element elements",
-    **dict.fromkeys(LAWS, "own-element experiments"),
-    "Coupler": "tutorial choosing diverges experiments",
-    "Newton": "couplings diverges",
-    **dict.fromkeys(("tie", "solve"), "tutorial"),
-    **dict.fromkeys(("Constraint", "tie_coincident", "reduce"), "model"),
-    **dict.fromkeys(("cut", "Cut", "Elements"), "model"),
-    **dict.fromkeys(("contact", "Contact", "contact_coincident", "interpolate"), "contact"),
-    **dict.fromkeys(("History", "SubdomainHistory"), "tutorial experiments"),
-    **dict.fromkeys(("Misfit", "Parameters", "element_parameters"), "gradients"),
-    "Study": "many",
-    "analysis": "tutorial stability",
-    "readers": "other-programs units",
-    "rig": "rig paced",
-    "structures": "model elements",
-    **dict.fromkeys(ERRORS, "diverges"),
-}
 autosummary_context = {
-    "internal": {name: ", ".join(names.split()) for name, names in INTERNAL.items()},
-    "explained": {name: pages.split() for name, pages in EXPLAINED.items()},
+    "internal": {
+        name: ", ".join(names.split()) for name, names in reference_names.INTERNAL.items()
+    },
+    "explained": {name: pages.split() for name, pages in reference_names.EXPLAINED.items()},
 }
 
 default_role = "py:obj"  # `Coupler` in a docstring is a link

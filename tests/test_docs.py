@@ -10,6 +10,7 @@ import re
 import runpy
 import subprocess
 import sys
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -194,6 +195,16 @@ def test_every_test_that_the_page_on_the_paper_cites_exists():
     cited = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "reproduction.md").read_text()))
     written = "\n".join(path.read_text() for path in ROOT.glob("tests/*.py"))
     assert cited and not [name for name in cited if f"def {name}(" not in written]
+
+
+def test_what_the_reference_leaves_out_and_explains_exists():
+    names = runpy.run_path(str(ROOT / "docs" / "reference_names.py"))
+    for name, attributes in names["INTERNAL"].items():
+        for attribute in attributes.split():
+            attrgetter(f"{name}.{attribute}")(pm)
+    for name, pages in names["EXPLAINED"].items():
+        attrgetter(name)(pm)
+        assert all((ROOT / "docs" / f"{page}.md").exists() for page in pages.split()), name
 
 
 def test_the_check_of_the_site_finds_what_a_page_would_load_from_elsewhere(tmp_path):
