@@ -295,8 +295,9 @@ pma_status pma_exchange_agree(pma_coupler *c, pma_status status)
 
 /* ---- in an iterated fine step, and in a pass of shooting --------------------------------------
  *
- * To be read with iterated.c and shooting.c: all come to each of their stages with what happened so
- * far, and have the numbers of all members then, so that all processes go on with the same sums. */
+ * To be read with iterated_fine.c and shooting.c: all come to each of their stages with what
+ * happened so far, and have the numbers of all members then, so that all processes go on with the
+ * same sums. */
 
 static pma_iteration_member *member_in(const pma_coupler *c, const pma_coupled *m)
 {

@@ -2,9 +2,10 @@
  *
  * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
  * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
- * contacts, tied.c without drift, macro.c and mean.c those with one in a macro step; iterated.c and
- * shooting.c are the first and macro.c with internal forces; recorder.c what is recorded,
- * exchange.c what processes send each other, look_ahead.c what is done beside the fine steps. */
+ * contacts, tied.c without drift, macro.c and mean.c those with one in a macro step;
+ * iterated_fine.c and shooting.c are the first and macro.c with internal forces; recorder.c what is
+ * recorded, exchange.c what processes send each other, look_ahead.c what is done beside the fine
+ * steps. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "member/own_step.h"
+#include "member/iterated_substep.h"
 
 /* ---- making --------------------------------------------------------------------------------- */
 

@@ -1,4 +1,4 @@
-/* iterate.h - the own step of a subdomain with internal forces: residual, tangent, iterate. (N2)
+/* iterate.h - the substep of a subdomain with internal forces: residual, tangent, iterate. (N2)
  *
  * While a substep is iterated, the state of its end holds the predictors ut, vt and the iterate w;
  * `pma_iterate_finish` makes it a state. */

@@ -1,6 +1,6 @@
 /* iterated.h - what a member with internal forces does more, in interface space.         (N11)
  *
- * Its own step is iterated together with the interface: at the iterate it contributes an affine law
+ * Its substep is iterated together with the interface: at the iterate it contributes an affine law
  * of its velocity there, L v = o + G Lam, and is given the multipliers that solve the sum of all
  * laws. Or it is iterated alone, under given multipliers. */
 #ifndef PMA_ITERATED_H

@@ -1,5 +1,5 @@
 /* operations.c - those of member.h, as a subdomain does them. */
-#include "member/own_step.h"
+#include "member/iterated_substep.h"
 #include "member/subdomain_struct.h"
 
 /* ---- a substep ------------------------------------------------------------------------------ */
@@ -287,6 +287,6 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .struck =
                              p->struck.inverse && !s->iterate ? &pma_struck_operations : NULL};
     if (s->iterate)
-        member.iterated = pma_own_step_member(s->iterate);
+        member.iterated = pma_iterated_substep_member(s->iterate);
     return member;
 }

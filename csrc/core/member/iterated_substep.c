@@ -1,7 +1,7 @@
-/* own_step.c - one step of one subdomain with internal forces: guess, residual, correction.
+/* iterated_substep.c - a substep of a subdomain with internal forces: guess, residual, correction.
  *
  * To be read with section 14 of docs/method.md. */
-#include "member/own_step.h"
+#include "member/iterated_substep.h"
 
 #include <float.h>
 #include <math.h>
@@ -445,24 +445,24 @@ static bool has_factor(const void *self)
     return it->factored && it->factored_twice == it->step.twice;
 }
 
-/* ---- an own step alone ---------------------------------------------------------------------- */
+/* ---- a substep that is iterated alone ------------------------------------------------------- */
 
 typedef struct {
     pma_subdomain *s;
     const double *lam;
     bool (*stop)(void *ctx);
     void *ctx;
-} own_step;
+} alone;
 
-static pma_status own_evaluate(void *ctx, bool tangent, pma_measure *m)
+static pma_status alone_evaluate(void *ctx, bool tangent, pma_measure *m)
 {
-    const own_step *own = ctx;
+    const alone *own = ctx;
     return own->stop(own->ctx) ? PMA_STOPPED : evaluate(own->s, tangent, m);
 }
 
-static pma_status own_correct(void *ctx, bool fresh, pma_measure *m)
+static pma_status alone_correct(void *ctx, bool fresh, pma_measure *m)
 {
-    const own_step *own = ctx;
+    const alone *own = ctx;
     bool changed;
     const pma_status status = linearize(own->s, fresh, own->lam, &changed);
     if (status == PMA_OK)
@@ -470,32 +470,32 @@ static pma_status own_correct(void *ctx, bool fresh, pma_measure *m)
     return status;
 }
 
-static void own_move(void *ctx, double by)
+static void alone_move(void *ctx, double by)
 {
-    move(((own_step *)ctx)->s, by);
+    move(((alone *)ctx)->s, by);
 }
 
-static void own_restart(void *ctx)
+static void alone_restart(void *ctx)
 {
-    const own_step *own = ctx;
+    const alone *own = ctx;
     restart(own->s, own->lam);
 }
 
-static void own_remember_rounding(void *ctx)
+static void alone_remember_rounding(void *ctx)
 {
-    remember_rounding(((own_step *)ctx)->s);
+    remember_rounding(((alone *)ctx)->s);
 }
 
 static pma_status converge(void *self, const pma_newton *newton, const double *lam,
                            bool (*stop)(void *ctx), void *ctx)
 {
-    static const pma_equations EQUATIONS = {.evaluate = own_evaluate,
-                                            .correct = own_correct,
-                                            .move = own_move,
-                                            .restart = own_restart,
-                                            .remember_rounding = own_remember_rounding};
+    static const pma_equations EQUATIONS = {.evaluate = alone_evaluate,
+                                            .correct = alone_correct,
+                                            .move = alone_move,
+                                            .restart = alone_restart,
+                                            .remember_rounding = alone_remember_rounding};
     pma_subdomain *s = self;
-    own_step own = {.s = s, .lam = lam, .stop = stop, .ctx = ctx};
+    alone own = {.s = s, .lam = lam, .stop = stop, .ctx = ctx};
     const pma_status status = pma_newton_solve(newton, &EQUATIONS, &own, has_factor(s));
     if (status == PMA_OK)
         s->iterate->scale = s->iterate->motion;
@@ -555,7 +555,7 @@ static const pma_iterated_table TABLE = {.begin = begin,
                                          .corrections = corrections,
                                          .scale = scale};
 
-pma_iterated pma_own_step_member(const pma_iterate *it)
+pma_iterated pma_iterated_substep_member(const pma_iterate *it)
 {
     return (pma_iterated){.table = &TABLE, .count = it->count, .rows = it->rows};
 }

@@ -1,6 +1,6 @@
-/* own_step.h - the iterate from inside: what iterate.c and own_step.c share. */
-#ifndef PMA_OWN_STEP_H
-#define PMA_OWN_STEP_H
+/* iterated_substep.h - the iterate from inside: what iterate.c and iterated_substep.c share. */
+#ifndef PMA_ITERATED_SUBSTEP_H
+#define PMA_ITERATED_SUBSTEP_H
 
 #include "algebra/numeric.h"
 #include "member/subdomain_struct.h"
@@ -47,7 +47,7 @@ struct pma_iterate {
 };
 
 /* What a coupler is given. */
-pma_iterated pma_own_step_member(const pma_iterate *it);
+pma_iterated pma_iterated_substep_member(const pma_iterate *it);
 
 /* Numbers that the springs remember of a time level. */
 static inline size_t pma_iterate_spring_numbers(const pma_iterate *it)

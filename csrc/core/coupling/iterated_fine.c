@@ -1,4 +1,4 @@
-/* iterated.c - "pm" and "gc" with internal forces: Newton's method on the coupled fine step.
+/* iterated_fine.c - "pm" and "gc" with internal forces: Newton's method on the coupled fine step.
  *
  * To be read with section 14 of docs/method.md. A member without internal forces, or an explicit
  * one, makes its free and its link problem once, as in fine.c. An iterated one contributes an
