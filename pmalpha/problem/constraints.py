@@ -183,7 +183,7 @@ def _rows_on(subdomain: Any, L: Any, name: str, each: str) -> sp.csr_array | Cho
         return L
     if has_names(L):
         return chosen(L, subdomain, 1.0, f"dofs of {name_of(subdomain)!r}")
-    if isinstance(L, Mapping):
+    if isinstance(L, Mapping) and not sp.issparse(L):  # a dok_matrix is both
         raise TypeError(
             f"{each} of {name_of(subdomain)!r} must be a matrix of p rows, or names of p dofs, got "
             f"{L!r}"
