@@ -6,6 +6,7 @@ import warnings
 import accuracy_survey
 import numpy as np
 import pytest
+import scipy.integrate
 import scipy.linalg
 
 import pmalpha as pm
@@ -338,6 +339,48 @@ def test_damped_and_gyroscopic_structures_are_judged_by_their_error(problem, coa
             assert figure(caught) == pytest.approx(error, rel=0.1)
         else:
             assert not caught
+
+
+ESTIMATES = {
+    "none": {},
+    "too stiff": {"restoring_stiffness": [2.4 * OMEGA**2]},
+    "too soft": {"restoring_stiffness": [0.4 * OMEGA**2]},
+    "too much damping": {"restoring_damping": [4.0]},
+    "both": {"restoring_stiffness": [1.5 * OMEGA**2], "restoring_damping": [2.0]},
+}
+
+
+@pytest.mark.parametrize("load", [0.0, 1.0], ids=["free", "sine"])
+@pytest.mark.parametrize("estimate", ESTIMATES.values(), ids=ESTIMATES)
+def test_estimates_of_restoring_functions_are_not_taken_for_the_truth(estimate, load):
+    """What a function is, is seen by its values; a load beside it is not taken for a part of it."""
+    part = pm.Subdomain(
+        [1.0],
+        None,
+        scheme=pm.Newmark(),
+        restoring=lambda u, v, t: OMEGA**2 * u + 0.1 * v,
+        force=lambda t: [load * np.sin(1.7 * t)],
+        v0=[1.0 - load],
+        name="one",
+        **estimate,
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        history = pm.Coupler([part], dt=0.1).run(steps=300)["one"]
+    exact = scipy.integrate.solve_ivp(
+        lambda t, x: [x[1], load * np.sin(1.7 * t) - OMEGA**2 * x[0] - 0.1 * x[1]],
+        (0.0, 30.0),
+        [0.0, 1.0 - load],
+        "DOP853",
+        history.t,
+        rtol=1e-9,
+        atol=1e-12,
+    ).y[0]
+    error = np.abs(history.u[:, 0] - exact).max() / np.abs(exact).max()
+    if error > 0.03:  # estimates that are too large; two digits are printed
+        assert figure(caught) == pytest.approx(error, rel=0.15)
+    else:
+        assert not caught
 
 
 def test_thinned_records_are_judged_where_they_show_the_motion():

@@ -16,6 +16,7 @@ from .._checks import listing
 from .._core import follow_recursion
 from ..errors import AccuracyWarning, warn
 from ..problem.matrices import product
+from ..problem.restoring import devices_of, functions_of, is_compiled
 from ..problem.schemes import Scheme
 from ..results.local_error import Recorded, is_complete
 from ..setup.constraint_rows import ConstraintRows
@@ -267,10 +268,13 @@ def _judged(
     complete: bool,
 ) -> Estimate | None:
     stride = _stride(reduced, records, levels, ranks, step)
-    unknown = any(joined(ranks, [part.subdomain.has_unknown_stiffness for part in parts]))
+    own = [_fitted(part, x) for part, x in zip(parts, reduced.shapes)]
+    fits = [fit for fit in joined(ranks, own) if fit is not None]
+    known = [fit is not None or not p.subdomain.has_unknown_stiffness for p, fit in zip(parts, own)]
+    unknown = not all(joined(ranks, known))
     for some in dict.fromkeys([stride, 1]):
         motion = _projected(reduced, records, slice(0, levels, some), levels, ranks)
-        e, is_smooth = _errors(reduced, motion, some * step, unknown)
+        e, is_smooth = _errors(reduced, motion, some * step, fits, unknown)
         if is_smooth:
             break
     else:
@@ -310,13 +314,17 @@ def _projected(
 
 
 def _errors(
-    reduced: Reduced, motion: np.ndarray, step: float, unknown: bool
+    reduced: Reduced, motion: np.ndarray, step: float, fits: Sequence[Fit], unknown: bool
 ) -> tuple[np.ndarray, bool]:
     """The recorded q less the exact one under the recorded forces (D3), and whether these are
     smooth: (r, levels)."""
     q, v, w = motion
     K, C = reduced.K, reduced.C
     f = w + K @ q + C @ v
+    for fit in fits:
+        K, C = K - fit.K, C - fit.C
+        f = f - fit.K @ (q - fit.lag_of_u * w)
+        f = f - fit.C @ (v - fit.lag_of_v * np.gradient(w, step, axis=1))
     if unknown:
         K, C, f = _with_fitted(K, C, q, v, f)
     P, *G = _propagators(K, C, step)
@@ -327,6 +335,49 @@ def _errors(
     return q - exact[:, : len(q)].T, is_smooth
 
 
+@dataclass(frozen=True)
+class Fit:
+    """What the estimates of restoring functions have beyond their values, which are linear but for
+    a rest, in the shapes; and where they are evaluated: at u - lag_of_u w and v - lag_of_v w'."""
+
+    K: np.ndarray
+    C: np.ndarray
+    lag_of_u: float
+    lag_of_v: float
+
+
+def _fitted(part: Part, shapes: np.ndarray) -> Fit | None:
+    """The fit to the sampled values of the Python functions of a subdomain, None where there are
+    too few, and beside springs, which have a part in the estimates."""
+    s, watch = part.subdomain, part.watch
+    if watch is None or s.springs or part.responds or not watch.samples:
+        return None
+    if any(map(is_compiled, functions_of(s.restoring))) or devices_of(s.restoring):
+        return None
+    basis, sizes, turned = np.linalg.svd(shapes, full_matrices=False)
+    kept = sizes > OF_VELOCITY * sizes[:1]
+    into, k = sizes[kept, None] * turned[kept], int(np.sum(kept))
+    if len(watch.samples) <= 6 * k:
+        return None
+    u, v, r = (basis[:, kept].T @ x for x in np.moveaxis(np.array(watch.samples), 0, 2))
+    fit = _linear(np.vstack([u, v]), r)
+    K_r, C_r = (shapes.T @ product(A, shapes) for A in (s.restoring_stiffness, s.restoring_damping))
+    return Fit(
+        K_r - into.T @ fit[:, :k] @ into,
+        C_r - into.T @ fit[:, k:] @ into,
+        s.scheme.coefficients(part.step)[0],
+        0.5 * part.step**2,
+    )
+
+
+def _linear(X: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """A of F = A X + constant, by least squares over the columns."""
+    X, F = (x - x.mean(axis=1, keepdims=True) for x in (X, F))
+    size = np.linalg.norm(X, axis=1, keepdims=True) + 1e-300
+    result: np.ndarray = (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
+    return result
+
+
 def _with_fitted(
     K: np.ndarray, C: np.ndarray, q: np.ndarray, v: np.ndarray, f: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -334,10 +385,7 @@ def _with_fitted(
     r, levels = q.shape
     if levels <= 6 * r:
         return K, C, f
-    X = np.vstack([q - q.mean(axis=1, keepdims=True), v])
-    size = np.linalg.norm(X, axis=1, keepdims=True) + 1e-300
-    F = f - f.mean(axis=1, keepdims=True)
-    fit = (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
+    fit = _linear(np.vstack([q, v]), f)
     K, C = K - fit[:, :r], C - fit[:, r:]
     return K, C, f - fit[:, :r] @ q - fit[:, r:] @ v
 

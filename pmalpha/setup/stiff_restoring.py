@@ -26,6 +26,8 @@ CLOSES, IMPACT = 10.0, 4.0
 STIFFER = 4.0
 # Growth of the motion after the warning that ends the run; that of the kinetic energy by contact.
 GROWTH = 1e6
+# Evaluations that are kept at most, and their bytes.
+SAMPLES, SAMPLED_BYTES = 512, 2**23
 # Displacements that no motion has: this multiple of all before, or above the second one.
 RUNAWAY, HUGE = 1e3, 1e50
 
@@ -80,6 +82,9 @@ class StiffnessWatch:
         # of the run: the time and omega^2 of what is too stiff, the first or a much stiffer one
         self.found_at, self.stiffest = -np.inf, 0.0
         self.highest = 0.0  # omega^2 of the run so far
+        # (u, v, r) of each so many evaluations of the run so far
+        self.samples: list[np.ndarray] = []
+        self.every, self.most = 1, min(SAMPLES, SAMPLED_BYTES // (24 * subdomain.n))
 
     def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
         """Take in an evaluation; StabilityWarning once, then UnboundedMotion."""
@@ -89,11 +94,12 @@ class StiffnessWatch:
             self.largest = self.kinetic = 0.0
             self.seen = self.impact = np.inf
             self.found_at, self.stiffest = -np.inf, 0.0
-            self.highest = 0.0
+            self.highest, self.samples, self.every = 0.0, [], 1
             self.count = -1
         elif self.free and self.count % self.free == 0:
             self.last = self.increment = None
         self.count += 1
+        self._sample(u, v, r)
         with np.errstate(over="ignore", invalid="ignore"):
             contact = self._take(u, v, r)
             omega2, is_resolved = self._estimate()
@@ -116,6 +122,13 @@ class StiffnessWatch:
     def _keep(self, omega2: float, t: float) -> None:
         if omega2 > STIFFER * self.stiffest:
             self.found_at, self.stiffest = t, omega2
+
+    def _sample(self, u: np.ndarray, v: np.ndarray, r: np.ndarray) -> None:
+        if self.count % self.every == 0 and self.most > 1:
+            self.samples.append(np.array([u, v, r]))
+            if len(self.samples) == self.most:
+                del self.samples[1::2]
+                self.every *= 2
 
     def has_found(self, t: float) -> bool:
         """Whether the values at about this time were found too stiff by this watch itself."""
