@@ -252,6 +252,7 @@ class Iteration:
         self.due = any(x.member.tangent is None for x in self.trials)
         self.e = None  # root energy of the last correction
         self.tied = False  # the iterates satisfy the constraints
+        self.parted = False  # ... but not with those that are not iterated
         self.close = False  # the last correction was small enough (N7)
         self.last = None  # the last correction, if its slope is to be tested
 
@@ -265,7 +266,7 @@ class Iteration:
             self.evaluate()
             left = max(x.part(x.R) for x in self.trials)
             if self.accepts(
-                self.tied and (left == 0.0 or (self.close and left <= self.newton.tol))
+                self.holds() and (left == 0.0 or (self.close and left <= self.newton.tol))
             ):
                 count -= 1
                 break
@@ -317,7 +318,8 @@ class Iteration:
                 self.move(self.last.start)
                 self.always, self.fresh, self.close, self.e = True, True, False, None
         elif self.last.slope > 0.0 and not s_1 >= -0.8 * self.last.slope:
-            self.e, self.close = self.e * self.search(s_1), False
+            self.e *= self.search(s_1)
+            self.close, self.parted = False, True
         for x in self.trials:
             x.renews = self.fresh
             x.evaluate()
@@ -346,6 +348,11 @@ class Iteration:
             else:
                 high, s_high = x, s
         return x
+
+    def holds(self):
+        """Whether the constraints hold; those that are not iterated have all of a correction."""
+        fixed = self.others is not None and self.others[1].any()
+        return self.tied and not (self.parted and self.pulls and fixed)
 
     def accepts(self, good):
         return good
@@ -382,6 +389,11 @@ class Iteration:
         last = Correction(start, change, 0.0, stale=not fresh)
         last.slope = sum(x.al2 * dw @ x.R for x, (dw, _) in zip(trials, change, strict=True))
         self.last, self.tied = (last if self.tied else None), True
+        self.parted = False
+        self.pulls = any(
+            (abs(x.L.T @ dLam) > 100.0 * x.rounding).any()
+            for x, (_, dLam) in zip(trials, change, strict=True)
+        )
         self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
         for x, energy in zip(trials, self.energies, strict=True):
             x.energy = energy

@@ -395,15 +395,19 @@ static size_t measure_size(const pma_coupler *c, const pma_coupled *m)
 static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to)
 {
     const pma_measure *own = &member_in(c, m)->measure;
-    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope, own->residual};
+    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope, own->residual,
+                                          own->pull};
     memcpy(to, numbers, measure_size(c, m) * sizeof(double));
 }
 
 static void read_measure(pma_coupler *c, const pma_coupled *m, const double *from)
 {
     if (is_iterated(m))
-        member_in(c, m)->measure = (pma_measure){
-            .correction = from[0], .motion = from[1], .slope = from[2], .residual = from[3]};
+        member_in(c, m)->measure = (pma_measure){.correction = from[0],
+                                                 .motion = from[1],
+                                                 .slope = from[2],
+                                                 .residual = from[3],
+                                                 .pull = from[4]};
 }
 
 pma_status pma_messages_measures(pma_coupler *c)

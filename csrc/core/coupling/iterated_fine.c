@@ -6,9 +6,13 @@
  * with the fine step all such members are iterated together with the interface, so that the
  * velocities agree after every iteration and only equilibrium is left; in the middle of a longer
  * substep the law is that of its free solution, iterated alone when the substep was begun. */
+#include <math.h>
 #include <string.h>
 
 #include "coupling/schedule.h"
+
+/* A change of interface forces up to so many times the rounding of their rows is rounding. (N8) */
+#define OF_PULL 100.0
 
 static const pma_iterated_table *table_of(const pma_coupled *m)
 {
@@ -162,6 +166,8 @@ static pma_status evaluate(void *ctx, bool tangent, pma_measure *measure)
     if (c->exchange)
         status = pma_messages_residuals(c, status);
     sum_measures(c, measure);
+    if (c->iteration->parted)
+        measure->residual = INFINITY; /* in no balance with the others */
     for (size_t i = 0; i < c->parts.count; i++)
         c->unpolled += is_iterated(&c->coupled[i]) ? c->coupled[i].member.entries : 0;
     return status;
@@ -194,13 +200,27 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
         status = pma_messages_measures(c);
     memcpy(it->lam_star, c->working.lam, c->parts.p * sizeof(double));
     sum_measures(c, measure);
+    it->pulls = measure->pull > OF_PULL;
+    it->parted = false;
     return status;
 }
 
+static bool is_any_fixed(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (!is_iterated(&c->coupled[i]) && c->coupled[i].member.link->nb > 0)
+            return true;
+    }
+    return false;
+}
+
+/* A member that is not iterated has the velocities of the whole correction, to its multipliers:
+ * with one, constraints hold at the end of a correction only, if it changes multipliers.    (N8) */
 static void move(void *ctx, double by)
 {
     pma_coupler *c = ctx;
     c->iteration->by = by;
+    c->iteration->parted = c->iteration->pulls && is_any_fixed(c);
     pma_share(c, move_one, is_iterated);
 }
 
@@ -262,6 +282,7 @@ static pma_status iterate(pma_coupler *c)
     bool have_factors;
     pma_status status = find_factors(c, &have_factors);
     memcpy(it->lam_star, it->lam_begin, c->parts.p * sizeof(double));
+    it->parted = false;
     if (status == PMA_OK)
         status = pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors);
     if (c->exchange && pma_exchange_is_ended(c))

@@ -72,6 +72,8 @@ typedef struct {
     bool tangent, fresh;
     double by;
     bool not_finite; /* the residual of some member, of any process */
+    bool pulls;      /* pm and gc: the last correction has changed multipliers, */
+    bool parted;     /* ... and the iterate is where constraints do not hold */
 
     int64_t *positions;
     double *block;

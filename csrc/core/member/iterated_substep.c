@@ -359,12 +359,14 @@ static void correct(void *self, const double *lam, pma_measure *m)
     const size_t n = s->parts.n, nb = s->parts.nb;
     const pma_step *c = &operator_of(it)->step;
     const pma_state *x = iterate_of(it);
-    double *R_b = pma_interface_of(s, it->R);
+    double *R_b = pma_interface_of(s, it->R), pull = 0.0;
+    const double *rounding_b = pma_interface_of(s, it->rounding);
     load_interface(it, lam, s->closing);
     for (size_t i = 0; i < nb; i++) {
         s->closing[i] -= it->pull[i];
         it->pull[i] += s->closing[i];
         R_b[i] += s->closing[i];
+        pull = fmax(pull, fabs(s->closing[i]) / rounding_b[i]); /* not a number: 0 of 0 */
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
     for (size_t i = 0; i < n; i++) {
@@ -381,6 +383,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
     it->measure.correction = e2;
     it->measure.motion = fmax(it->scale, s2);
     it->measure.slope = c->al2 * step;
+    it->measure.pull = pull;
     *m = it->measure;
     it->corrections++;
     it->linearized = false;
