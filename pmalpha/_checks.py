@@ -133,7 +133,8 @@ def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.nda
         wanted = " or ".join(f"{d}-D" for d in dimensions)
         raise ValueError(f"{name} must be a {wanted} array, got shape {array.shape}")
     with np.errstate(over="ignore"):  # a longer float may become infinite, which is refused next
-        array = np.array(array, dtype=np.float64, order="C", subok=False)
+        # where a long double is a double, as on Windows, np.array would leave its type
+        array = array.astype(np.float64, order="C", subok=False)
     require_finite(array, name)
     array.setflags(write=False)
     return array

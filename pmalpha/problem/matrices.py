@@ -122,7 +122,10 @@ def _by_rows(value: Any, name: str) -> sp.csr_array:
     check_arrays(value, name)
     if value.format in ("csr", "csc"):
         return _compressed(value)
-    return sp.csr_array(sp.coo_array(value, copy=True), dtype=np.float64)
+    result = sp.csr_array(sp.coo_array(value, copy=True))
+    with np.errstate(over="ignore"):
+        result.data = result.data.astype(np.float64)  # on Windows a long double too
+    return result
 
 
 def _compressed(value: Any) -> sp.csr_array:
