@@ -136,7 +136,7 @@ def test_place_finds_dofs_of_the_whole_among_the_free_ones():
     [
         ([0, 4, 1], "dofs must be free, got the fixed ones 1, 4"),
         ([6], r"dofs must lie in 0\.\.5, got 6"),
-        ([-7], r"dofs must lie in 0\.\.5, got -7"),
+        ([-7], r"dofs must lie in -6\.\.5, got -7"),
     ],
 )
 def test_place_refuses_dofs_that_are_fixed_or_do_not_exist(dofs, message):
@@ -192,7 +192,7 @@ def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_constraint():
     "fixed, message",
     [
         ([6], r"fixed must lie in 0\.\.5, got 6"),
-        ([-7], r"fixed must lie in 0\.\.5, got -7"),
+        ([-7], r"fixed must lie in -6\.\.5, got -7"),
         ([True, False], r"fixed must be a mask of shape \(6,\), got shape \(2,\)"),
         (range(6), "fixed must leave a dof free, got all 6"),
         (np.ones(6, dtype=bool), "fixed must leave a dof free, got all 6"),
