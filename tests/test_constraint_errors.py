@@ -21,7 +21,11 @@ import pmalpha as pm
 
 def test_dofs_of_a_tie_must_be_in_range_whole_and_different():
     a, b = single(3), single(4)
-    for bad, *words in (([3], "0..2", "3"), ([-4], "-3..2", "-4"), ([0, 99, 100], "0..2", "99, 100")):
+    for bad, *words in (
+        ([3], "0..2", "3"),
+        ([-4], "-3..2", "-4"),
+        ([0, 99, 100], "0..2", "99, 100"),
+    ):
         refused(ValueError, lambda: pm.tie(a, bad, b, range(len(bad))), "dofs_a", *words)
     refused(ValueError, lambda: pm.tie(a, [0], b, [4]), "dofs_b", "0..3", "4")
     refused(ValueError, lambda: pm.tie(a, [0, 1, 0], b, [0, 1, 2]), "dofs_a", "repeat", "0")
