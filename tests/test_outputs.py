@@ -237,6 +237,17 @@ def test_pandas_and_xarray_have_the_outputs():
     assert whole[f"b_{name}"].dims[0] == "b_time"
 
 
+@pytest.mark.parametrize("of_u", [sp.dok_matrix, sp.dok_array, sp.lil_matrix])
+def test_weights_in_a_sparse_matrix_that_is_a_dict_too_are_those_of_the_matrix(of_u):
+    s = pm.Subdomain([1.0, 2.0], [3.0, 4.0], v0=[1.0, -1.0], scheme=pm.Newmark(), name="s")
+    W = of_u([[2.0, 5.0]])
+    outputs = {"s": {"x": W, "y": {"v": W}}}
+    history = pm.Coupler([s], dt=0.1).run(steps=3, outputs=outputs)["s"]
+    # sums of two products, in any order
+    np.testing.assert_allclose(history.outputs["x"], history.u @ [[2.0], [5.0]], rtol=1e-14)
+    np.testing.assert_allclose(history.outputs["y"], history.v @ [[2.0], [5.0]], rtol=1e-14)
+
+
 def test_an_uncoupled_subdomain_has_outputs_too():
     motion = pm.solve(sdof("a", 4.0, 0.0, u0=[1.0]), dt=0.1, steps=5, outputs={0: {"f": 4.0}})
     assert np.array_equal(motion.outputs["f"], 4.0 * motion.u)

@@ -83,7 +83,7 @@ def _outputs(given: Any, subdomain: Subdomain, what: str) -> Outputs:
 
 def _terms(value: Any, subdomain: Subdomain, what: str) -> dict[str, sp.csr_array]:
     """The matrices of an output, (rows, n), by the quantity that each acts on."""
-    by_quantity = isinstance(value, Mapping) and not _is_weights(value)
+    by_quantity = _is_dict(value) and not _is_weights(value)
     given: Any = value if by_quantity else {"u": value}
     if not given or any(quantity not in QUANTITIES for quantity in given):
         raise ValueError(
@@ -100,6 +100,10 @@ def _terms(value: Any, subdomain: Subdomain, what: str) -> dict[str, sp.csr_arra
     return terms
 
 
+def _is_dict(value: Any) -> bool:
+    return isinstance(value, Mapping) and not sp.issparse(value)  # a dok_matrix is both
+
+
 def _is_weights(value: Mapping[Any, Any]) -> bool:
     """Whether it is a number for each of some dofs."""
     return bool(value) and all(isinstance(x, (Real, np.number)) for x in value.values())
@@ -108,7 +112,7 @@ def _is_weights(value: Mapping[Any, Any]) -> bool:
 def _weights(W: Any, subdomain: Subdomain, what: str) -> sp.csr_array:
     """The matrix, (rows, n), from one, from weights by dof, or from that of a whole mesh."""
     n, names = subdomain.n, subdomain.dof_names
-    if isinstance(W, Mapping):
+    if _is_dict(W):
         numbers = {key: real_number(x, f"{what}[{key!r}]") for key, x in W.items()}
         columns = dof_list(list(numbers), n, what, names)
         entries = np.array(list(numbers.values())), (np.zeros(columns.size, int), columns)
