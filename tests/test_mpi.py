@@ -84,7 +84,8 @@ def test_the_bridge_of_the_page_runs_on_two_ranks(tmp_path):
         words, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=LIMIT
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert sorted(done.stdout.split("\n")[:-1]) == 2 * ["(1001, 10)"] + 2 * ["True"]
+    # the lines of two ranks may come in pieces
+    assert done.stdout.count("(1001, 10)") == done.stdout.count("True") == 2, done.stdout
     whole = pm.History.load(tmp_path / "bridge.h5")
     assert whole["span 1"].u.shape == (1001, 10) and whole.multipliers.any()
 
