@@ -19,7 +19,7 @@ from ..results.history import History, SubdomainHistory
 from ..setup.eliminated_rows import Assembled
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
-from . import advance, paced, recorded_run, session, whole_structure
+from . import advance, recorded_run, session, whole_structure
 from . import cases as load_cases
 from . import snapshot as snapshots
 from . import state as present
@@ -430,6 +430,8 @@ class Coupler:
         >>> history.pacing.due.round(6).tolist()[:3], bool(np.all(history.pacing.lateness >= 0.0))
         ([0.0, 0.001, 0.002], True)
         """
+        from . import paced
+
         pace = paced.Pace(rate, on_late, priority, lock_memory)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
         chosen |= dict(record_springs=record_springs, outputs=outputs)
@@ -464,6 +466,8 @@ class Coupler:
         TypeError, ValueError, KeyError
             For arguments of the wrong kind.
         """
+        from . import paced
+
         paced.monitor(self._session, path, dofs, rows)
 
     def step(self, n: int = 1) -> None:

@@ -22,6 +22,8 @@ DENSE_SHARE = 0.1
 
 def row_order(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
+    if p < 2:
+        return np.arange(p)
     # constraints of each subdomain, and the pattern of its block of H where that is not full
     patterns = joined(ranks, list(zip([part.L.rows for part in parts], _patterns(parts))))
     blocks = sum(float(rows.size) ** 2 for rows, sparse in patterns if sparse is None)
