@@ -24,19 +24,20 @@ import pmalpha as pm
 from pmalpha import files
 from pmalpha.results import history_file
 from pmalpha.run import checkpoint as checkpoints
-from pmalpha.structures.mesh_files import FORMATS
+from pmalpha.structures import mesh_files
 
 HDF5 = find_spec("h5py") is not None
 DOCUMENTED = (ValueError, OSError, MemoryError)
 
 
-def coupler(kind="pm"):
+def coupler(kind="pm", steps=3):
     if kind == "newton":
         a, b, tie = sides(internal=pm.CubicSpring([0], k=1.0, k3=2.0))
     else:
         a, b, tie = sides()
     made = pm.Coupler([a, b], tie, dt=0.05, coupling="gc" if kind == "newton" else kind)
-    made.step(3)
+    if steps:
+        made.step(steps)
     return made
 
 
@@ -60,8 +61,8 @@ def history(path):
     coupler().run(steps=3, energy=True).save(path)
 
 
-def recorded(path):
-    coupler().run(steps=3, record_to=path)
+def recorded(path, steps=3):
+    coupler(steps=steps).run(steps=3, record_to=path)
 
 
 def master(path):
@@ -112,14 +113,16 @@ def inp(path):
 
 
 def mesh(path):
-    import meshio
-
+    library = mesh_files.mesh_library("a good file")
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
     cells = [("triangle", np.array([[0, 1, 2], [0, 2, 3]]))]
     kind = {"msh": "gmsh22", "new.msh": "gmsh", "ansys.msh": "ansys"}.get(
         path.name.partition(".")[2]
     )
-    meshio.write(path, meshio.Mesh(points, cells), kind)
+    if path.suffix == ".cgns":  # of which only these are read
+        points[3, 2] = 1.0
+        cells = [("tetra", np.array([[0, 1, 2, 3]]))]
+    library.write(path, library.Mesh(points, cells), kind)
 
 
 # ---- how they are read -------------------------------------------------------------------------
@@ -161,7 +164,8 @@ def append(path):
 
 def structure(path):
     material = {"E": 1.0, "nu": 0.3, "rho": 1.0}
-    return pm.structures.from_mesh(path, material, plane="strain").M.data
+    plane = {} if path.suffix == ".cgns" else {"plane": "strain"}
+    return pm.structures.from_mesh(path, material, **plane).M.data
 
 
 KINDS = {
@@ -178,13 +182,17 @@ KINDS = {
 OF_HDF5 = {
     "history.h5": (history, lambda path: use(pm.History.load(path))),
     "record.h5": (recorded, lambda path: use(pm.History.load(path))),
-    "append.h5": (recorded, append),
+    "append.h5": (lambda path: recorded(path, 0), append),
     "master.h5": (master, lambda path: use(pm.History.load(path))),
 }
-# The formats in which meshio writes triangles in the plane, and reads them by libraries at hand
-SUFFIXES = [x for x in FORMATS if HDF5 or x not in (".med", ".cgns", ".h5m")]
+# The formats in which meshlane writes these elements, and reads them by libraries at hand
+SUFFIXES = [x for x in mesh_files.FORMATS if HDF5 or x not in (".med", ".cgns", ".h5m")]
 MESHES = {f"mesh{suffix}": (mesh, structure) for suffix in (".new.msh", ".ansys.msh", *SUFFIXES)}
-FOUND = KINDS | (OF_HDF5 if HDF5 else {}) | (MESHES if find_spec("meshio") else {})
+FOUND = (
+    KINDS
+    | (OF_HDF5 if HDF5 else {})
+    | (MESHES if find_spec("meshlane") or find_spec("meshio") else {})
+)
 
 
 @cache

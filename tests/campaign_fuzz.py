@@ -1,9 +1,11 @@
 """Readers of files under a fuzzer that is guided by coverage: atheris, ``pip install atheris``.
 
 Files that reach new code of the readers are kept in build/fuzz and changed further, those of an
-earlier campaign too. Readers, good files and what counts as a fault are those of campaign_files.py;
-of npz and HDF5 files one array or the header is replaced, so that their check sums are right. Each
-reader has a process, and its share of the time. An input that is a fault is kept. To try it again:
+earlier campaign too. Readers, good files and what counts as a fault are those of campaign_files.py.
+Bytes are changed by the fuzzer; half of the changes keep the structure of the file: in npz and HDF5
+files one array, attribute or header is replaced, so that check sums are right, in text a number or
+word, or a line. Each reader has a process, and its share of the time; `--names` are some of them,
+``--library meshio`` reads meshes by it. An input that is a fault is kept. To try it again:
 ``python tests/campaign_fuzz.py --reader mesh.inp --file build/fuzz/mesh.inp/faults/0-1``.
 """
 
@@ -16,69 +18,154 @@ import tempfile
 import warnings
 import zipfile
 from collections import Counter
-from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 from campaign import arguments
 
 if __name__ == "__main__" and "--reader" in sys.argv:  # before what it instruments is imported
     import atheris
 
-    with atheris.instrument_imports(include=["pmalpha", "meshio", "numpy.lib", "json"]):
+    with atheris.instrument_imports(
+        include=["pmalpha", "meshlane", "meshio", "numpy.lib", "json", "zipfile"]
+    ):
         import pmalpha  # noqa: F401
 
 import campaign_files as files
+from entries import one
+from odd_values import COUNTS, NUMBERS, odd
 
 KEPT = Path(__file__).parent.parent / "build" / "fuzz"
 LONGEST, MEMORY = 60, 3000  # s of one call, MB of a process
+SIGNATURE = b"\x89HDF"
 
 
-# ---- from the bytes of the fuzzer to a file, and from a good file to such bytes ------------------
+# ---- changes that keep the structure of a file ---------------------------------------------------
 
 
-@cache
-def members(path):
-    with zipfile.ZipFile(path) as whole:
-        return [(name, whole.read(name)) for name in sorted(whole.namelist())]
+def changed_npz(rng, data, changed):
+    """One member changed, with its check sum: its bytes, or another array or header."""
+    content = io.BytesIO(data)
+    if rng.random() < 0.5:
+        files.forged_npz(rng, content)
+        return content.getvalue()
+    with zipfile.ZipFile(content) as whole:
+        members = {name: whole.read(name) for name in whole.namelist()}
+    name = one(rng, *members)
+    members[name] = changed(members[name])
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as whole:
+        for name, own in members.items():
+            whole.writestr(name, own)
+    return content.getvalue()
 
 
-def write_npz(path, good, data):
-    """The good file, in which the first byte of the data names the member that the others are."""
-    with zipfile.ZipFile(path, "w") as whole:
-        for k, (name, content) in enumerate(members(good)):
-            mine = bool(data) and data[0] % len(members(good)) == k
-            whole.writestr(name, data[1:] if mine else content)
-
-
-def of_npz(good):
-    return [bytes([k]) + content for k, (_, content) in enumerate(members(good))]
-
-
-def write_hdf5(path, good, data):
-    """The file itself, or the good file with another header."""
+def changed_hdf5(rng, data, changed):
+    """One dataset, group or attribute is another, has another name, or none."""
     import h5py
-    import numpy as np
 
-    if data[:1] != b"h":
-        path.write_bytes(data[1:])
-        return
-    content = io.BytesIO(good.read_bytes())
+    content = io.BytesIO(data)
     with h5py.File(content, "r+") as whole:
-        del whole["header"]
-        whole["header"] = np.bytes_(data[1:] or b" ")
-    path.write_bytes(content.getvalue())
+        if "header" in whole and rng.random() < 0.4:
+            _change_header(rng, whole, changed)
+        else:
+            _change_item(rng, whole, changed)
+    return content.getvalue()
 
 
-def of_hdf5(good):
+def _change_header(rng, whole, changed):
+    text = np.asarray(whole["header"][()]).tobytes()
+    if rng.random() < 0.5:
+        header = files.json.loads(text)
+        text = files.json.dumps(files.odd_json(rng, header)).encode()
+    else:
+        text = changed(text)
+    del whole["header"]
+    whole["header"] = np.bytes_(text or b" ")
+
+
+def _change_item(rng, whole, changed):
     import h5py
 
-    with h5py.File(good, "r", locking=False) as whole:
-        return [b"f" + good.read_bytes(), b"h" + whole["header"][()]]
+    names = []
+    whole.visit(names.append)
+    place = whole[one(rng, *names)]
+    attributes = [*place.attrs] if rng.random() < 0.4 else []
+    if attributes:
+        key = one(rng, *attributes)
+        place.attrs[key] = _odd_content(rng, place.attrs[key], changed)
+        return
+    name, kind = place.name, int(rng.integers(5))
+    if kind == 0:
+        del whole[name]
+    elif kind == 1:
+        whole.move(name, one(rng, name + "0", *(f"{other}/x" for other in names)))
+    elif kind == 2:
+        other = whole[one(rng, *names)]
+        del whole[name]
+        whole[name] = other
+    elif isinstance(place, h5py.Dataset):
+        value = place[()]
+        how = one(rng, {}, {}, {"chunks": True, "compression": "gzip"}, {"maxshape": True})
+        new = np.atleast_1d(_odd_content(rng, value, changed))
+        if how.pop("maxshape", False):
+            how |= {"maxshape": new.ndim * (None,), "chunks": True}
+        del whole[name]
+        whole.create_dataset(name, data=new, **how)
+    else:
+        place.create_group("x")
 
 
-WRITERS = {".npz": (write_npz, of_npz), ".h5": (write_hdf5, of_hdf5)}
-PLAIN = (lambda path, good, data: path.write_bytes(data)), (lambda good: [good.read_bytes()])
+def _odd_content(rng, value, changed):
+    """Other numbers, shapes and types, or other bytes of the same type."""
+    x = np.atleast_1d(np.asarray(value))
+    if x.dtype.kind in "biuf" and rng.random() < 0.6:
+        return files.odd_plain_array(rng, x)
+    if x.dtype.hasobject:
+        return np.bytes_(changed(str(value).encode()) or b" ")
+    return np.frombuffer(changed(x.tobytes()).ljust(x.nbytes, b"\0")[: x.nbytes], x.dtype)
+
+
+def changed_text(rng, data, changed):
+    """A number or a word is another, or a line is lost, twice, or elsewhere."""
+    lines = data.splitlines(keepends=True)
+    kind, i, k = int(rng.integers(6)), *rng.integers(len(lines), size=2).tolist()
+    if kind == 0:
+        del lines[i]
+    elif kind == 1:
+        lines.insert(k, lines[i])
+    elif kind == 2:
+        lines[i], lines[k] = lines[k], lines[i]
+    else:
+        tokens = re.findall(rb"[\w.+-]+", data)
+        old, new = one(rng, *tokens), one(rng, *tokens)
+        if kind > 3:
+            new = str(odd(rng, one(rng, *COUNTS, *NUMBERS))).encode("utf-8", "replace")
+        places = [m.span() for m in re.finditer(re.escape(old), data)]
+        begin, end = one(rng, *places)
+        return data[:begin] + new[:1000] + data[end:]
+    return b"".join(lines)
+
+
+def changed_file(data, most, seed):
+    """What the fuzzer calls for another input."""
+    rng = np.random.default_rng(seed)
+
+    def changed(content):
+        return atheris.Mutate(content, max(len(content) + 64, 128))
+
+    if rng.random() < 0.5:
+        how = changed_text
+        if data[:4] == SIGNATURE:
+            how = changed_hdf5
+        elif data[:2] == b"PK":
+            how = changed_npz
+        try:
+            return how(rng, data, changed)[:most]
+        except Exception:  # of a file that is damaged, or a change that its library refuses
+            pass
+    return atheris.Mutate(data, most)
 
 
 # ---- one reader, in a process of its own ---------------------------------------------------------
@@ -89,7 +176,6 @@ class Reader:
 
     def __init__(self, name):
         self.name, self.good = name, Path(files.good(name).name, name)
-        self.write, self.of = WRITERS.get(self.good.suffix, PLAIN)
         self.folder = tempfile.TemporaryDirectory()
         shutil.copytree(self.good.parent, self.folder.name, dirs_exist_ok=True)
         self.counts, self.faults = Counter(), set()
@@ -99,7 +185,7 @@ class Reader:
     def fault_of(self, data):
         """The fault, or None."""
         path = Path(self.folder.name, self.name)
-        self.write(path, self.good, data)
+        path.write_bytes(data)
         read, checked = files.FOUND[self.name][1], self.good.suffix == ".npz"
         what, fault = files.fault_of(path, read, checked)
         self.counts[what] += 1
@@ -111,8 +197,7 @@ def fuzz(name, seconds, seed):
     reader, corpus, found = Reader(name), KEPT / name / "corpus", KEPT / name / "faults"
     for folder in (corpus, found):
         folder.mkdir(parents=True, exist_ok=True)
-    for k, data in enumerate(reader.of(reader.good)):
-        (corpus / f"good-{k}").write_bytes(data)
+    shutil.copy(reader.good, corpus / "good")
 
     def attempt(data):
         fault = reader.fault_of(data)
@@ -127,16 +212,17 @@ def fuzz(name, seconds, seed):
 
     options = [f"-max_total_time={seconds:.0f}", f"-seed={seed + 1}", f"-timeout={LONGEST}"]
     options += [f"-rss_limit_mb={MEMORY}", f"-artifact_prefix={found}/", "-verbosity=0"]
-    atheris.Setup([sys.argv[0], *options, str(corpus)], attempt)
+    options += [f"-max_len={4 * reader.good.stat().st_size + 4096}"]
+    atheris.Setup([sys.argv[0], *options, str(corpus)], attempt, custom_mutator=changed_file)
     atheris.Fuzz()
 
 
-def campaign(names, seconds, seed):
+def campaign(names, seconds, seed, library):
     """Counts by reader; AssertionError for faults."""
     counts, faults = {}, []
     for name in names:
         command = [sys.executable, __file__, "--reader", name, "--seed", str(seed)]
-        command += ["--seconds", str(seconds / len(names))]
+        command += ["--seconds", str(seconds / len(names)), "--library", library]
         done = subprocess.run(command, capture_output=True, text=True, errors="replace")
         faults += re.findall(r"^fault .*", done.stdout, re.MULTILINE)
         shown = re.findall(r"^counts (.*)", done.stdout, re.MULTILINE)
@@ -149,7 +235,10 @@ def campaign(names, seconds, seed):
 
 
 if __name__ == "__main__":
-    given = arguments(__doc__, reader=str, file=str, names=str)
+    given = arguments(__doc__, reader=str, file=str, names=str, library=str)
+    if given.library == "meshio" and given.reader:
+        files.good(given.reader)
+        sys.modules["meshlane"] = None
     if not find_spec("atheris"):
         print("not tried: pip install atheris")
     elif given.file:
@@ -158,4 +247,4 @@ if __name__ == "__main__":
         fuzz(given.reader, given.seconds, given.seed)
     else:
         names = given.names.split(",") if given.names else list(files.FOUND)
-        campaign(names, given.seconds, given.seed)
+        campaign(names, given.seconds, given.seed, given.library or "meshlane")

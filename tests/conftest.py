@@ -1,4 +1,4 @@
-"""What holds for all tests: Ctrl-C is possible; and the libraries that read meshes."""
+"""What holds for all tests: Ctrl-C is possible, a build is present; libraries that read meshes."""
 
 import signal
 import sys
@@ -10,6 +10,13 @@ def pytest_configure(config):
     # a script that starts the tests by `&` ignores it, which all processes of tests would inherit
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        import pmalpha  # noqa: F401
+    except ImportError as error:  # not in a traceback for each file
+        pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
+    # Orders, stability and equality with the reference are tested at coarse steps on purpose;
+    # test_accuracy.py makes it an error again. In pyproject.toml pytest would import the package.
+    config.addinivalue_line("filterwarnings", "ignore::pmalpha.AccuracyWarning")
 
 
 @pytest.fixture(params=["meshlane", "meshio"])

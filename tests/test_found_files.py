@@ -3,7 +3,9 @@
 import json
 import re
 import zipfile
+from pathlib import Path
 
+import campaign_files
 import numpy as np
 import pytest
 from refusals import refused
@@ -115,12 +117,25 @@ def test_a_mesh_may_include_files_below_its_folder(tmp_path):
 
 def test_a_damaged_mesh_ends_no_program(tmp_path, mesh_library):
     path = tmp_path / "mesh.vtu"
-    path.write_text("<VTKFile")
-    refused(
-        ValueError,
-        lambda: pm.structures.from_mesh(path, {"E": 1.0, "nu": 0.3, "rho": 1.0}),
-        "mesh must be a whole file",
-    )
+    for text, why in (
+        ("<VTKFile", "the reader of vtu gives no reason"),
+        ("<a/>", "Expected tag 'VTKFile'"),
+    ):
+        path.write_text(text)
+        message = refused(
+            ValueError,
+            lambda: pm.structures.from_mesh(path, {"E": 1.0, "nu": 0.3, "rho": 1.0}),
+            "mesh must be a whole file",
+        )
+        assert why in message
+
+
+@pytest.mark.parametrize("name", campaign_files.FOUND)
+@pytest.mark.filterwarnings("ignore")  # of libraries
+def test_what_the_campaign_damages_is_read_as_long_as_it_is_whole(name):
+    read = campaign_files.FOUND[name][1]
+    found = read(Path(campaign_files.good(name).name, name))
+    assert any(np.any(x) for x in campaign_files.campaign_input.arrays_in(found))
 
 
 @pytest.mark.parametrize("value", [None, "x", -1.0, 1e400])

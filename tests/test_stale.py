@@ -1,6 +1,10 @@
 """An extension built in place of other sources than the present ones is not imported."""
 
 import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -44,3 +48,27 @@ def test_without_sources_or_stamp_nothing_is_compared(root, tmp_path):
     later(root / "csrc/core/new.h", "")
     stale.require_present_build(root)
     stale.require_present_build(tmp_path / "elsewhere")
+
+
+def test_pytest_ends_with_the_message_of_a_stale_build(root):
+    tests = Path(__file__).parent
+    for folder in ("pmalpha", "tests"):
+        (root / folder).mkdir()
+    shutil.copy(stale.__file__, root / "pmalpha")
+    package = (
+        "from . import stale",
+        "stale.require_present_build()",
+        "AccuracyWarning = UserWarning",
+    )
+    (root / "pmalpha/__init__.py").write_text("\n".join(package))
+    shutil.copy(tests / "conftest.py", root / "tests")
+    shutil.copy(tests.parent / "pyproject.toml", root)
+    (root / "tests/test_x.py").write_text("import pmalpha\n\ndef test_x():\n    pass\n")
+    command = [sys.executable, "-m", "pytest", "tests/test_x.py"]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    later(root / "csrc/core/algebra/lu.c", "int c;\n")
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    shown = (done.stdout + done.stderr).splitlines()
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert len(shown) == 1 and "built of other sources" in shown[0] and "make test" in shown[0]

@@ -48,6 +48,8 @@ FORMATS = {
     ".vtk": "vtk",
     ".vtu": "vtu",
 }
+# Texts in a file of MOAB that name its programs, of any length; no reader reads them.
+HISTORY = "tstt/history"
 # Reads at the end that a reader may make.
 MOST_ENDS = 100
 
@@ -89,18 +91,19 @@ def mesh_library(use: str) -> Any:
 
 
 def _read(path: Path) -> Any:
-    reader = mesh_library(f"reading {path.name!r}")
+    library = mesh_library(f"reading {path.name!r}")
     file_format = _format(path)
+    read = getattr(library, file_format).read  # that of the library prints why, and ends Python
     try:
         _require_own_arrays(path)
         if file_format not in ENDING:
-            return reader.read(path, file_format=file_format)
+            return read(str(path))
         with ENDING[file_format](path) as file:
-            return reader.read(file, file_format=file_format)
+            return read(file)
     except MemoryError:
         raise
-    except (Exception, SystemExit) as error:  # of a dozen types, for damaged files
-        reason = str(error) or type(error).__name__
+    except Exception as error:  # of a dozen types, for damaged files
+        reason = str(error) or f"the reader of {file_format} gives no reason"
         raise ValueError(f"mesh must be a whole file, but {str(path)!r}: {reason}") from error
 
 
@@ -166,10 +169,12 @@ def _require_own_arrays(path: Path) -> None:
         for key in place.attrs:
             if place.attrs.get_id(key).dtype.kind == "O":
                 raise ValueError(f"attribute {key} of /{name} must be of fixed length")
+        if name == HISTORY:
+            return
         if isinstance(place, h5py.Dataset):
             own_array(whole, name)
             return
-        for key in place:
+        for key in place if isinstance(place, h5py.Group) else ():  # else a named type of data
             if isinstance(place.get(key, getlink=True), h5py.ExternalLink):
                 raise ValueError(f"{name}/{key} leads to another file")
 
