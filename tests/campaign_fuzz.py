@@ -2,37 +2,40 @@
 
 Files that reach new code of the readers are kept in build/fuzz and changed further, those of an
 earlier campaign too. Readers, good files and what counts as a fault are those of campaign_files.py.
-Bytes are changed by the fuzzer; half of the changes keep the structure of the file: in npz and HDF5
+Bytes are changed by the fuzzer; most of the changes keep the structure of the file: in npz and HDF5
 files one array, attribute or header is replaced, so that check sums are right, in text a number or
-word, or a line. Each reader has a process, and its share of the time; `--names` are some of them,
+word, or a line. Each reader has a process, and its share of the time; ``--names`` has some of them,
 ``--library meshio`` reads meshes by it. An input that is a fault is kept. To try it again:
 ``python tests/campaign_fuzz.py --reader mesh.inp --file build/fuzz/mesh.inp/faults/0-1``.
 """
 
 import io
+import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
+import traceback
 import warnings
 import zipfile
 from collections import Counter
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 from campaign import arguments
 
-if __name__ == "__main__" and "--reader" in sys.argv:  # before what it instruments is imported
+if __name__ == "__main__" and find_spec("atheris"):
     import atheris
 
-    with atheris.instrument_imports(
-        include=["pmalpha", "meshlane", "meshio", "numpy.lib", "json", "zipfile"]
-    ):
-        import pmalpha  # noqa: F401
+    # of the readers, and of the libraries that read for them
+    guided = [name for name in ("pmalpha", "json", "meshio", "meshlane") if find_spec(name)]
+    with atheris.instrument_imports(include=guided):
+        for name in guided:
+            __import__(name)
 
 import campaign_files as files
+import numpy as np
 from entries import one
 from odd_values import COUNTS, NUMBERS, odd
 
@@ -148,14 +151,16 @@ def changed_text(rng, data, changed):
     return b"".join(lines)
 
 
-def changed_file(data, most, seed):
-    """What the fuzzer calls for another input."""
+def changed_file(data, most, seed, good):
+    """Another input; half of them of the good file, since most that are kept are damaged."""
     rng = np.random.default_rng(seed)
+    if rng.random() < 0.5:
+        data = good
 
     def changed(content):
         return atheris.Mutate(content, max(len(content) + 64, 128))
 
-    if rng.random() < 0.5:
+    if rng.random() < 0.75:
         how = changed_text
         if data[:4] == SIGNATURE:
             how = changed_hdf5
@@ -207,13 +212,16 @@ def fuzz(name, seconds, seed):
             where = found / f"{seed}-{len(reader.faults)}"
             where.write_bytes(data)
             print(f"\nfault {name}, {where}: {fault}", flush=True)
-        if sum(reader.counts.values()) % 100 == 0:
+        if sum(reader.counts.values()) % 10 == 0:
             print(f"\ncounts {dict(reader.counts)}", flush=True)
 
     options = [f"-max_total_time={seconds:.0f}", f"-seed={seed + 1}", f"-timeout={LONGEST}"]
     options += [f"-rss_limit_mb={MEMORY}", f"-artifact_prefix={found}/", "-verbosity=0"]
+    # changes that are added up, or cut off at the longest length so far, leave no file readable
+    options += ["-mutate_depth=2", "-len_control=0"]
     options += [f"-max_len={4 * reader.good.stat().st_size + 4096}"]
-    atheris.Setup([sys.argv[0], *options, str(corpus)], attempt, custom_mutator=changed_file)
+    change = partial(changed_file, good=reader.good.read_bytes())
+    atheris.Setup([sys.argv[0], *options, str(corpus)], attempt, custom_mutator=change)
     atheris.Fuzz()
 
 
@@ -221,30 +229,45 @@ def campaign(names, seconds, seed, library):
     """Counts by reader; AssertionError for faults."""
     counts, faults = {}, []
     for name in names:
-        command = [sys.executable, __file__, "--reader", name, "--seed", str(seed)]
-        command += ["--seconds", str(seconds / len(names)), "--library", library]
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace")
-        faults += re.findall(r"^fault .*", done.stdout, re.MULTILINE)
-        shown = re.findall(r"^counts (.*)", done.stdout, re.MULTILINE)
-        counts[name] = shown[-1] if shown else "fewer than a hundred"
+        files.good(name)
+    if library == "meshio":
+        sys.modules["meshlane"] = None
+    for k, name in enumerate(names):  # some may be there more than once
+        status, shown = of_child(fuzz, name, seconds / len(names), seed + k)
+        faults += re.findall(r"^fault .*", shown, re.MULTILINE)
+        found = re.findall(r"^counts (.*)", shown, re.MULTILINE)
+        counts[name] = found[-1] if found else "fewer than ten"
         print(name, counts[name], flush=True)
-        if done.returncode:
-            faults.append(f"{name} ends with {done.returncode}: {done.stderr[-2000:]}")
+        if status:
+            faults.append(f"{name} ends with {status}: {shown[-2000:]}")
     assert not faults, "\n".join(faults)
     return counts
 
 
+def of_child(call, *arguments):
+    """The status of a forked process, since what is guided takes long to import, and its output."""
+    with tempfile.TemporaryFile("w+", errors="replace") as out:
+        child = os.fork()
+        if not child:
+            try:
+                for descriptor in (1, 2):
+                    os.dup2(out.fileno(), descriptor)
+                call(*arguments)
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(1)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        out.seek(0)
+        return status, out.read()
+
+
 if __name__ == "__main__":
     given = arguments(__doc__, reader=str, file=str, names=str, library=str)
-    if given.library == "meshio" and given.reader:
-        files.good(given.reader)
-        sys.modules["meshlane"] = None
-    if not find_spec("atheris"):
-        print("not tried: pip install atheris")
-    elif given.file:
+    if given.file:
         print(Reader(given.reader).fault_of(Path(given.file).read_bytes()))
-    elif given.reader:
-        fuzz(given.reader, given.seconds, given.seed)
+    elif not find_spec("atheris"):
+        print("not tried: pip install atheris")
     else:
         names = given.names.split(",") if given.names else list(files.FOUND)
-        campaign(names, given.seconds, given.seed, given.library or "meshlane")
+        campaign(names, given.seconds, given.seed, given.library)
