@@ -130,6 +130,22 @@ def test_a_damaged_mesh_ends_no_program(tmp_path, mesh_library):
         assert why in message
 
 
+@pytest.mark.parametrize("kind", ["numbers elsewhere", "texts"])
+def test_the_history_of_a_mesh_of_moab_is_not_read_by_another_name(tmp_path, kind):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "mesh.h5m"
+    campaign_files.mesh(path)
+    (tmp_path / "other").write_bytes(bytes(96))
+    with h5py.File(path, "r+") as whole:
+        del whole["tstt/nodes/coordinates"]
+        if kind != "texts":
+            del whole["tstt/history"]
+            elsewhere = [(str(tmp_path / "other"), 0, 96)]
+            whole.create_dataset("tstt/history", (4, 3), "f8", external=elsewhere)
+        whole["tstt/nodes/coordinates"] = whole["tstt/history"]
+    refused(ValueError, lambda: campaign_files.structure(path), "tstt/history")
+
+
 @pytest.mark.parametrize("name", campaign_files.FOUND)
 @pytest.mark.filterwarnings("ignore")  # of libraries
 def test_what_the_campaign_damages_is_read_as_long_as_it_is_whole(name):

@@ -169,10 +169,10 @@ def _require_own_arrays(path: Path) -> None:
         for key in place.attrs:
             if place.attrs.get_id(key).dtype.kind == "O":
                 raise ValueError(f"attribute {key} of /{name} must be of fixed length")
-        if name == HISTORY:
-            return
         if isinstance(place, h5py.Dataset):
-            own_array(whole, name)
+            alone = h5py.h5o.get_info(place.id).rc == 1  # not of another name too
+            if not (name == HISTORY and place.dtype.kind == "O" and alone):
+                own_array(whole, name)
             return
         for key in place if isinstance(place, h5py.Group) else ():  # else a named type of data
             if isinstance(place.get(key, getlink=True), h5py.ExternalLink):
