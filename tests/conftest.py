@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import time
 
 import pytest
 
@@ -26,3 +27,24 @@ def mesh_library(request, monkeypatch):
     if request.param == "meshio":
         monkeypatch.setitem(sys.modules, "meshlane", None)
     return library
+
+
+@pytest.fixture
+def interrupt():
+    """A function that raises KeyboardInterrupt after a time in seconds, as Ctrl-C does; 0: never.
+
+    What has arrived before is raised by its call, not behind the caller: to sleep takes the GIL
+    again, upon which Python looks whether a signal is pending.
+    """
+
+    def stop(number, frame):
+        raise KeyboardInterrupt
+
+    def after(seconds):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        time.sleep(0)
+
+    before = signal.signal(signal.SIGALRM, stop)
+    yield after
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)

@@ -2,7 +2,6 @@
 
 import functools
 import re
-import signal
 
 import numpy as np
 import pytest
@@ -170,19 +169,6 @@ def test_a_force_may_run_another_coupler():
     expected, _ = made("macro")
     expected.step(5)
     assert state_of(inner) == state_of(expected)
-
-
-@pytest.fixture
-def interrupt():
-    """A function that raises KeyboardInterrupt after a time in seconds, as Ctrl-C does."""
-
-    def stop(number, frame):
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, stop)
-    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
-    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.parametrize("variant", ["pm", "macro"])
