@@ -153,7 +153,7 @@ def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, An
     try:
         with zipfile.ZipFile(file) as members:
             keys = [name.removesuffix(".npy") for name in members.namelist()]
-            header = json.loads(_member(members, HEADER).item()) if HEADER in keys else None
+            header = json.loads(_text(_member(members, HEADER))) if HEADER in keys else None
             reason = mismatch(header, format, version)
             wanted = [] if reason else [key for key in keys if key != HEADER]
             return reason, header, {key: _member(members, key) for key in wanted}
@@ -171,6 +171,14 @@ def _member(members: zipfile.ZipFile, key: str) -> np.ndarray:
         if file.read(1):
             raise ValueError(f"{key} is longer than its header gives")
         return array
+
+
+def _text(array: np.ndarray) -> str:
+    """What a header says. NumPy makes strings of any numbers, also of those that are no characters,
+    with which functions of Python fail later."""
+    if array.dtype.kind != "U" or array.ndim:
+        raise ValueError(f"its header is no text, but {array.dtype} of shape {array.shape}")
+    return array.astype(array.dtype.newbyteorder("<")).tobytes().decode("utf-32-le").rstrip("\0")
 
 
 def _check_size(members: zipfile.ZipFile, key: str) -> None:

@@ -36,6 +36,38 @@ def test_an_array_that_claims_more_than_the_file_holds_is_refused_before_memory_
     refused(ValueError, lambda: pm.History.load(rewritten), "bytes as its header gives, it has")
 
 
+@pytest.mark.parametrize("number", [0x110000, 0xFFFFFFFF, 0xD800])
+def test_a_header_with_numbers_that_are_no_characters_is_refused(tmp_path, number):
+    path = saved(tmp_path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    names = arrays["header"].reshape(1).view(np.uint32)
+    names[arrays["header"].item().index("names") + 10] = number
+    np.savez(path, **arrays)
+    refused(ValueError, lambda: pm.History.load(path), "is damaged")
+
+
+def test_a_name_of_a_file_with_a_number_that_is_no_character_is_refused(tmp_path):
+    path = tmp_path / "ranks.npz"
+    campaign_files.of_ranks(path)
+    with np.load(path) as file:
+        header = file["header"]
+    header.reshape(1).view(np.uint32)[header.item().index("ranks.npz.0") + 10] = 0x110000
+    np.savez(path, header=header)
+    refused(ValueError, lambda: campaign_files.load(path, "pm"), "is damaged")
+
+
+def test_a_header_is_read_whatever_the_order_of_its_bytes(tmp_path):
+    path = saved(tmp_path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays["header"] = arrays["header"].astype(arrays["header"].dtype.newbyteorder(">"))
+    other = tmp_path / "other.npz"
+    np.savez(other, **arrays)
+    first, second = pm.History.load(path), pm.History.load(other)
+    assert [s.name for s in first.subdomains] == [s.name for s in second.subdomains]
+
+
 def test_a_compressed_file_is_refused_since_it_may_hold_any_amount(tmp_path):
     path = saved(tmp_path)
     with np.load(path) as file:
