@@ -162,6 +162,17 @@ def test_a_damaged_mesh_ends_no_program(tmp_path, mesh_library):
         assert why in message
 
 
+def test_a_grid_of_three_numbers_takes_no_memory_that_is_not_there(tmp_path, mesh_library):
+    path = tmp_path / "mesh.vtk"
+    head = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\n"
+    rest = "ORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA 0\n"
+    path.write_text(f"{head}DIMENSIONS 3 2 1\n{rest}")
+    assert campaign_files.structure(path).size > 0
+    path.write_text(f"{head}DIMENSIONS 40000 40000 10000\n{rest}")
+    with pytest.raises(MemoryError, match="the grid of 'mesh.vtk' needs about"):
+        campaign_files.structure(path)
+
+
 @pytest.mark.parametrize("kind", ["numbers elsewhere", "texts"])
 def test_the_history_of_a_mesh_of_moab_is_not_read_by_another_name(tmp_path, kind):
     h5py = pytest.importorskip("h5py")

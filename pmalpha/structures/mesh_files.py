@@ -8,7 +8,9 @@ exception behind its end.
 from __future__ import annotations
 
 import io
+import math
 import os
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib import import_module
@@ -19,6 +21,7 @@ import numpy as np
 
 from .._checks import listing, real_number, require_finite, require_moderate
 from ..files import library, reading
+from ..memory import require
 from ..problem.kinds import KINDS
 from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
@@ -50,6 +53,8 @@ FORMATS = {
 }
 # Texts in a file of MOAB that name its programs, of any length; no reader reads them.
 HISTORY = "tstt/history"
+# Bytes that a reader takes for a point of a grid of VTK: coordinates and a cell, each twice.
+POINT_OF_GRID = 200
 # Reads at the end that a reader may make.
 MOST_ENDS = 100
 
@@ -96,6 +101,8 @@ def _read(path: Path) -> Any:
     read = getattr(library, file_format).read  # that of the library prints why, and ends Python
     try:
         _require_own_arrays(path)
+        if file_format == "vtk":
+            _require_memory_of_grids(path)
         if file_format not in ENDING:
             return read(str(path))
         with ENDING[file_format](path) as file:
@@ -181,6 +188,14 @@ def _require_own_arrays(path: Path) -> None:
     with h5py.File(path, "r", locking=False) as whole:
         check("", whole)
         whole.visititems(check)
+
+
+def _require_memory_of_grids(path: Path) -> None:
+    """MemoryError for a grid of VTK, which three numbers describe, that memory cannot hold."""
+    with reading(path) as file:
+        for found in re.finditer(rb"(?im)^[^\S\n]*DIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)", file.read()):
+            points = math.prod(map(int, found.groups()))
+            require(POINT_OF_GRID * points, f"the grid of {path.name!r}")
 
 
 def _of_input(read: Input, names: str | None) -> FileMesh:
