@@ -20,6 +20,16 @@ def pytest_configure(config):
     config.addinivalue_line("filterwarnings", "ignore::pmalpha.AccuracyWarning")
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Where the tests of the gate are left out, modules of these alone are not imported.
+
+    Some start programs when they are.
+    """
+    if collection_path.suffix == ".py" and "not gate" in config.option.markexpr:
+        return "\npytestmark = pytest.mark.gate\n" in collection_path.read_text("utf-8") or None
+    return None
+
+
 @pytest.fixture(params=["meshlane", "meshio"])
 def mesh_library(request, monkeypatch):
     """One of the libraries that from_mesh may read files by, and it does."""
