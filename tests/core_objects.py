@@ -1,9 +1,5 @@
 """Objects of the C extension and their arguments, to be replaced one by one by invalid ones."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -80,14 +76,10 @@ def record(rows=11, *, macro_rows=None, begin=0, every=0, parts=1, p=1, position
 
 
 def in_a_process(code):
-    """The output of another Python process with these helpers; its death by a signal fails."""
-    head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-    head += "import gc, signal, threading\nimport numpy as np, scipy.sparse as sp, waits\n"
+    """The output of another Python process with these helpers."""
+    head = "import gc, signal, threading\nimport numpy as np, scipy.sparse as sp, waits\n"
     head += "from core_objects import *\nfrom pmalpha import _core\n"
-    done = subprocess.run(
-        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=waits.LIMIT
-    )
-    assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-500:]}"
+    done = waits.program(head + code)
     return done.stdout + done.stderr
 
 

@@ -2,18 +2,14 @@
 
 import json
 import os
-import subprocess
-import sys
 import textwrap
-from pathlib import Path
 
 import numpy as np
 import pytest
+import waits
 
 import pmalpha as pm
 from pmalpha.run import checkpoint
-
-ROOT = Path(__file__).parent.parent
 
 
 def sampled(n, seed):
@@ -92,18 +88,8 @@ def test_a_loaded_coupler_evaluates_no_load_for_the_start(tmp_path):
 
 def in_another_process(code, path):
     """A program that has this module as `here`, a coupler `c` and the path `path`."""
-    head = f"""
-        import sys
-        sys.path.insert(0, {str(ROOT / "tests")!r})
-        import test_checkpoint as here
-        c, path = here.coupler(), {str(path)!r}
-    """
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(head) + textwrap.dedent(code)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-    )
+    head = f"import test_checkpoint as here\nc, path = here.coupler(), {str(path)!r}\n"
+    return waits.program(head + textwrap.dedent(code))
 
 
 def test_a_state_saved_in_one_process_resumes_in_another(tmp_path):

@@ -1,9 +1,6 @@
 """In any format of a matrix or a vector, the results are those of dense float64."""
 
-import subprocess
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -372,8 +369,6 @@ def test_a_large_sparse_matrix_gives_the_results_of_a_dense_one(name, form, role
 
 
 ONE_SIDED = """
-import sys
-sys.path.insert(0, {folder!r})
 from test_formats import *
 
 def with_zeros_above(A):
@@ -397,11 +392,7 @@ print("the same")
 def test_zeros_stored_on_one_side_of_the_diagonal_are_no_crash_and_no_error():
     # symmetric numbers in a pattern that is not symmetric, as differences of matrices and boundary
     # conditions produce it
-    code = ONE_SIDED.format(folder=str(Path(__file__).parent))
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=waits.LIMIT
-    )
-    assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-300:]}"
+    done = waits.program(ONE_SIDED)
     assert done.stdout == "the same\n", done.stderr[-1000:]
 
 

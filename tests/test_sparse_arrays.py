@@ -1,9 +1,5 @@
 """Sparse matrices whose arrays were changed by hand: an error, not the end of the process."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -98,10 +94,7 @@ def test_a_sparse_matrix_with_damaged_arrays_is_a_value_error_that_names_it():
     # in a process of its own, which SciPy would end
     code = "from test_sparse_arrays import *\nfor c in CASES:\n for call in CALLS:\n"
     code += "  print(*c, call, refused(*c, call), sep=' | ', flush=True)\n"
-    head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-    done = subprocess.run(
-        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=waits.LIMIT
-    )
+    done = waits.program(code)
     lines = done.stdout.splitlines()
     assert done.returncode == 0, f"{done.returncode} after {lines[-1:]}: {done.stderr[-500:]}"
     assert len(lines) == len(CASES) * len(CALLS)

@@ -1,12 +1,18 @@
-"""Waiting for events, however slow the machine is, and Ctrl-C at an event."""
+"""Waiting for events and programs, however slow the machine is, and Ctrl-C at an event."""
 
 import contextlib
 import os
 import signal
+import subprocess
+import sys
+import textwrap
 import threading
 import time
+from pathlib import Path
 
 import pytest
+
+import pmalpha
 
 LIMIT = 600.0  # s, which only ends what hangs
 
@@ -16,6 +22,23 @@ def until(happened, over=None):
     end = time.monotonic() + LIMIT
     while not happened() and time.monotonic() < end and not (over and over.is_set()):
         time.sleep(0.001)
+
+
+def program(code):
+    """A program in a process of its own that has ended; its death by a signal fails the test.
+
+    It imports the modules of the tests, and the package that is tested.
+    """
+    folders = Path(__file__).parent, Path(pmalpha.__file__).parent.parent
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+    )
+    assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-500:]}"
+    return done
 
 
 def is_stepped(coupler):
