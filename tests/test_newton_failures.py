@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from newton_coupled import VARIANTS, Law, plastic_pair, same_bits, state_of
-from pairwise import pairwise
+from pairwise import in_turn, pairwise
 
 import pmalpha as pm
 
@@ -60,7 +60,12 @@ FAILURES = {
 
 
 @pytest.mark.parametrize(
-    ("variant", "side", "failure"), pairwise(list(VARIANTS), [0, 1], list(FAILURES))
+    ("variant", "side", "failure"),  # all failures on both sides, and all variants
+    [
+        (list(VARIANTS)[(i + 2 * side) % 4], side, failure)
+        for i, failure in enumerate(FAILURES)
+        for side in (0, 1)
+    ],
 )
 def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, failure):
     action, error, text = FAILURES[failure]
@@ -82,16 +87,17 @@ def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, fa
     assert state_of(c) == states[-1]
 
 
+@pytest.mark.parametrize("stride", [7, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize(
     ("variant", "threads", "tangent"), pairwise(list(VARIANTS), [1, 3], ["full", "reuse"])
 )
-def test_all_iterations_of_a_macro_step_may_fail_one_by_one(variant, threads, tangent):
+def test_all_iterations_of_a_macro_step_may_fail_one_by_one(variant, threads, tangent, stride):
     # with any number of threads, and whatever tangents are kept
     _, states, calls = undisturbed(variant, tangent=tangent)
     c, laws = made(variant, threads, tangent)
     c.step(3)
     before = laws[1].calls
-    for k in range(1, calls[4][1] - calls[3][1] + 1, 3):
+    for k in range(1, calls[4][1] - calls[3][1] + 1, stride):
         laws[1].at, laws[1].action = laws[1].calls + k, raises(Broken())
         with pytest.raises(Broken):
             c.step()
@@ -113,18 +119,16 @@ class Spoiled(Law):
         return (np.nan * f if spoils else f), K_t, C_t, q1
 
 
-@variants
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
 @pytest.mark.parametrize(
-    "begins, error", [(0, pm.InstabilityError), (1, pm.ConvergenceError)], ids=["first", "later"]
+    ("variant", "tangent", "begins"), pairwise(list(VARIANTS), ["full", "reuse"], [0, 1])
 )
-def test_values_that_are_not_finite_end_the_run(variant, tangent, begins, error):
+def test_values_that_are_not_finite_end_the_run(variant, tangent, begins):
     # at the first guess the motion itself is at fault, later the iteration
     _, states, _ = undisturbed(variant, tangent=tangent)
     laws = Law(5), Spoiled(5, k=3e3)
     c = plastic_pair(variant, laws=laws, newton=pm.Newton(tangent=tangent))
     laws[1].begins = begins
-    with pytest.raises(error) as caught:
+    with pytest.raises(pm.ConvergenceError if begins else pm.InstabilityError) as caught:
         c.run(steps=STEPS)
     assert caught.value.subdomain == "b"
     assert 0.12 <= caught.value.time < 0.14 + 1e-9  # dt = 0.02
@@ -134,23 +138,25 @@ def test_values_that_are_not_finite_end_the_run(variant, tangent, begins, error)
     assert state_of(c) == states[-1]
 
 
-@variants
-def test_the_coupler_may_not_be_used_by_the_force_that_it_evaluates(variant):
+CALLS = {
+    "step": lambda c: c.step(),
+    "run": lambda c: c.run(steps=1),
+    "state": lambda c: c.state("a"),
+    "reset": lambda c: c.reset(),
+    "multipliers": lambda c: c.multipliers,
+}
+
+
+@pytest.mark.parametrize(("name", "variant"), in_turn(CALLS, *VARIANTS))
+def test_the_coupler_may_not_be_used_by_the_force_that_it_evaluates(name, variant):
     _, states, calls = undisturbed(variant)
-    for call in (
-        lambda c: c.step(),
-        lambda c: c.run(steps=1),
-        lambda c: c.state("a"),
-        lambda c: c.reset(),
-        lambda c: c.multipliers,
-    ):
-        c, laws = made(variant)
-        laws[0].at, laws[0].action = calls[2][0] + 2, lambda *args, c=c, call=call: call(c)
-        with pytest.raises(RuntimeError, match="being stepped"):
-            c.run(steps=STEPS)
-        assert c.step_count == 2 and state_of(c) == states[2]
-        c.step(STEPS - 2)
-        assert state_of(c) == states[-1]
+    c, laws = made(variant)
+    laws[0].at, laws[0].action = calls[2][0] + 2, lambda *args: CALLS[name](c)
+    with pytest.raises(RuntimeError, match="being stepped"):
+        c.run(steps=STEPS)
+    assert c.step_count == 2 and state_of(c) == states[2]
+    c.step(STEPS - 2)
+    assert state_of(c) == states[-1]
 
 
 def test_a_force_may_run_another_coupler():
