@@ -7,7 +7,7 @@ import pmalpha as pm
 
 RHO_0 = pm.GeneralizedAlpha(0.0)
 ACTIVE_FORCES = {
-    "active": lambda u, v, t: -0.2 * v,  # negative damping: it grows a million times
+    "active": lambda u, v, t: -0.2 * v,  # negative damping: it grows as long as it runs
     "load": lambda u, v, t: -np.sin(6.0 * t) * np.ones(1),
     "van der Pol": lambda u, v, t: u - 2.0 * (1.0 - u * u) * v,
     "plastic": lambda u, v, t: np.clip(30.0 * u, -1.0, 1.0),

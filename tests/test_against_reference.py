@@ -13,7 +13,7 @@ import pmalpha as pm
 # rounding, 2e-16, is magnified by the condition number of Mbar and H (up to 1e4 here) and the
 # number of steps.
 AGREEMENT = 1e-9
-STEPS = 17
+STEPS = 9
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -10,6 +10,8 @@ from pmalpha import models
 
 h5py = pytest.importorskip("h5py")
 OPTIONS = [{}, {"record": {0: [0]}, "every": 2}, {"every": 3}, {"record": {}}]
+# a random problem and options
+CASES = [(i % 4, OPTIONS[(i + i // 4) % 4]) for i in range(8)]
 
 
 def four_dof():
@@ -73,8 +75,7 @@ def test_wrong_options_are_named(options, error, message):
 # ---- append ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed, options", CASES, ids=str)
 def test_a_file_continued_in_pieces_is_that_of_one_run(tmp_path, seed, options):
     path = tmp_path / "run.h5"
     ours, theirs = (random_problem(seed).coupler() for _ in range(2))
@@ -153,8 +154,7 @@ def test_a_file_of_something_else_is_not_continued(tmp_path):
 # ---- join -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed, options", CASES, ids=str)
 def test_joined_histories_are_that_of_one_run(seed, options):
     ours, theirs = (random_problem(seed).coupler() for _ in range(2))
     pieces = [ours.run(steps=steps, **options) for steps in (6, 0, 12, 6)]

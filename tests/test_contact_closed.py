@@ -97,7 +97,7 @@ def require_that_no_mode_grows(seeds, schemes, substeps, coupling):
 @pytest.mark.parametrize(("coupling", "substeps"), [("gc", 1), ("gc", 5), ("pm", 5)])
 @BESIDE
 def test_no_mode_grows_while_contact_lasts(schemes, coupling, substeps):
-    require_that_no_mode_grows(range(2), schemes, substeps, coupling)
+    require_that_no_mode_grows([0], schemes, substeps, coupling)
 
 
 @pytest.mark.campaign
@@ -106,4 +106,4 @@ def test_no_mode_grows_while_contact_lasts(schemes, coupling, substeps):
 @pytest.mark.parametrize("substeps", [1, 2, 5, 20])
 @BESIDE
 def test_no_mode_of_48_problems_each_grows(schemes, substeps, coupling):
-    require_that_no_mode_grows(range(2, 26), schemes, substeps, coupling)
+    require_that_no_mode_grows(range(1, 25), schemes, substeps, coupling)

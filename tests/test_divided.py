@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 from agreement import assert_same_levels
-from pairwise import pairwise
 
 import pmalpha as pm
 
@@ -41,7 +40,7 @@ def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, coupling="pm", **
 
 @pytest.mark.parametrize(
     "substeps, coupling, threads",
-    pairwise([(1,), (1, 1), (1, 2), (3, 1)], ["pm", "gc"], [1, 2]),
+    [((1,), "pm", 1), ((1, 1), "gc", 2), ((1, 2), "pm", 2), ((3, 1), "gc", 1)],
 )
 def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
     substeps, coupling, threads

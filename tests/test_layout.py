@@ -64,11 +64,16 @@ def unit_of(module):
     return (*module.split("."), "__init__")[1]
 
 
+@cache
+def tree_of(source):
+    return ast.parse(source)
+
+
 def imports_of(source, path):
     """Modules of the package that a source imports, anywhere in it."""
     package = path.with_suffix("").parts[:-1]
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree_of(source)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -110,7 +115,7 @@ def cycle_in(graph):
 def lengths(source):
     """Lines of each function by name, without its docstring."""
     found = {}
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree_of(source)):
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             lines = node.end_lineno - node.lineno + 1
             if ast.get_docstring(node) is not None:
@@ -121,7 +126,7 @@ def lengths(source):
 
 def docstring_lines(source):
     """Lines of the docstrings of all methods."""
-    nodes = (x for x in ast.walk(ast.parse(source)) if isinstance(x, ast.FunctionDef))
+    nodes = (x for x in ast.walk(tree_of(source)) if isinstance(x, ast.FunctionDef))
     texts = (x.body[0] for x in nodes if ast.get_docstring(x) is not None)
     return sum(x.end_lineno - x.lineno + 1 for x in texts)
 
@@ -198,7 +203,7 @@ def test_a_function_of_61_lines_would_be_detected_and_a_docstring_does_not_count
 
 def test_every_module_has_a_docstring():
     for path in MODULES:
-        assert ast.get_docstring(ast.parse((ROOT / path).read_text())), path
+        assert ast.get_docstring(tree_of((ROOT / path).read_text())), path
 
 
 def test_dir_shows_public_names_only():
