@@ -189,7 +189,7 @@ def test_every_time_level_is_in_equilibrium_with_the_history_of_its_own_chain(sc
     load = lambda t: 20.0 * np.sin(3.0 * t) * np.ones(2 * n - 1)  # noqa: E731
     law = bilinear(1e3, 0.05, 0.02)
     subdomains, L = chain(n, law, history=0.0, force=load, **values)
-    result = function(subdomains, L, 0.05, 40, TIGHT)
+    result = function(subdomains, L, 0.05, 20, TIGHT)
     for side, (s, x) in enumerate(zip(subdomains, result.subdomains, strict=True)):
         assert abs(x.q[-1]).max() > 0.02  # they have yielded
         back = 2 if s.double else 1
@@ -431,7 +431,7 @@ def test_the_law_of_a_coarse_subdomain_has_to_be_rebased():
 @pytest.mark.parametrize(("rho", "grows"), [(0.0, False), (0.5, False), (0.9, True)])
 def test_stiff_cubic_springs_need_rho_of_at_most_a_half(rho, grows):
     subdomains, L = newton_tables.stiff_chain(rho=rho)
-    steps = 300 if grows else 100
+    steps = 200 if grows else 60
     E = newton_tables.energy(run(subdomains, L, 10.0 / newton_tables.OMEGA, steps, TIGHT))
     # docs/method.md: 1.4 and 3850 in 600 steps
     assert (E.max() > 10.0) if grows else (E.max() < 1.5)
