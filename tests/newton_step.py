@@ -25,7 +25,7 @@ from reference import State, Subdomain
 
 EPS = np.finfo(float).eps
 SHARE = 1e-3  # of the largest force, below which no row has to be balanced (N7)
-UNKNOWN, MARGIN = 1e3, 10.0  # what is left where the rate is not known; of an expected residual
+UNKNOWN = 1e3  # what is left where the rate is not known
 
 # ---- the problem ----------------------------------------------------------------------------
 
@@ -128,7 +128,6 @@ class Trial:
     def move(self, w, Lam):
         """Take the iterate w with the multipliers Lam; it is not yet evaluated."""
         self.w, self.Lam, self.R = w, Lam, None
-        self.energy = None  # of the correction that led here, if it is the whole one
 
     def displacement(self, w):
         return self.ut + self.al1 * w  # (8)
@@ -190,10 +189,7 @@ class Trial:
         dw = self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
         self.residual = self.part(load)
-        energy = abs(self.al1 * dw @ load)
-        theta = np.sqrt(energy / self.energy) if self.energy else None
-        self.expected = min(1.0, MARGIN * rate_of(theta)) * self.residual
-        return dw, energy, du @ self.member.tangent @ du / self.al1
+        return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
 
     def closed(self):
         """The state at the end of the step; the history is taken over."""
@@ -264,21 +260,24 @@ class Iteration:
         """Iterate up to the accepted iterates."""
         for count in range(1, self.newton.iterations + 1):
             self.evaluate()
-            left = max(x.part(x.R) for x in self.trials)
-            if self.accepts(
-                self.holds() and (left == 0.0 or (self.close and left <= self.newton.tol))
-            ):
+            if self.accepts(self.balanced()):
                 count -= 1
                 break
             self.count = count
-            if self.correct():
-                break
+            self.correct()
         else:
-            if not self.rounding():
+            for x in self.trials:
+                x.evaluate()
+            if not self.accepts(self.balanced()) and not self.rounding():
                 self.fail()
         for x, scale in zip(self.trials, self.scales, strict=True):
             x.iterations += count
             x.member.scale = scale
+
+    def balanced(self):
+        """Whether the residual at the iterates is small enough (N7)."""
+        left = max(x.part(x.R) for x in self.trials)
+        return self.holds() and (left == 0.0 or (self.close and left <= self.newton.tol))
 
     def fail(self):
         worst = self.trials[int(np.argmax(self.energies))]
@@ -310,7 +309,7 @@ class Iteration:
         for x in self.trials:
             x.renews = self.fresh
         s_1 = self.slope() if self.last else None
-        if self.last is None:
+        if self.last is None or self.balanced():
             pass
         elif self.last.stale:
             if not abs(s_1) <= 0.8 * abs(self.last.slope):
@@ -367,7 +366,7 @@ class Iteration:
         return [Lam] * len(self.trials)
 
     def correct(self):
-        """Correct the iterates (N3); True if they are then accepted (N7)."""
+        """Correct the iterates (N3)."""
         trials, fresh = self.trials, self.fresh
         if fresh:
             for x in trials:
@@ -381,13 +380,14 @@ class Iteration:
             # a stale tangent does not converge: from the first guess with fresh ones
             self.always = True
             self.begin()
-            return False
+            return
         if not e < np.inf:
             self.fail()
         start = [(x.w, x.Lam) for x in trials]
         change = [(dw, y - x.Lam) for (dw, _, _), y, x in zip(parts, Lam, trials, strict=True)]
         last = Correction(start, change, 0.0, stale=not fresh)
-        last.slope = sum(x.al2 * dw @ x.R for x, (dw, _) in zip(trials, change, strict=True))
+        for x, (dw, dLam) in zip(trials, change, strict=True):
+            last.slope += x.al2 * dw @ (x.R + x.L.T @ dLam)
         self.last, self.tied = (last if self.tied else None), True
         self.parted = False
         self.pulls = any(
@@ -395,8 +395,6 @@ class Iteration:
             for x, (_, dLam) in zip(trials, change, strict=True)
         )
         self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
-        for x, energy in zip(trials, self.energies, strict=True):
-            x.energy = energy
         self.e, self.due = e, theta is not None and theta > 0.2
         motions = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
         motion = np.sqrt(sum(motions))
@@ -404,10 +402,7 @@ class Iteration:
             new if new > -100.0 * x.member.scale else old
             for x, old, new in zip(trials, self.scales, motions, strict=True)
         ]
-        tol = self.newton.tol
-        self.close = rate_of(theta) * e <= tol * motion
-        balanced = fresh and max(x.expected for x in trials) <= tol
-        return self.accepts(self.close and balanced)
+        self.close = rate_of(theta) * e <= self.newton.tol * motion
 
 
 def rate_of(theta):

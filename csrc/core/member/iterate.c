@@ -202,7 +202,7 @@ pma_status pma_iterate_restore(pma_iterate *it, double scale, const double *kept
     it->scale = it->scale_present = scale;
     it->factored = it->factored_present = kept != NULL;
     it->factored_twice = it->factored_twice_present = twice;
-    it->refactored = false;
+    it->refactored = it->overwritten = false;
     if (!kept || !it->parts.keeps)
         return PMA_OK;
     size_t column;
@@ -217,7 +217,7 @@ void pma_iterate_commit(pma_iterate *it)
     it->factored_present = it->factored;
     it->factored_twice_present = it->factored_twice;
     if (it->parts.keeps && it->refactored)
-        memcpy(it->entries, it->numeric.values, pma_iterate_entries(it) * sizeof(double));
+        memcpy(it->entries, it->numeric.factored, pma_iterate_entries(it) * sizeof(double));
     it->refactored = false;
 }
 

@@ -15,9 +15,6 @@
 /* No row has to be nearer to balance than this part of the largest own force asks for.      (N7) */
 #define SHARE 1e-3
 
-/* Of a residual this many times as much may be left as of a correction.                     (N7) */
-#define SLOWER 10.0
-
 /* Rounding to come in its energy, and the part of the forces below which none is seen.      (N9) */
 #define MARGIN 100.0
 #define BALANCED 1e-6
@@ -115,7 +112,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
-    it->linearized = it->begun = false;
+    it->linearized = it->begun = it->evaluated = it->has_tangent = false;
     it->measure.correction = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
@@ -138,8 +135,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
 static void restart(void *self, const double *lam)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
-    it->linearized = false;
-    it->measure.correction = 0.0;
+    it->linearized = it->evaluated = it->has_tangent = false;
     memcpy(iterate_of(it)->w, it->guess, it->of->parts.n * sizeof(double));
     load_interface(it, lam, it->pull);
 }
@@ -148,8 +144,7 @@ static void move(void *self, double by)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
     double *w = iterate_of(it)->w;
-    it->linearized = false;
-    it->measure.correction = 0.0; /* another one than that whose energy is known */
+    it->linearized = it->evaluated = it->has_tangent = false;
     for (size_t i = 0; i < it->of->parts.n; i++)
         w[i] += by * it->dw[i];
 }
@@ -259,15 +254,17 @@ static pma_status evaluate(void *self, bool tangent, pma_measure *m)
     const pma_step *c = &operator_of(it)->step;
     const pma_state *x = iterate_of(it);
     *m = it->measure;
-    m->slope = 0.0;
-    if (it->linearized)
-        return PMA_OK; /* as it was left by the free solution of a long substep */
+    if (it->evaluated && (it->has_tangent || !tangent))
+        return PMA_OK; /* as it was left by the last look, or the free solution of a long substep */
     for (size_t i = 0; i < n; i++) {
         it->u[i] = x->u[i] + c->al1 * x->w[i];
         it->v[i] = x->v[i] + c->al2 * x->w[i];
     }
     double *entries = tangent ? it->numeric.values : NULL;
-    it->refactored = it->refactored || tangent; /* what was factored is overwritten already here */
+    it->refactored = it->refactored || tangent;
+    if (it->overwritten && !tangent) /* by the tangent of an iterate that was accepted */
+        memcpy(it->numeric.values, it->numeric.factored, pma_iterate_entries(it) * sizeof(double));
+    it->overwritten = tangent;
     if (tangent)
         memcpy(entries, it->step.twice ? it->parts.base_twice : it->parts.base,
                (size_t)it->parts.tangent.ptr[n] * sizeof(double));
@@ -288,6 +285,8 @@ static pma_status evaluate(void *self, bool tangent, pma_measure *m)
     if (!pma_is_finite(n, it->R))
         return PMA_NOT_FINITE;
     measure_residual(it);
+    it->evaluated = true;
+    it->has_tangent = tangent;
     it->measure.slope = c->al2 * dot(n, it->dw, it->R);
     *m = it->measure;
     return PMA_OK;
@@ -309,6 +308,7 @@ static pma_status factor(pma_iterate *it, bool *changed)
                                                                           : PMA_NOT_FINITE;
     }
     it->factored = status == PMA_OK;
+    it->overwritten = status != PMA_OK;
     it->factored_twice = it->step.twice;
     *changed = other || it->numeric.made > made;
     return status;
@@ -374,19 +374,16 @@ static void correct(void *self, const double *lam, pma_measure *m)
         it->u[i] = x->u[i] + c->al1 * x->w[i];
     }
     const double step = dot(n, it->dw, it->R), s2 = motion(it, c->al1);
-    const double e2 = fabs(c->al1 * step), before = it->measure.correction;
-    const double rate = pma_newton_rate(before > 0.0 ? sqrt(e2 / before) : INFINITY);
     it->left = largest_part(it);
-    it->measure.residual = fmin(1.0, SLOWER * rate) * it->left;
     if (s2 > MARGIN * -it->scale)
         it->motion = fmax(it->scale, s2);
-    it->measure.correction = e2;
+    it->measure.correction = fabs(c->al1 * step);
     it->measure.motion = fmax(it->scale, s2);
     it->measure.slope = c->al2 * step;
     it->measure.pull = pull;
     *m = it->measure;
     it->corrections++;
-    it->linearized = false;
+    it->linearized = it->evaluated = it->has_tangent = false;
 }
 
 static void remember_rounding(void *self)
@@ -517,8 +514,7 @@ static void balance(pma_iterate *it, const pma_state *x)
     pma_substep_balance(s, &it->step);
 }
 
-/* (8), (9); what springs and functions remember is that of the state itself, not of the iterate
- * before the last correction */
+/* (8), (9); what springs and functions remember is that of the last evaluation, at the state */
 static pma_status finish(void *self, const double *lam)
 {
     pma_subdomain *s = self;
@@ -527,13 +523,16 @@ static pma_status finish(void *self, const double *lam)
     const pma_state *x = iterate_of(it);
     if (!s->update->correct(&operator_of(it)->step, 0, s->parts.n, x))
         return PMA_NOT_FINITE;
-    if (s->energy || history > 0 || (it->parts.springs && s->parts.springs.total > 0)) {
+    const bool springs = it->parts.springs && s->parts.springs.total > 0;
+    if (!it->evaluated && (s->balance || s->energy || history > 0 || springs)) {
         const pma_status status = evaluate_forces(it, x->u, x->v, NULL);
         if (status != PMA_OK)
             return status;
-        if (!pma_is_finite(s->parts.n, it->f) || !pma_is_finite(history, x->history))
+        if (!pma_is_finite(s->parts.n, it->f))
             return PMA_NOT_FINITE;
     }
+    if (!pma_is_finite(history, x->history))
+        return PMA_NOT_FINITE;
     x->history[history] = (double)it->corrections;
     if (s->balance)
         balance(it, x);

@@ -27,8 +27,10 @@ struct pma_iterate {
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
-    bool refactored; /* the tangent was written since the present */
-    bool linearized; /* with a fresh tangent at the iterate where it is */
+    bool refactored;             /* the tangent was written since the present */
+    bool overwritten;            /* the tangent is not the one that is factored */
+    bool linearized;             /* with a fresh tangent at the iterate where it is */
+    bool evaluated, has_tangent; /* R, and the tangent, are those of the iterate where it is */
 
     double *u_n, *v_n;                  /* state in which the substep begins */
     double *springs_n, *history_n;      /* what springs and functions remember of it */

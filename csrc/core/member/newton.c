@@ -40,7 +40,9 @@ typedef struct {
 
 /* ---- (N7)  is what is left small enough? ---------------------------------------------------- */
 
-double pma_newton_rate(double theta)
+/* What is left after a correction, in parts of it; theta: its ratio to the one before it, infinite
+ * where there is none. */
+static double rate_of(double theta)
 {
     return theta < 1.0 ? fmin(theta / (1.0 - theta), UNKNOWN) : UNKNOWN;
 }
@@ -52,12 +54,11 @@ static bool is_balanced(const iteration *it)
     return it->count > 0 && (left == 0.0 || (it->close && left <= it->newton->tolerance));
 }
 
-/* After a correction, theta of the one before: without looking at the residual that is left. */
-static bool will_be_balanced(iteration *it, const pma_measure *m, double theta, bool fresh)
+/* A correction, theta to the one before. */
+static bool is_small(const iteration *it, const pma_measure *m, double theta)
 {
-    const double tolerance = it->newton->tolerance;
-    it->close = pma_newton_rate(theta) * sqrt(m->correction) <= tolerance * sqrt(m->motion);
-    return it->close && fresh && m->residual <= tolerance;
+    const double left = rate_of(theta) * sqrt(m->correction);
+    return left <= it->newton->tolerance * sqrt(m->motion);
 }
 
 /* ---- (N10)  line search --------------------------------------------------------------------- */
@@ -139,7 +140,7 @@ static pma_status evaluate(iteration *it, bool *fresh)
     const double slope = it->at.slope;
     if (status != PMA_OK && status != PMA_NOT_FINITE)
         return status;
-    if (!led_astray(it, status, slope))
+    if ((status == PMA_OK && is_balanced(it)) || !led_astray(it, status, slope))
         return status;
     if (it->keeps && status == PMA_NOT_FINITE) {
         give_up_tangents(it);
@@ -207,12 +208,16 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
             equations->restart(ctx);
             continue;
         }
-        if (will_be_balanced(&it, &m, theta, fresh))
-            return PMA_OK;
+        it.close = is_small(&it, &m, theta);
         it.slow = it.count > 1 && theta > SLOW;
         it.e = e;
         it.slope = m.slope;
     }
+    const pma_status status = equations->evaluate(ctx, false, &it.at);
+    if (status != PMA_OK)
+        return status == PMA_NOT_FINITE ? PMA_NOT_CONVERGED : status;
+    if (is_balanced(&it))
+        return PMA_OK;
     if (!is_rounding(&it))
         return PMA_NOT_CONVERGED;
     equations->remember_rounding(ctx);

@@ -22,8 +22,7 @@ typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
     double slope; /* al2 dw . R: of the last correction at the iterate, of one at its beginning */
-    double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8);
-                        of a correction: what is expected to be left of it */
+    double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8) */
     double pull;     /* of a correction: |L^T dLam| in parts of what is rounding in its row (N8) */
 } pma_measure;
 
@@ -50,10 +49,6 @@ typedef struct {
     /* The residuals of this substep are rounding, and such of their size are from now on. (N9) */
     void (*remember_rounding)(void *ctx);
 } pma_equations;
-
-/* What is left after a correction, in parts of it; theta: its ratio to the one before it, infinite
- * where there is none.                                                                     (N7) */
-double pma_newton_rate(double theta);
 
 /* Iterates until residual and error are below the tolerance. PMA_NOT_CONVERGED, or what an
  * operation comes back with.
