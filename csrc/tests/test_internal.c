@@ -90,7 +90,7 @@ static void set_up(bench *b)
 static pma_status evaluate(bench *b, double *q1, double *tangent, int *code)
 {
     const pma_status status = pma_internal_evaluate(&b->internal, 0.25, b->u, b->v, b->q, b->f, q1,
-                                                    2.0, 0.125, tangent, b->scratch, code);
+                                                    2.0, 0.125, tangent, NULL, b->scratch, code);
     for (size_t i = pma_internal_scratch(&b->internal); i < 64; i++)
         CHECK(b->scratch[i] == 7.0);
     return status;
@@ -121,6 +121,19 @@ static void internal_forces_are_evaluated_in_the_order_of_the_user_and_added(voi
     CHECK_BITS(N, b.f, ((double[]){1028, 2050, 3072})); /* twice 10 u + v */
     CHECK_BITS(4, b.q1, ((double[]){8, 9, 10, 11}));
     /* 2 K + C / 8 = 14.5 (i + 1): {1}, {2'}, {2 + 4}, -, -, {3 + 1'} */
+    CHECK_BITS(6, b.tangent, ((double[]){15, 29.5, 87.5, 0.5, 0.5, 58.5}));
+}
+
+static void the_stiffness_is_added_by_itself_too(void)
+{
+    bench b;
+    int code;
+    double stiffness[6] = {1.0};
+    set_up(&b);
+    CHECK_STATUS(pma_internal_evaluate(&b.internal, 0.25, b.u, b.v, b.q, b.f, b.q1, 2.0, 0.125,
+                                       b.tangent, stiffness, b.scratch, &code),
+                 PMA_OK);
+    CHECK_BITS(6, stiffness, ((double[]){2, 2, 6, 0, 0, 4})); /* K = i + 1, the first one added */
     CHECK_BITS(6, b.tangent, ((double[]){15, 29.5, 87.5, 0.5, 0.5, 58.5}));
 }
 
@@ -159,7 +172,7 @@ static void where_there_is_no_function_nothing_is_needed(void)
     CHECK_STATUS(pma_internal_check(&none, 0), PMA_OK);
     CHECK_INT(pma_internal_scratch(&none), 0);
     CHECK_STATUS(
-        pma_internal_evaluate(&none, 0.0, f, f, NULL, f, NULL, 1.0, 1.0, NULL, NULL, &code),
+        pma_internal_evaluate(&none, 0.0, f, f, NULL, f, NULL, 1.0, 1.0, NULL, NULL, NULL, &code),
         PMA_OK);
     CHECK_BITS(N, f, ((double[]){1, 2, 3}));
 }
@@ -186,6 +199,7 @@ static void positions_dofs_and_histories_that_do_not_fit_are_refused(void)
 
 const test INTERNAL_TESTS[] = {
     TEST(internal_forces_are_evaluated_in_the_order_of_the_user_and_added),
+    TEST(the_stiffness_is_added_by_itself_too),
     TEST(without_a_tangent_functions_are_given_none_and_histories_may_be_in_place),
     TEST(a_code_other_than_zero_ends_the_evaluation),
     TEST(where_there_is_no_function_nothing_is_needed),

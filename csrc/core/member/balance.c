@@ -38,7 +38,9 @@ typedef struct {
  * the forces as they act, the velocity, the extrapolated one, and what springs remember. */
 typedef struct {
     double *ut, *r, *x, *acting, *v, *vs, *springs;
-    sums *sums; /* of each lane */
+    double *functions, *stiffness; /* of those that are iterated */
+    bool bends;                    /* the stiffness is known */
+    sums *sums;                    /* of each lane */
 } level;
 
 enum { ARRAYS = 6 }; /* of n numbers in a level */
@@ -58,7 +60,8 @@ struct pma_balance {
     size_t kept;
     double *opened[2];         /* 2 n each: ut and r of substeps that are open */
     double *product, *scratch; /* n each */
-    double *excess;            /* of the springs of each lane, in a substep */
+    double *excess;            /* of the springs of each lane, in a substep, */
+    double bent;               /* ... and of functions */
     bool begun;                /* the present is known */
     judgement *judged;         /* of each lane */
     double seen;               /* stiffness of the last increment */
@@ -69,6 +72,12 @@ struct pma_balance {
 static size_t spring_numbers(const pma_balance_parts *p)
 {
     return pma_springs_numbers(p->springs);
+}
+
+/* Of the functions that are iterated: forces and stiffness. */
+static size_t function_numbers(const pma_balance_parts *p)
+{
+    return p->ptr ? p->n + (size_t)p->ptr[p->n] : 0;
 }
 
 static void take_level(double **next, sums **next_sums, const pma_balance_parts *p, level *at)
@@ -82,7 +91,9 @@ static void take_level(double **next, sums **next_sums, const pma_balance_parts 
                   .vs = x + 5 * p->n,
                   .springs = x + ARRAYS * p->n,
                   .sums = *next_sums};
-    *next = at->springs + spring_numbers(p);
+    at->functions = at->springs + spring_numbers(p);
+    at->stiffness = at->functions + p->n;
+    *next = at->functions + function_numbers(p);
     *next_sums += p->lanes;
 }
 
@@ -104,7 +115,7 @@ static void lay_out(pma_balance *b)
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
     const size_t n = parts->n, kept = parts->responds ? parts->substeps : 1;
-    const size_t size = ARRAYS * n + spring_numbers(parts);
+    const size_t size = ARRAYS * n + spring_numbers(parts) + function_numbers(parts);
     *out = NULL;
     if (parts->M.n != n)
         return PMA_BAD_SIZE;
@@ -214,6 +225,46 @@ static double rest_of(double whole, double taken)
     return share * (whole - 0.5 * taken);
 }
 
+/* du . K du */
+static double bending(const pma_balance *b, const double *K, const double *du)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < b->parts.n; i++) {
+        for (int64_t k = b->parts.ptr[i]; k < b->parts.ptr[i + 1]; k++)
+            sum += du[i] * K[k] * du[b->parts.index[k]];
+    }
+    return sum;
+}
+
+/* (B12)  The work of du . f beyond the mean of its ends, `change` apart, if its slope is k0 up to
+ * the share s of the path and k1 from there on */
+static double work_of_bend(double change, double k0, double k1)
+{
+    const double s = fmin(fmax((k1 - change) / (k1 - k0), 0.0), 1.0);
+    const double work = 0.5 * (k0 - k1) * s * (1.0 - s);
+    return isfinite(work) ? work : 0.0;
+}
+
+void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
+                      const double *K)
+{
+    const level *from = level_at(b, step->j);
+    level *to = level_at(b, step->j + 1);
+    b->bent = 0.0;
+    if (K && from->bends && (step->j > 0 || b->begun)) {
+        double *du = b->scratch, change = 0.0;
+        for (size_t i = 0; i < b->parts.n; i++) {
+            du[i] = u[i] - from->ut[i];
+            change += du[i] * (f[i] - from->functions[i]);
+        }
+        b->bent = work_of_bend(change, bending(b, from->stiffness, du), bending(b, K, du));
+    }
+    memcpy(to->functions, f, b->parts.n * sizeof(double));
+    to->bends = K != NULL;
+    if (K)
+        memcpy(to->stiffness, K, (size_t)b->parts.ptr[b->parts.n] * sizeof(double));
+}
+
 /* (B8), (B9) of a lane, from one level to the next, whose x is known; they may be the same */
 static void sum_up(pma_balance *b, bool known, const level *from, level *to, const double *ut,
                    const double *r, const double *v, size_t lane)
@@ -255,6 +306,7 @@ static void sum_up_lanes(pma_balance *b, size_t j, const double *ut, const doubl
     level *to = level_at(b, j + 1);
     memset(b->excess, 0, b->parts.lanes * sizeof(double));
     pma_springs_add_excess(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
+    b->excess[0] += b->bent;
     for (size_t l = 0; l < b->parts.lanes; l++)
         sum_up(b, j > 0 || b->begun, from, to, ut, r, v, l);
 }

@@ -29,6 +29,8 @@ typedef struct {
     pma_matrix K_r, D_r;        /* as in (R2) and (M3); zero where they do not act */
     const pma_springs *springs; /* among the forces */
     bool looks;                 /* for contact that closes; one lane */
+    const int64_t *ptr;         /* n + 1: the stiffness of functions that are iterated, by rows; */
+    const int32_t *index;       /* ... NULL: there are none. One lane */
 } pma_balance_parts;
 
 typedef struct pma_balance pma_balance;
@@ -43,6 +45,12 @@ void pma_balance_begin(pma_balance *b, const double *v);
 /* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), zeroed,
  * for the forces evaluated there. Two of them can be open. */
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
+
+/* Functions that are iterated, before the substep is closed: their force (n) at its end u (n), and
+ * their stiffness there, or NULL where it is not known. Their work is that along a path on which
+ * the stiffness changes once. */
+void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
+                      const double *K);
 
 /* The substep is closed: its velocity v and acceleration w (n), and what its springs remember;
  * u - ut = al1 w. Begins again from the present with the first one. */

@@ -55,8 +55,8 @@ static bool is_symmetric(const pma_internal_force *force, const double *tangent)
 
 pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
                                  const double *v, const double *q, double *f, double *q1,
-                                 double al1, double al2, double *tangent, double *scratch,
-                                 int *code)
+                                 double al1, double al2, double *tangent, double *stiffness,
+                                 double *scratch, int *code)
 {
     const size_t n = internal->n, entries = internal->count > 0 ? most_entries(internal) : 0;
     double *own_u = scratch, *own_v = own_u + n, *own_f = own_v + n;
@@ -83,6 +83,8 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
             f[i] += own_f[internal->order[i]];
         for (size_t i = 0; tangent && i < force->entries; i++)
             tangent[force->where[i]] += al1 * K[i] + al2 * C[i];
+        for (size_t i = 0; tangent && stiffness && i < force->entries; i++)
+            stiffness[force->where[i]] += K[i];
         at += force->history;
     }
     if (internal->count > 0)

@@ -48,13 +48,14 @@ pma_status pma_internal_check(const pma_internal *internal, size_t entries);
 size_t pma_internal_scratch(const pma_internal *internal);
 
 /* f (n) += f(u, v, t; q) in elimination order, q1 := the histories at the end; where `tangent` (of
- * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv. q1 may be q.
+ * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv, and where `stiffness`
+ * is not NULL either, stiffness += df/du in the same pattern. q1 may be q.
  * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC
  * for a tangent that should be symmetric. Does not allocate. */
 pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
                                  const double *v, const double *q, double *f, double *q1,
-                                 double al1, double al2, double *tangent, double *scratch,
-                                 int *code);
+                                 double al1, double al2, double *tangent, double *stiffness,
+                                 double *scratch, int *code);
 
 /* *energy := the sum of the potentials of those that have one, at u (n). As above. */
 pma_status pma_internal_potential(const pma_internal *internal, const double *u, double *energy,

@@ -85,8 +85,9 @@ static pma_status allocate(pma_iterate *it)
     const size_t n = p->n, total = p->springs.total, springs = pma_iterate_spring_numbers(it);
     const size_t history = p->internal.history, functions = pma_internal_scratch(&p->internal);
     const size_t kept = it->parts.keeps ? (size_t)it->parts.tangent.ptr[n] : 0;
-    const size_t size =
-        15 * n + 2 * p->nb + 2 * p->link.p + springs + total + history + functions + kept;
+    const size_t stiffness = p->internal.count > 0 ? (size_t)it->parts.tangent.ptr[n] : 0;
+    const size_t size = 15 * n + 2 * p->nb + 2 * p->link.p + springs + total + history + functions +
+                        kept + stiffness;
     it->block = calloc(size + 1, sizeof(double));
     it->rows = calloc(p->link.p + 1, sizeof *it->rows);
     it->column = calloc(entries_of_link(&p->link) + 1, sizeof *it->column);
@@ -108,6 +109,7 @@ static pma_status allocate(pma_iterate *it)
     it->history_n = take(&next, history);
     it->scratch = take(&next, functions);
     it->entries = take(&next, kept);
+    it->stiffness = take(&next, stiffness);
     return PMA_OK;
 }
 

@@ -177,9 +177,11 @@ static pma_status evaluate_forces(pma_iterate *it, const double *u, const double
     const pma_state *x = iterate_of(it);
     memset(it->f, 0, p->n * sizeof(double));
     memset(it->force, 0, p->n * sizeof(double));
-    const pma_status status =
-        pma_internal_evaluate(&p->internal, it->step.t1, u, v, it->history_n, it->force, x->history,
-                              op->step.al1, op->step.al2, tangent, it->scratch, &s->code);
+    if (tangent && p->internal.count > 0)
+        memset(it->stiffness, 0, pma_iterate_entries(it) * sizeof(double));
+    const pma_status status = pma_internal_evaluate(
+        &p->internal, it->step.t1, u, v, it->history_n, it->force, x->history, op->step.al1,
+        op->step.al2, tangent, it->stiffness, it->scratch, &s->code);
     if (status != PMA_OK)
         return status;
     if (it->parts.springs) {
@@ -507,6 +509,9 @@ static void balance(pma_iterate *it, const pma_state *x)
 {
     pma_subdomain *s = it->of;
     double *r = pma_balance_open(s->balance, it->step.number, x->u);
+    if (s->parts.internal.count > 0)
+        pma_balance_bend(s->balance, &it->step, x->u, it->force,
+                         it->has_tangent ? it->stiffness : NULL);
     if (it->parts.springs)
         pma_springs_add(&s->parts.springs, x->springs, r);
     for (size_t i = 0; i < s->parts.n; i++)

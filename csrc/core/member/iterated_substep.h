@@ -42,6 +42,7 @@ struct pma_iterate {
     double *forces, *limit, *rounding;  /* of each row: at the beginning, of the terms of R */
     int64_t *diagonal;                  /* entries of Mbar */
     double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
+    double *stiffness;                  /* of functions, in the pattern of the tangent */
     double *lam;                        /* 2 p: scratch, the first half zero */
     double *many;                       /* scratch of pma_numeric_compliance */
     double *size, *product;             /* n: scratch */

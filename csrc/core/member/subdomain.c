@@ -280,7 +280,7 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     if (internal->count == 0)
         return PMA_OK;
     return pma_internal_evaluate(internal, t, u, v, internal->initial, r, s->history, 0.0, 0.0,
-                                 NULL, s->force + s->parts.n, &s->code);
+                                 NULL, NULL, s->force + s->parts.n, &s->code);
 }
 
 pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
@@ -380,6 +380,7 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, b
     static const pma_springs no_springs = {0};
     const bool follows = !s->iterate && !p->doubled;      /* vs is that of the level before */
     const bool once = s->iterate && !p->iterate->springs; /* not at the state itself */
+    const bool bends = s->iterate && p->internal.count > 0;
     const pma_balance_parts parts = {.n = p->n,
                                      .lanes = 1,
                                      .substeps = p->substeps,
@@ -393,7 +394,9 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, b
                                                           : K_r,
                                      .D_r = follows ? p->D_r : none,
                                      .springs = once ? &no_springs : &p->springs,
-                                     .looks = looks};
+                                     .looks = looks,
+                                     .ptr = bends ? p->iterate->tangent.ptr : NULL,
+                                     .index = bends ? p->iterate->tangent.index : NULL};
     return watch(s, &parts);
 }
 
@@ -492,7 +495,7 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
         return PMA_NO_MEMORY;
     memset(f, 0, s->parts.n * sizeof *f);
     pma_status status = pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0,
-                                              0.0, NULL, s->force + s->parts.n, &s->code);
+                                              0.0, NULL, NULL, s->force + s->parts.n, &s->code);
     free(after);
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }

@@ -65,7 +65,7 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
     memset(s->force, 0, p->n * sizeof(double));
     pma_status status =
         pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, s->force, to->history,
-                              0.0, 0.0, NULL, s->force + p->n, &s->code);
+                              0.0, 0.0, NULL, NULL, s->force + p->n, &s->code);
     for (size_t i = 0; i < p->n; i++)
         to->w[i] -= s->force[i];
     for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)
