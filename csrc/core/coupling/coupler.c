@@ -84,6 +84,8 @@ static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
         c->motions[i] = parts->motions[i];
     c->parts.motions = c->motions;
     c->parts.members = NULL; /* c->coupled has them */
+    c->own = c->coupled;
+    c->end_of_own = c->coupled + parts->count;
     return PMA_OK;
 }
 
@@ -91,8 +93,8 @@ static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
  * fine steps. */
 static bool all_look_ahead(const pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (!c->coupled[i].member.table->is_known)
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        if (!m->member.table->is_known)
             return false;
     }
     return true;
@@ -103,22 +105,23 @@ static pma_status make_roster(pma_coupler *c)
 {
     const bool ahead = all_look_ahead(c);
     const size_t most = c->parts.threads < PMA_MOST_WORKERS ? c->parts.threads : PMA_MOST_WORKERS;
-    pma_duty *duties = calloc(c->parts.count + 1, sizeof *duties);
+    const size_t count = (size_t)(c->end_of_own - c->own);
+    pma_duty *duties = calloc(count + 1, sizeof *duties);
     if (!duties)
         return PMA_NO_MEMORY;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        duties[i] = c->parts.schedule->duty(&c->coupled[i].member);
+    for (size_t i = 0; i < count; i++) {
+        duties[i] = c->parts.schedule->duty(&c->own[i].member);
         duties[i].parallel = duties[i].parallel && ahead;
     }
-    const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
-                                                c->parts.worthwhile, &c->roster);
+    const pma_status status =
+        pma_roster_create(count, duties, most > 0 ? most : 1, c->parts.worthwhile, &c->roster);
     free(duties);
     for (size_t w = 0; status == PMA_OK && w < c->roster.workers; w++) {
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
-            c->coupled[c->roster.order[i]].worker = w;
+            pma_member_of(c, i)->worker = w;
     }
     if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT) {
-        c->split = &c->coupled[c->roster.split];
+        c->split = &c->own[c->roster.split];
         c->workers = pma_teamwork_workers(c);
         c->split->workers = &c->workers;
     }
@@ -130,8 +133,7 @@ static pma_status prepare_members(pma_coupler *c)
 {
     const bool ahead = pma_look_ahead_is_used(c);
     pma_status status = PMA_OK;
-    for (size_t i = 0; i < c->parts.count && status == PMA_OK; i++) {
-        pma_coupled *m = &c->coupled[i];
+    for (pma_coupled *m = c->own; m < c->end_of_own && status == PMA_OK; m++) {
         m->ahead = ahead;
         if (ahead || m->workers)
             status =
@@ -332,9 +334,9 @@ static void reach(pma_coupler *c)
 /* Back to the present, with nothing open, after what ended the macro step at hand. */
 static void abandon(pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        c->coupled[i].assigned = (pma_assignment){.closes = false};
-        c->coupled[i].member.table->discard(c->coupled[i].member.self);
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        m->assigned = (pma_assignment){.closes = false};
+        m->member.table->discard(m->member.self);
     }
     c->reached.number = c->present.number;
     c->k = 0;

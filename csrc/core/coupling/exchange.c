@@ -48,7 +48,11 @@ pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts)
     if (!c->exchange)
         return PMA_NO_MEMORY;
     c->exchange->parts = *parts;
-    return parts->first[parts->ranks] == (int64_t)c->parts.count ? PMA_OK : PMA_BAD_SIZE;
+    if (parts->first[parts->ranks] != (int64_t)c->parts.count)
+        return PMA_BAD_SIZE;
+    c->own = c->coupled + parts->first[parts->rank];
+    c->end_of_own = c->coupled + parts->first[parts->rank + 1];
+    return PMA_OK;
 }
 
 void pma_exchange_destroy(pma_exchange *x)
@@ -339,7 +343,9 @@ static void write_block(const pma_coupler *c, const pma_coupled *m, double *to)
 
 static void read_block(pma_coupler *c, const pma_coupled *m, const double *from)
 {
-    memcpy(member_in(c, m)->block, from, block_size(c, m) * sizeof(double));
+    pma_iteration_member *theirs = member_in(c, m);
+    memcpy(theirs->block, from, block_size(c, m) * sizeof(double));
+    theirs->known = theirs->known || theirs->changed;
 }
 
 /* Those that were made since the last interface problem, if any; all know which. */

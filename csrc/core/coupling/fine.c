@@ -47,8 +47,7 @@ pma_duty pma_fine_duty(const pma_member *member)
 static pma_duty duty_in_parallel(const pma_member *member)
 {
     pma_duty duty = pma_fine_duty(member);
-    duty.parallel =
-        member->doubling != PMA_SINGLE && member->forces == PMA_NO_FORCES && !member->elsewhere;
+    duty.parallel = member->doubling != PMA_SINGLE && member->forces == PMA_NO_FORCES;
     return duty;
 }
 
@@ -170,8 +169,8 @@ static pma_status meeting_step(pma_coupler *c)
 /* (S3)  After the first macro step, for the members that take double steps from now on */
 static void rebase(pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_member *member = &m->member;
         if (member->doubling != PMA_SINGLE && member->table->rebase)
             member->table->rebase(member->self, member->substeps, c->working.lam);
     }

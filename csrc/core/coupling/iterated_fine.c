@@ -75,11 +75,11 @@ static pma_status open_substeps(pma_coupler *c)
     memcpy(c->iteration->lam_begin, lam, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
-        c->iteration->members[i].changed = false;
-        if (begins(m)) {
+        const bool opens_long = begins(m) && table_of(m) && m->ratio > 1;
+        c->iteration->members[i].changed = opens_long; /* in other processes too */
+        c->iteration->stale = c->iteration->stale || opens_long;
+        if (begins(m))
             c->unpolled += m->member.entries;
-            c->iteration->stale = c->iteration->stale || (table_of(m) && m->ratio > 1);
-        }
     }
     return pma_share(c, open, begins);
 }
@@ -234,9 +234,9 @@ static void restart(void *ctx)
 static void remember_rounding(void *ctx)
 {
     pma_coupler *c = ctx;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (is_iterated(&c->coupled[i]))
-            table_of(&c->coupled[i])->remember_rounding(c->coupled[i].member.self);
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        if (is_iterated(m))
+            table_of(m)->remember_rounding(m->member.self);
     }
 }
 
@@ -258,8 +258,7 @@ static size_t find_slowest(const pma_coupler *c)
 static pma_status find_factors(pma_coupler *c, bool *all)
 {
     pma_status status = PMA_OK;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_coupled *m = &c->coupled[i];
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
         if (is_iterated(m))
             member_in(c, m)->factored = table_of(m)->has_factor(m->member.self);
     }

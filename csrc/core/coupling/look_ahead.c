@@ -16,13 +16,18 @@ static size_t first_parallel(const pma_coupler *c)
     return c->roster.begin[c->roster.fine];
 }
 
+static size_t end_of_parallel(const pma_coupler *c)
+{
+    return c->roster.begin[c->roster.workers];
+}
+
 pma_status pma_look_ahead_create(pma_coupler *c)
 {
-    const size_t first = first_parallel(c), p = c->parts.p;
-    c->lam_deferred = calloc((c->parts.count - first) * p + 1, sizeof(double));
+    const size_t first = first_parallel(c), end = end_of_parallel(c), p = c->parts.p;
+    c->lam_deferred = calloc((end - first) * p + 1, sizeof(double));
     if (!c->lam_deferred)
         return PMA_NO_MEMORY;
-    for (size_t i = first; i < c->parts.count; i++)
+    for (size_t i = first; i < end; i++)
         pma_member_of(c, i)->lam = c->lam_deferred + (i - first) * p;
     return PMA_OK;
 }
@@ -123,7 +128,7 @@ void pma_look_ahead_open(pma_coupler *c)
 
 static bool has_failed_assignment(const pma_coupler *c)
 {
-    for (size_t i = first_parallel(c); i < c->parts.count; i++) {
+    for (size_t i = first_parallel(c); i < end_of_parallel(c); i++) {
         const pma_assignment *work = &pma_member_of(c, i)->assigned;
         if (!work->closes && !work->opens && work->status != PMA_OK)
             return true;
@@ -153,7 +158,7 @@ pma_status pma_look_ahead_await(pma_coupler *c)
 
 bool pma_look_ahead_is_busy(const pma_coupler *c)
 {
-    for (size_t i = first_parallel(c); i < c->parts.count; i++) {
+    for (size_t i = first_parallel(c); i < end_of_parallel(c); i++) {
         const pma_assignment *work = &pma_member_of(c, i)->assigned;
         if (work->closes || work->opens || work->status != PMA_OK)
             return true;

@@ -15,9 +15,10 @@ pma_status pma_macro_check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
+        const bool responds = member->elsewhere || member->table->respond;
         if (member->shoots)
             continue;
-        if (member->substeps > 1 && (member->doubling != PMA_SINGLE || !member->table->respond))
+        if (member->substeps > 1 && (member->doubling != PMA_SINGLE || !responds))
             return PMA_BAD_SIZE;
     }
     return PMA_OK;

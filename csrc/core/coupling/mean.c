@@ -14,7 +14,9 @@ pma_status pma_mean_check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        if (!(member->table->respond || member->shoots) || !member->table->hold_energy ||
+        const pma_member_table *table = member->table;
+        const bool responds = (table->respond || member->shoots) && table->hold_energy;
+        if (!(responds || member->elsewhere) ||
             (member->substeps > 1 && member->doubling != PMA_SINGLE))
             return PMA_BAD_SIZE;
     }
@@ -195,9 +197,8 @@ pma_status pma_mean_accelerate(pma_coupler *c, pma_coupled *m)
 void pma_mean_record(pma_coupler *c)
 {
     multipliers_at(c, 1.0, c->sums);
-    for (size_t i = 0; i < c->parts.count && c->record; i++) {
-        const pma_coupled *m = &c->coupled[i];
-        const pma_selection *selection = &c->record->selections[i];
+    for (const pma_coupled *m = c->own; m < c->end_of_own && c->record; m++) {
+        const pma_selection *selection = &c->record->selections[m - c->coupled];
         const size_t row = pma_recorder_row(c, m->member.substeps, m->member.substeps);
         if (!pma_selection_is_empty(selection) && row != PMA_NO_ROW)
             m->member.table->record(m->member.self, PMA_ACCELERATION, 0, c->sums, selection, row);
@@ -244,11 +245,10 @@ static pma_status prepare(pma_coupler *c, const pma_iteration_parts *parts)
 
 void pma_mean_record_present(const pma_coupler *c, const pma_record *record)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        if (!pma_selection_is_empty(&record->selections[i]))
-            member->table->record(member->self, PMA_ACCELERATION, 0, c->lam_end,
-                                  &record->selections[i], 0);
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_selection *selection = &record->selections[m - c->coupled];
+        if (!pma_selection_is_empty(selection))
+            m->member.table->record(m->member.self, PMA_ACCELERATION, 0, c->lam_end, selection, 0);
     }
 }
 

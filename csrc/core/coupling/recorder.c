@@ -86,9 +86,8 @@ static void velocity_jump(const pma_coupler *c, double *jump)
 
 static void write_members(const pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_coupled *m = &c->coupled[i];
-        const pma_selection *selection = &c->record->selections[i];
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_selection *selection = &c->record->selections[m - c->coupled];
         if (!pma_is_ending(m) || pma_look_ahead_is_deferred(m) || pma_selection_is_empty(selection))
             continue;
         const size_t row = pma_recorder_row(c, m->now.j + 1, m->member.substeps);
@@ -170,10 +169,9 @@ void pma_recorder_complete(const pma_coupler *c)
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 {
     const size_t p = c->parts.p;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        member->table->record(member->self, PMA_MOTION, 0, NULL, &record->selections[i], 0);
-    }
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++)
+        m->member.table->record(m->member.self, PMA_MOTION, 0, NULL,
+                                &record->selections[m - c->coupled], 0);
     if (c->parts.schedule->record_present)
         c->parts.schedule->record_present(c, record);
     if (record->energy)

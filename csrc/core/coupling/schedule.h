@@ -64,11 +64,12 @@ typedef bool (*pma_due)(const pma_coupled *m);
 
 struct pma_coupler {
     pma_coupler_parts parts;
-    pma_coupled *coupled; /* one for each member */
-    size_t fine;          /* interface problems in a macro step */
-    size_t k;             /* fine steps since the present, with the one at hand */
-    size_t entries;       /* read by the members in a fine step, on average */
-    pma_origin origin;    /* where macro steps are counted from */
+    pma_coupled *coupled;          /* one for each member */
+    pma_coupled *own, *end_of_own; /* those of this process */
+    size_t fine;                   /* interface problems in a macro step */
+    size_t k;                      /* fine steps since the present, with the one at hand */
+    size_t entries;                /* read by the members in a fine step, on average */
+    pma_origin origin;             /* where macro steps are counted from */
 
     /* The present is committed. All members have arrived at `reached`, which waits to be committed
      * while it has another number. `working` is that of the fine step at hand, without a number. */
@@ -169,10 +170,10 @@ static inline bool pma_is_ending(const pma_coupled *m)
     return m->now.phase == m->ratio;
 }
 
-/* Number i of the roster. */
+/* Number i of the roster, which has the members of this process. */
 static inline pma_coupled *pma_member_of(const pma_coupler *c, size_t i)
 {
-    return &c->coupled[c->roster.order[i]];
+    return &c->own[c->roster.order[i]];
 }
 
 /* Does any member take double steps? */
@@ -392,8 +393,7 @@ static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 {
     if (c->team)
         return pma_teamwork_do(c, task, due);
-    pma_coupled *const end = c->coupled + c->parts.count;
-    for (pma_coupled *m = c->coupled; m < end; m++) {
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
         const pma_status status = due(m) ? task(c, m) : PMA_OK;
         if (status != PMA_OK) {
             c->failed = (size_t)(m - c->coupled);

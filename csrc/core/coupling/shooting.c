@@ -27,11 +27,6 @@ static bool shoots(const pma_coupled *m)
     return m->member.shoots;
 }
 
-static bool runs_here(const pma_coupled *m)
-{
-    return m->member.shoots && !m->member.elsewhere;
-}
-
 /* ---- a run ---------------------------------------------------------------------------------- */
 
 /* Displacements are tied, by multipliers that are constant and push: in what follows dLam is then
@@ -185,10 +180,10 @@ static void residual(const pma_coupler *c, const double *known, double *r)
  * was iterated in it; of those in other processes they are received. */
 static void measure(const pma_coupler *c, bool first)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        pma_iteration_member *own = &c->iteration->members[i];
-        if (!runs_here(&c->coupled[i]))
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_member *member = &m->member;
+        pma_iteration_member *own = &c->iteration->members[m - c->coupled];
+        if (!member->shoots)
             continue;
         if (first)
             own->kinetic_before = member->table->kinetic(member->self, 0);
@@ -268,7 +263,7 @@ static void correct(pma_coupler *c, bool first)
 /* The runs of all members under the multipliers as they are. */
 static pma_status run_members(pma_coupler *c, bool first)
 {
-    pma_status status = pma_share(c, run, runs_here);
+    pma_status status = pma_share(c, run, shoots);
     if (atomic_load(&c->stopped))
         status = PMA_STOPPED;
     if (status == PMA_OK)
@@ -332,9 +327,7 @@ static pma_status respond(pma_coupler *c, pma_coupled *m)
 {
     if (!is_mean(c))
         return shoots(m) ? PMA_OK : pma_macro_respond(c, m);
-    if (!shoots(m))
-        return pma_mean_respond(c, m);
-    return runs_here(m) ? pma_mean_accelerate(c, m) : PMA_OK;
+    return shoots(m) ? pma_mean_accelerate(c, m) : pma_mean_respond(c, m);
 }
 
 static pma_status solve(pma_coupler *c)

@@ -71,8 +71,8 @@ bool pma_coupler_poll(pma_coupler *c)
 
 void pma_coupler_commit(pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->coupled[i].member.table->commit(c->coupled[i].member.self);
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++)
+        m->member.table->commit(m->member.self);
     pma_macro_level_swap(&c->present, &c->reached);
     c->reached.number = c->present.number;
     c->k -= c->fine;

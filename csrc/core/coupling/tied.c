@@ -11,7 +11,7 @@ static pma_status check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        if (!member->table->shift || member->doubling != PMA_SINGLE)
+        if (!(member->elsewhere || member->table->shift) || member->doubling != PMA_SINGLE)
             return PMA_BAD_SIZE;
     }
     return parts->gap.p == parts->p ? pma_fine_check(parts) : PMA_BAD_SIZE;

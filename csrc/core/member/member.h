@@ -160,7 +160,7 @@ typedef struct {
     pma_evaluation forces;
     bool waits;     /* under mean coupling, its single steps are closed, not responded to (K7) */
     bool shoots;    /* has internal forces: macro coupling repeats its macro step (shooting.c) */
-    bool elsewhere; /* is in another process (remote.h) */
+    bool elsewhere; /* is in another process (remote.h): has nothing but `values` */
     const pma_struck_table *struck; /* with contacts, else NULL */
     pma_iterated iterated; /* with a table where its steps are iterated: it does not advance */
 } pma_member;

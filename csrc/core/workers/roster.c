@@ -197,7 +197,7 @@ static size_t find_candidate(size_t count, const pma_duty *duties)
 /* No more workers than can have something to do. */
 static size_t most_workers(size_t count, const pma_duty *duties, size_t candidate, size_t workers)
 {
-    size_t most = count > 0 ? count : workers;
+    size_t most = count > 0 ? count : 1;
     if (candidate != PMA_NO_SPLIT)
         most += duties[candidate].entries / (size_t)PMA_RANGE - 1;
     return workers < most ? workers : most;
