@@ -188,11 +188,8 @@ class Coupler:
         p: int,
         H_start: tuple[np.ndarray, Any],
         H: tuple[np.ndarray, Any],
-        dt: float,
-        rebased: bool,
         motions: tuple[np.ndarray, ...],
-        threads: int = 1,
-        worthwhile: bool = False,
+        options: dict[str, Any],  # of Options.of_core
         schedule: _Schedule = "fine",
         iteration: _Iteration | None = None,
         doubled: _Matrix = ...,  # mean coupling: the part of H of double steps

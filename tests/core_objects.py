@@ -45,7 +45,7 @@ NONE = (np.empty(0), None)
 
 def coupler_arguments(**others):
     parts = {"subdomains": (subdomain(),), "p": 1, "H_start": ONE, "H": ONE}
-    return parts | {"dt": 0.1, "rebased": True, "motions": ()} | others
+    return parts | {"motions": (), "options": {"dt": 0.1, "rebased": True}} | others
 
 
 def coupler(**others):

@@ -53,7 +53,7 @@ def solve(factor, b, nb):
         twice=None,
         link=link,
     )
-    coupler = _core.Coupler((s,), 0, (none, None), (none, None), 1.0, False, ())
+    coupler = _core.Coupler((s,), 0, (none, None), (none, None), (), {"dt": 1.0})
     zero = np.zeros(n)
     s.start(zero, zero, zero, none)
     s.set_load(b)

@@ -122,31 +122,66 @@ static int take_mean(CouplerObject *self, PyObject *obj, pma_coupler_parts *part
     return pma_take_matrix(obj, (npy_intp)parts->p, "doubled", self->arrays, &parts->doubled);
 }
 
+static const pma_option *find_option(PyObject *name)
+{
+    const size_t count = sizeof PMA_COUPLER_OPTIONS / sizeof *PMA_COUPLER_OPTIONS;
+    for (size_t i = 0; PyUnicode_Check(name) && i < count; i++) {
+        if (PyUnicode_CompareWithASCIIString(name, PMA_COUPLER_OPTIONS[i].name) == 0)
+            return &PMA_COUPLER_OPTIONS[i];
+    }
+    PyErr_Format(PyExc_TypeError, "options must be those of the core, got %R", name);
+    return NULL;
+}
+
+static int take_option(const pma_option *option, PyObject *value, pma_coupler_parts *parts)
+{
+    char *to = (char *)parts + option->at;
+    if (option->kind == PMA_NUMBER)
+        *(double *)to = PyFloat_AsDouble(value);
+    else if (option->kind == PMA_COUNT)
+        *(size_t *)to = PyLong_AsSize_t(value);
+    else
+        *(bool *)to = PyObject_IsTrue(value) > 0;
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+/* What is not in the dict is zero. */
+static int take_options(PyObject *dict, pma_coupler_parts *parts)
+{
+    PyObject *name, *value;
+    Py_ssize_t position = 0;
+    int failed = 0;
+    while (!failed && PyDict_Next(dict, &position, &name, &value)) {
+        const pma_option *option = find_option(name);
+        Py_INCREF(value);
+        failed = option ? take_option(option, value, parts) : -1;
+        Py_DECREF(value);
+    }
+    return failed;
+}
+
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {
-        "subdomains", "p",        "H_start",   "H",       "dt",  "rebased",   "motions", "threads",
-        "worthwhile", "schedule", "iteration", "doubled", "gap", "processes", "contact", NULL};
-    PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None, *doubled = NULL,
-                                                  *gap = Py_None, *processes = Py_None,
-                                                  *contact = Py_None;
+    static char *names[] = {"subdomains", "p",        "H_start",   "H",       "motions",
+                            "options",    "schedule", "iteration", "doubled", "gap",
+                            "processes",  "contact",  NULL};
+    PyObject *subdomains, *H_start, *H, *motions, *options;
+    PyObject *iterated = Py_None, *doubled = NULL, *gap = Py_None, *processes = Py_None,
+             *contact = Py_None;
     pma_contact_parts contacts;
     pma_contact_side *sides = NULL;
     pma_iteration_parts iteration;
-    Py_ssize_t p, threads = 1;
-    int rebased, worthwhile = 0;
+    Py_ssize_t p;
     const char *schedule = "fine";
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|npsOOOOO", names, &PyTuple_Type,
-                                     &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
-                                     &PyTuple_Type, &motions, &threads, &worthwhile, &schedule,
-                                     &iterated, &doubled, &gap, &processes, &contact) ||
-        check_subdomains(type, subdomains) < 0)
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOO!O!|sOOOOO", names, &PyTuple_Type,
+                                     &subdomains, &p, &H_start, &H, &PyTuple_Type, &motions,
+                                     &PyDict_Type, &options, &schedule, &iterated, &doubled, &gap,
+                                     &processes, &contact) ||
+        check_subdomains(type, subdomains) < 0 || take_options(options, &parts) < 0)
         return NULL;
     if (p < 0 || (PyTuple_Size(subdomains) == 0 && processes == Py_None))
         return PyErr_Format(PyExc_ValueError, "p must be at least 0 and subdomains not empty");
-    if (threads < 1)
-        return PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
     parts.schedule = schedule_of(schedule);
     if (parts.schedule && (contact != Py_None) != (parts.schedule == &pma_contact_schedule))
         return PyErr_Format(PyExc_ValueError, "contact must be given to the schedule of contacts");
@@ -154,9 +189,6 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     if (!self)
         return NULL;
     parts.p = (size_t)p;
-    parts.rebased = rebased;
-    parts.threads = (size_t)threads;
-    parts.worthwhile = worthwhile;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
@@ -485,7 +517,7 @@ static PyGetSetDef coupler_getset[] = {
 };
 
 static PyType_Slot coupler_slots[] = {
-    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions, schedule=\"fine\")\n\n"
+    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, motions, options, schedule=\"fine\")\n\n"
                 "The subdomains, the interface problem and the schedule."},
     {Py_tp_new, coupler_new},
     {Py_tp_traverse, coupler_traverse},

@@ -129,7 +129,13 @@ class Coupler:
     ):
         guard, ranks = Guard(), None if comm is None else Ranks(comm)
         with guard if ranks is None else ranks.entered(guard):
-            options = Options(dt, coupling, start, drift, newton)  # type: ignore[arg-type]  # None is resolved there
+            options = Options(
+                dt=dt,
+                coupling=coupling,  # type: ignore[arg-type]  # None is resolved there
+                start=start,
+                drift=drift,
+                newton=newton,
+            )
             self._session = made(guard, ranks, subdomains, constraints, options, threads)
 
     def __reduce__(self) -> tuple[Any, ...]:

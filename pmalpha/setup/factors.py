@@ -395,7 +395,7 @@ def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
     no_links = (0, np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
     unit_step = (0.0, 0.0, 0.0, 1.0)
     part = _core.Subdomain(n, 0, 1, None, None, unit_step, (1.0, *factor), None, no_links)
-    coupler = _core.Coupler((part,), 0, (none, None), (none, None), 1.0, False, ())
+    coupler = _core.Coupler((part,), 0, (none, None), (none, None), (), {"dt": 1.0})
     zero = np.zeros(n)
     part.start(zero, zero, zero, none)
     part.set_load(b)

@@ -198,6 +198,11 @@ class Options(NamedTuple):
         """The options by name, in the form in which problems are compared."""
         return {**self._asdict(), "newton": repr(self.newton)}
 
+    def of_core(self, dt: float, threads: int, worthwhile: bool) -> dict[str, Any]:
+        """The options of coupler.h by name, with the present macro step."""
+        steps = {"dt": dt, "rebased": self.start == "rebased"}
+        return steps | {"threads": threads, "worthwhile": worthwhile}
+
 
 def checked_options(options: Options, count: int) -> Options:
     """The options of a coupler of this number of subdomains, with dt as a number; TypeError and

@@ -81,9 +81,8 @@ class InitialAccelerations:
             p,
             factor,
             factor,
-            1.0,
-            False,
             everywhere,
+            {"dt": 1.0},
             processes=processes(ranks, map(_Mass.remote, self.masses)),
         )
         self.lanes: tuple[tuple[_core.Subdomain, ...], _core.Coupler] | None = None  # when needed

@@ -51,17 +51,32 @@ typedef struct {
     pma_interface H;           /* (18), double steps where they are taken: from the second on */
     pma_interface gap;         /* (V4), of the tied schedule */
     pma_matrix doubled;        /* mean coupling: the part of H of members with double steps */
-    double dt;                 /* macro step */
-    bool rebased;              /* (S3) after the first macro step, else the plain start */
     const pma_schedule *schedule;
     const pma_iteration_parts *iteration; /* of the last two schedules, else NULL; copied */
     const pma_exchange_parts *exchange;   /* with members in other processes, else NULL; copied */
     const pma_contact_parts *contact;     /* of the schedule with contacts, else NULL; copied */
     size_t motion_count;
     const pma_motion *motions; /* copied */
-    size_t threads;            /* maximum number, including the caller; 0 stands for 1 */
-    bool worthwhile;           /* fewer of them where they would not pay, see roster.h */
+
+    /* options, of the table below */
+    double dt;       /* macro step */
+    bool rebased;    /* (S3) after the first macro step, else the plain start */
+    size_t threads;  /* maximum number, including the caller; 0 stands for 1 */
+    bool worthwhile; /* fewer of them where they would not pay, see roster.h */
 } pma_coupler_parts;
+
+/* Each option by its name, as a binding is given it. */
+typedef struct {
+    const char *name;
+    enum { PMA_NUMBER, PMA_COUNT, PMA_FLAG } kind; /* double, size_t, bool */
+    size_t at;
+} pma_option;
+
+static const pma_option PMA_COUPLER_OPTIONS[] = {
+    {"dt", PMA_NUMBER, offsetof(pma_coupler_parts, dt)},
+    {"rebased", PMA_FLAG, offsetof(pma_coupler_parts, rebased)},
+    {"threads", PMA_COUNT, offsetof(pma_coupler_parts, threads)},
+    {"worthwhile", PMA_FLAG, offsetof(pma_coupler_parts, worthwhile)}};
 
 /* Called between fine steps (between substeps in macro coupling), when about `entries` matrix
  * entries were read since, and about every 20 ms while the caller waits for another thread; true:
