@@ -57,9 +57,9 @@ def closed_steps(coupler):
 
     def after(x):
         coupler.restore(snapshot)
-        contact = core.contact()
+        contact = core.numbers("contact")
         layout.write(core, cores, x[:, None])
-        core.set_contact(contact)
+        core.set_numbers("contact", contact)
         coupler.step(1)
         return layout.read(core, cores, 1)[:, 0]
 

@@ -103,21 +103,12 @@ void pma_subdomain_release(SubdomainObject *self);
 int pma_coupler_claim(CouplerObject *self);
 void pma_coupler_release(CouplerObject *self);
 
-/* Numbers of the present that belong to a coupler, and how many. */
-typedef double *(*pma_numbers)(pma_coupler *c, size_t *size);
-
 /* Methods of Coupler that are in a file of their own, state_methods.c. */
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args);
-PyObject *pma_coupler_object_end_multipliers(CouplerObject *self, PyObject *ignored);
-PyObject *pma_coupler_object_set_end_multipliers(CouplerObject *self, PyObject *obj);
-PyObject *pma_coupler_object_gap(CouplerObject *self, PyObject *ignored);
-PyObject *pma_coupler_object_set_gap(CouplerObject *self, PyObject *obj);
-PyObject *pma_coupler_object_iteration(CouplerObject *self, PyObject *ignored);
-PyObject *pma_coupler_object_set_iteration(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *args);
+PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *args);
 
 /* ... and in contact.c. */
-PyObject *pma_coupler_object_contact(CouplerObject *self, PyObject *ignored);
-PyObject *pma_coupler_object_set_contact(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_compliance(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_turns(CouplerObject *self, PyObject *ignored);
 PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj);

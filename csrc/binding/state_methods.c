@@ -2,48 +2,55 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* Numbers of the present that belong to the coupler: a copy, or all of them written, after
- * start. */
+/* Numbers of the present that belong to the coupler, none where its schedule has no such. */
+static const struct {
+    const char *name;
+    double *(*get)(pma_coupler *c, size_t *size);
+} NUMBERS[] = {{"shooting", pma_coupler_iteration},
+               {"end_multipliers", pma_coupler_end_multipliers},
+               {"gap", pma_coupler_gap},
+               {"contact", pma_coupler_contact}};
 
-static PyObject *copy_numbers(CouplerObject *self, pma_numbers get)
+/* Those of a name; the caller has claimed the coupler. */
+static double *find_numbers(CouplerObject *self, const char *name, size_t *size)
 {
+    *size = 0;
+    for (size_t i = 0; i < sizeof NUMBERS / sizeof *NUMBERS; i++) {
+        if (strcmp(name, NUMBERS[i].name) == 0)
+            return NUMBERS[i].get(self->core, size);
+    }
+    PyErr_Format(PyExc_ValueError, "there are no numbers of this name: %s", name);
+    return NULL;
+}
+
+PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *args)
+{
+    const char *name;
     size_t size;
-    if (pma_coupler_claim(self) < 0)
+    if (!PyArg_ParseTuple(args, "s", &name) || pma_coupler_claim(self) < 0)
         return NULL;
-    const double *present = get(self->core, &size);
-    PyObject *copy = pma_new_vector((npy_intp)size, present);
+    const double *present = find_numbers(self, name, &size);
+    PyObject *copy = PyErr_Occurred() ? NULL : pma_new_vector((npy_intp)size, present);
     pma_coupler_release(self);
     return copy;
 }
 
-static PyObject *set_numbers(CouplerObject *self, PyObject *obj, const char *name, pma_numbers get)
+PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *args)
 {
+    const char *name;
+    PyObject *obj;
     size_t size;
     const double *values;
-    if (pma_coupler_claim(self) < 0)
+    if (!PyArg_ParseTuple(args, "sO", &name, &obj) || pma_coupler_claim(self) < 0)
         return NULL;
-    double *present = get(self->core, &size);
-    const int failed = pma_take_doubles(obj, (npy_intp)size, name, NULL, &values);
+    double *present = find_numbers(self, name, &size);
+    const bool failed =
+        PyErr_Occurred() || pma_take_doubles(obj, (npy_intp)size, name, NULL, &values) < 0;
     if (!failed && size > 0)
         memcpy(present, values, size * sizeof(double));
     pma_coupler_release(self);
     return failed ? NULL : Py_NewRef(Py_None);
 }
-
-#define NUMBERS(name, get)                                                                 \
-    PyObject *pma_coupler_object_##name(CouplerObject *self, PyObject *Py_UNUSED(ignored)) \
-    {                                                                                      \
-        return copy_numbers(self, get);                                                    \
-    }                                                                                      \
-    PyObject *pma_coupler_object_set_##name(CouplerObject *self, PyObject *obj)            \
-    {                                                                                      \
-        return set_numbers(self, obj, #name, get);                                         \
-    }
-
-NUMBERS(end_multipliers, pma_coupler_end_multipliers)
-NUMBERS(gap, pma_coupler_gap)
-NUMBERS(iteration, pma_coupler_iteration)
-NUMBERS(contact, pma_coupler_contact)
 
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)
 {

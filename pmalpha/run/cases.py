@@ -93,7 +93,7 @@ class Lanes:
             for lane in range(LANES):
                 self.core.set_motion(k * LANES + lane, motion.core_load())
         self.core.start(0, lam, g)
-        self.core.set_end_multipliers(np.concatenate([lam, lam, np.zeros(2)]))
+        self.core.set_numbers("end_multipliers", np.concatenate([lam, lam, np.zeros(2)]))
 
     def advance(
         self, recordings: Sequence[Recording], end: int, report: Callable[[int], None] | None

@@ -45,6 +45,8 @@ FIELDS = ("u", "v", "w", "a", "vf", "springs", "history")
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # Multipliers from which accelerations are recorded under mean coupling.
 LINE = ("end_multipliers", "multipliers_before")
+# What the core has of the present beside the subdomains, multipliers and prescribed velocities.
+NUMBERS = ("shooting", "end_multipliers", "gap", "contact")
 # Lengths of the last two macro steps under mean coupling.
 LENGTHS = "lengths"
 # What is added to the name of a checkpoint for that of a rank: macro step, token and rank.
@@ -201,16 +203,16 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
             arrays[f"{i}.iteration"] = np.array([scale, float(entries is not None), float(twice)])
             if entries is not None:
                 arrays[f"{i}.tangent"] = entries[places_of(part)]
-    if core.iteration().size:
-        arrays["shooting"] = reordered(core.iteration(), rows.position, rows.scale)
+    if (shooting := core.numbers("shooting")).size:
+        arrays["shooting"] = reordered(shooting, rows.position, rows.scale)
     if options.coupling == "mean":
-        *line, arrays[LENGTHS] = np.split(core.end_multipliers(), [p, 2 * p])
+        *line, arrays[LENGTHS] = np.split(core.numbers("end_multipliers"), [p, 2 * p])
         for name, lam in zip(LINE, line):
             arrays[name] = rows.forces(lam)
     if options.drift == "removed":
-        arrays["gap"] = rows.jumps(core.gap())
-    if core.contact().size:
-        arrays["contacts"] = core.contact()
+        arrays["gap"] = rows.jumps(core.numbers("gap"))
+    if (contact := core.numbers("contact")).size:
+        arrays["contacts"] = contact
     arrays["multipliers"] = rows.forces(core.multipliers)
     arrays["prescribed"] = rows.jumps(core.prescribed)
     return arrays
@@ -230,12 +232,9 @@ class CoreState(NamedTuple):
 
     levels: list[tuple[np.ndarray, ...]]
     iterations: list[Iteration | None]
-    shooting: np.ndarray
     multipliers: np.ndarray
     prescribed: np.ndarray
-    end_multipliers: np.ndarray
-    gap: np.ndarray
-    contact: np.ndarray
+    numbers: dict[str, np.ndarray]  # those of `NUMBERS`
 
 
 def core_state(
@@ -251,10 +250,9 @@ def core_state(
     try:
         states = [core_arrays(part, i, arrays) for i, part in parts]
         iterations = [core_iteration(part, i, arrays) for i, part in parts]
-        size = core.iteration().size
-        shooting = np.empty(0)
-        if size:
-            shooting = checked(arrays, "shooting", size)
+        shooting = core.numbers("shooting")
+        if shooting.size:
+            shooting = checked(arrays, "shooting", shooting.size)
             shooting = reordered(shooting, rows.numbers, 1.0 / rows.scale[rows.numbers])
         gap, *line = np.zeros((3, p))
         lengths = np.zeros(2)
@@ -263,7 +261,7 @@ def core_state(
         if options.coupling == "mean":
             line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
             lengths = checked(arrays, LENGTHS, 2)
-        contact = core.contact()
+        contact = core.numbers("contact")
         if contact.size:
             contact = checked(arrays, "contacts", contact.size)
         lam = rows.forces_in_core(checked(arrays, "multipliers", p))
@@ -271,7 +269,8 @@ def core_state(
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
     ends = np.concatenate([*line, lengths])
-    return CoreState(states, iterations, shooting, lam, g, ends, gap, contact)
+    numbers = dict(zip(NUMBERS, (shooting, ends, gap, contact)))
+    return CoreState(states, iterations, lam, g, numbers)
 
 
 def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -344,10 +343,8 @@ def restore(
         part.core.set_levels(levels)
     core.set_origin(clock.origin, clock.t0)
     core.start(step, state.multipliers, state.prescribed)
-    core.set_gap(state.gap)
-    core.set_iteration(state.shooting)
-    core.set_end_multipliers(state.end_multipliers)
-    core.set_contact(state.contact)
+    for name, numbers in state.numbers.items():
+        core.set_numbers(name, numbers)
 
 
 def set_iterations(iterations: Sequence[Iteration | None], parts: Sequence[Part]) -> None:

@@ -97,9 +97,9 @@ class InitialValues:
             part.core.start(*state, start.lam)
             part.gain_reported = part.impact_reported = False
         core.start(0, start.lam, start.g)
-        core.set_gap(start.gap)
-        core.set_end_multipliers(start.end_multipliers)
-        core.set_contact(contact)
+        core.set_numbers("gap", start.gap)
+        core.set_numbers("end_multipliers", start.end_multipliers)
+        core.set_numbers("contact", contact)
         return solver
 
     def _contact(self, loads: Loads) -> np.ndarray:

@@ -126,12 +126,9 @@ def _present(parts: Sequence[Part], core: _core.Coupler) -> CoreState:
     return CoreState(
         [part.core.levels() for part in parts],
         [part.core.iteration() for part in parts],
-        core.iteration(),
         core.multipliers,
         core.prescribed,
-        core.end_multipliers(),
-        core.gap(),
-        core.contact(),
+        {name: core.numbers(name) for name in checkpoint.NUMBERS},
     )
 
 

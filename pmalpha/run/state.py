@@ -50,7 +50,7 @@ def state(session: Session, key: str | int | Subdomain) -> State:
         part = session.parts[i]
         u, v, w = part.core.state()
         if part.mean:
-            lam = session.core.end_multipliers()[: session.core_rows.p]
+            lam = session.core.numbers("end_multipliers")[: session.core_rows.p]
             w = w + part.core.accelerate(lam)
     u, v, w = (x[part.position] for x in (u, v, w))
     return State(u, v, w, n=part.n, dof_names=part.subdomain.dof_names)

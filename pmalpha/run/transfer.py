@@ -11,6 +11,7 @@ import numpy as np
 from ..results.clock import Clock
 from ..setup.assembly import Assembly, Layout
 from ..setup.part import Part
+from .checkpoint import NUMBERS
 
 # Number of arrays of a time level in the core (u, v, w, a, vf, springs, history), and where w and a
 # are among them.
@@ -132,8 +133,8 @@ def _stretched(level: tuple[np.ndarray, ...], factor: float) -> tuple[np.ndarray
 def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> None:
     """The present of `old` becomes that of `new`, whose steps are those of the clock."""
     lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
-    ends, shooting = old.core.end_multipliers(), old.core.iteration()
-    contact = old.core.contact()
+    numbers = {name: old.core.numbers(name) for name in NUMBERS}
+    shooting = numbers.pop("shooting")
     for o, n, move in zip(old.parts, new.parts, found):
         n.core.set_levels(move.levels)
         if move.rebased:
@@ -142,15 +143,14 @@ def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> 
             n.core.set_iteration(move.scale, None, False)
     new.core.set_origin(clock.origin, clock.t0)
     new.core.start(step, lam, g)
-    new.core.set_gap(old.core.gap())
-    new.core.set_end_multipliers(ends)
-    new.core.set_contact(contact)
+    for name, x in numbers.items():
+        new.core.set_numbers(name, x)
     if shooting.size:
-        begun = new.core.iteration()
+        begun = new.core.numbers("shooting")
         begun[0] = shooting[0]
         ratio = clock.dt / clock.before if clock.count(step) == 0 and clock.before > 0.0 else 1.0
         begun[1 : 1 + lam.size] = ratio * shooting[1 : 1 + lam.size]  # the last increment of Lam
-        new.core.set_iteration(begun)
+        new.core.set_numbers("shooting", begun)
 
 
 def follow_energies(old: Assembly, new: Assembly) -> None:
