@@ -119,7 +119,7 @@ class Subdomain:
         internal: tuple[np.ndarray, np.ndarray, tuple[_Function, ...]] | None = None,
         iterate: _Iterate | None = None,
         mass: tuple[np.ndarray, Any] | None = None,  # factor of M: mean coupling
-        waits: bool = False,  # its single steps are closed, not responded to: mean coupling
+        defers: bool = False,  # its single steps are closed, not responded to: mean coupling
         shifts: bool = False,
         continues: bool = False,
         struck: _Struck | None = None,
@@ -213,7 +213,7 @@ class Coupler:
         | tuple[str, int]
         | None
     ): ...
-    def set_ring(self, held: np.ndarray | None, /) -> None: ...
+    def set_ring(self, steps: np.ndarray | None, /) -> None: ...
     def ring(self, read: int, /) -> tuple[int, int]: ...
     def set_pace(
         self,

@@ -195,9 +195,9 @@ def _check_size(members: zipfile.ZipFile, key: str) -> None:
         shape, _, dtype = np.lib.format.read_array_header_1_0(file)
         if dtype.hasobject:
             raise ValueError("Object arrays cannot be loaded, they are pickled")
-        size, held = math.prod(shape) * dtype.itemsize, info.file_size - file.tell()
-    if size != held or min(shape, default=0) < 0:
-        raise ValueError(f"{key} must have {size} bytes as its header gives, it has {held}")
+        size, stored = math.prod(shape) * dtype.itemsize, info.file_size - file.tell()
+    if size != stored or min(shape, default=0) < 0:
+        raise ValueError(f"{key} must have {size} bytes as its header gives, it has {stored}")
 
 
 def mismatch(header: Any, format: str, version: int) -> str | None:

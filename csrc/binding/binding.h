@@ -66,8 +66,8 @@ typedef struct {
     PyObject *obstacle;       /* list: the arrays of obstacles of contacts, or NULL */
     pma_processes *processes; /* the others, or NULL */
     PyObject *pace;           /* tuple as set_pace describes, or NULL */
-    pma_ring ring;            /* of the record, if `held` is set */
-    PyObject *held;           /* its array, or NULL */
+    pma_ring ring;            /* of the record, if `slots` is set */
+    PyObject *slots;          /* its array, or NULL */
     atomic_bool busy;
 } CouplerObject;
 
@@ -158,7 +158,7 @@ typedef struct {
     int signals;                /* a file, read without waiting */
 } pma_watch;
 
-/* The pace of the coupler and its subdomains for so many macro steps, if one was set, until it is
+/* The pace of the coupler and its subdomains for these macro steps, if one was set, until it is
  * released, which writes origin and done. Both with the coupler claimed. *signals: a file to which
  * signals are written, or -1. */
 int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals);

@@ -212,7 +212,7 @@ static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
     Py_VISIT(self->arrays);
     Py_VISIT(self->motions);
     Py_VISIT(self->pace);
-    Py_VISIT(self->held);
+    Py_VISIT(self->slots);
     Py_VISIT(self->obstacle);
     return 0;
 }
@@ -230,7 +230,7 @@ static void coupler_dealloc(CouplerObject *self)
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
     Py_XDECREF(self->pace);
-    Py_XDECREF(self->held);
+    Py_XDECREF(self->slots);
     Py_XDECREF(self->obstacle);
     PyObject_GC_Del(self);
     Py_DECREF(type);
@@ -470,11 +470,11 @@ static PyMethodDef coupler_methods[] = {
      "began, commanded, received and ended; signals is a file to which those are written, or -1; "
      "monitored has (positions, last) or None by subdomain, values their commands and forces"},
     {"set_ring", (PyCFunction)pma_coupler_object_set_ring, METH_O,
-     "set_ring(None | held): records have rows for held.size recorded macro steps, used in turn; "
-     "held, of int64, begins with -1"},
+     "set_ring(None | steps): records have rows for steps.size recorded macro steps, used in turn; "
+     "steps, of int64, begins with -1"},
     {"ring", (PyCFunction)pma_coupler_object_ring, METH_O,
-     "ring(read) -> (written, lost): so many recorded macro steps were read; all are written or "
-     "lost up to this macro step, and so many lost. From any thread"},
+     "ring(read) -> (written, lost): `read` recorded macro steps were read; all are written or "
+     "lost up to step `written`, and `lost` were lost. From any thread"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record) -> None or (rank,): writes the present time level into row 0"},
     {"in_lanes", (PyCFunction)pma_coupler_in_lanes, METH_O,

@@ -227,7 +227,7 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record 
         return pma_refuse(PyExc_ValueError, "the record does not fit the coupler");
     record->begin = begin;
     record->every = every;
-    record->ring = self->held ? &self->ring : NULL;
+    record->ring = self->slots ? &self->ring : NULL;
     const size_t lanes = count > 0 && pma_subdomain_of(self, 0)->of ? PMA_LANES : 1;
     const size_t first = pma_processes_first(self->processes);
     const size_t all = pma_processes_count(self->processes, (size_t)count);

@@ -157,21 +157,21 @@ PyObject *pma_coupler_object_set_ring(CouplerObject *self, PyObject *obj)
 {
     const npy_intp any = -1;
     PyArrayObject *array = NULL;
-    if (obj != Py_None && pma_take_array(obj, NPY_INT64, 1, &any, "held", NULL, &array) < 0)
+    if (obj != Py_None && pma_take_array(obj, NPY_INT64, 1, &any, "steps", NULL, &array) < 0)
         return NULL;
     if (array && (PyArray_DIM(array, 0) < 1 || !PyArray_ISWRITEABLE(array)))
-        return PyErr_Format(PyExc_ValueError, "held must be writeable and not empty");
+        return PyErr_Format(PyExc_ValueError, "steps must be writeable and not empty");
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    PyObject *held = array ? Py_NewRef(obj) : NULL;
-    pma_swap(&self->held, &held);
+    PyObject *slots = array ? Py_NewRef(obj) : NULL;
+    pma_swap(&self->slots, &slots);
     self->ring.size = array ? (int64_t)PyArray_DIM(array, 0) : 0;
-    self->ring.held = array ? PyArray_DATA(array) : NULL;
+    self->ring.steps = array ? PyArray_DATA(array) : NULL;
     atomic_store(&self->ring.read, 0);
     atomic_store(&self->ring.written, pma_coupler_step_count(self->core));
     atomic_store(&self->ring.lost, 0);
     pma_coupler_release(self);
-    Py_XDECREF(held);
+    Py_XDECREF(slots);
     Py_RETURN_NONE;
 }
 

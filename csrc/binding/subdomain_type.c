@@ -30,22 +30,22 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
 static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
                       pma_iterate_parts *iterate)
 {
-    static char *names[] = {"n",        "nb",    "substeps", "K",         "C",        "scheme",
-                            "single",   "twice", "link",     "restoring", "D_r",      "lagged",
-                            "responds", "K_r",   "springs",  "M",         "internal", "iterate",
-                            "mass",     "waits", "shifts",   "continues", "struck",   NULL};
+    static char *names[] = {"n",        "nb",     "substeps", "K",         "C",        "scheme",
+                            "single",   "twice",  "link",     "restoring", "D_r",      "lagged",
+                            "responds", "K_r",    "springs",  "M",         "internal", "iterate",
+                            "mass",     "defers", "shifts",   "continues", "struck",   NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
     PyObject *struck = Py_None;
     pma_scheme scheme;
-    int lagged = 0, responds = 0, waits = 0, shifts = 0, continues = 0;
+    int lagged = 0, responds = 0, defers = 0, shifts = 0, continues = 0;
     if (!PyArg_ParseTupleAndKeywords(
             args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOpppO", names, &n, &nb, &substeps, &K, &C,
             &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma, &single, &twice, &link, &restoring,
             &D_r, &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated,
-            &mass, &waits, &shifts, &continues, &struck))
+            &mass, &defers, &shifts, &continues, &struck))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1)
         return pma_refuse(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -54,7 +54,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     parts->continues = continues;
     parts->lagged = lagged;
     parts->responds = responds;
-    parts->waits = waits;
+    parts->defers = defers;
     parts->shifts = shifts;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||

@@ -237,7 +237,7 @@ static pma_member make_member(model *m, size_t i)
     x->h = m->dt / (double)x->substeps;
     x->responds = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
     x->mean = m->mean;
-    x->waits = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
+    x->defers = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
     x->shifts = m->tied;
     make_part(x);
     m->subdomains[i] = x->core;

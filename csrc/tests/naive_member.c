@@ -39,7 +39,7 @@ static void open_substep(naive_member *s, const pma_substep *step, const double 
     double F[MOST];
     naive_force(s->of, step->t1, (size_t)step->number, F);
     naive_free(s->of, step->twice, step->t1, F, origin(s, step), &s->levels[place(s, step->j + 1)]);
-    if (step->held && s->of->substeps == 1)
+    if (step->is_free_run && s->of->substeps == 1)
         hold(s, step, lam, &s->levels[place(s, step->j + 1)]);
     s->opened = step->j + 1;
 }

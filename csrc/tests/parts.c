@@ -134,7 +134,7 @@ pma_parts describe(part *x)
                        .responds = x->responds,
                        .mean = x->mean,
                        .mass = make_mass(x),
-                       .waits = x->waits,
+                       .defers = x->defers,
                        .shifts = x->shifts,
                        .shoots = x->inner.used,
                        .M = {.form = PMA_DENSE, .n = x->n, .values = x->M},

@@ -47,7 +47,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
 struct part {
     size_t n, nb, p, substeps;
     bool implicit, doubled, responds;
-    bool mean, waits, shifts; /* as those of pma_parts */
+    bool mean, defers, shifts; /* as those of pma_parts */
     pma_scheme scheme;
     double h;
     double M[MOST * MOST], C[MOST * MOST], K[MOST * MOST]; /* n*n by rows */

@@ -30,8 +30,8 @@ static void the_row_of_a_time_level_follows_from_its_number(void)
 
 static void rows_of_a_ring_are_used_again_once_they_are_read_and_else_lost(void)
 {
-    int64_t held[2] = {-1, -1};
-    pma_ring ring = {.size = 2, .held = held};
+    int64_t steps[2] = {-1, -1};
+    pma_ring ring = {.size = 2, .steps = steps};
     const pma_record all = {.begin = 4, .every = 0, .ring = &ring};
     for (int64_t macro = 4; macro < 7; macro++) /* there are rows for two of them */
         pma_record_begin(&all, macro);
@@ -49,7 +49,7 @@ static void rows_of_a_ring_are_used_again_once_they_are_read_and_else_lost(void)
     pma_record_end(&all, 9);
     CHECK_INT(ring.written, 9);
 
-    held[0] = held[1] = -1;
+    steps[0] = steps[1] = -1;
     atomic_store(&ring.read, 0);
     const pma_record third = {.begin = 4, .every = 3, .ring = &ring};
     for (int64_t macro = 4; macro < 12; macro++)

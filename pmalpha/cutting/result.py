@@ -305,7 +305,9 @@ class Cut:
             self._division.gather([getattr(one, x) for one in own], rows) for x in ("u", "v", "a")
         )
         names = getattr(self.structure, "dof_names", None)
-        return SubdomainHistory("uncut", t, u, v, a, np.arange(self.n), n=self.n, dof_names=names)
+        return SubdomainHistory(
+            name="uncut", t=t, u=u, v=v, a=a, dofs=np.arange(self.n), n=self.n, dof_names=names
+        )
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """The mesh, each subdomain in a colour of its own: the more substeps, the darker.

@@ -316,7 +316,7 @@ class WholeElements(Whole):
         self.centroids = points
 
     def _require_elements(self) -> None:
-        """ValueError for dofs without, before arrays for so many dofs are made."""
+        """ValueError for dofs without, before arrays of n dofs are made."""
         numbers = np.unique(np.concatenate([group.dofs.ravel() for group in self._groups]))
         own = numbers[numbers >= 0]
         if own.size < self.n:

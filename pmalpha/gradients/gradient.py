@@ -42,7 +42,7 @@ ARRAYS = 12
 KEPT = 2**27
 # Parameters of one subdomain, its name, and its motion by what it is multiplied by.
 Of: TypeAlias = "tuple[Parameters, str, dict[str, np.ndarray]]"
-# A reversed run with its convolutions takes the time of so many forward sensitivities.
+# A reversed run with its convolutions takes the time of this number of forward sensitivities.
 ADVANTAGE = 2
 # Cases whose loads are in memory at one time.
 TOGETHER = 64

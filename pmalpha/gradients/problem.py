@@ -67,7 +67,7 @@ class Problem:
         return self.single is self.steady
 
     def unit_loads(self, name: str, dof: int, before: int, what: str, steps: int) -> dict[str, Any]:
-        """Loads of the reversed run of one dof at one level, so many substeps before the end."""
+        """Loads of the reversed run of one dof, some substeps before the end."""
         loads: dict[str, Any] = {}
         for x in self.single.members:
             if x.name != name:

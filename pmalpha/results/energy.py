@@ -108,8 +108,17 @@ class Energy:
         with np.errstate(over="ignore", invalid="ignore"):  # squares of numbers above 1e154
             balance = kinetic + strain - start + dissipated - external - interface
             balance = balance if contact is None else balance - contact
-        own = (kinetic, strain, dissipated, external, interface, balance)
-        return cls(t, *own, conserved, contact)
+        return cls(
+            t=t,
+            kinetic=kinetic,
+            strain=strain,
+            dissipated=dissipated,
+            external=external,
+            interface=interface,
+            balance=balance,
+            conserved=conserved,
+            contact=contact,
+        )
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The arrays by name, those that are there.

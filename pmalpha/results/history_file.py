@@ -509,21 +509,23 @@ def own_array(whole: Any, name: str) -> Any:
     A link or storage could lead to any other file, a dataset that was never written could be of any
     size, and HDF5 never returns from some damaged texts of variable length.
     """
-    h5py, place = hdf5_library(), whole
+    h5py, found = hdf5_library(), whole
     for part in name.split("/"):
-        if not isinstance(place.get(part, getlink=True), h5py.HardLink):
+        if not isinstance(found.get(part, getlink=True), h5py.HardLink):
             raise ValueError(f"{name} is missing or leads to another place")
-        place = place[part]
-    if not isinstance(place, h5py.Dataset) or place.external or place.is_virtual:
+        found = found[part]
+    if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"{name} is no array of this file")
-    if place.dtype.kind == "O":
+    if found.dtype.kind == "O":
         raise ValueError(f"{name} must be of fixed length")
-    held = place.id.get_storage_size()
-    if place.id.get_create_plist().get_nfilters():  # packed again by another program
-        require(place.nbytes, name)
-    elif place.nbytes > held:
-        raise ValueError(f"{name} must have {place.nbytes} bytes as its shape gives, it has {held}")
-    return place
+    stored = found.id.get_storage_size()
+    if found.id.get_create_plist().get_nfilters():  # packed again by another program
+        require(found.nbytes, name)
+    elif found.nbytes > stored:
+        raise ValueError(
+            f"{name} must have {found.nbytes} bytes as its shape gives, it has {stored}"
+        )
+    return found
 
 
 def _mapped(made: Any, rows: int, content: np.ndarray) -> np.ndarray:

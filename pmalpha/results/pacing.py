@@ -135,6 +135,6 @@ class Pacing:
 
 
 def due_times(period: float, count: int) -> np.ndarray:
-    """When so many fine steps are due, in s; `period` in ns. As the core counts them."""
+    """When the first `count` fine steps are due, in s; `period` in ns. As the core counts them."""
     due: np.ndarray = 1e-9 * np.floor(period * np.arange(count))
     return due

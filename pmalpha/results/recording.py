@@ -483,7 +483,7 @@ class FiledRecording(Recording):
 
 
 def rows_of(steps: int, every: int | None, levels: int) -> int:
-    """Rows of so many macro steps at most, with `levels` time levels in each."""
+    """Maximum number of rows of macro steps with `levels` time levels in each."""
     return 1 + steps * levels if every is None else 2 + steps // every
 
 

@@ -43,7 +43,7 @@ class RingRecording(FiledRecording):
         self.core = core
         self.ring: Recording = self.again()  # whose `begin` stays the first
         size = self.steps_in_memory if self.every is None else self.steps_in_memory // self.every
-        self.held = np.full(max(1, size), -1, dtype=np.int64)
+        self.in_slots = np.full(max(1, size), -1, dtype=np.int64)
         self.read = self.lost = 0
         self.over = threading.Event()
         self.writer: threading.Thread | None = None
@@ -56,7 +56,7 @@ class RingRecording(FiledRecording):
     def pauses(self) -> Iterator[int]:
         self.block[: self.ring.block.size] = self.ring.block  # the present, in row 0
         next(super().pauses(), None)  # makes the file
-        self.core.set_ring(self.held)
+        self.core.set_ring(self.in_slots)
         self.writer = threading.Thread(target=self._write_all, name="pmalpha record_to")
         self.writer.start()
         yield self.end
@@ -111,8 +111,8 @@ class RingRecording(FiledRecording):
     def _copy(self, end: int) -> None:
         """The rows of the macro steps from `begin` to `end`."""
         units = np.arange(self._recorded(self.begin), self._recorded(end))
-        slots = units % self.held.size
-        lost = self.held[slots] != units
+        slots = units % self.in_slots.size
+        lost = self.in_slots[slots] != units
         for i, (part, own) in enumerate(zip(self.of.parts, self.arrays)):
             for name, x in own.items():
                 empty = 0.0 if OF_SUBDOMAIN[name].is_count else np.nan

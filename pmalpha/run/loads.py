@@ -24,8 +24,8 @@ from .motion import CallbackLoad, Motion, Obstacles, all_known
 # The mean over a step shorter than this share of the time between samples is its value in the
 # middle: the impulse of a sample is then kept within 2 / (pi n)^2 = 1 / 1000, n such steps in it.
 SHORT = 1.0 / 16.0
-# Skipped samples are judged by the motion of an oscillator with a period of so many steps, which a
-# run with these steps is expected to follow, and this damping ratio.
+# Skipped samples are judged by the motion of an oscillator with a period of this number of
+# steps, which a run with these steps is expected to follow, and this damping ratio.
 STEPS_IN_PERIOD, DAMPING = 50, 0.05
 # Relative change of this motion from which on a Coupler warns. Every second sample of El Centro
 # changes it by 0.06, every third one by 0.18; white noise with the frequencies that the steps can

@@ -312,7 +312,7 @@ def paced_recording(
 
 
 class Times:
-    """The arrays in which the core writes the times of a run of so many macro steps."""
+    """The arrays in which the core writes the times of a run of `steps` macro steps."""
 
     def __init__(self, session: Session, pace: Pace, steps: int):
         self.period = 1e9 * session.clock.dt / session.fine / pace.rate

@@ -290,7 +290,7 @@ def prepare_mean(parts: Sequence[Part]) -> None:
 def mean_blocks(part: Part) -> dict[bool, Block]:
     """The blocks of H of a subdomain, of the single and the double step; stores the responses."""
     rows = part.L.rows
-    stored = not part.waits and not part.double and rows.size > 0 and is_stored(part)
+    stored = not part.defers and not part.double and rows.size > 0 and is_stored(part)
     single, _, states = unit_responses(part, rows, stored=stored)
     blocks = {False: response_block(part, rows, single)}
     if part.double:

@@ -174,7 +174,7 @@ class Part:
         return self.subdomain.has_symmetric_steps
 
     @property
-    def waits(self) -> bool:
+    def defers(self) -> bool:
         """Whether its single steps under mean coupling wait for the multipliers (K7)."""
         explicit = self.subdomain.scheme.explicit
         if not self.mean or self.substeps > 1 or explicit or self.internal is not None:
@@ -470,7 +470,7 @@ def looks_for_contact(s: Subdomain) -> bool:
 
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
-    """Factor Mbar and make the object of the core, which factors tangents in so many threads."""
+    """Factor Mbar and make the object of the core, which factors tangents in these threads."""
     operators = list(map(part.operator, part.lengths))
     part.known = {operator[0]: operator for operator in operators}
     part.watch = watch_of(part)
@@ -484,7 +484,7 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         springs=core_springs(part.subdomain.springs, part.position),
         **_internal(part, threads),
         mass=mass,
-        waits=part.waits,
+        defers=part.defers,
         shifts=part.shifts,
         struck=struck(part),
     )

@@ -82,7 +82,7 @@ class StiffnessWatch:
         # of the run: the time and omega^2 of what is too stiff, the first or a much stiffer one
         self.found_at, self.stiffest = -np.inf, 0.0
         self.highest = 0.0  # omega^2 of the run so far
-        # (u, v, r) of each so many evaluations of the run so far
+        # (u, v, r) of one in `every` evaluations of the run so far
         self.samples: list[np.ndarray] = []
         self.every, self.most = 1, min(SAMPLES, SAMPLED_BYTES // (24 * subdomain.n))
 

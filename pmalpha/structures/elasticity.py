@@ -132,7 +132,7 @@ class Moduli(NamedTuple):
 
 
 def chunks(count: int, numbers: int) -> Iterator[slice]:
-    """Slices of the elements, with so many numbers each."""
+    """Slices of the elements, each of which has `numbers` numbers."""
     size = max(NUMBERS // numbers, 1)
     return (slice(first, min(first + size, count)) for first in range(0, count, size))
 

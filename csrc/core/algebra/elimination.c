@@ -190,8 +190,8 @@ enum { LINE = PMA_LANES };
 
 /* A worker, and the first of the supernodes that went wrong in its hands. */
 typedef struct {
-    double *update; /* what is subtracted from a panel */
-    int64_t *place; /* n: row -> row of the panel at hand */
+    double *update;    /* what is subtracted from a panel */
+    int64_t *position; /* n: row -> row of the panel at hand */
     size_t failed, column;
     pma_status status;
 } hand;
@@ -228,17 +228,17 @@ static size_t update_size(const pma_panels *p)
 
 static pma_status allocate(pma_elimination *e)
 {
-    const size_t update = update_size(e->p), place = (e->n + LINE) / LINE * LINE;
+    const size_t update = update_size(e->p), position = (e->n + LINE) / LINE * LINE;
     e->hands = calloc(e->workers, sizeof *e->hands);
     e->done = calloc(e->p->count + 1, sizeof *e->done);
-    e->block = calloc(e->workers * (update + place) + LINE, sizeof *e->block);
+    e->block = calloc(e->workers * (update + position) + LINE, sizeof *e->block);
     if (!e->hands || !e->done || !e->block)
         return PMA_NO_MEMORY;
     double *next = pma_first_line(e->block);
     for (size_t w = 0; w < e->workers; w++) {
         e->hands[w].update = next;
-        e->hands[w].place = (int64_t *)(void *)(next + update);
-        next += update + place;
+        e->hands[w].position = (int64_t *)(void *)(next + update);
+        next += update + position;
     }
     return PMA_OK;
 }
@@ -279,14 +279,14 @@ void pma_elimination_destroy(pma_elimination *e)
 /* ---- one supernode: left-looking; a symmetric panel as a dense factor G S G^T --------------- */
 
 /* The row of the panel that a row of the matrix is, or its height when it is none. */
-static size_t place_in(const pma_panels *p, const hand *h, size_t s, int64_t row)
+static size_t position_in(const pma_panels *p, const hand *h, size_t s, int64_t row)
 {
     const size_t width = pma_panels_width(p, s), height = pma_panels_height(p, s);
-    const size_t place = (size_t)h->place[row];
-    if (place < width)
-        return p->first[s] + (int64_t)place == row ? place : height;
-    if (place < height && p->rows[p->row_ptr[s] + (int64_t)(place - width)] == row)
-        return place;
+    const size_t position = (size_t)h->position[row];
+    if (position < width)
+        return p->first[s] + (int64_t)position == row ? position : height;
+    if (position < height && p->rows[p->row_ptr[s] + (int64_t)(position - width)] == row)
+        return position;
     return height;
 }
 
@@ -305,9 +305,9 @@ static void place_rows(const pma_panels *p, size_t s, const hand *h)
 {
     const size_t width = pma_panels_width(p, s);
     for (size_t i = 0; i < width; i++)
-        h->place[p->first[s] + (int64_t)i] = (int64_t)i;
+        h->position[p->first[s] + (int64_t)i] = (int64_t)i;
     for (size_t i = 0; i < pma_panels_rows(p, s); i++)
-        h->place[p->rows[p->row_ptr[s] + (int64_t)i]] = (int64_t)(width + i);
+        h->position[p->rows[p->row_ptr[s] + (int64_t)i]] = (int64_t)(width + i);
 }
 
 /* Entries of the matrix in and below the diagonal block, and those across the diagonal from them;
@@ -327,12 +327,12 @@ static pma_status fill_panel(const pma_elimination *e, size_t s, const hand *h)
         for (int64_t k = A->ptr[column]; k < A->ptr[column + 1]; k++) {
             if (A->index[k] < column)
                 continue;
-            const size_t place = place_in(p, h, s, A->index[k]);
-            if (place == height)
+            const size_t position = position_in(p, h, s, A->index[k]);
+            if (position == height)
                 return PMA_BAD_INDEX;
-            panel[j * height + place] += A->values[k];
+            panel[j * height + position] += A->values[k];
             if (p->Q > 0 &&
-                read_across(A, (size_t)A->index[k], column, R + j * height + place) != PMA_OK)
+                read_across(A, (size_t)A->index[k], column, R + j * height + position) != PMA_OK)
                 return PMA_BAD_INDEX;
         }
         e->inverse[column] = panel[j * height + j];
@@ -347,11 +347,11 @@ static void subtract(const double *u, size_t count, double *x)
         x[i] -= u[i];
 }
 
-static void scatter(const double *u, const int32_t *rows, const int64_t *place, size_t begin,
+static void scatter(const double *u, const int32_t *rows, const int64_t *position, size_t begin,
                     size_t end, double *column)
 {
     for (size_t i = begin; i < end; i++)
-        column[place[rows[i]]] -= u[i];
+        column[position[rows[i]]] -= u[i];
 }
 
 /* X(s) -= X_d Y_d^T in the rows and columns that supernode d shares with it; X and Y are R and Q,
@@ -373,15 +373,15 @@ static void update_panel(const pma_elimination *e, const hand *h, size_t d, size
     else
         multiply_signed(p->values + p->start[d], (size_t)k, (size_t)ld, 1.0, below, (size_t)m,
                         below, (size_t)columns, 0.0, h->update, (size_t)m, &e->blas);
-    const int64_t first = h->place[rows[begin]];
-    const bool adjoined = h->place[rows[begin + (size_t)m - 1]] == first + m - 1;
+    const int64_t first = h->position[rows[begin]];
+    const bool adjoined = h->position[rows[begin + (size_t)m - 1]] == first + m - 1;
     for (size_t j = 0; j < (size_t)columns; j++) {
-        double *column = panel + (size_t)h->place[rows[begin + j]] * height;
+        double *column = panel + (size_t)h->position[rows[begin + j]] * height;
         const double *u = h->update + j * (size_t)m;
         if (adjoined)
             subtract(u + j, (size_t)m - j, column + first + j);
         else
-            scatter(u, rows + begin, h->place, j, (size_t)m, column);
+            scatter(u, rows + begin, h->position, j, (size_t)m, column);
     }
 }
 
@@ -392,7 +392,7 @@ static pma_status apply_update(const pma_elimination *e, const hand *h, size_t d
     const int32_t *rows = p->rows + p->row_ptr[d];
     size_t end = begin;
     for (size_t i = begin; i < pma_panels_rows(p, d); i++) {
-        if (place_in(p, h, s, rows[i]) == pma_panels_height(p, s))
+        if (position_in(p, h, s, rows[i]) == pma_panels_height(p, s))
             return PMA_BAD_INDEX;
         end += rows[i] < p->first[s + 1];
     }
@@ -488,7 +488,7 @@ void pma_elimination_begin(pma_elimination *e, const pma_panels_input *input, do
         atomic_store_explicit(&e->done[s], false, memory_order_relaxed);
     for (size_t w = 0; w < e->workers; w++) {
         hand *h = &e->hands[w];
-        memset(h->place, 0, e->n * sizeof *h->place);
+        memset(h->position, 0, e->n * sizeof *h->position);
         h->failed = SIZE_MAX;
         h->status = PMA_OK;
     }

@@ -212,9 +212,9 @@ static void place_rows(pma_tree *T, size_t t)
     const size_t columns = parent == T->count ? SIZE_MAX : columns_of(T, parent);
     size_t k = parent == T->count ? 0 : T->update[parent];
     for (size_t i = T->update[t]; i < T->update[t + 1]; i++) {
-        const size_t place = (size_t)T->row[i] - first;
-        if (place < columns) {
-            T->into[i] = (int32_t)place;
+        const size_t position = (size_t)T->row[i] - first;
+        if (position < columns) {
+            T->into[i] = (int32_t)position;
             continue;
         }
         while (T->row[k] < T->row[i])

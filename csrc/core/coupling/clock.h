@@ -61,7 +61,7 @@ static inline pma_substep pma_clock_substep(double t0, double dt, int64_t macro,
     step.number = macro * (int64_t)substeps + (int64_t)j;
     step.t1 = pma_clock_time(t0, dt, macro, j + 1, substeps);
     step.twice = step.number >= first_double;
-    step.held = false;
+    step.is_free_run = false;
     return step;
 }
 

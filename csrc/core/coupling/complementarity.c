@@ -10,8 +10,8 @@
 /* Columns of the factor made before what is right of them is updated. */
 enum { BLOCK = 48 };
 
-/* Pivoting in blocks for so many turns without fewer rows that are wrong, then one row at a time,
- * at most so often as there are rows, and some more; then sweeps. */
+/* Pivoting in blocks for this number of turns without fewer rows that are wrong, then one row at a
+ * time, at most as often as there are rows, and some more; then sweeps. */
 enum { PATIENCE = 8, MORE_TURNS = 100 };
 
 /* Part of the largest b: the rounding of a solution. A pivot below this part of its diagonal entry
@@ -22,11 +22,11 @@ struct pma_complementarity {
     pma_complementarity_parts parts;
     size_t rows, turns;
     const double *W;
-    double *factor; /* of W in the rows `held`, by columns; or W in the closed rows, of sweeps */
-    size_t held;    /* rows of the factor; none of them where it is not known */
-    size_t *in;     /* rows: of the factor */
-    size_t *wanted; /* rows: that are to push */
-    size_t *active; /* rows: of the closed contacts */
+    double *factor; /* of W in `factor_rows` rows, by columns; or W in the closed rows, of sweeps */
+    size_t factor_rows;   /* rows of the factor; none of them where it is not known */
+    size_t *in;           /* rows: of the factor */
+    size_t *wanted;       /* rows: that are to push */
+    size_t *active;       /* rows: of the closed contacts */
     size_t *top, *bottom; /* rows of the factor: where its columns begin and end */
     bool *pushes;         /* rows */
     bool *follows;        /* rows of the factor: it follows from those before */
@@ -86,7 +86,7 @@ void pma_complementarity_destroy(pma_complementarity *x)
 void pma_complementarity_set(pma_complementarity *x, const double *W)
 {
     x->W = W;
-    x->held = 0;
+    x->factor_rows = 0;
     pma_cone_forget(x->cone);
 }
 
@@ -196,7 +196,7 @@ static void factor(pma_complementarity *x, size_t n)
             x->parts.blas.dgemm("N", "N", &m, &c, &k, &minus, A + begin * n + end, &ld,
                                 A + end * n + begin, &ld, &one, A + end * n + end, &ld);
     }
-    x->held = n;
+    x->factor_rows = n;
     for (size_t j = 0; j < n; j++) {
         x->top[j] = 0;
         x->bottom[j] = n;
@@ -233,7 +233,7 @@ static void solve_pushing(pma_complementarity *x, size_t count, const double *b,
         if (x->pushes[x->active[i]])
             x->wanted[n++] = x->active[i];
     }
-    if (n != x->held || memcmp(x->in, x->wanted, n * sizeof *x->in) != 0) {
+    if (n != x->factor_rows || memcmp(x->in, x->wanted, n * sizeof *x->in) != 0) {
         memcpy(x->in, x->wanted, n * sizeof *x->in);
         factor(x, n);
     }
@@ -266,7 +266,7 @@ static bool is_wrong(const pma_complementarity *x, size_t k, const double *P, do
 static bool any_follows(const pma_complementarity *x)
 {
     bool any = false;
-    for (size_t j = 0; j < x->held; j++)
+    for (size_t j = 0; j < x->factor_rows; j++)
         any = any || x->follows[j];
     return any;
 }
@@ -323,7 +323,7 @@ static pma_cone_problem gather(pma_complementarity *x, size_t count, size_t cont
         for (size_t i = 0; i < count; i++)
             x->factor[j * count + i] = entry(x, x->active[i], x->active[j]);
     }
-    x->held = 0; /* the factor was overwritten */
+    x->factor_rows = 0; /* the factor was overwritten */
     if (count != x->coned || memcmp(x->active, x->seen, count * sizeof *x->seen) != 0)
         pma_cone_forget(x->cone);
     memcpy(x->seen, x->active, count * sizeof *x->seen);

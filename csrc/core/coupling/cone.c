@@ -31,8 +31,8 @@ typedef struct {
 } target;
 
 struct pma_cone {
-    double *J;            /* Newton's matrix in the rows that push, factored */
-    size_t held, rank;    /* unknowns of it, or none; pivots */
+    double *J;             /* Newton's matrix in the rows that push, factored */
+    size_t unknowns, rank; /* of it, or none; pivots */
     size_t *key, *wanted; /* unknowns: row and state, of the factor and of what is to be factored */
     size_t *unknown;      /* rows that push, with their tangents */
     size_t *swap, *pivot; /* of the factor: row exchanged with row k, and column of pivot k */
@@ -84,7 +84,7 @@ void pma_cone_destroy(pma_cone *x)
 
 void pma_cone_forget(pma_cone *x)
 {
-    x->held = 0;
+    x->unknowns = 0;
 }
 
 static double entry(const pma_cone_problem *p, size_t i, size_t j)
@@ -350,12 +350,13 @@ static void iterate(pma_cone *x, const pma_cone_problem *p)
         for (size_t k = p->at[i]; k < p->at[i + 1] && x->target[i].state == OPEN; k++)
             change(p, k, -p->z[k]);
     }
-    const bool known = keep && n == x->held && memcmp(x->key, x->wanted, n * sizeof *x->key) == 0;
+    const bool known =
+        keep && n == x->unknowns && memcmp(x->key, x->wanted, n * sizeof *x->key) == 0;
     assemble(x, p, n, !known);
     if (!known) {
         factor(x, n);
         memcpy(x->key, x->wanted, n * sizeof *x->key);
-        x->held = keep ? n : 0;
+        x->unknowns = keep ? n : 0;
     }
     solve(x, p, n);
     find_velocities(p);
@@ -397,7 +398,7 @@ static bool approach(pma_cone *x, const pma_cone_problem *p)
         x->diagonal[k] = entry(p, k, k);
         x->b[k] = p->b[k];
     }
-    x->held = 0;
+    x->unknowns = 0;
     for (size_t turn = 0; turn < MOST_POINTS && !found; turn++) {
         const double rounding = rounding_of(p), far = look_at_all(x, p, rounding);
         size_t row;
@@ -413,7 +414,7 @@ static bool approach(pma_cone *x, const pma_cone_problem *p)
         }
         soften(x, p, 0.0);
     }
-    x->held = 0;
+    x->unknowns = 0;
     return found;
 }
 

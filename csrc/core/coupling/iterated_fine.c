@@ -11,7 +11,8 @@
 
 #include "coupling/schedule.h"
 
-/* A change of interface forces up to so many times the rounding of their rows is rounding. (N8) */
+/* A change of interface forces up to this multiple of the rounding of their rows is
+ * rounding.                                                                               (N8) */
 #define OF_PULL 100.0
 
 static const pma_iterated_table *table_of(const pma_coupled *m)
@@ -33,9 +34,9 @@ static bool begins(const pma_coupled *m)
 
 static void take_block(pma_coupler *c, pma_coupled *m)
 {
-    pma_iteration_member *mine = member_in(c, m);
-    table_of(m)->block(m->member.self, mine->block);
-    mine->known = mine->changed = true;
+    pma_iteration_member *own = member_in(c, m);
+    table_of(m)->block(m->member.self, own->block);
+    own->known = own->changed = true;
 }
 
 /* A substep that ends later than this fine step: its free solution, and the law of it until then,
@@ -120,11 +121,11 @@ static pma_status evaluate_one(pma_coupler *c, pma_coupled *m)
 
 static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
-    pma_iteration_member *mine = member_in(c, m);
+    pma_iteration_member *own = member_in(c, m);
     const pma_iteration *it = c->iteration;
     const pma_status status =
-        table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &mine->changed);
-    if (status == PMA_OK && (mine->changed || !mine->known))
+        table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &own->changed);
+    if (status == PMA_OK && (own->changed || !own->known))
         take_block(c, m);
     return status;
 }

@@ -183,9 +183,9 @@ pma_status pma_iteration_factor(pma_coupler *c)
         return PMA_OK;
     memcpy(it->H.values, constant, entries * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_iteration_member *mine = &it->members[i];
+        const pma_iteration_member *own = &it->members[i];
         for (size_t k = 0; k < block_size(&c->coupled[i]); k++)
-            it->H.values[mine->where[k]] += mine->block[k];
+            it->H.values[own->where[k]] += own->block[k];
     }
     size_t column;
     const pma_status status = pma_numeric_factor(&it->H, &column);

@@ -101,11 +101,11 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
     const pma_member *member = &m->member;
     const bool is_mean = c->parts.schedule->ties_displacements;
     const double *lam = is_mean ? m->lam : c->present.lam;
-    const bool waits = is_mean ? member->waits : member->substeps == 1;
+    const bool defers = is_mean ? member->defers : member->substeps == 1;
     pma_substep step = pma_substep_of(c, m, j);
-    step.held = true;
+    step.is_free_run = true;
     const pma_status status = member->table->advance(member->self, NULL, &step, lam, NULL);
-    if (status != PMA_OK || waits)
+    if (status != PMA_OK || defers)
         return status;
     return member->table->advance(member->self, &step, NULL, lam, NULL);
 }

@@ -163,7 +163,7 @@ static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t 
 pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
-    if (member->waits)
+    if (member->defers)
         return close_waiting(c, m);
     const pma_selection *inner = pma_macro_selection(c, m);
     const double *lam = multipliers_of(c, m);

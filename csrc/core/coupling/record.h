@@ -18,7 +18,7 @@
  * again once another thread has read them. One that finds none is lost: the run never waits. */
 typedef struct {
     int64_t size;
-    int64_t *held;                /* size: the one in each slot, counted from 0; else -1 */
+    int64_t *steps;               /* size: the one in each slot, counted from 0; else -1 */
     atomic_int_least64_t read;    /* how many the other thread is done with */
     atomic_int_least64_t written; /* the macro step up to which all is written or lost */
     atomic_int_least64_t lost;

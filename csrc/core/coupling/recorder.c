@@ -20,7 +20,7 @@ size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t 
     int64_t before = count_before(record, macro);
     if (before < 0 || (record->every > 0 && j != levels))
         return PMA_NO_ROW;
-    if (ring && ring->held[before % ring->size] != before)
+    if (ring && ring->steps[before % ring->size] != before)
         return PMA_NO_ROW;
     before = ring ? before % ring->size : before;
     return record->every == 0 ? (size_t)before * levels + j : (size_t)before + 1;
@@ -33,7 +33,7 @@ void pma_record_begin(const pma_record *record, int64_t macro)
     if (before < 0)
         return;
     if (before - atomic_load_explicit(&ring->read, memory_order_acquire) < ring->size)
-        ring->held[before % ring->size] = before;
+        ring->steps[before % ring->size] = before;
     else
         atomic_fetch_add(&ring->lost, 1);
 }

@@ -53,7 +53,7 @@ typedef struct {
      * Closed: the link problem (14) under lam, added: the state at its end. Fails with
      * PMA_NOT_FINITE when a value of that state is not finite.
      * Opened: the free problem (13), as far as the free velocity on the interface; the only substep
-     * of a macro step that is `held` has that under lam (M6). Evaluates loads and forces, once.
+     * of a free macro run has that under lam (M6). Evaluates loads and forces, once.
      * Fails with PMA_FORCE_FAILED, PMA_RESTORING_FAILED or PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC.
      * Workers (or NULL): those that `prepare` was given. Bitwise the same for any of them. */
     pma_status (*advance)(void *self, const pma_substep *closed, const pma_substep *opened,
@@ -158,7 +158,7 @@ typedef struct {
     size_t alone;    /* ... by one worker while others wait: all of them, if they cannot share */
     pma_doubling doubling;
     pma_evaluation forces;
-    bool waits;     /* under mean coupling, its single steps are closed, not responded to (K7) */
+    bool defers;    /* under mean coupling: the closing of its single steps (K7) */
     bool shoots;    /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool elsewhere; /* is in another process (remote.h): has nothing but `values` */
     const pma_struck_table *struck; /* with contacts, else NULL */

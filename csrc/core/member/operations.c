@@ -23,7 +23,7 @@ static pma_status advance(void *self, const pma_substep *closed, const pma_subst
 {
     if (!workers && closed)
         return pma_substep_close(self, closed, lam);
-    if (!workers && !opened->held)
+    if (!workers && !opened->is_free_run)
         return pma_substep_open(self, opened);
     return advance_otherwise(self, closed, opened, lam, workers);
 }
@@ -282,7 +282,7 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .alone = entries_alone(s),
                          .doubling = pma_doubling_of(p->doubled, p->continues),
                          .forces = forces_of(p),
-                         .waits = p->waits,
+                         .defers = p->defers,
                          .shoots = p->shoots,
                          .struck =
                              p->struck.inverse && !s->iterate ? &pma_struck_operations : NULL};

@@ -26,11 +26,11 @@ typedef struct {
  * the present, which is time level 0: `substeps` of them in a macro step. They go on beyond it
  * while the last macro step is not committed yet. */
 typedef struct {
-    size_t j;       /* from time level j to j + 1 */
-    int64_t number; /* counted from the start of the run */
-    double t1;      /* time at its end (T1) */
-    bool twice;     /* double step: from time level j - 1, over 2 h */
-    bool held;      /* free macro run (M2): under the last multipliers, held; the rest follows */
+    size_t j;         /* from time level j to j + 1 */
+    int64_t number;   /* counted from the start of the run */
+    double t1;        /* time at its end (T1) */
+    bool twice;       /* double step: from time level j - 1, over 2 h */
+    bool is_free_run; /* (M2): under the last multipliers, kept constant; the rest follows */
 } pma_substep;
 
 #endif

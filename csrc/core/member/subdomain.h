@@ -44,7 +44,7 @@ typedef struct {
     bool responds;   /* has a link response (M3): substeps under macro coupling */
     bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
     pma_factor mass; /* of M, under mean coupling */
-    bool waits;      /* ... with single steps that are closed once the multipliers are known (K7) */
+    bool defers;     /* ... with single steps, closed once the multipliers are known (K7) */
     bool shifts;     /* its predictors can be shifted (V1): displacements tied under gc */
     bool shoots;     /* has internal forces, iterated or not: M */
     pma_matrix M;    /* of a subdomain that shoots */

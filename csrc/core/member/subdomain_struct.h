@@ -50,13 +50,13 @@ struct pma_subdomain {
     double *acceleration;  /* n: scratch, under mean coupling */
     double *push;          /* n: acceleration by which substeps are pushed (K2), if is_pushed */
     bool is_pushed;
-    const pma_operator *open;    /* if it waits: of the step that is open, else NULL */
-    double *shift;               /* 2 n: scratch, if predictors are shifted */
-    double *impulse;             /* 2 nb: of the open substep, if it can be struck: J, force */
-    double *sweep;               /* n: scratch of impulses whose forces are swept */
-    double *closing, *work;      /* nb: L^T Lam; scratch of the factor: both of a substep */
-    double *link, *link_work;    /* the same of `compliance`, which may be called meanwhile */
-    int code;                    /* what a function that failed returned */
+    const pma_operator *open; /* if its closing is deferred: of the step that is open, else NULL */
+    double *shift;            /* 2 n: scratch, if predictors are shifted */
+    double *impulse;          /* 2 nb: of the open substep, if it can be struck: J, force */
+    double *sweep;            /* n: scratch of impulses whose forces are swept */
+    double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
+    double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
+    int code;                 /* what a function that failed returned */
     pma_tree *tree, *tree_twice; /* of the factors of both operators; NULL where there is none */
     double *block;
     void *spread; /* springs in lanes */

@@ -267,7 +267,7 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
         status = solve_free(s, step, op, to, vf);
     if (status == PMA_OK)
         find_free_velocity(s, step, op, to, vf);
-    if (s->parts.waits)
+    if (s->parts.defers)
         s->open = op;
     return status;
 }
@@ -361,7 +361,7 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
         if (status != PMA_OK)
             return status;
     }
-    if (step->held)
+    if (step->is_free_run)
         pma_energy_close_free(s->energy, step, x);
     else
         pma_energy_close(s->energy, step, x, lam);
