@@ -2,8 +2,11 @@
 
 import base64
 import io
+import json
 import os
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -26,15 +29,60 @@ def test_there_are_notebooks():
     assert NOTEBOOKS
 
 
+# the package that is being tested, and drawings beside the notebooks
+FOLDERS = [Path(pmalpha.__file__).parents[1], NOTEBOOKS[0].parent, os.environ.get("PYTHONPATH")]
+PYTHONPATH = os.pathsep.join(str(folder) for folder in FOLDERS if folder)
+
+
+@pytest.fixture(scope="module")
+def execute(tmp_path_factory):
+    """The error of a notebook that is executed by tests/executed.py, and the files that it left."""
+    folder = tmp_path_factory.mktemp("present")
+    with subprocess.Popen(
+        [sys.executable, Path(__file__).with_name("executed.py")],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": PYTHONPATH},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+
+        def error_and_files(path):
+            print(json.dumps(str(path)), file=process.stdin, flush=True)
+            return json.loads(process.stdout.readline()), list(folder.iterdir())
+
+        yield error_and_files
+        process.stdin.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_the_notebook_runs_and_leaves_its_file_alone(path, tmp_path, monkeypatch):
-    # the kernel imports the package that is being tested, and drawings beside the notebooks
-    folders = [
-        str(Path(pmalpha.__file__).parents[1]),
-        str(path.parent),
-        os.environ.get("PYTHONPATH"),
-    ]
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
+def test_the_notebook_runs_and_leaves_its_file_alone(path, execute):
+    before = path.read_bytes()
+    error, left = execute(path)
+    if error:
+        pytest.fail(error, pytrace=False)
+    assert path.read_bytes() == before
+    assert not left
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
+@pytest.mark.parametrize(
+    "source, error", [("import numpy\n1 / 0", "ZeroDivisionError"), ("import os\nos._exit(3)", "3")]
+)
+def test_a_cell_that_fails_is_an_error_and_the_next_notebook_runs(source, error, tmp_path, execute):
+    path = tmp_path / "wrong.ipynb"
+    for text, expected in ((source, error), ("print(1)", "")):
+        notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text)])
+        nbformat.write(notebook, path)
+        found, left = execute(path)
+        assert expected in found and bool(expected) == bool(found) and not left
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_notebook_runs_in_a_kernel_of_jupyter(path, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", PYTHONPATH)
     before = path.read_bytes()
     notebook = nbformat.reads(before.decode(), as_version=4)
     # an error in a cell is raised here
