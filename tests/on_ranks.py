@@ -1,8 +1,9 @@
 """What each rank does in the tests of couplers in several processes (test_mpi.py).
 
-    mpiexec -n 3 python tests/on_ranks.py NAME[,NAME...] [OPTIONS]
+    mpiexec -n 3 python tests/on_ranks.py NAME [OPTIONS] [+ NAME [OPTIONS]] ...
 
-Every rank asserts by itself and prints a line at the end of each; an assertion that fails ends all.
+Every rank asserts by itself and prints a line at the end of each, and the first one "end of NAME".
+An assertion that fails ends all.
 """
 
 import sys
@@ -41,13 +42,23 @@ TESTS = (
 )
 TESTS += (chosen, drifting, histories, iterated, killed, killed_in_save, left, memory, static)
 
+
+def calls(words):
+    """Name and options of each."""
+    rest = list(words)
+    while rest:
+        end = rest.index("+") if "+" in rest else len(rest)
+        yield rest[0], rest[1:end]
+        rest = rest[end + 1 :]
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    names, *options = sys.argv[1:]
-    name = names
     try:
-        for name in names.split(","):
+        for name, options in calls(sys.argv[1:]):
             {test.__name__: test for test in TESTS}[name](*options)
+            if WORLD.rank == 0:
+                print("end of", name, flush=True)
     except BaseException as error:
         # the last line is what pytest shows: which test, on which rank, what differs
         traceback.print_exc()
