@@ -41,13 +41,16 @@ test: $(VENV)/.test
 	$(PYTEST) -m "not gate and not campaign" $(ARGS)
 
 # The tests that take long or need other programs: notebooks, MPI, type checkers, OpenSees, FMI,
-# benchmarks, and the campaigns in a short form.
+# benchmarks, and the campaigns in a short form. Only files with such tests are read, and a file is
+# tested by one process, since most of them prepare something for all of their tests.
+GATED     = $(shell grep -l 'mark\.gate' tests/test_*.py)
+
 others: $(VENV)/.gate
-	$(PYTEST) -m gate $(ARGS)
+	$(PYTEST) --dist loadfile -m "gate and not campaign" $(GATED) $(ARGS)
 
 # all of what the tests take samples of, then random input, histories of calls, signals and files:
 # each campaign for ten minutes
-campaigns: $(VENV)/.test
+campaigns: $(VENV)/.gate
 	$(PYTEST) -m campaign
 	for script in tests/campaign_?*.py; do \
 		echo $$script; $(VENV)/bin/python $$script --seconds 600 || exit; done
@@ -114,7 +117,7 @@ coverage: build/test_core_covered build/covered/_core.abi3.so $(VENV)/.coverage
 analyze: $(VENV)/.lint,test
 	mkdir -p build/analyzed
 	printf '%s\n' $(CORE) | xargs -P $(JOBS) -I {} sh -c '$(CC) -std=c11 -O1 -fanalyzer -Werror \
-		-Icsrc/core -Wno-unknown-pragmas -c {} -o build/analyzed/$$$$.o || exit 255'
+		-Wall -Wextra -Icsrc/core -Wno-unknown-pragmas -c {} -o build/analyzed/$$$$.o || exit 255'
 	printf '%s\n' $(CORE) | xargs -n 8 -P $(JOBS) $(VENV)/bin/clang-tidy --quiet \
 		--extra-arg=-std=c11 --extra-arg=-Icsrc/core
 	$(VENV)/bin/cppcheck -j $(JOBS) --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \

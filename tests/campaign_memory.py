@@ -122,8 +122,8 @@ def state(coupler):
     return np.concatenate([getattr(coupler.state(s), x) for s in names for x in "uva"])
 
 
-def attempt(kind, library, folder, stride):
-    """Fails each allocation of each call in turn; behind the fortieth every `stride`-th."""
+def attempt(kind, library, folder, stride, first=40):
+    """Fails each allocation of each call in turn; behind the `first` ones every `stride`-th."""
     counts = Counter()
     twin = made(kind)
     twin.step(3)
@@ -134,7 +134,7 @@ def attempt(kind, library, folder, stride):
     for name, call in calls(kind, folder).items():
         k = 0
         while True:
-            k += 1 if k < 40 else stride
+            k += 1 if k < first else stride
             twin.restore(start)
             print(kind, name, k, flush=True)
             library.failing_allocations_arm(k)
@@ -177,13 +177,13 @@ def failing():
     return library
 
 
-def run_in_this_process(kinds, stride):
+def run_in_this_process(kinds, stride, first):
     library = failing()
     warnings.simplefilter("ignore")
     total = Counter()
     with tempfile.TemporaryDirectory() as folder:
         for kind in kinds:
-            total += attempt(kind, library, Path(folder), stride)
+            total += attempt(kind, library, Path(folder), stride, first)
     print(dict(total))
 
 
@@ -196,12 +196,12 @@ def preloaded(folder):
     return {"LD_PRELOAD": str(library), "PYTHONMALLOC": "malloc"}
 
 
-def campaign(kinds=KINDS, stride=1, seconds=3600):
+def campaign(kinds=KINDS, stride=1, first=40, seconds=3600):
     """The output of a process in which allocations fail; an error of the process is raised."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | preloaded(folder)
         done = subprocess.run(
-            [sys.executable, __file__, str(stride), *kinds],
+            [sys.executable, __file__, str(stride), str(first), *kinds],
             env=environment | {"IN_CAMPAIGN": "1"},
             capture_output=True,
             text=True,
@@ -214,6 +214,6 @@ def campaign(kinds=KINDS, stride=1, seconds=3600):
 
 if __name__ == "__main__":
     if "IN_CAMPAIGN" in os.environ:
-        run_in_this_process(sys.argv[2:], int(sys.argv[1]))
+        run_in_this_process(sys.argv[3:], int(sys.argv[1]), int(sys.argv[2]))
     else:
         print(campaign(sys.argv[1:] or KINDS))

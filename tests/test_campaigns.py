@@ -11,6 +11,7 @@ import campaign_remote
 import campaign_signals
 import campaign_soak
 import pytest
+import waits
 from campaign import tried
 
 pytestmark = pytest.mark.gate
@@ -18,9 +19,9 @@ pytestmark = pytest.mark.gate
 
 @pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")  # long runs with one step
 def test_ctrl_c_at_any_instant_leaves_the_last_macro_step_and_its_history():
-    counts = tried(campaign_signals.attempt, range(12))
+    counts = tried(campaign_signals.attempt, range(6))
     # an interrupt after less than the duration of a call, on average, hits most calls
-    assert counts["moved"] > 50 and counts["not moved"] > 50
+    assert counts["moved"] > 20 and counts["not moved"] > 20
 
 
 def test_odd_input_works_or_is_refused_by_name():
@@ -39,9 +40,9 @@ def test_strangers_on_a_connection_end_it_in_time():
 
 
 def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():
-    counts = campaign_soak.campaign(seconds=0.0, least=4, steps=160)
+    counts = campaign_soak.campaign(seconds=0.0, least=4, steps=80)
     # from the third of four rounds on memory may not grow
-    assert counts["macro steps"] == 24 * (240 + 500 + (40 if campaign_soak.HDF5 else 0))
+    assert counts["macro steps"] == 24 * (120 + 100 + (20 if campaign_soak.HDF5 else 0))
     assert counts["couplers"] == 24
 
 
@@ -52,7 +53,8 @@ def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_
     bool(sysconfig.get_config_var("Py_GIL_DISABLED")),
     reason="a Python without the GIL cannot take its memory from malloc",
 )
-@pytest.mark.parametrize("kind", ["callbacks", "macro", "tied"])
-def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing(kind):
-    # the first forty of each call, and some of the others
-    assert "'MemoryError': " in campaign_memory.campaign([kind], stride=997, seconds=600)
+def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing():
+    # the first ten of each call, and some of the others
+    kinds = ["callbacks", "macro", "tied"]
+    found = campaign_memory.campaign(kinds, stride=997, first=10, seconds=waits.LIMIT)
+    assert "'MemoryError': " in found

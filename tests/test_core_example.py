@@ -23,7 +23,7 @@ def printed(tmp_path_factory):
     sources = [CSRC / "example.c", *sorted((CSRC / "core").rglob("*.c"))]
     flags = [
         "-std=c11",
-        "-O1",
+        "-O0",
         "-ffp-contract=off",
         "-fopenmp-simd",
         "-pthread",

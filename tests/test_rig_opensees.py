@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from queue import Queue
 
@@ -53,6 +54,7 @@ def displacements(process):
     return np.array([[float.fromhex(x) for x in row] for row in rows])
 
 
+@cache
 def alone(*words):
     with opensees("frame", 0, *words) as process:
         return displacements(process)
