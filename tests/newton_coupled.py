@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.sparse as sp
+from agreement import assert_close, assert_motion_agrees, largest
 from newton_reference import run, run_macro
 
 import pmalpha as pm
@@ -57,14 +58,16 @@ def oracle(coupling):
     return run_macro if coupling == "macro" else run
 
 
-def differences(history, result):
-    """Largest differences of u, v, w, q and the multipliers, relative to their largest values."""
-    both = [(history.multipliers, result.multipliers)]
-    for ours, theirs in zip(history, result.subdomains, strict=True):
-        both += [(ours.u, theirs.u), (ours.v, theirs.v), (ours.a, theirs.w)]
+def assert_agrees(history, result, within):
+    """u, v, a, q and the multipliers are those of the reference, each relative to its largest."""
+    assert_motion_agrees(history, result, within)
+    expected = result.multipliers
+    named = {"times": history.multiplier_times, "column": "constraint", "size": largest(expected)}
+    assert_close(history.multipliers, expected, within, "multiplier", **named)
+    for i, (ours, theirs) in enumerate(zip(history, result.subdomains, strict=True)):
         if theirs.q.size:
-            both.append((ours.q, theirs.q))
-    return max(abs(x - y).max() / abs(y).max() for x, y in both if y.any())
+            named = {"times": ours.t, "column": "number", "size": largest(theirs.q)}
+            assert_close(ours.q, theirs.q, within, f"history of subdomain {i}", **named)
 
 
 def same_bits(one, other):

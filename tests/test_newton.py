@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import reference
 from agreement import assert_order
-from newton_coupled import coupler, differences, oracle, package
+from newton_coupled import assert_agrees, coupler, oracle, package
 from newton_problems import (
     bilinear,
     chain,
@@ -82,7 +82,7 @@ def test_chains_move_and_iterate_as_in_the_reference(law, tangent, coupling, dou
     ours, theirs = both(subdomains, L, 0.01, steps, coupling, pm.Newton(tangent=tangent))
     # rounding, which the contact magnifies (omega h = 14). Under "macro" it is magnified by the
     # Broyden matrix too, whose updates divide by differences of small residuals
-    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)
+    assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)
     if law == "cubic" or (law == "contact" and tangent == "full" and coupling != "macro"):
         iterations_agree(ours, theirs)
     else:
@@ -122,7 +122,7 @@ def test_all_rho_with_dampers_loads_and_a_restoring_force(coupling, double, ss, 
         s.internal = with_dampers(s.internal)
     ours, theirs = both(subdomains, L, 0.01, 5, coupling, TIGHT, form="sparse")
     # as above, without a contact
-    assert differences(ours, theirs) < (1e-10 if coupling == "macro" else 1e-12)
+    assert_agrees(ours, theirs, 1e-10 if coupling == "macro" else 1e-12)
     iterations_agree(ours, theirs)
 
 
@@ -152,7 +152,7 @@ def test_tangents_of_every_form(coupling, tangent, form):
     ]
     newton = pm.Newton(tangent=tangent)
     ours, theirs = both(subdomains, L, 0.05, 5, coupling, newton, form=form)
-    assert differences(ours, theirs) < (1e-10 if coupling == "macro" else 1e-12)  # as above
+    assert_agrees(ours, theirs, 1e-10 if coupling == "macro" else 1e-12)  # as above
     iterations_agree(ours, theirs)
 
 
@@ -187,7 +187,7 @@ def test_three_subdomains_of_which_one_iterates_one_is_linear_and_one_explicit(c
     subdomains, L = three(coupling)
     ours, theirs = both(subdomains, L, 0.01, 12, coupling, newton, form="sparse")
     assert abs(ours["0"].q).max() > 1e-3  # it has yielded
-    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
     assert ours["0"].iterations[1:].min() >= 1
     assert ours["1"].iterations is None and ours["2"].iterations is None
 
@@ -208,7 +208,7 @@ def test_three_iterated_subdomains_in_a_row(coupling):
     )
     subdomains[2] = replace(subdomains[2], **reference.alpha(0.8))
     ours, theirs = both(subdomains, L, 0.01, 6, coupling, pm.Newton(), form="sparse")
-    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
     assert min(x.iterations[1:].min() for x in ours) >= 1
 
 
@@ -229,7 +229,7 @@ def test_a_prescribed_motion_moves_an_internal_force(coupling):
     history = c.run(steps=25)
     theirs = oracle(coupling)(subdomains, L, 0.02, 25, twins(TIGHT), g=g)
     assert abs(history["1"].u).max() > 0.5  # cubic: 1e3 (0.5 / 3)^2 is half of 50
-    assert differences(history, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    assert_agrees(history, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -252,7 +252,7 @@ def test_explicit_subdomains_evaluate_once(coupling, history):
     subdomains[0].double = coupling == "pm"
     subdomains[1] = replace(subdomains[1], **reference.alpha(0.5, explicit=True))
     ours, theirs = both(subdomains, L, 0.01, 8, coupling, pm.Newton())
-    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
     calls = []
     law = subdomains[1].internal
     subdomains[1].internal = lambda *args: calls.append(args[2]) or law(*args)
