@@ -210,7 +210,7 @@ def test_a_single_step_is_closed_as_it_would_respond(
     M = np.diag([2.0, 1.0, 3.0]) + 0.3 * consistent * (np.eye(3, k=1) + np.eye(3, k=-1))
     C = damping * np.diag([3.0, 1.0, 2.0]) if damping else None
 
-    def histories(waits):
+    def histories(defers):
         a, b = (
             pm.Subdomain(
                 M if consistent else np.diag(M),
@@ -224,11 +224,11 @@ def test_a_single_step_is_closed_as_it_would_respond(
             for name, stiffness in (("a", 1.0), ("b", 3.0))
         )
         coupler = pm.Coupler([a, b], pm.tie(a, [0, 2], b, [2, 0]), dt=0.3, coupling="mean")
-        assert {part.waits for part in coupler._session.parts} == {waits}
+        assert {part.defers for part in coupler._session.parts} == {defers}
         return coupler.run(steps=40, energy=True)
 
     closed = histories(True)
-    monkeypatch.setattr("pmalpha.setup.part.Part.waits", property(lambda part: False))
+    monkeypatch.setattr("pmalpha.setup.part.Part.defers", property(lambda part: False))
     responded = histories(False)
     for name in "ab":
         for x in "uva":
@@ -241,7 +241,7 @@ def test_a_single_step_is_closed_as_it_would_respond(
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # grows, as meant below
 @pytest.mark.parametrize(
-    ("change", "waits"),
+    ("change", "defers"),
     [
         ({}, True),
         (dict(scheme=pm.GeneralizedAlpha(0.5)), False),
@@ -250,12 +250,14 @@ def test_a_single_step_is_closed_as_it_would_respond(
         (dict(scheme=pm.CentralDifference()), False),
     ],
 )
-def test_damping_is_of_no_account_to_a_step_that_waits_for_the_trapezoidal_rule(change, waits):
+def test_damping_is_of_no_account_to_a_step_that_is_deferred_for_the_trapezoidal_rule(
+    change, defers
+):
     values = dict(C=[0.1, 0.2], scheme=pm.Newmark(), name="a") | change
     a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], **values)
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
-    assert coupler._session.parts[0].waits is waits
+    assert coupler._session.parts[0].defers is defers
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
