@@ -42,8 +42,9 @@ test: $(VENV)/.test
 
 # The tests that take long or need other programs: notebooks, MPI, type checkers, OpenSees, FMI,
 # benchmarks, and the campaigns in a short form. Only files with such tests are read, and a file is
-# tested by one process, since most of them prepare something for all of their tests.
-GATED     = $(shell grep -l 'mark\.gate' tests/test_*.py)
+# tested by one process, since most of them prepare something for all of their tests; the longest first.
+LONGEST  := tests/test_notebooks.py
+GATED     = $(LONGEST) $(filter-out $(LONGEST),$(shell grep -l 'mark\.gate' tests/test_*.py))
 
 others: $(VENV)/.gate
 	$(PYTEST) --dist loadfile -m "gate and not campaign" $(GATED) $(ARGS)
