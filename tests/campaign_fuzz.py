@@ -5,7 +5,7 @@ earlier campaign too. Readers, good files and what counts as a fault are those o
 Bytes are changed by the fuzzer; most of the changes keep the structure of the file: in npz and HDF5
 files one array, attribute or header is replaced, so that check sums are right, in text a number or
 word, or a line. Each reader has a process, and its share of the time; ``--names`` has some of them,
-``--library meshio`` reads meshes by it. An input that is a fault is kept. To try it again:
+``--meshes meshio`` reads meshes by it. An input that is a fault is kept. To try it again:
 ``python tests/campaign_fuzz.py --reader mesh.inp --file build/fuzz/mesh.inp/faults/0-1``.
 """
 
@@ -225,12 +225,12 @@ def fuzz(name, seconds, seed):
     atheris.Fuzz()
 
 
-def campaign(names, seconds, seed, library):
+def campaign(names, seconds, seed, meshes):
     """Counts by reader; AssertionError for faults."""
     counts, faults = {}, []
     for name in names:
         files.good(name)
-    if library == "meshio":
+    if meshes == "meshio":
         sys.modules["meshlane"] = None
     for k, name in enumerate(names):  # some may be there more than once
         status, shown = of_child(fuzz, name, seconds / len(names), seed + k)
@@ -263,11 +263,11 @@ def of_child(call, *arguments):
 
 
 if __name__ == "__main__":
-    given = arguments(__doc__, reader=str, file=str, names=str, library=str)
+    given = arguments(__doc__, reader=str, file=str, names=str, meshes=str)
     if given.file:
         print(Reader(given.reader).fault_of(Path(given.file).read_bytes()))
     elif not find_spec("atheris"):
         print("not tried: pip install atheris")
     else:
         names = given.names.split(",") if given.names else list(files.FOUND)
-        campaign(names, given.seconds, given.seed, given.library)
+        campaign(names, given.seconds, given.seed, given.meshes)

@@ -158,7 +158,7 @@ typedef struct {
     int signals;                /* a file, read without waiting */
 } pma_watch;
 
-/* The pace of the coupler and its subdomains for these macro steps, if one was set, until it is
+/* The pace of the coupler and its subdomains for `steps` macro steps, if one was set, until it is
  * released, which writes origin and done. Both with the coupler claimed. *signals: a file to which
  * signals are written, or -1. */
 int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals);

@@ -376,5 +376,5 @@ def _ordered(
 
 
 def _responds(coupling: str, substeps: int) -> bool:
-    """Whether subdomains with these substeps have link responses."""
+    """Whether subdomains with `substeps` have link responses."""
     return coupling == "mean" or (coupling == "macro" and substeps > 1)

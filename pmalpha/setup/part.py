@@ -470,7 +470,7 @@ def looks_for_contact(s: Subdomain) -> bool:
 
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
-    """Factor Mbar and make the object of the core, which factors tangents in these threads."""
+    """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
     operators = list(map(part.operator, part.lengths))
     part.known = {operator[0]: operator for operator in operators}
     part.watch = watch_of(part)

@@ -200,8 +200,12 @@ class Options(NamedTuple):
 
     def of_core(self, dt: float, threads: int, worthwhile: bool) -> dict[str, Any]:
         """The options of coupler.h by name, with the present macro step."""
-        steps = {"dt": dt, "rebased": self.start == "rebased"}
-        return steps | {"threads": threads, "worthwhile": worthwhile}
+        return {
+            "dt": dt,
+            "rebased": self.start == "rebased",
+            "threads": threads,
+            "worthwhile": worthwhile,
+        }
 
 
 def checked_options(options: Options, count: int) -> Options:

@@ -96,9 +96,9 @@ def mesh_library(use: str) -> Any:
 
 
 def _read(path: Path) -> Any:
-    library = mesh_library(f"reading {path.name!r}")
+    reader = mesh_library(f"reading {path.name!r}")
     file_format = _format(path)
-    read = getattr(library, file_format).read  # that of the library prints why, and ends Python
+    read = getattr(reader, file_format).read  # that of all formats prints why, and ends Python
     try:
         _require_own_arrays(path)
         if file_format == "vtk":

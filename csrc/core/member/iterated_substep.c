@@ -7,8 +7,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Residuals are exact up to these units in the last place of their terms, and of the forces that
- * the tangents give to the displacements.                                                  (N8) */
+/* Residuals are exact up to these parts of their terms, and of the forces that the tangents give to
+ * the displacements.                                                                        (N8) */
 #define OF_TERMS (100.0 * DBL_EPSILON)
 #define OF_DISPLACEMENTS (10.0 * DBL_EPSILON)
 
