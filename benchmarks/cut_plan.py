@@ -54,7 +54,7 @@ def measure(name, structure, arguments, seconds):
     steps = [max(1, int(2e7 / cost)) for cost in (plan.cost, plan.uncut_cost)]
     calls = [partial(c.step, k) for c, k in zip((coupler, one), steps)]
     ours, whole = (x / k for x, k in zip(in_turn(*calls, seconds=seconds), steps))
-    counted = sum(p.subdomain.substeps * p.core.entries for p in coupler._session.parts)
+    counted = sum(p.subdomain.substeps * p.core.entries for p in coupler._session.members)
     predicted = sum(row.substeps * row.entries for row in plan.subdomains)
     work = sum(s.substeps * s.n for s in parts.subdomains)
     return {

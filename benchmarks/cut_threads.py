@@ -21,7 +21,7 @@ DT, STEPS = 1e-3, 3
 def largest_share(parts):
     """Work of the busiest thread over that of all, with a thread for each subdomain."""
     coupler = parts.coupler(DT, coupling="gc", threads=len(parts.subdomains))
-    work = np.array([part.core.entries for part in coupler._session.parts], dtype=float)
+    work = np.array([part.core.entries for part in coupler._session.members], dtype=float)
     return np.bincount(coupler._session.core.workers, work).max() / work.sum()
 
 

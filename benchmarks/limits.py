@@ -103,7 +103,7 @@ def chain_limit(functions, n, steps):
 
 def solid_limit(functions, coupler, steps):
     """Reads the same data as the coupler: the numbers of its factor, in panels."""
-    (only,) = coupler._session.parts
+    (only,) = coupler._session.members
     values = only.factors[0][1][4]
     return lambda: functions.read_all(2 * steps, values.size, values)
 

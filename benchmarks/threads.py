@@ -125,7 +125,7 @@ def least_times(make, seconds, rounds):
 
 def row_of(problem, size, make, limit, quick):
     (one, two_, none), couplers = least_times(make, 0.002 if quick else 0.003, 3 if quick else 150)
-    size_of = array_bytes(couplers[0]._session.parts[0].factors[-1])
+    size_of = array_bytes(couplers[0]._session.members[0].factors[-1])
     return {
         "problem": problem,
         "size": size,

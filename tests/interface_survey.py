@@ -270,8 +270,8 @@ def case(seed):
         np.max(np.abs(own.u[:: s.substeps] - x[:, d]))
         for own, s, d in zip(history.subdomains, made, dofs)
     )
-    drift = np.sum(drift_shares(history, coupler._session.parts, coupler._session.rows, []))
-    found = estimated_error(history.subdomains, coupler._session.parts, coupler._session.rows, [])
+    drift = np.sum(drift_shares(history, coupler._session.members, coupler._session.rows, []))
+    found = estimated_error(history.subdomains, coupler._session.members, coupler._session.rows, [])
     coarse = 0.0 if found is None else found.size
     words += f" {coupling} {steps} steps, substeps {[s.substeps for s in made]}"
     return error / np.max(np.abs(x - x.mean(axis=0))), warned, drift, coarse, words

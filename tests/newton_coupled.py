@@ -156,7 +156,7 @@ def state_of(c):
     it by L v - G Lam before it is read, (N13).
     """
     states = []
-    for part in c._session.parts:
+    for part in c._session.members:
         levels = part.core.levels()
         kept = [x for i, x in enumerate(levels) if not (part.subdomain.iterates and i % 7 == 4)]
         states.append([x.tobytes() for x in kept])

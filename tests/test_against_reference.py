@@ -71,6 +71,6 @@ def test_core_and_reference_agree_on_a_random_problem_with_springs(seed):
 
 def assert_agreement(problem):
     coupler = problem.coupler()
-    expected = problem.reference(STEPS, [part.double for part in coupler._session.parts])
+    expected = problem.reference(STEPS, [part.double for part in coupler._session.members])
     inertia = largest(*(x.w @ s.M for x, s in zip(expected.subdomains, problem.subdomains)))
     assert_run_agrees(coupler.run(steps=STEPS), expected, AGREEMENT, force=inertia)

@@ -32,7 +32,7 @@ def test_numbers_that_are_missing_or_nan_are_apart():
 def test_a_run_is_compared_in_all_quantities_and_the_first_in_time_is_named():
     problem = random_problem(3)
     coupler = problem.coupler()
-    expected = problem.reference(9, [part.double for part in coupler._session.parts])
+    expected = problem.reference(9, [part.double for part in coupler._session.members])
     history = coupler.run(steps=9)
     assert_run_agrees(history, expected, 1e-9)
     wrong = [replace(s, v=s.v.copy()) for s in expected.subdomains]

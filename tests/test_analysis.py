@@ -200,18 +200,18 @@ def unloaded(seed, **changes):
 
 def test_the_random_problems_contain_what_the_next_test_needs():
     couplers = [unloaded(seed) for seed in range(40)]
-    parts = [part for coupler in couplers for part in coupler._session.parts]
+    parts = [part for coupler in couplers for part in coupler._session.members]
     assert {part.double for part in parts} == {True, False}
     assert any(part.double and part.subdomain.substeps > 1 for part in parts)
     assert any(part.double and part.subdomain.scheme.explicit for part in parts)
     kinds = {type(A) if A is None or sp.issparse(A) else A.ndim for p in parts for A in (p.M, p.K)}
     assert {1, 2, sp.csr_array} <= kinds
-    assert {len(coupler._session.parts) for coupler in couplers} == {2, 3, 4, 5}
+    assert {len(coupler._session.members) for coupler in couplers} == {2, 3, 4, 5}
 
 
 def present(coupler):
     """The state X of the coupler, as the amplification matrix has it."""
-    cores = [part.core for part in coupler._session.parts]
+    cores = [part.core for part in coupler._session.members]
     return amplification.layout_of(coupler).read(coupler._session.core, cores, 1)[:, 0]
 
 
@@ -228,7 +228,7 @@ def test_the_matrix_to_the_power_k_is_a_run_of_k_macro_steps(seed):
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-14 * size)
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-10 * np.abs(X).max())
     # the names of the rows, from the state that the user gets
-    for part in coupler._session.parts:
+    for part in coupler._session.members:
         for name, x in zip("uvw", vars(coupler.state(part.name)).values()):
             rows = [G.names.index(f"{name}[{d}] of {part.name} at n") for d in range(part.n)]
             assert np.array_equal(after[rows], x)

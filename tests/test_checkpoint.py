@@ -40,7 +40,7 @@ def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=Fa
 
 def snapshot(c):
     """The whole state, as bytes."""
-    nodes = [x.tobytes() for part in c._session.parts for x in part.core.levels()]
+    nodes = [x.tobytes() for part in c._session.members for x in part.core.levels()]
     return c.step_count, c.multipliers.tobytes(), c._session.core.prescribed.tobytes(), nodes
 
 
@@ -226,7 +226,7 @@ def test_the_elimination_order_does_not_belong_to_the_problem(tmp_path):
         jump = file["0.vf"][0] - file["1.vf"][0]
         assert jump != 0.0
     # vf is permuted as u is where both interface dofs of b count
-    part = c._session.parts[1]
+    part = c._session.members[1]
     positions = checkpoint.order_of(part, "vf", np.empty(2))
     np.testing.assert_array_equal(part.order[part.n - 2 :][positions], [0, 5])
 

@@ -51,7 +51,7 @@ def closed_steps(coupler):
     of the row after them."""
     coupler.step(1)
     snapshot, layout, core = coupler.snapshot(), layout_of(coupler), coupler._session.core
-    cores, names = [part.core for part in layout.parts], layout.names()
+    cores, names = [part.core for part in layout.members], layout.names()
     sides = {"v[2] of B at n": 1.0, "v[2] of C at n": -1.0}
     row = np.array([sides.get(name, 0.0) for name in names])
 

@@ -327,7 +327,7 @@ def test_forces_that_feed_in_energy_are_not_taken_for_the_steps(force, scheme):
     part = pm.Subdomain([1.0], [1.0], scheme=scheme, u0=[0.1], restoring=force)
     coupler = pm.Coupler([part], dt=0.05)
     coupler.step(1000)  # warnings are errors
-    assert coupler._session.parts[0].core.gain < 1.5
+    assert coupler._session.members[0].core.gain < 1.5
 
 
 def damped(estimate, k=100.0, scheme=EXPLICIT, c=1.0):
@@ -366,11 +366,11 @@ def test_a_restored_state_begins_with_no_gain():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         coupler.step(30)
-        assert coupler._session.parts[0].core.gain > 20.0
+        assert coupler._session.members[0].core.gain > 20.0
         coupler.restore(snapshot)
-        assert coupler._session.parts[0].core.gain == 0.0
+        assert coupler._session.members[0].core.gain == 0.0
         coupler.step(30)
-        assert coupler._session.parts[0].core.gain > 20.0
+        assert coupler._session.members[0].core.gain > 20.0
 
 
 def sums_of(u, v, w, h, K_r):
@@ -409,7 +409,7 @@ def test_the_gain_is_that_of_the_formulas(K_r, substeps):
     gains = np.where(A > 0.01 * gross, np.minimum(A, E) / R, 0.0)
     lasting = [gains[max(i - 3, 0) : i + 1].min() if i >= 3 else 0.0 for i in range(steps)]
     # sums of some hundred terms
-    np.testing.assert_allclose(coupler._session.parts[0].core.gain, max(lasting), rtol=1e-9)
+    np.testing.assert_allclose(coupler._session.members[0].core.gain, max(lasting), rtol=1e-9)
     assert max(lasting) > 0.05
 
 

@@ -912,7 +912,7 @@ def test_a_plan_predicts_the_steps_and_the_entries_that_the_core_reads(kind):
     plan = parts.plan(dt)
     coupler = parts.coupler(dt, coupling="gc")
     run = coupler.run(steps=3)
-    for row, part in zip(plan.subdomains, coupler._session.parts):
+    for row, part in zip(plan.subdomains, coupler._session.members):
         assert len(run[row.name].t) - 1 == 3 * row.substeps
         assert (row.name, row.dofs, row.interface) == (part.name, part.n, part.nb)
         # the core stores K in strips, node by node, with some zeros: up to a fifth in plates
@@ -929,7 +929,7 @@ def test_the_entries_of_the_uncut_run_are_those_that_its_core_reads():
         structure = structures.plate(30, 30, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped")
         plan = pm.cut(structure, parts=3, scheme=scheme).plan(1e-3)
         coupler = pm.Coupler([structure.subdomain(scheme=scheme)], dt=1e-3)
-        entries = coupler._session.parts[0].core.entries
+        entries = coupler._session.members[0].core.entries
         # zeros of strips, as above; fill of the factor in another order
         assert 0.8 * entries <= plan.uncut <= 1.05 * entries
 

@@ -64,7 +64,7 @@ def cut_bar(per_step, *, every_dof=True, scale=1.0):
 
 def measure(coupler, history):
     s = coupler._session
-    return drift_shares(history, s.parts, s.rows, s.loads.motions)
+    return drift_shares(history, s.members, s.rows, s.loads.motions)
 
 
 def test_a_macro_step_in_which_the_pulse_passes_is_warned_of():

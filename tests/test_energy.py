@@ -64,7 +64,7 @@ def require_energies(energy, expected, tolerance=1e-11):
 
 
 def doubles_of(coupler):
-    return [part.double for part in coupler._session.parts]
+    return [part.double for part in coupler._session.members]
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -65,7 +65,7 @@ def test_the_balance_of_two_conservative_subdomains_is_of_order_two(coupling):
     damped = pm.GeneralizedAlpha(0.5)
     for h in (0.02, 0.01, 0.005):
         coupler = pair(h, (damped, damped), (1, 1), coupling)
-        assert coupler._session.parts[0].double == (coupling == "pm")
+        assert coupler._session.members[0].double == (coupling == "pm")
         energy = coupler.run(2.0, energy=True).energy
         errors.append(np.abs(energy.balance).max())
         dissipated.append(np.abs(energy.dissipated).max())

@@ -183,7 +183,7 @@ def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, mo
     monkeypatch.setattr(factors, "WIDE", 0)
     problem = random_problem(seed)
     coupler = problem.coupler()
-    expected = problem.reference(9, [part.double for part in coupler._session.parts])
+    expected = problem.reference(9, [part.double for part in coupler._session.members])
     history = coupler.run(steps=9)
     scale = max(np.max(np.abs(part.u)) for part in expected.subdomains)
     for i, part in enumerate(expected.subdomains):
@@ -195,7 +195,7 @@ def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, mo
 def test_the_interface_matrix_from_the_factors_is_that_of_the_core_for_unit_multipliers(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
-    for part in coupler._session.parts:
+    for part in coupler._session.members:
         rows = part.L.rows
         if part.is_diagonal or not rows.size:
             continue
@@ -590,7 +590,7 @@ def test_mbar_of_both_steps_and_the_mass_share_one_structure():
     first = a.subdomain(scheme=pm.GeneralizedAlpha(0.5))
     second = b.subdomain(scheme=pm.GeneralizedAlpha(0.5), substeps=2)
     coupler = pm.Coupler([first, second], pm.tie(first, face, second, face), dt=0.1, coupling="pm")
-    part = coupler._session.parts[0]
+    part = coupler._session.members[0]
     single, twice = (factor[1] for factor in part.factors)
     for k in range(4):  # first, row_ptr, rows, start
         assert single[k] is twice[k] is part.elimination.structure.panels[k]

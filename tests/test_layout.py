@@ -162,12 +162,12 @@ def test_there_are_no_cycles_of_imports():
 
 def test_an_upward_import_and_a_cycle_would_be_detected():
     graph = graph_of_imports()
-    arrow = ("pmalpha.problem.subdomain", "pmalpha.setup.part")
+    arrow = ("pmalpha.problem.subdomain", "pmalpha.setup.member")
     graph[arrow[0]].add(arrow[1])
     assert upward(graph) == EXCEPTIONS | {arrow}
     assert set(arrow) <= set(cycle_in(graph))
     inside = graph_of_imports()
-    inside["pmalpha.setup.factors"].add("pmalpha.setup.part")  # which imports factors
+    inside["pmalpha.setup.factors"].add("pmalpha.setup.member")  # which imports factors
     assert upward(inside) == EXCEPTIONS and cycle_in(inside) is not None
 
 

@@ -142,7 +142,7 @@ def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, mo
         return pm.Coupler([a, other], ties, dt=0.2, coupling=coupling, threads=threads)
 
     def responses(coupler):
-        part = coupler._session.parts[0]
+        part = coupler._session.members[0]
         rows = part.L.rows
         assert rows.size > macro.LANES  # more than one block
         return macro.unit_responses(part, rows, stored=True)
@@ -168,14 +168,14 @@ def test_responses_of_several_threads_that_are_not_finite_are_refused(monkeypatc
 
 def test_small_unit_responses_are_stored_and_large_ones_are_not(repeated):
     a, b = halves(substeps=20)
-    part = coupled(a, b)._session.parts[1]
+    part = coupled(a, b)._session.members[1]
     assert not macro.is_stored(part)
     macro.STORED = 32 * part.n  # bytes of one constraint
     assert macro.is_stored(part)
     # a subdomain with more constraints than its substeps have entries to read
     many = pm.Subdomain(np.ones(50), np.ones(50), scheme=SECOND, substeps=2, name="many")
     ties = pm.tie(many, list(range(50)), pm_ground := ground(50), list(range(50)))
-    made_of_many = pm.Coupler([many, pm_ground], ties, dt=0.1, coupling="macro")._session.parts[0]
+    made_of_many = pm.Coupler([many, pm_ground], ties, dt=0.1, coupling="macro")._session.members[0]
     macro.STORED = 10**9
     assert not macro.is_stored(made_of_many)
 
@@ -580,7 +580,7 @@ def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, exp
     other = pm.Subdomain(np.ones(count), np.ones(count), scheme=SECOND)
     dofs = list(range(2, 2 + 3 * count, 3))
     tie = pm.tie(part, dofs, other, list(range(count)))
-    made = pm.Coupler([part, other], tie, dt=0.3, coupling=coupling)._session.parts[0]
+    made = pm.Coupler([part, other], tie, dt=0.3, coupling=coupling)._session.members[0]
     L = np.zeros((count, 60))
     L[np.arange(count), dofs] = 1.0
     alpha = dict(am=scheme.am, af=scheme.af, beta=scheme.beta, gamma=scheme.gamma)
@@ -621,7 +621,7 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
         part = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=explicit), substeps=6)
         other = pm.Subdomain(np.ones(5), np.ones(5), scheme=SECOND)
         ties = pm.tie(part, list(range(5)), other, list(range(5)))
-        core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._session.parts[0].core
+        core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._session.members[0].core
         end, mean = np.empty((5, 5)), np.empty((5, 5))
         assert core.unit_responses(np.arange(5), end, mean, None)
         for H in (end, mean):
@@ -685,8 +685,8 @@ def test_double_steps_with_substeps_or_in_all_subdomains_are_refused():
 
 def test_no_subdomain_takes_double_steps_by_default():
     a, b = halves(substeps=4)
-    assert not any(part.double for part in coupled(a, b)._session.parts)
-    assert [part.double for part in coupled(a, b, coupling="pm")._session.parts] == [True, False]
+    assert not any(part.double for part in coupled(a, b)._session.members)
+    assert [part.double for part in coupled(a, b, coupling="pm")._session.members] == [True, False]
 
 
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
@@ -735,7 +735,7 @@ def test_the_amplification_matrix_contains_the_multipliers():
 
 
 def states_of(coupler):
-    return [part.core.levels() for part in coupler._session.parts]
+    return [part.core.levels() for part in coupler._session.members]
 
 
 def test_subdomains_and_couplers_without_constraints_run_as_alone():

@@ -224,11 +224,11 @@ def test_a_single_step_is_closed_as_it_would_respond(
             for name, stiffness in (("a", 1.0), ("b", 3.0))
         )
         coupler = pm.Coupler([a, b], pm.tie(a, [0, 2], b, [2, 0]), dt=0.3, coupling="mean")
-        assert {part.defers for part in coupler._session.parts} == {defers}
+        assert {part.defers for part in coupler._session.members} == {defers}
         return coupler.run(steps=40, energy=True)
 
     closed = histories(True)
-    monkeypatch.setattr("pmalpha.setup.part.Part.defers", property(lambda part: False))
+    monkeypatch.setattr("pmalpha.setup.member.Member.defers", property(lambda part: False))
     responded = histories(False)
     for name in "ab":
         for x in "uva":
@@ -257,7 +257,7 @@ def test_damping_is_of_no_account_to_a_step_that_is_deferred_for_the_trapezoidal
     a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], **values)
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
-    assert coupler._session.parts[0].defers is defers
+    assert coupler._session.members[0].defers is defers
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")

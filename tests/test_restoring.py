@@ -331,9 +331,9 @@ def test_lagged_damping_is_of_order_two(scheme):
 def test_an_explicit_subdomain_with_lagged_damping_has_no_factor():
     part = damped_chain(50, CD)
     lagged = pm.Coupler([part], dt=0.1)
-    assert lagged._session.parts[0].factors[0][1] is None  # R is the unit matrix
+    assert lagged._session.members[0].factors[0][1] is None  # R is the unit matrix
     implicit = pm.Coupler([damped_chain(50, CD, damping="implicit")], dt=0.1)
-    assert implicit._session.parts[0].factors[0][1] is not None
+    assert implicit._session.members[0].factors[0][1] is not None
 
 
 def plate(n, **more):

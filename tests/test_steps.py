@@ -12,7 +12,8 @@ from reference import Subdomain
 from steps_problems import RHO, U0, K, M, error, exact, lengths, order, pair
 
 import pmalpha as pm
-from pmalpha.setup import assembly, part
+from pmalpha.setup import assembly
+from pmalpha.setup.member import Member
 
 COUPLINGS = ["gc", "pm", "macro", "mean"]
 RUNS = {
@@ -58,7 +59,7 @@ def intervals_of(coupler, problem, rng):
     for i in range(6):
         if i > 0:
             dt, substeps = random_steps(problem, rng, coupler.dt)
-            names = [s.name for s in coupler._session.parts]
+            names = [s.name for s in coupler._session.members]
             coupler.change_steps(dt, dict(zip(names, substeps)))
         layout, steps = coupler._session.steps.layout, int(rng.integers(1, 5))
         coupler.step(steps)
@@ -85,7 +86,7 @@ def test_a_run_with_changes_equals_the_reference(seed, coupling):
     for i, member in enumerate(members):
         expected = member.levels[-1].state
         assert coupler.time == pytest.approx(expected.t, rel=1e-12)
-        own = coupler._session.parts[i]
+        own = coupler._session.members[i]
         for got, x in zip(own.core.state(), (expected.u, expected.v, expected.w)):
             size = 1.0 + np.max(np.abs(x))
             np.testing.assert_allclose(got[own.position], x, atol=1e-9 * size)
@@ -253,7 +254,7 @@ def test_every_counts_step_count():
 def factorizations(monkeypatch):
     """The names of the matrices that are factored."""
     made = []
-    own, interface = part.Part.factor, assembly.interface_factor
+    own, interface = Member.factor, assembly.interface_factor
 
     def counted(self, A, what, **options):
         made.append(what)
@@ -263,7 +264,7 @@ def factorizations(monkeypatch):
         made.append("H")
         return interface(*arguments, **options)
 
-    monkeypatch.setattr(part.Part, "factor", counted)
+    monkeypatch.setattr(Member, "factor", counted)
     monkeypatch.setattr(assembly, "interface_factor", counted_interface)
     return made
 

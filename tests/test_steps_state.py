@@ -206,7 +206,7 @@ def test_works_of_double_steps_are_summed_chain_by_chain_over_a_change(coupling,
     change. 1e-12: rounding."""
     c = changed(coupling, double)
     history = c.run(steps=8, energy=True)
-    assert c._session.parts[0].double
+    assert c._session.members[0].double
     u, stride = history["A"].u[:, 1], (len(history.multipliers) - 1) // 8
     q = history.multipliers[::stride, 0]
     work = np.zeros(9)

@@ -125,20 +125,20 @@ def test_a_step_opened_early_is_discarded_after_a_new_load_or_a_new_state(tmp_pa
 
 
 def load_anew(coupler):
-    part = coupler._session.parts[0]
+    part = coupler._session.members[0]
     part.core.set_load(np.linspace(0.0, 1.0, part.n))
 
 
 def start_anew(coupler):
     lam = np.zeros(2)
-    for part in coupler._session.parts:
+    for part in coupler._session.members:
         u = np.cos(np.arange(part.n))
         part.core.start(u, np.zeros(part.n), -u, lam)
     coupler._session.core.start(0, lam, lam)
 
 
 def move_nodes(coupler):
-    part = coupler._session.parts[0]
+    part = coupler._session.members[0]
     part.core.set_levels(tuple(2.0 * x for x in part.core.levels()))
 
 
@@ -152,7 +152,7 @@ def test_each_change_by_itself_voids_the_steps_that_were_opened_early(change):
         coupler.step(6)  # two steps of the double-step subdomain are open beyond the present
         change(coupler)
         assert coupler._session.core.advance(5, None) is None
-    for one, other in zip(alone._session.parts, shared._session.parts):
+    for one, other in zip(alone._session.members, shared._session.members):
         for x, y in zip(one.core.levels(), other.core.levels()):
             np.testing.assert_array_equal(x, y)
     unchanged = double_and_fine(threads=1)
@@ -181,7 +181,7 @@ def test_a_step_is_not_opened_early_beyond_the_rows_of_a_table_of_loads():
         found = []
         for threads, rows in ((1, table.copy()), (3, table)):
             coupler = double_and_fine(threads=threads)
-            coupler._session.parts[0].core.set_load((rows, 0))
+            coupler._session.members[0].core.set_load((rows, 0))
             assert coupler._session.core.advance(steps, None) is None
             found.append(coupler.state("a").u)
         assert np.array_equal(*found)
@@ -262,7 +262,7 @@ def test_jumps_are_recorded_while_another_thread_sweeps_the_same_factor(make):
         shared = held_by_its_mean(K, interface, threads=2)
         with on_processors_of_their_own(shared):
             assert_identical(shared.run(steps=100), expected)
-    a = shared._session.parts[0]
+    a = shared._session.members[0]
     assert a.double and a.elimination.structure.panels is not None
 
 

@@ -147,7 +147,7 @@ def test_a_watched_subdomain_moves_the_same_whether_inner_time_levels_are_record
     one = struck(IMPLICIT, pm.CubicSpring([0], 300.0, 0.0), 300.0)
     two = struck(IMPLICIT, pm.CubicSpring([0], 300.0, 0.0), 300.0)
     recorded, plain = one.run(steps=40), two.run(steps=40, every=1)
-    assert one._session.parts[1].core.gain < 1e-9  # rounding of sums of some hundred terms
+    assert one._session.members[1].core.gain < 1e-9  # rounding of sums of some hundred terms
     assert np.array_equal(recorded["b"].u[::4], plain["b"].u)
 
 
@@ -159,7 +159,7 @@ def test_forces_that_feed_in_energy_are_not_taken_for_macro_steps(force, scheme)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.AccuracyWarning)
         coupler.step(1500)
-    assert coupler._session.parts[1].core.gain < 1.5
+    assert coupler._session.members[1].core.gain < 1.5
 
 
 # ---- functions that are iterated -----------------------------------------------------------------
@@ -188,7 +188,7 @@ def test_contact_of_an_iterated_function_has_the_work_of_the_stop_that_it_is(sch
             0.5 * v**2 + 0.5 * (springs or 0.0) * u**2 + 0.5 * K * np.maximum(u - GAP, 0.0) ** 2
         )
         assert energy.max() > 1.5  # of 0.5
-        gains.append(coupler._session.parts[0].core.gain)
+        gains.append(coupler._session.members[0].core.gain)
     # sums of some hundred works, of iterates that agree to the tolerance of 1e-8
     np.testing.assert_allclose(gains[0], gains[1], rtol=1e-6)
 

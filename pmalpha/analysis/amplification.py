@@ -45,8 +45,8 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
 def unloaded(coupler: Coupler) -> Iterator[None]:
     """Without loads and prescribed motion within the block."""
     session = coupler._session
-    for part in session.parts:
-        part.core.set_load(None)
+    for member in session.members:
+        member.core.set_load(None)
     for i in range(len(session.loads.motions)):
         session.core.set_motion(i, None)
     try:
@@ -125,7 +125,7 @@ def layout_of(coupler: Coupler) -> Layout:
     """The order of X for the present steps of a coupler."""
     session = coupler._session
     assembly = session.assemblies.of(session.steps.layout)
-    return Layout(assembly.parts, assembly.core, session.options.coupling, session.core_rows)
+    return Layout(assembly.members, assembly.core, session.options.coupling, session.core_rows)
 
 
 def propagated(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from ..errors import ConstraintWarning
 from ..run.advance import advance_to
 from ..run.coupler import Coupler
 from ..run.session import begin, require_linear
-from ..setup.part import Part, core_subdomain
+from ..setup.member import Member, core_subdomain
 from .amplification import checked_coupler, state_kept
 from .exact import Instant
 
@@ -199,8 +199,8 @@ def local_error(
             'with the acceleration of the multipliers, got "mean"'
         )
     with coupler._session.guard, state_kept(coupler):
-        for part in coupler._session.parts:
-            part.core.set_levels(_exact_state(coupler, part, exact, n))
+        for member in coupler._session.members:
+            member.core.set_levels(_exact_state(coupler, member, exact, n))
         zero = np.zeros(coupler._session.core_rows.p)  # no step reads these multipliers
         coupler._session.core.start(n, zero, zero)
         advance_to(coupler._session, n + 1, None)
@@ -208,32 +208,32 @@ def local_error(
 
 
 def _exact_state(
-    coupler: Coupler, part: Part, exact: Callable[[float], Instant], n: int
+    coupler: Coupler, member: Member, exact: Callable[[float], Instant], n: int
 ) -> tuple[np.ndarray, ...]:
     """The arrays of a subdomain in the core at t_n, from exact data."""
-    u, v, w, lam = _exact_at(coupler, part, exact, coupler._session.clock.time(n))
-    h = 2.0 * part.h if part.double else part.h
+    u, v, w, lam = _exact_at(coupler, member, exact, coupler._session.clock.time(n))
+    h = 2.0 * member.h if member.double else member.h
     # a separate core subdomain, whose single step is h, starts with (S2)
-    core = core_subdomain(part, part.subdomain.scheme, part.L, part.operator(h))
+    core = core_subdomain(member, member.subdomain.scheme, member.L, member.operator(h))
     core.start(u, v, w, lam)
     arrays = core.levels()
-    if part.double:
-        before = ((n * part.substeps - 1) / part.substeps) * coupler.dt
-        u, v, w, _ = _exact_at(coupler, part, exact, before)
+    if member.double:
+        before = ((n * member.substeps - 1) / member.substeps) * coupler.dt
+        u, v, w, _ = _exact_at(coupler, member, exact, before)
         # no step reads this free velocity, and there are no springs and internal forces
-        arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0), np.zeros(0))
+        arrays += (u, v, w, w, np.zeros(member.nb), np.zeros(0), np.zeros(0))
     result: tuple[np.ndarray, ...] = arrays
     return result
 
 
 def _exact_at(
-    coupler: Coupler, part: Part, exact: Callable[[float], Instant], t: float
+    coupler: Coupler, member: Member, exact: Callable[[float], Instant], t: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """u, v, w and Lam at time t in the core's order."""
     states, lam = exact(t)
     state = [
-        vector(x, part.n, f"{name} of {part.name!r} from exact({t:g})")[part.order]
-        for x, name in zip(states[part.name], "uvw")
+        vector(x, member.n, f"{name} of {member.name!r} from exact({t:g})")[member.order]
+        for x, name in zip(states[member.name], "uvw")
     ]
     rows = coupler._session.core_rows
     return (*state, rows.forces_in_core(vector(lam, rows.p, f"Lam from exact({t:g})")))
@@ -245,9 +245,9 @@ def _errors(coupler: Coupler, solution: Instant) -> dict[str, float]:
     rows = coupler._session.core_rows
     got = rows.forces(coupler._session.core.multipliers)
     errors = {"u": 0.0, "v": 0.0, "a": 0.0}
-    for part in coupler._session.parts:
-        for name, x, y in zip(errors, part.core.state(), states[part.name]):
-            y = vector(y, part.n, f"{name} of {part.name!r} from exact")
-            errors[name] = max(errors[name], float(np.max(np.abs(x[part.position] - y))))
+    for member in coupler._session.members:
+        for name, x, y in zip(errors, member.core.state(), states[member.name]):
+            y = vector(y, member.n, f"{name} of {member.name!r} from exact")
+            errors[name] = max(errors[name], float(np.max(np.abs(x[member.position] - y))))
     difference = np.abs(got - vector(lam, rows.p, "Lam from exact"))
     return errors | {"multipliers": float(np.max(difference, initial=0.0))}

@@ -106,10 +106,10 @@ class _Exact:
 
 def _constant(coupler: Coupler, i: int) -> np.ndarray:
     """The constant load of subdomain i, in the user's order."""
-    force, part = coupler._session.loads.forces[i], coupler._session.parts[i]
+    force, member = coupler._session.loads.forces[i], coupler._session.members[i]
     if force is not None and not isinstance(force, np.ndarray):
         raise ValueError(
             f"coupler must have no loads or constant ones for an exact solution, got {force!r} on "
-            f"subdomain {part.name!r}"
+            f"subdomain {member.name!r}"
         )
-    return np.zeros(part.n) if force is None else force
+    return np.zeros(member.n) if force is None else force

@@ -185,21 +185,21 @@ def _masses_alone(coupler: Coupler) -> Coupler:
     """The same coupler without stiffness, damping and loads; dt = 1."""
     if not checked_coupler(coupler)._session.core_rows.p:
         raise ValueError("coupler must have constraints, got none")
-    for part in coupler._session.parts:
-        if part.subdomain.massless.size:
+    for member in coupler._session.members:
+        if member.subdomain.massless.size:
             raise ValueError(
-                f"coupler must have mass at all dofs, got dofs without mass in {part.name!r}"
+                f"coupler must have mass at all dofs, got dofs without mass in {member.name!r}"
             )
     subdomains = [
         Subdomain(
             s.M,
             np.zeros(s.n),
             scheme=s.scheme,
-            substeps=part.substeps,
-            double_step=part.double,
-            name=part.name,
+            substeps=member.substeps,
+            double_step=member.double,
+            name=member.name,
         )
-        for part, (_, s) in zip(coupler._session.parts, coupler._session.keys)
+        for member, (_, s) in zip(coupler._session.members, coupler._session.keys)
     ]
     matrices = {s: L for s, L in zip(subdomains, coupler._session.rows.matrices) if L.nnz}
     return Coupler(subdomains, Constraint(matrices), dt=1.0, coupling="pm")

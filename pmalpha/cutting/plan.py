@@ -18,7 +18,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.factors import elimination
 from ..setup.interface import DENSE_SHARE, total
 from ..setup.link import Block, Link, diagonal_compliances
-from ..setup.part import STEP_NUMBERS
+from ..setup.member import STEP_NUMBERS
 from ..setup.stability import step_ratio
 
 __all__ = ["Plan", "PlanRow"]

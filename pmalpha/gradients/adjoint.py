@@ -53,7 +53,7 @@ class Sources:
         return out
 
 
-class Member:
+class AdjointMember:
     """A subdomain as its adjoint needs it.
 
     L: (p, n) sparse.
@@ -126,7 +126,7 @@ class Adjoint:
 
     def __init__(
         self,
-        members: Sequence[Member],
+        members: Sequence[AdjointMember],
         macro: bool,
         dt: float,
         fine: int,
@@ -215,7 +215,7 @@ class Adjoint:
             of_lam += self._of_start_multipliers(x, mu, at_nodes)
         return starts, of_lam
 
-    def _of_start_multipliers(self, x: Member, mu: np.ndarray, at_nodes: np.ndarray) -> Any:
+    def _of_start_multipliers(self, x: AdjointMember, mu: np.ndarray, at_nodes: np.ndarray) -> Any:
         """The share of a subdomain in (A12)."""
         if self.macro:
             ramp = 1.0 - np.arange(1, x.substeps) / x.substeps
@@ -225,7 +225,7 @@ class Adjoint:
             return x.al2 * (x.L @ (transposed @ at_nodes[0]))
         return 0.0
 
-    def _transposed(self, x: Member, nu: np.ndarray) -> np.ndarray:
+    def _transposed(self, x: AdjointMember, nu: np.ndarray) -> np.ndarray:
         """P^T nu on the levels of a subdomain from the first on; under "macro" R^T nu."""
         if self.macro:
             out = np.zeros((len(nu) * x.substeps + 1, self.p))
@@ -280,7 +280,7 @@ class Adjoint:
         return mus, u0, v0
 
     def of_interface(
-        self, parameters: Parameters, member: Member, lam: np.ndarray, nu: np.ndarray
+        self, parameters: Parameters, member: AdjointMember, lam: np.ndarray, nu: np.ndarray
     ) -> np.ndarray:
         """(A10): lam (interface levels + 1, p) from the first level of the block on."""
         if self.macro or member.ratio == 1:
@@ -297,7 +297,7 @@ class Adjoint:
 
 
 def reversed_load(
-    x: Member, phi: Sources, handed: Sequence[np.ndarray] | np.ndarray = (), lead: int = 0
+    x: AdjointMember, phi: Sources, handed: Sequence[np.ndarray] | np.ndarray = (), lead: int = 0
 ) -> Any:
     """The loads (A6) of the reversed run: of the sources, and of what was handed over."""
     levels = len(phi.u)
@@ -319,7 +319,7 @@ def reversed_load(
     return SampledForce(values, x.h, columns)
 
 
-class MeanMember(Member):
+class MeanAdjointMember(AdjointMember):
     """A subdomain with the trapezoidal rule under "mean"."""
 
     def __init__(
@@ -351,7 +351,7 @@ class MeanMember(Member):
 class MeanAdjoint(Adjoint):
     """The adjoint of runs under "mean", whose initial accelerations know no multipliers."""
 
-    members: list[MeanMember]
+    members: list[MeanAdjointMember]
     tied = 0
 
     def _of_motion(self, lam: np.ndarray) -> np.ndarray:
@@ -360,7 +360,7 @@ class MeanAdjoint(Adjoint):
         lam[1:] -= lam[:-1].copy()
         return -lam[::-1]
 
-    def _of_start_multipliers(self, x: Member, mu: np.ndarray, at_nodes: np.ndarray) -> Any:
+    def _of_start_multipliers(self, x: AdjointMember, mu: np.ndarray, at_nodes: np.ndarray) -> Any:
         return 0.0
 
     def taking_over(self, start: list[np.ndarray], of_lam: np.ndarray) -> Handed:

@@ -21,7 +21,7 @@ from ..memory import available, require
 from ..problem.dofs import dof_list
 from ..problem.forces import SampledForce
 from ..results.history import History
-from .adjoint import Adjoint, Member, Sources
+from .adjoint import Adjoint, AdjointMember, Sources
 from .differences import by_differences
 from .misfit import KINDS, Misfit, places
 from .parameters import Parameters
@@ -162,7 +162,7 @@ def steps_of(session: Any, end: tuple[float | None, int | None]) -> int:
     return steps
 
 
-def fitting(members: Sequence[Member], steps: int) -> int:
+def fitting(members: Sequence[AdjointMember], steps: int) -> int:
     """Macro steps of a block that fit into half of the memory beside the gradient of the loads.
 
     MemoryError where that alone does not fit.
@@ -289,7 +289,7 @@ def checked_parameters(parameters: Any, session: Any) -> tuple[list[Parameters],
 
 
 def checked_sources(
-    members: Sequence[Member], given: Any, history: Any, steps: int
+    members: Sequence[AdjointMember], given: Any, history: Any, steps: int
 ) -> tuple[dict[str, Sources], np.ndarray | None]:
     """What the objective returned, by subdomain, and that of the multipliers."""
     if not isinstance(given, Mapping):
@@ -308,7 +308,7 @@ def checked_sources(
     return {x.name: _sources(x, given.get(x.name, {}), history, steps) for x in members}, of_lam
 
 
-def _sources(x: Member, given: Mapping[str, Any], history: Any, steps: int) -> Sources:
+def _sources(x: AdjointMember, given: Mapping[str, Any], history: Any, steps: int) -> Sources:
     """The sources of a subdomain as the objective returned them, on the dofs where they are."""
     levels = steps * x.substeps + 1
     if not given:

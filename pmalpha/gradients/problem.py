@@ -13,7 +13,7 @@ from ..problem.constraints import Constraint
 from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
 from ..problem.subdomain import Subdomain
-from .adjoint import Adjoint, MeanAdjoint, MeanMember, Member, Sources, reversed_load
+from .adjoint import Adjoint, AdjointMember, MeanAdjoint, MeanAdjointMember, Sources, reversed_load
 from .parameters import Parameters
 
 TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma
@@ -31,7 +31,7 @@ class Problem:
         layout, self.matrices = session.steps.layout, session.rows.matrices
         self.dt, self.mean = layout.dt, session.coupling == "mean"
         self.macro = self.mean or session.coupling == "macro"
-        self._parts = session.parts
+        self._members = session.members
         self.options = session.options
         self.fine = 1 if self.macro else max(layout.substeps)
         self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
@@ -43,7 +43,7 @@ class Problem:
 
     def accelerations(self) -> list[np.ndarray]:
         """w of each subdomain at present, without what multipliers add under "mean"."""
-        return [part.core.state()[2][part.position] for part in self._parts]
+        return [member.core.state()[2][member.position] for member in self._members]
 
     def motions(self, run: Any, beginning: Sequence[np.ndarray]) -> dict[str, Any]:
         """What dM, dC and dK are multiplied by in (A9), at all levels of a run from t = 0.
@@ -95,7 +95,9 @@ class Problem:
             return self._from_rest(self._unmoved, cases, steps, record)
 
     def _adjoint(self, doubles: Sequence[bool]) -> Adjoint:
-        of_member, of_all = (MeanMember, MeanAdjoint) if self.mean else (Member, Adjoint)
+        of_member, of_all = (
+            (MeanAdjointMember, MeanAdjoint) if self.mean else (AdjointMember, Adjoint)
+        )
         members = []
         for (name, s), L, double in zip(self.keys, self.matrices, doubles):
             ratio = 1 if self.macro else self.fine // s.substeps

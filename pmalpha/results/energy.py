@@ -11,7 +11,7 @@ import numpy as np
 from .._checks import counted
 from ..problem.matrices import is_symmetric
 from ..problem.schemes import Scheme
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.ranks import Ranks, joined
 from ..setup.schedule import Options
 
@@ -142,11 +142,12 @@ class Energy:
 
 
 def conserved_quantity(
-    parts: Sequence[Part], options: Options, ranks: Ranks | None = None
+    members: Sequence[Member], options: Options, ranks: Ranks | None = None
 ) -> str | None:
     """Which quantity never grows: "dual" for (M9), "energy" for T + U - F . u, or None."""
     found = [
-        (_conserves(part), stiffness_weight(part.subdomain.scheme, 1.0) == 0.0) for part in parts
+        (_conserves(member), stiffness_weight(member.subdomain.scheme, 1.0) == 0.0)
+        for member in members
     ]
     conserves, trapezoidal = zip(*joined(ranks, found))
     if not all(conserves):
@@ -156,11 +157,11 @@ def conserved_quantity(
     return "dual" if options.drift == "kept" else None
 
 
-def _conserves(part: Part) -> bool:
+def _conserves(member: Member) -> bool:
     """A linear subdomain with a Newmark scheme and single steps, whose matrices are symmetric."""
-    s = part.subdomain
+    s = member.subdomain
     newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
-    return newmark and s.is_linear and not part.double and is_symmetric(s.K)
+    return newmark and s.is_linear and not member.double and is_symmetric(s.K)
 
 
 def stiffness_weight(scheme: Scheme, h: float) -> float:

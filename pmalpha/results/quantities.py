@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..problem.dofs import names_at
-from ..setup.part import Part
+from ..setup.member import Member
 
 # The times of rows, by their levels.
 TIMES = {"own": "t", "fine": "multiplier_times", "macro": "macro_times"}
@@ -94,17 +94,17 @@ OF_INTERFACE = {
 
 
 def column_counts(
-    part: Part, dofs: np.ndarray, springs: np.ndarray | None
+    member: Member, dofs: np.ndarray, springs: np.ndarray | None
 ) -> dict[str, int | None]:
     """Numbers of columns of what the core records of a subdomain, None where it does not."""
-    internal = part.internal
+    internal = member.internal
     memory = None
-    if internal is not None and internal.initial.size and dofs.size == part.n:
+    if internal is not None and internal.initial.size and dofs.size == member.n:
         memory = internal.initial.size
     return {
         "dofs": dofs.size,
         "springs": None if springs is None else springs.size,
-        "iterated": None if internal is None or part.tangent is None else 1,
+        "iterated": None if internal is None or member.tangent is None else 1,
         "memory": memory,
     }
 

@@ -20,7 +20,7 @@ from ..memory import require
 from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import CoreRows
-from ..setup.part import Part
+from ..setup.member import Member
 from .clock import Clock
 from .contact_history import layouts
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
@@ -66,7 +66,7 @@ class Recorded:
 
     def __init__(
         self,
-        parts: Sequence[Part],
+        members: Sequence[Member],
         keys: Sequence[tuple[str, Subdomain]],
         rows: CoreRows,
         *,
@@ -76,26 +76,29 @@ class Recorded:
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
     ):
-        self.parts, self.keys, self.core_rows, self.fine = parts, tuple(keys), rows, fine
+        self.members, self.keys, self.core_rows, self.fine = members, tuple(keys), rows, fine
         self.contacts = rows.contacts
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
-        self.columns = [recorded_columns(*own) for own in zip(parts, self.dofs, self.springs)]
+        self.columns = [recorded_columns(*own) for own in zip(members, self.dofs, self.springs)]
         self.interface = self._interface()
-        self.substeps = np.array([[part.substeps for part in parts]], dtype=np.int64)
+        self.substeps = np.array([[member.substeps for member in members]], dtype=np.int64)
         self.has_energy = energy
-        self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
+        self.energy_columns = len(members) * len(ENERGIES) if energy else 0
         self.positions = [
-            None if dofs is None else part.position[dofs] for part, dofs in zip(parts, self.dofs)
+            None if dofs is None else member.position[dofs]
+            for member, dofs in zip(members, self.dofs)
         ]
         self.weights = [
-            () if own is None else own.in_order(part.position)
-            for part, own in zip(parts, self.outputs)
+            () if own is None else own.in_order(member.position)
+            for member, own in zip(members, self.outputs)
         ]
         self.numbers = Counter({1: 2 * self.energy_columns})  # also as a History has them
-        for part, columns, own in zip(parts, self.columns, self.outputs):
-            self.numbers[part.substeps] += sum(columns.values()) + (0 if own is None else own.rows)
+        for member, columns, own in zip(members, self.columns, self.outputs):
+            self.numbers[member.substeps] += sum(columns.values()) + (
+                0 if own is None else own.rows
+            )
         for levels, count in self.interface.values():
             self.numbers[levels] += count
 
@@ -201,12 +204,12 @@ class Recording:
             return self.block[begin:used].reshape(rows[levels], columns)
 
         self.arrays = [
-            {x: allocate(part.substeps, count) for x, count in columns.items()}
-            for part, columns in zip(of.parts, of.columns)
+            {x: allocate(member.substeps, count) for x, count in columns.items()}
+            for member, columns in zip(of.members, of.columns)
         ]
         self.output_values = [
-            None if own is None else allocate(part.substeps, own.rows)
-            for part, own in zip(of.parts, of.outputs)
+            None if own is None else allocate(member.substeps, own.rows)
+            for member, own in zip(of.members, of.outputs)
         ]
         self.interface = {name: allocate(*shape) for name, shape in of.interface.items()}
         self.energy = allocate(1, of.energy_columns)
@@ -277,7 +280,7 @@ class Recording:
     def _in_core(self) -> tuple[Any, ...]:
         """The arrays in the form of the core."""
         of, interface = self.of, self.interface
-        selections: list[tuple[Any, ...] | None] = [None] * len(of.parts)
+        selections: list[tuple[Any, ...] | None] = [None] * len(of.members)
         for i, (position, arrays) in enumerate(zip(of.positions, self.arrays)):
             if position is not None:
                 springs, outputs = of.springs[i], self.output_values[i]
@@ -299,7 +302,7 @@ class Recording:
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro time level, subdomain and kind."""
-        return rows.reshape(len(rows), len(self.of.parts), len(ENERGIES))
+        return rows.reshape(len(rows), len(self.of.members), len(ENERGIES))
 
     def history(self, end: int) -> History:
         """The History up to macro step `end`, as far as it is wanted."""
@@ -315,21 +318,21 @@ class Recording:
 
     def _history(self, end: int) -> History:
         of, rows = self.of, {levels: self.rows(levels, end) for levels in self.of.numbers}
-        subdomains: list[SubdomainHistory | None] = [None] * len(of.parts)
-        for i, (part, dofs, springs) in enumerate(zip(of.parts, of.dofs, of.springs)):
+        subdomains: list[SubdomainHistory | None] = [None] * len(of.members)
+        for i, (member, dofs, springs) in enumerate(zip(of.members, of.dofs, of.springs)):
             if dofs is None:
                 continue
-            own = rows[part.substeps]
+            own = rows[member.substeps]
             subdomains[i] = SubdomainHistory(
-                name=part.name,
-                t=self.times(part.substeps, end),
+                name=member.name,
+                t=self.times(member.substeps, end),
                 dofs=dofs.copy(),
                 springs=None if springs is None else springs.copy(),
                 outputs=self._output_values(i, own),
-                substep=part.h,
-                double_after=self._double_after(part),
-                n=part.n,
-                dof_names=names_at(part.subdomain.dof_names, dofs),
+                substep=member.h,
+                double_after=self._double_after(member),
+                n=member.n,
+                dof_names=names_at(member.subdomain.dof_names, dofs),
                 **{
                     name: x[:own, 0].astype(int) if name in COUNTS else x[:own]
                     for name, x in self.arrays[i].items()
@@ -351,10 +354,10 @@ class Recording:
             coupling=self.coupling,
         )
 
-    def _double_after(self, part: Part) -> float | None:
-        if not part.double:
+    def _double_after(self, member: Member) -> float | None:
+        if not member.double:
             return None
-        return self.clock.t0 + (self.clock.dt if part.over is None else 0.0)
+        return self.clock.t0 + (self.clock.dt if member.over is None else 0.0)
 
     def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded outputs of a subdomain by name."""
@@ -451,13 +454,13 @@ class FiledRecording(Recording):
             for name, x in OF_INTERFACE.items()
             if name in self.shown.interface or not x.columns.startswith("contact")
         }
-        for i, (part, columns, own) in enumerate(
-            zip(self.shown.parts, self.shown.columns, self.shown.outputs)
+        for i, (member, columns, own) in enumerate(
+            zip(self.shown.members, self.shown.columns, self.shown.outputs)
         ):
             if self.shown.dofs[i] is not None:
-                levels |= {f"{i}.{name}": part.substeps for name in ("t", *columns)}
+                levels |= {f"{i}.{name}": member.substeps for name in ("t", *columns)}
                 count = 0 if own is None else len(own.sizes)
-                levels |= {output_array(i, k): part.substeps for k in range(count)}
+                levels |= {output_array(i, k): member.substeps for k in range(count)}
         fields = [*ENERGY_FIELDS]
         fields += ["conserved"] * (self.conserved is not None)
         fields += ["contact"] * (self.shown.contacts is not None)
@@ -550,11 +553,11 @@ def chosen_springs(
 
 
 def recorded_columns(
-    part: Part, dofs: np.ndarray | None, springs: np.ndarray | None
+    member: Member, dofs: np.ndarray | None, springs: np.ndarray | None
 ) -> dict[str, int]:
     """The number of columns of each array that the core records of a subdomain."""
     if dofs is None:
         return {}
-    counts = column_counts(part, dofs, springs)
+    counts = column_counts(member, dofs, springs)
     known = ((x, count) for x, count in counts.items() if count is not None)
     return {name: count for x, count in known for name in IN_SUBDOMAIN[x]}

@@ -113,13 +113,13 @@ class RingRecording(FiledRecording):
         units = np.arange(self._recorded(self.begin), self._recorded(end))
         slots = units % self.in_slots.size
         lost = self.in_slots[slots] != units
-        for i, (part, own) in enumerate(zip(self.of.parts, self.arrays)):
+        for i, (member, own) in enumerate(zip(self.of.members, self.arrays)):
             for name, x in own.items():
                 empty = 0.0 if OF_SUBDOMAIN[name].is_count else np.nan
-                self._take(x, self.ring.arrays[i][name], part.substeps, slots, lost, empty)
+                self._take(x, self.ring.arrays[i][name], member.substeps, slots, lost, empty)
             outputs, given = self.output_values[i], self.ring.output_values[i]
             if outputs is not None and given is not None:
-                self._take(outputs, given, part.substeps, slots, lost)
+                self._take(outputs, given, member.substeps, slots, lost)
         for name, x in self.interface.items():
             self._take(x, self.ring.interface[name], self.of.levels_of(name), slots, lost)
         self._take(self.energy, self.ring.energy, 1, slots, lost)

@@ -20,7 +20,7 @@ from ..problem.restoring import devices_of, functions_of, is_compiled
 from ..problem.schemes import Scheme
 from ..results.local_error import Recorded, is_complete
 from ..setup.constraint_rows import ConstraintRows
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.ranks import Ranks, joined
 from .motion import Motion
 
@@ -77,7 +77,7 @@ class Estimate:
 
 def estimated_error(
     histories: Sequence[Recorded | None],
-    parts: Sequence[Part],
+    members: Sequence[Member],
     rows: ConstraintRows,
     motions: Sequence[Motion],
 ) -> Estimate | None:
@@ -87,7 +87,7 @@ def estimated_error(
     dofs and steps up to the critical ones. All processes of `rows` call it.
     """
     ranks = rows.ranks
-    own = [_levels(history, part) for history, part in zip(histories, parts)]
+    own = [_levels(history, member) for history, member in zip(histories, members)]
     found = joined(ranks, own)
     count = gcd(*found) if found and min(found) else 0
     if count < FEWEST_LEVELS:
@@ -97,23 +97,23 @@ def estimated_error(
     records = [(h.u[::k], h.v[::k], h.a[::k]) for h, k in zip(recorded, strides)]
     with np.errstate(all="ignore"):
         largest = _largest(ranks, [u for u, _, _ in records])
-        reduced = _reduced(records, count + 1, parts, rows, motions)
+        reduced = _reduced(records, count + 1, members, rows, motions)
         if reduced is None or not 0.0 < largest < np.inf:
             return None
         step = max(joined(ranks, [(h.t[-1] - h.t[0]) / count for h in recorded]))
         complete = all(joined(ranks, [is_complete(h) for h in recorded]))
-        return _judged(reduced, records, count + 1, parts, ranks, step, largest, complete)
+        return _judged(reduced, records, count + 1, members, ranks, step, largest, complete)
 
 
-def _levels(history: Recorded | None, part: Part) -> int:
+def _levels(history: Recorded | None, member: Member) -> int:
     """Intervals of the record of a subdomain; 0 if it is not judged."""
-    if part.step_ratio is not None and not part.step_ratio.is_judged:
+    if member.step_ratio is not None and not member.step_ratio.is_judged:
         return 0  # unstable, which has a warning of its own
     if history is None or history.substep is None or history.t.size < FEWEST_LEVELS + 1:
         return 0
     t = history.t
     mean = (t[-1] - t[0]) / (t.size - 1)
-    whole = np.array_equal(history.dofs, np.arange(part.n))
+    whole = np.array_equal(history.dofs, np.arange(member.n))
     return t.size - 1 if whole and abs(t[1] - t[0] - mean) < 1e-6 * mean else 0
 
 
@@ -157,14 +157,14 @@ class Reduced:
 def _reduced(
     records: Sequence[Rows],
     levels: int,
-    parts: Sequence[Part],
+    members: Sequence[Member],
     rows: ConstraintRows,
     motions: Sequence[Motion],
 ) -> Reduced | None:
     """The structure in the shapes of which the recorded displacements consist, (D2)."""
     ranks, some = rows.ranks, _snapshots(levels)
     V = [v[some].T for _, v, _ in records]
-    MV = [product(part.subdomain.M, x) for part, x in zip(parts, V)]
+    MV = [product(member.subdomain.M, x) for member, x in zip(members, V)]
     k = some.size
     products = _total(ranks, [x.T @ y for x, y in zip(V, MV)], (k, k))
     if not np.all(np.isfinite(products)):
@@ -185,18 +185,19 @@ def _reduced(
     T = T @ _held(ranks, [x @ T for x in V], T.shape[1], rows, motions)
 
     # and its modes
-    terms = [_stiffness(part, x @ T) for part, x in zip(parts, V)]
+    terms = [_stiffness(member, x @ T) for member, x in zip(members, V)]
     r = T.shape[1]
     K = _total(ranks, [T.T @ (x.T @ Kx) for x, Kx in zip(V, terms)], (r, r))
     if not r or not np.all(np.isfinite(K)):
         return None
     squares, X = np.linalg.eigh(0.5 * (K + K.T))
     T, shapes = T @ X, [x @ (T @ X) for x in V]
-    damped = [_damping(part, x) for part, x in zip(parts, shapes)]
+    damped = [_damping(member, x) for member, x in zip(members, shapes)]
     C = _total(ranks, [x.T @ Cx for x, Cx in zip(shapes, damped)], (r, r))
     masses = [x @ T for x in MV]
     forces = [
-        _without_lag(part, Mx, Kx @ X, Cx) for part, Mx, Kx, Cx in zip(parts, masses, terms, damped)
+        _without_lag(member, Mx, Kx @ X, Cx)
+        for member, Mx, Kx, Cx in zip(members, masses, terms, damped)
     ]
     return Reduced(shapes, masses, forces, X.T @ K @ X, C, np.sqrt(np.maximum(squares, 0.0)))
 
@@ -233,27 +234,27 @@ def _held(
     return result
 
 
-def _stiffness(part: Part, x: np.ndarray) -> np.ndarray:
+def _stiffness(member: Member, x: np.ndarray) -> np.ndarray:
     """K x, with the estimates of restoring forces and the tangents of internal ones at t = 0."""
-    s, internal = part.subdomain, part.internal
+    s, internal = member.subdomain, member.internal
     Kx = product(s.K, x) + product(s.restoring_stiffness, x)
     result: np.ndarray = Kx if internal is None else Kx + product(internal.K, x)
     return result
 
 
-def _damping(part: Part, x: np.ndarray) -> np.ndarray:
-    s, internal = part.subdomain, part.internal
+def _damping(member: Member, x: np.ndarray) -> np.ndarray:
+    s, internal = member.subdomain, member.internal
     Cx = product(s.C, x) + product(s.restoring_damping, x)
     result: np.ndarray = Cx if internal is None else Cx + product(internal.C, x)
     return result
 
 
-def _without_lag(part: Part, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> np.ndarray:
+def _without_lag(member: Member, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> np.ndarray:
     """M w - al1 K w: explicit steps evaluate K at the predictor, and lagged ones C."""
-    s = part.subdomain
+    s = member.subdomain
     if not s.scheme.explicit:
         return Mx
-    al1, al2 = s.scheme.coefficients(part.step)
+    al1, al2 = s.scheme.coefficients(member.step)
     return Mx - al1 * Kx - (al2 * Cx if s.damping == "lagged" else 0.0)
 
 
@@ -261,16 +262,18 @@ def _judged(
     reduced: Reduced,
     records: Sequence[Rows],
     levels: int,
-    parts: Sequence[Part],
+    members: Sequence[Member],
     ranks: Ranks | None,
     step: float,
     largest: float,
     complete: bool,
 ) -> Estimate | None:
     stride = _stride(reduced, records, levels, ranks, step)
-    own = [_fitted(part, x) for part, x in zip(parts, reduced.shapes)]
+    own = [_fitted(member, x) for member, x in zip(members, reduced.shapes)]
     fits = [fit for fit in joined(ranks, own) if fit is not None]
-    known = [fit is not None or not p.subdomain.has_unknown_stiffness for p, fit in zip(parts, own)]
+    known = [
+        fit is not None or not p.subdomain.has_unknown_stiffness for p, fit in zip(members, own)
+    ]
     unknown = not all(joined(ranks, known))
     for some in dict.fromkeys([stride, 1]):
         motion = _projected(reduced, records, slice(0, levels, some), levels, ranks)
@@ -282,7 +285,7 @@ def _judged(
             return None  # the load between the levels is not known
     if not np.all(np.isfinite(e)):
         return None
-    return _located(reduced, e, motion[0], parts, ranks, some * step, largest)
+    return _located(reduced, e, motion[0], members, ranks, some * step, largest)
 
 
 def _stride(
@@ -346,11 +349,11 @@ class Fit:
     lag_of_v: float
 
 
-def _fitted(part: Part, shapes: np.ndarray) -> Fit | None:
+def _fitted(member: Member, shapes: np.ndarray) -> Fit | None:
     """The fit to the sampled values of the Python functions of a subdomain, None where there are
     too few, and beside springs, which have a part in the estimates."""
-    s, watch = part.subdomain, part.watch
-    if watch is None or s.springs or part.responds or not watch.samples:
+    s, watch = member.subdomain, member.watch
+    if watch is None or s.springs or member.responds or not watch.samples:
         return None
     if any(map(is_compiled, functions_of(s.restoring))) or devices_of(s.restoring):
         return None
@@ -365,8 +368,8 @@ def _fitted(part: Part, shapes: np.ndarray) -> Fit | None:
     return Fit(
         K_r - into.T @ fit[:, :k] @ into,
         C_r - into.T @ fit[:, k:] @ into,
-        s.scheme.coefficients(part.step)[0],
-        0.5 * part.step**2,
+        s.scheme.coefficients(member.step)[0],
+        0.5 * member.step**2,
     )
 
 
@@ -426,7 +429,7 @@ def _located(
     reduced: Reduced,
     e: np.ndarray,
     q: np.ndarray,
-    parts: Sequence[Part],
+    members: Sequence[Member],
     ranks: Ranks | None,
     step: float,
     largest: float,
@@ -439,17 +442,17 @@ def _located(
     peaks = [np.max(np.abs(x), axis=0, initial=0.0) for x in reduced.shapes]
     bound = np.max(np.vstack([np.zeros((1, r)), *joined(ranks, peaks)]), axis=0) @ np.abs(e)
     worst = np.argsort(bound)[-WORST:]
-    own = [_largest_of(part, x, e[:, worst], omega) for part, x in zip(parts, reduced.shapes)]
+    own = [_largest_of(member, x, e[:, worst], omega) for member, x in zip(members, reduced.shapes)]
     size, name, dof, mode, _ = max(joined(ranks, own))
     shares = [
-        _share(part, x, Mx, mode, omega)
-        for part, x, Mx in zip(parts, reduced.shapes, reduced.masses)
+        _share(member, x, Mx, mode, omega)
+        for member, x, Mx in zip(members, reduced.shapes, reduced.masses)
     ]
     shares = list(joined(ranks, shares))
     high = omega * max(x[1] for x in shares) > 1.0
     rest = [
-        _largest_of(part, x, e[:, worst] * ~high[:, None], omega)[0]
-        for part, x in zip(parts, reduced.shapes)
+        _largest_of(member, x, e[:, worst] * ~high[:, None], omega)[0]
+        for member, x in zip(members, reduced.shapes)
     ]
     lasting = max(joined(ranks, rest))
     return Estimate(
@@ -463,25 +466,25 @@ def _located(
 
 
 def _largest_of(
-    part: Part, shapes: np.ndarray, e: np.ndarray, omega: np.ndarray
+    member: Member, shapes: np.ndarray, e: np.ndarray, omega: np.ndarray
 ) -> tuple[float, str, int, int, float]:
     """The largest error of a dof of a subdomain: size, name, dof, mode, and its omega."""
     errors = np.abs(shapes @ e)
     if not errors.size:
-        return 0.0, part.name, 0, 0, 0.0
+        return 0.0, member.name, 0, 0, 0.0
     dof, level = np.unravel_index(np.argmax(errors), errors.shape)
     mode = int(np.argmax(np.abs(shapes[dof] * e[:, level])))
-    return float(errors[dof, level]), part.name, int(dof), mode, float(omega[mode])
+    return float(errors[dof, level]), member.name, int(dof), mode, float(omega[mode])
 
 
 def _share(
-    part: Part, shapes: np.ndarray, masses: np.ndarray, mode: int, omega: np.ndarray
+    member: Member, shapes: np.ndarray, masses: np.ndarray, mode: int, omega: np.ndarray
 ) -> tuple[str, float, bool, float, float]:
     """What `Estimate.shares` has of a subdomain: its mass in the mode, and the error of its steps
     per unit of time."""
     mass = float(shapes[:, mode] @ masses[:, mode])
-    rate = _step_error(part.subdomain.scheme, float(omega[mode]) * part.step) / part.step
-    return part.name, part.step, part.double, part.h, mass * rate
+    rate = _step_error(member.subdomain.scheme, float(omega[mode]) * member.step) / member.step
+    return member.name, member.step, member.double, member.h, mass * rate
 
 
 def _step_error(scheme: Scheme, Omega: float) -> float:

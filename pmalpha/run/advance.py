@@ -118,9 +118,9 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
         return PacingError(step, t)
     if isinstance(failed, tuple) and len(failed) == 6:
         index, what, position, value, limit, end = failed
-        part = loads.parts[index - first]
-        dof = None if what == "energy" else int(part.order[position])
-        return LimitError(part.name, what, dof, value, limit, end)
+        member = loads.members[index - first]
+        dof = None if what == "energy" else int(member.order[position])
+        return LimitError(member.name, what, dof, value, limit, end)
     if isinstance(failed, tuple) and len(failed) == 1:
         return Elsewhere(f"rank {failed[0]} has failed")
     if isinstance(failed, tuple) and failed[:1] == ("contact",):
@@ -140,9 +140,9 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
         index, code, what = failed
         return CallbackError(code, what, step, t, names[index])
     own = failed - first
-    if not 0 <= own < len(loads.parts):
+    if not 0 <= own < len(loads.members):
         return InstabilityError(step, t, names[failed])
-    return InstabilityError(step, t, names[failed], cause_of(loads.parts[own]))
+    return InstabilityError(step, t, names[failed], cause_of(loads.members[own]))
 
 
 def _convergence_error(
@@ -159,7 +159,7 @@ def _convergence_error(
         return ConvergenceError(names[index], end, loads.newton.iterations, cause)
     cause = ""
     if position >= 0:
-        dof = loads.parts[index - first].order[position]
+        dof = loads.members[index - first].order[position]
         cause = (
             f"its tangent Mbar is singular but for rounding, first seen at dof {dof}, as at a "
             "load that buckles it, or after an iterate far away: take other steps"
@@ -197,17 +197,17 @@ def change(
     step = session.done
     if layout == session.steps.layout:
         return
-    for i, part in enumerate(session.parts, session.assembly.first):
+    for i, member in enumerate(session.members, session.assembly.first):
         h = layout.of(i)[0]
-        if part.h != h and devices_of(part.subdomain.restoring):
+        if member.h != h and devices_of(member.subdomain.restoring):
             raise ValueError(
-                f"steps of subdomain {part.name!r} must stay {part.h:g}, got {h:g}: its actuators "
-                "and compensators remember commands step by step; make another coupler"
+                f"steps of subdomain {member.name!r} must stay {member.h:g}, got {h:g}: its "
+                "actuators and compensators remember commands step by step; make another coupler"
             )
     steps = session.steps.changed(layout, step) if clock is None else Steps(layout, clock)
     session.assemblies.of(layout)  # what it lacks is found now, not after the first macro step
     new, old, before = session.assemblies.of(steps.present), session.assembly, session.steps
-    loads = session.loads.with_steps(new.core, new.parts, steps.clock)
+    loads = session.loads.with_steps(new.core, new.members, steps.clock)
     found = None
     if session.started:
         found = moves(
@@ -219,7 +219,7 @@ def change(
         )
     if clock is None:
         fine = layout.dt / new.core.instants
-        warn_of_skipped(new.parts, loads.forces, loads.motions, fine)
+        warn_of_skipped(new.members, loads.forces, loads.motions, fine)
     if session.ranks is not None:
         session.ranks.share(None)  # from here on nothing fails
     loads.to_core()
@@ -319,7 +319,7 @@ def take_regular_steps(session: Session) -> None:
         lambda i: regular.lengths(i, steps.clock.origin + 1),
         first=False,
     )
-    loads = session.loads.moved_to(new.core, new.parts)
+    loads = session.loads.moved_to(new.core, new.members)
     follow_energies(old, new)
     take_over(old, new, found, steps.clock)
     take(session, regular, new)

@@ -25,7 +25,7 @@ from ..problem.subdomain import Subdomain
 from ..results.history import History
 from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.start import InitialAccelerations
 from .cause import least_gain
 from .initial import InitialValues, StartValues, consistent_in_lanes
@@ -50,7 +50,7 @@ FEWEST = 3
 ARGUMENTS = ("u0", "v0", "force")
 
 
-def lanes_are_possible(parts: Sequence[Part], motions: Sequence[Motion]) -> bool:
+def lanes_are_possible(members: Sequence[Member], motions: Sequence[Motion]) -> bool:
     """Whether no function of the user is evaluated by these subdomains and motions, and no
     specimen has limits."""
     functions = any(
@@ -58,7 +58,7 @@ def lanes_are_possible(parts: Sequence[Part], motions: Sequence[Motion]) -> bool
         or p.subdomain.limits is not None
         or p.feedback is not None
         or p.internal is not None
-        for p in parts
+        for p in members
     )
     return not functions and all_known(motions)
 
@@ -74,9 +74,9 @@ class Lanes:
     Number i of lane l is at ``i * LANES + l`` of every array of the core.
     """
 
-    def __init__(self, core: _core.Coupler, parts: Sequence[Part]):
-        self.parts = parts
-        self.cores = tuple(part.core.in_lanes() for part in parts)
+    def __init__(self, core: _core.Coupler, members: Sequence[Member]):
+        self.members = members
+        self.cores = tuple(member.core.in_lanes() for member in members)
         self.core = core.in_lanes(self.cores)
         self.interface: list[np.ndarray] = []  # kept from one group to the next
 
@@ -85,10 +85,10 @@ class Lanes:
     ) -> None:
         """Set initial values, in `LANES` columns, and the forces of each case."""
         lam, g = start.lam.ravel(), start.g.ravel()
-        for i, (part, core) in enumerate(zip(self.parts, self.cores)):
+        for i, (member, core) in enumerate(zip(self.members, self.cores)):
             u, v, w = (x.ravel() for x in start.states[i])
             core.start(u, v, w, lam)
-            core.set_load(tuple(core_load(own[i], part.order) for own in forces))
+            core.set_load(tuple(core_load(own[i], member.order) for own in forces))
         for k, motion in enumerate(motions):
             for lane in range(LANES):
                 self.core.set_motion(k * LANES + lane, motion.core_load())
@@ -110,7 +110,7 @@ class Lanes:
                 _in_lane(records[lane][2][i], lane) if lane < len(records) else None
                 for lane in range(LANES)
             )
-            for i in range(len(self.parts))
+            for i in range(len(self.members))
         )
         shapes = [(x.shape[0], x.shape[1] * LANES) for x in records[0][3:6]]
         if [x.shape for x in self.interface] != shapes:
@@ -119,7 +119,7 @@ class Lanes:
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
-        if any(core.gain > least_gain(part) for part, core in zip(self.parts, self.cores)):
+        if any(core.gain > least_gain(member) for member, core in zip(self.members, self.cores)):
             return False
         for k, all_lanes in enumerate(self.interface):
             split_lanes(all_lanes, tuple(own[3 + k] for own in records))
@@ -157,9 +157,13 @@ class Crew:
     """
 
     def __init__(
-        self, core: _core.Coupler, parts: Sequence[Part], threads: int, tell: Callable[[int], None]
+        self,
+        core: _core.Coupler,
+        members: Sequence[Member],
+        threads: int,
+        tell: Callable[[int], None],
     ):
-        self.core, self.parts, self.threads, self.tell = core, parts, threads, tell
+        self.core, self.members, self.threads, self.tell = core, members, threads, tell
         self.pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self.free: list[Lanes] = []
         self.at_hand: deque[Group] = deque()
@@ -193,7 +197,7 @@ class Crew:
         end: int,
     ) -> None:
         """Begin to advance a group of cases; with one thread it is then done."""
-        lanes = self.free.pop() if self.free else Lanes(self.core, self.parts)
+        lanes = self.free.pop() if self.free else Lanes(self.core, self.members)
         lanes.start(start, forces, motions)
         group = Group(lanes, cases, recordings)
         self.at_hand.append(group)
@@ -398,7 +402,7 @@ def kept(session: Session) -> Iterator[None]:
 
 def groups_of(session: Session, plan: Plan) -> list[list[int]]:
     """Cases that run side by side; those of one case run on the coupler itself."""
-    possible = lanes_are_possible(session.parts, session.loads.motions)
+    possible = lanes_are_possible(session.members, session.loads.motions)
     possible = possible and session.options.drift == "kept" and not plan.chosen["energy"]
     possible = possible and session.rows.contacts is None
     fitting = [
@@ -415,7 +419,7 @@ def groups_of(session: Session, plan: Plan) -> list[list[int]]:
 def run_groups(session: Session, groups: Sequence[list[int]], plan: Plan) -> None:
     together = [group for group in groups if len(group) > 1]
     threads = min(session.threads_allowed[0], len(together))
-    with Crew(session.core, session.parts, threads, plan.tell) as crew:
+    with Crew(session.core, session.members, threads, plan.tell) as crew:
         for group in together:
             for done in crew.room():
                 finish_group(session, done, plan)
@@ -438,14 +442,15 @@ def prepared(
     the recordings. None where the initial values of a case fail."""
     cases = [plan.cases[k] for k in group]
     cases += [cases[-1]] * (LANES - len(cases))
-    parts, clock = session.parts, session.clock
+    members, clock = session.members, session.clock
     forces = [
-        [seen_by(part, force, clock) for part, force in zip(parts, case.forces)] for case in cases
+        [seen_by(member, force, clock) for member, force in zip(members, case.forces)]
+        for case in cases
     ]
     try:
         if session.accelerations is None:
             p, rows = session.rows.p, session.core_rows.numbers
-            session.accelerations = InitialAccelerations(session.parts, p, rows)
+            session.accelerations = InitialAccelerations(session.members, p, rows)
         start = consistent_in_lanes(
             [case.initial for case in cases],
             forces,

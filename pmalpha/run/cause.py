@@ -11,7 +11,7 @@ from ..problem.restoring import functions_of, is_compiled
 from ..problem.subdomain import Subdomain
 from ..setup.bounce import MOST
 from ..setup.internal_forces import matrix_of_springs, springs_at
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.stability import (
     at_springs,
     largest_eigenvalue,
@@ -28,15 +28,15 @@ REPORTED, ITERATED = 20.0, 2.0
 SOFT = 0.707
 
 
-def least_gain(part: Part) -> float:
+def least_gain(member: Member) -> float:
     """The gain of energy above which it is reported."""
-    return ITERATED if part.subdomain.iterates or _damps_only(part) else REPORTED
+    return ITERATED if member.subdomain.iterates or _damps_only(member) else REPORTED
 
 
-def _damps_only(part: Part) -> bool:
+def _damps_only(member: Member) -> bool:
     """Whether all forces that are evaluated are those of functions with `restoring_damping`, and
     were not seen to be stiff: then what the steps add is an error of that estimate."""
-    s, watch = part.subdomain, part.watch
+    s, watch = member.subdomain, member.watch
     if s.restoring_damping is None or s.springs or s.internal is not None or watch is None:
         return False
     if any(map(is_compiled, functions_of(s.restoring))):
@@ -44,76 +44,78 @@ def _damps_only(part: Part) -> bool:
     return watch.highest * watch.step**2 < (SOFT * watch.Omega) ** 2
 
 
-def warn_of_gains(parts: Sequence[Part]) -> None:
+def warn_of_gains(members: Sequence[Member]) -> None:
     """StabilityWarning for energy that steps have added, and for contact seen by the core that they
     do not resolve, once for each subdomain and start."""
-    for part in parts:
-        reported, cause = part.impact_reported, _of_impact(part)
-        part.impact_reported = cause != ""
+    for member in members:
+        reported, cause = member.impact_reported, _of_impact(member)
+        member.impact_reported = cause != ""
         if cause and not reported:
             warn(cause, StabilityWarning)
-        reported, part.gain_reported = part.gain_reported, part.core.gain > least_gain(part)
-        if part.gain_reported and not reported:
+        reported, member.gain_reported = member.gain_reported, member.core.gain > least_gain(member)
+        if member.gain_reported and not reported:
             warn(
-                f"the energy of subdomain {part.name!r} grows by its steps: {cause_of(part)}",
+                f"the energy of subdomain {member.name!r} grows by its steps: {cause_of(member)}",
                 StabilityWarning,
             )
 
 
-def cause_of(part: Part) -> str:
+def cause_of(member: Member) -> str:
     """The cause of growth in a subdomain, or empty."""
-    s = part.subdomain
+    s = member.subdomain
     if s.restoring is None and s.internal is None:
-        return _of_step(part)
-    gain = part.core.gain
-    why = _of_springs(part) or _of_impact(part) or (_of_others(part) if gain > 1.0 else "")
+        return _of_step(member)
+    gain = member.core.gain
+    why = _of_springs(member) or _of_impact(member) or (_of_others(member) if gain > 1.0 else "")
     added = f"its steps added {gain:.3g} times its kinetic energy: " if why and gain > 1.0 else ""
     return f"{added}{why}"
 
 
-def _of_impact(part: Part) -> str:
+def _of_impact(member: Member) -> str:
     """Of a contact that the core has seen and the steps do not resolve, or empty."""
-    square, share, t = part.core.impact
-    if square == 0.0 or (part.watch is not None and part.watch.has_found(t)):
+    square, share, t = member.core.impact
+    if square == 0.0 or (member.watch is not None and member.watch.has_found(t)):
         return ""  # nothing, or the values of a Python function, which has a warning of its own
     omega = float(np.sqrt(square))
-    gain = gain_of_contact(part.subdomain.scheme, part.step, omega, share)
-    compiled = any(map(is_compiled, functions_of(part.subdomain.restoring)))
+    gain = gain_of_contact(member.subdomain.scheme, member.step, omega, share)
+    compiled = any(map(is_compiled, functions_of(member.subdomain.restoring)))
     kind = "compiled restoring function" if compiled else "internal force"
-    return cause_of_contact(kind, part.name, part.step, omega, gain, t) if gain > MOST else ""
+    return cause_of_contact(kind, member.name, member.step, omega, gain, t) if gain > MOST else ""
 
 
-def _of_step(part: Part) -> str:
-    ratio = part.step_ratio
+def _of_step(member: Member) -> str:
+    ratio = member.step_ratio
     if ratio is None or not ratio.is_above or ratio.raised:
         return ""
-    return f"its step {part.step:g} is {ratio.value:.3g} times the critical one; take smaller steps"
-
-
-def _of_springs(part: Part) -> str:
-    s = part.subdomain
-    if not s.springs or s.massless.size:
-        return ""
-    omega = _frequency_of_springs(part)
-    if not omega * part.step > predicted_product(s.scheme):
-        return ""
-    once = "" if s.iterates and not s.restoring_springs else ", where they are evaluated once,"
     return (
-        f"its springs are too stiff for the step {part.step:g}{once} with a circular frequency of "
-        f"{omega:.3g} at present, or when contact is closed; {_remedy(s)}"
+        f"its step {member.step:g} is {ratio.value:.3g} times the critical one; take smaller steps"
     )
 
 
-def _of_others(part: Part) -> str:
-    s = part.subdomain
+def _of_springs(member: Member) -> str:
+    s = member.subdomain
+    if not s.springs or s.massless.size:
+        return ""
+    omega = _frequency_of_springs(member)
+    if not omega * member.step > predicted_product(s.scheme):
+        return ""
+    once = "" if s.iterates and not s.restoring_springs else ", where they are evaluated once,"
+    return (
+        f"its springs are too stiff for the step {member.step:g}{once} with a circular frequency "
+        f"of {omega:.3g} at present, or when contact is closed; {_remedy(s)}"
+    )
+
+
+def _of_others(member: Member) -> str:
+    s = member.subdomain
     kind = "internal forces are" if s.restoring is None else "restoring forces are"
-    if _damps_only(part):
+    if _damps_only(member):
         return (
             "its restoring_damping= is above the damping of its restoring forces, for the step "
-            f"{part.step:g}; give a smaller one, or take smaller steps"
+            f"{member.step:g}; give a smaller one, or take smaller steps"
         )
     over = " or restoring_damping= above their damping" if s.restoring_damping is not None else ""
-    return f"its {kind} too stiff for the step {part.step:g}{over}; {_remedy(s)}"
+    return f"its {kind} too stiff for the step {member.step:g}{over}; {_remedy(s)}"
 
 
 def _remedy(s: Subdomain) -> str:
@@ -127,12 +129,12 @@ def _remedy(s: Subdomain) -> str:
     )
 
 
-def _frequency_of_springs(part: Part) -> float:
+def _frequency_of_springs(member: Member) -> float:
     """The largest circular frequency of the springs alone where they will be, or closed."""
-    s = part.subdomain
-    u, v, _, remembered = part.present()
+    s = member.subdomain
+    u, v, _, remembered = member.present()
     with np.errstate(over="ignore", invalid="ignore"):
-        _, tangents = springs_at(s, u + part.step * v, remembered)
+        _, tangents = springs_at(s, u + member.step * v, remembered)
         larger = [np.maximum(x.largest_tangent, k) for x, k in zip(s.springs, tangents)]
         if not all(np.all(np.isfinite(k)) for k in larger):
             return np.inf
@@ -140,13 +142,13 @@ def _frequency_of_springs(part: Part) -> float:
         return float(np.sqrt(largest_eigenvalue(A, M)[0]))
 
 
-def warn_of_present_steps(parts: Sequence[Part], t: float) -> None:
+def warn_of_present_steps(members: Sequence[Member], t: float) -> None:
     """StabilityWarning where an explicit step is above the critical one of the present state.
 
     Evaluates the internal forces of each explicit subdomain once, with their tangents.
     """
     warn_of_steps(
         (p.name, s, p.step, present_ratio(s, p.internal, p.step, t, p.present()))
-        for p, s in ((part, part.subdomain) for part in parts)
+        for p, s in ((member, member.subdomain) for member in members)
         if p.internal is not None and s.scheme.explicit
     )

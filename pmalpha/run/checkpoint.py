@@ -32,7 +32,7 @@ from ..results.clock import Clock
 from ..setup.assembly import Assembly
 from ..setup.constraint_rows import CoreRows
 from ..setup.contact_rows import Contacts
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.schedule import Options
 from .motion import Motion
 
@@ -66,7 +66,7 @@ def constants(
     options: Options,
     names: Sequence[str],
     p: int,
-    parts: Sequence[Part],
+    members: Sequence[Member],
     matrices: Sequence[sp.csc_array],
     *,
     iterates: bool,
@@ -75,7 +75,7 @@ def constants(
     """The constant facts of a problem, by the name that an error shows.
 
     names: of the subdomains of all processes.
-    parts: of this process.
+    members: of this process.
     matrices: sequence of (p, n_i) csc_array, L_i, in the user's order.
     iterates: whether some subdomain has internal forces.
     """
@@ -85,37 +85,37 @@ def constants(
     facts |= {"names": list(names), "conditions": p}
     if len(names) == 1 and options.coupling == "gc":
         facts["coupling"] = "pm"  # the same; files of older versions have it
-    for part, L in zip(parts, matrices):
-        s, of = part.subdomain, f"of {part.name!r}"
+    for member, L in zip(members, matrices):
+        s, of = member.subdomain, f"of {member.name!r}"
         scheme = s.scheme
         facts |= {
-            f"dofs {of}": part.n,
-            f"interface dofs {of}": part.nb,
-            f"substeps {of}": part.substeps,
-            f"double step {of}": part.double,
+            f"dofs {of}": member.n,
+            f"interface dofs {of}": member.nb,
+            f"substeps {of}": member.substeps,
+            f"double step {of}": member.double,
             f"scheme {of}": [scheme.am, scheme.af, scheme.beta, scheme.gamma, scheme.explicit],
         }
         facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in (*"MKC", *ESTIMATES)}
         facts[f"damping {of}"] = s.damping
         if s.internal is not None:
-            facts[f"internal forces {of}"] = internal(part)
+            facts[f"internal forces {of}"] = internal(member)
         facts[f"restoring {of}"] = "none" if s.restoring is None else load(s.restoring)
-        facts[f"conditions on {part.name!r}"] = checksum(sp.csr_array(L))
+        facts[f"conditions on {member.name!r}"] = checksum(sp.csr_array(L))
     if contacts is not None:
         facts |= {
-            f"rows of contacts on {parts[i].name!r}": checksum(N) for i, N in contacts.N.items()
+            f"rows of contacts on {members[i].name!r}": checksum(N) for i, N in contacts.N.items()
         }
         facts |= {f"{x} of contacts": checksum(contacts.numbers(x)) for x in OF_CONTACTS}
     return facts
 
 
 def loads(
-    parts: Sequence[Part], forces: Sequence[Any], motions: Sequence[Motion]
+    members: Sequence[Member], forces: Sequence[Any], motions: Sequence[Motion]
 ) -> dict[str, str]:
     """The loads of a problem, which `reset` can change. Callables cannot be compared."""
     facts = {
-        f"force of {part.name!r}": load(force) + depends_on_motion(force) * " of t, u and v"
-        for part, force in zip(parts, forces)
+        f"force of {member.name!r}": load(force) + depends_on_motion(force) * " of t, u and v"
+        for member, force in zip(members, forces)
     }
     return facts | {motion.what: load(motion.velocity) for motion in motions}
 
@@ -138,9 +138,9 @@ def load(force: Any) -> str:
     return "a callable" if callable(force) else checksum(force)
 
 
-def internal(part: Part) -> str:
+def internal(member: Member) -> str:
     """A description of internal forces: their springs, pattern and history; not the functions."""
-    forces, given = part.internal, part.subdomain.internal
+    forces, given = member.internal, member.subdomain.internal
     assert forces is not None and given is not None
     springs = load(given.springs)
     sizes = [force.history.size for force in given.forces]
@@ -178,14 +178,14 @@ def differences(
 # ---- the state -------------------------------------------------------------------------------
 
 
-def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
+def order_of(member: Member, name: str, x: np.ndarray) -> np.ndarray:
     """Order of the entries of x, those of the last eliminated dofs, by the user's numbers.
 
     What springs and internal forces remember is in the user's order already.
     """
     if name.endswith(("springs", "history")):
         return np.arange(x.size)
-    return np.argsort(part.order[part.n - x.size :])
+    return np.argsort(member.order[member.n - x.size :])
 
 
 def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[str, np.ndarray]:
@@ -194,15 +194,15 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
     Subdomains have their numbers among those of all processes.
     """
     arrays, p, core = {}, rows.p, assembly.core
-    for i, part in enumerate(assembly.parts, assembly.first):
-        for name, x in zip(names(part), part.core.levels()):
+    for i, member in enumerate(assembly.members, assembly.first):
+        for name, x in zip(names(member), member.core.levels()):
             if x.size or not name.endswith("history"):
-                arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
-        if (iteration := part.core.iteration()) is not None:
+                arrays[f"{i}.{name}"] = x[order_of(member, name, x)]
+        if (iteration := member.core.iteration()) is not None:
             scale, entries, twice = iteration
             arrays[f"{i}.iteration"] = np.array([scale, float(entries is not None), float(twice)])
             if entries is not None:
-                arrays[f"{i}.tangent"] = entries[places_of(part)]
+                arrays[f"{i}.tangent"] = entries[places_of(member)]
     if (shooting := core.numbers("shooting")).size:
         arrays["shooting"] = reordered(shooting, rows.position, rows.scale)
     if options.coupling == "mean":
@@ -218,8 +218,8 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
     return arrays
 
 
-def names(part: Part) -> list[str]:
-    return [*FIELDS, *(f"previous_{name}" for name in FIELDS if part.double)]
+def names(member: Member) -> list[str]:
+    return [*FIELDS, *(f"previous_{name}" for name in FIELDS if member.double)]
 
 
 # What the iteration of a subdomain keeps: scale, entries of a tangent, and whether they are of the
@@ -246,10 +246,10 @@ def core_state(
 ) -> CoreState:
     """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
     p, core = rows.p, assembly.core
-    parts = list(enumerate(assembly.parts, assembly.first))
+    members = list(enumerate(assembly.members, assembly.first))
     try:
-        states = [core_arrays(part, i, arrays) for i, part in parts]
-        iterations = [core_iteration(part, i, arrays) for i, part in parts]
+        states = [core_arrays(member, i, arrays) for i, member in members]
+        iterations = [core_iteration(member, i, arrays) for i, member in members]
         shooting = core.numbers("shooting")
         if shooting.size:
             shooting = checked(arrays, "shooting", shooting.size)
@@ -273,36 +273,36 @@ def core_state(
     return CoreState(states, iterations, lam, g, numbers)
 
 
-def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+def core_arrays(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """The arrays of subdomain i for the core; ValueError for missing or wrong arrays."""
     state = []
-    for name, present in zip(names(part), part.core.levels()):
+    for name, present in zip(names(member), member.core.levels()):
         if name.endswith("history") and not present.size:
             state.append(present)
             continue
         x = np.empty(present.size)
-        x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", present.size)
+        x[order_of(member, name, x)] = checked(arrays, f"{i}.{name}", present.size)
         state.append(x)
     return tuple(state)
 
 
-def core_iteration(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> Iteration | None:
+def core_iteration(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> Iteration | None:
     """What the iteration of subdomain i continues with, for the core; None if it is linear."""
-    if part.tangent is None:
+    if member.tangent is None:
         return None
     scale, has_tangent, twice = checked(arrays, f"{i}.iteration", 3)
-    size = part.tangent.pattern.nnz
+    size = member.tangent.pattern.nnz
     tangent = None
     if has_tangent:
         tangent = np.empty(size)
-        tangent[places_of(part)] = checked(arrays, f"{i}.tangent", size)
+        tangent[places_of(member)] = checked(arrays, f"{i}.tangent", size)
     return float(scale), tangent, bool(twice)
 
 
-def places_of(part: Part) -> np.ndarray:
+def places_of(member: Member) -> np.ndarray:
     """Where the values of a tangent in the user's order of dofs are in that of the core."""
-    assert part.tangent is not None and part.internal is not None
-    return part.tangent.places(part.internal.pattern)
+    assert member.tangent is not None and member.internal is not None
+    return member.tangent.places(member.internal.pattern)
 
 
 def reordered(shooting: np.ndarray, rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -332,32 +332,32 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
 
 
 def restore(
-    state: CoreState, parts: Sequence[Part], core: _core.Coupler, clock: Clock, step: int
+    state: CoreState, members: Sequence[Member], core: _core.Coupler, clock: Clock, step: int
 ) -> None:
     """Set a state in the core, at this macro step of the clock.
 
     Raises ValueError for a kept tangent that is singular; the state is then unchanged.
     """
-    set_iterations(state.iterations, parts)
-    for part, levels in zip(parts, state.levels):
-        part.core.set_levels(levels)
+    set_iterations(state.iterations, members)
+    for member, levels in zip(members, state.levels):
+        member.core.set_levels(levels)
     core.set_origin(clock.origin, clock.t0)
     core.start(step, state.multipliers, state.prescribed)
     for name, numbers in state.numbers.items():
         core.set_numbers(name, numbers)
 
 
-def set_iterations(iterations: Sequence[Iteration | None], parts: Sequence[Part]) -> None:
-    iterated = [(part, new) for part, new in zip(parts, iterations) if new is not None]
-    before = [part.core.iteration() for part, _ in iterated]
+def set_iterations(iterations: Sequence[Iteration | None], members: Sequence[Member]) -> None:
+    iterated = [(member, new) for member, new in zip(members, iterations) if new is not None]
+    before = [member.core.iteration() for member, _ in iterated]
     with one_thread():  # the core factors kept tangents
         try:
-            for part, new in iterated:
-                part.core.set_iteration(*new)
+            for member, new in iterated:
+                member.core.set_iteration(*new)
         except (RuntimeError, ValueError) as error:
-            for (part, _), old in zip(iterated, before):
+            for (member, _), old in zip(iterated, before):
                 assert old is not None  # as the new one
-                part.core.set_iteration(*old)
+                member.core.set_iteration(*old)
             raise ValueError(f"a kept tangent is singular: {error}") from None
 
 

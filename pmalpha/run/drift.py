@@ -14,7 +14,7 @@ from ..errors import AccuracyWarning, warn
 from ..problem.matrices import product
 from ..results.history import History, SubdomainHistory
 from ..setup.constraint_rows import ConstraintRows
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.ranks import joined
 from .motion import Motion
 
@@ -30,24 +30,24 @@ SAMPLES = 64
 
 
 def warn_if_drifting(
-    history: History, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
+    history: History, members: Sequence[Member], rows: ConstraintRows, motions: Sequence[Motion]
 ) -> None:
     """AccuracyWarning when macro steps are too long for the forces that cross the interfaces.
 
-    parts: no warning unless one, of any process, has substeps under macro coupling.
+    members: no warning unless one, of any process, has substeps under macro coupling.
     rows: with the processes, all of which call this; each of them warns.
     motions: prescribed velocities; the displacements of their rows are not tied.
     """
     if history.macro_times.size <= FEWEST_MACRO_STEPS:
         return
-    if not any(joined(rows.ranks, [part.responds for part in parts])):
+    if not any(joined(rows.ranks, [member.responds for member in members])):
         return
     with np.errstate(all="ignore"):
-        shares = drift_shares(history, parts, rows, motions)
+        shares = drift_shares(history, members, rows, motions)
     if not LARGE < np.sum(shares) < np.inf:
         return
     worst = int(np.argmax(shares))
-    own = [repr(p.name) for p, L in zip(parts, rows.matrices) if np.any(L.indices == worst)]
+    own = [repr(p.name) for p, L in zip(members, rows.matrices) if np.any(L.indices == worst)]
     names = joined(rows.ranks, own)
     jump = history.displacement_jump[:, worst]
     warn(
@@ -60,7 +60,7 @@ def warn_if_drifting(
 
 
 def drift_shares(
-    history: History, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
+    history: History, members: Sequence[Member], rows: ConstraintRows, motions: Sequence[Motion]
 ) -> np.ndarray:
     """The share of each constraint in the measure (D4), (p,); zeros where it cannot be computed.
 
@@ -70,7 +70,7 @@ def drift_shares(
     none = np.zeros(p)
     if p == 0:
         return none
-    known = [(part.n, _is_judged(part, s)) for part, s in zip(parts, history.subdomains)]
+    known = [(member.n, _is_judged(member, s)) for member, s in zip(members, history.subdomains)]
     found = joined(rows.ranks, known)
     if not all(judged for _, judged in found):
         return none
@@ -80,10 +80,10 @@ def drift_shares(
     force = np.std(levels_of(history.multipliers, levels, some), axis=0)
     work = force * np.max(np.abs(jump), axis=0)
     terms = []
-    for part, own, L in zip(parts, history.subdomains, rows.matrices):
+    for member, own, L in zip(members, history.subdomains, rows.matrices):
         assert own is not None  # or it is not judged
         v, u = (levels_of(x, levels, some) for x in (own.v, own.u))
-        energy = float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
+        energy = float(np.mean([x @ product(member.subdomain.M, x) for x in v]))
         terms.append((energy, abs(L) @ np.std(u, axis=0), abs(L) @ np.max(np.abs(u), axis=0)))
     kinetic, distance, sizes = (sum(x) for x in zip(*joined(rows.ranks, terms)))
     work[np.max(np.abs(jump), axis=0) <= ROUNDING * sizes] = 0.0
@@ -102,11 +102,11 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
     return numbers
 
 
-def _is_judged(part: Part, own: SubdomainHistory | None) -> bool:
+def _is_judged(member: Member, own: SubdomainHistory | None) -> bool:
     """Whether steps are below the critical one, and all dofs were recorded."""
-    if part.step_ratio is not None and not part.step_ratio.is_judged:
+    if member.step_ratio is not None and not member.step_ratio.is_judged:
         return False
-    return own is not None and np.array_equal(own.dofs, np.arange(part.n))
+    return own is not None and np.array_equal(own.dofs, np.arange(member.n))
 
 
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:

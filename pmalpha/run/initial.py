@@ -14,7 +14,7 @@ from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
 from ..results.keys import by_index
 from ..setup.constraint_rows import ConstraintRows, CoreRows
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.start import InitialAccelerations
 from .loads import Loads, force_at
 from .motion import Motion, all_known, slopes_at_start, values_at_start
@@ -80,7 +80,7 @@ class InitialValues:
     def start(
         self,
         core: _core.Coupler,
-        parts: Sequence[Part],
+        members: Sequence[Member],
         loads: Loads,
         rows: CoreRows,
         solver: InitialAccelerations | None,
@@ -90,12 +90,12 @@ class InitialValues:
         Returns the solver of the initial accelerations, created here if it is None.
         """
         ranks = self.rows.ranks
-        solver = solver or InitialAccelerations(parts, rows.p, rows.numbers, ranks)
-        start = self.consistent(parts, loads, rows, solver)
+        solver = solver or InitialAccelerations(members, rows.p, rows.numbers, ranks)
+        start = self.consistent(members, loads, rows, solver)
         contact = self._contact(loads)
-        for part, state in zip(parts, start.states):
-            part.core.start(*state, start.lam)
-            part.gain_reported = part.impact_reported = False
+        for member, state in zip(members, start.states):
+            member.core.start(*state, start.lam)
+            member.gain_reported = member.impact_reported = False
         core.start(0, start.lam, start.g)
         core.set_numbers("gap", start.gap)
         core.set_numbers("end_multipliers", start.end_multipliers)
@@ -113,14 +113,14 @@ class InitialValues:
 
     def consistent(
         self,
-        parts: Sequence[Part],
+        members: Sequence[Member],
         loads: Loads,
         rows: CoreRows,
         solver: InitialAccelerations,
     ) -> StartValues:
         """Consistent initial values (S1), in elimination order."""
-        states = self.in_order(parts)
-        forces = [loads.at_start(i) for i in range(len(parts))]
+        states = self.in_order(members)
+        forces = [loads.at_start(i) for i in range(len(members))]
         terms = [[F, *own] for F, own in zip(forces, loads.terms_of_motion(states))]
         g = rows.jumps_in_core(values_at_start(loads.motions, rows.p))
         slope = rows.jumps_in_core(slopes_at_start(loads.motions, rows.p))
@@ -129,20 +129,20 @@ class InitialValues:
         if self.rows.ranks is not None:
             self.rows.ranks.require_equal("a prescribed velocity", (g.tobytes(), slope.tobytes()))
         accelerations, lam = solver.solve(terms, slope)
-        for part, w in zip(parts, accelerations):
+        for member, w in zip(members, accelerations):
             if not np.all(np.isfinite(w)):
-                raise InstabilityError(0, 0.0, part.name)
+                raise InstabilityError(0, 0.0, member.name)
         # under mean coupling w is without the acceleration of the multipliers
         free = [
-            w - part.core.accelerate(lam) if part.mean else w
-            for part, w in zip(parts, accelerations)
+            w - member.core.accelerate(lam) if member.mean else w
+            for member, w in zip(members, accelerations)
         ]
         gap = rows.jumps_in_core(self.rows.gaps([u for u, _ in self.values]))
         return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, gap)
 
-    def in_order(self, parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
+    def in_order(self, members: Sequence[Member]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(u, v) of each subdomain in elimination order."""
-        return [(u[part.order], v[part.order]) for part, (u, v) in zip(parts, self.values)]
+        return [(u[member.order], v[member.order]) for member, (u, v) in zip(members, self.values)]
 
 
 def consistent_in_lanes(
@@ -159,26 +159,26 @@ def consistent_in_lanes(
     initials: what is computed of one that several cases share is computed once.
     loads: with the prescribed velocities of all cases.
     """
-    parts, p = loads.parts, rows.p
-    states = {initial: initial.in_order(parts) for initial in initials}
+    members, p = loads.members, rows.p
+    states = {initial: initial.in_order(members) for initial in initials}
     moving = {initial: loads.terms_of_motion(own) for initial, own in states.items()}
     u, v = (
-        [columns([states[initial][i][k] for initial in initials]) for i in range(len(parts))]
+        [columns([states[initial][i][k] for initial in initials]) for i in range(len(members))]
         for k in range(2)
     )
     terms = []
-    for i, part in enumerate(parts):
+    for i, member in enumerate(members):
         each = zip(*(moving[initial][i] for initial in initials))
-        F = columns([force_at(own[i], part, 0.0) for own in forces])
+        F = columns([force_at(own[i], member, 0.0) for own in forces])
         terms.append([F, *map(columns, each)])
     g = rows.jumps_in_core(values_at_start(loads.motions, p))
     slope = rows.jumps_in_core(slopes_at_start(loads.motions, p))
     w, lam = solver.solve_columns(terms, slope)
-    for part, own in zip(parts, w):
+    for member, own in zip(members, w):
         if not np.all(np.isfinite(own)):
-            raise InstabilityError(0, 0.0, part.name)
-        if part.mean:
-            own -= columns([part.core.accelerate(x) for x in np.ascontiguousarray(lam.T)])
+            raise InstabilityError(0, 0.0, member.name)
+        if member.mean:
+            own -= columns([member.core.accelerate(x) for x in np.ascontiguousarray(lam.T)])
     return StartValues(list(zip(u, v, w)), lam, columns([g] * len(initials)), np.zeros_like(lam))
 
 

@@ -18,7 +18,7 @@ from ..problem.limits import check_first_command
 from ..problem.matrices import product
 from ..problem.newton import Newton
 from ..results.clock import Clock
-from ..setup.part import Part
+from ..setup.member import Member
 from .motion import CallbackLoad, Motion, Obstacles, all_known
 
 # The mean over a step shorter than this share of the time between samples is its value in the
@@ -41,26 +41,26 @@ Values = TypeVar("Values")  # of a compiled function
 # ---- means -------------------------------------------------------------------------------------
 
 
-def seen_by(part: Part, force: Force, clock: Clock) -> Force:
+def seen_by(member: Member, force: Force, clock: Clock) -> Force:
     """The force that a subdomain takes at its time levels: averaged ones as means, (L2)."""
-    if not (isinstance(force, SampledForce) and force.average) or part.step < SHORT * force.dt:
+    if not (isinstance(force, SampledForce) and force.average) or member.step < SHORT * force.dt:
         return force
     end = (len(force.values) - 1) * force.dt
     # the last level whose half step before it reaches into the record, and one with what follows
-    last = max(0, int(np.ceil((end + part.step - clock.t0) / part.h))) + 1
-    t = clock.t0 + part.h * np.arange(last + 1)
-    before, after = _half_steps(part, last + 1)
+    last = max(0, int(np.ceil((end + member.step - clock.t0) / member.h))) + 1
+    t = clock.t0 + member.h * np.arange(last + 1)
+    before, after = _half_steps(member, last + 1)
     means = _means(force, np.maximum(t - before, 0.0), t + after)
-    return force._changed(values=means, dt=part.h, average=False, _begin=clock.t0)
+    return force._changed(values=means, dt=member.h, average=False, _begin=clock.t0)
 
 
-def _half_steps(part: Part, levels: int) -> tuple[np.ndarray, np.ndarray]:
+def _half_steps(member: Member, levels: int) -> tuple[np.ndarray, np.ndarray]:
     """Half of the steps that end and begin at each time level, counted from the origin."""
-    before, after = (np.full(levels, 0.5 * part.step) for _ in range(2))
-    if part.double:  # the first macro step has single steps, or one that spans a change
-        first = part.substeps if part.over is None else 1
-        before[: first + 1] = 0.5 * (part.h if part.over is None else part.over)
-        after[:first] = 0.5 * part.h
+    before, after = (np.full(levels, 0.5 * member.step) for _ in range(2))
+    if member.double:  # the first macro step has single steps, or one that spans a change
+        first = member.substeps if member.over is None else 1
+        before[: first + 1] = 0.5 * (member.h if member.over is None else member.over)
+        after[:first] = 0.5 * member.h
     return before, after
 
 
@@ -90,7 +90,7 @@ def _integral(force: SampledForce, t: np.ndarray) -> np.ndarray:
 
 
 def warn_of_skipped(
-    parts: Sequence[Part],
+    members: Sequence[Member],
     forces: Sequence[Force],
     motions: Sequence[Motion] = (),
     fine: float = 0.0,
@@ -99,7 +99,9 @@ def warn_of_skipped(
 
     fine: time between two interface problems, at which those are evaluated.
     """
-    taken = [(f"the force on {part.name!r}", f, part.step) for part, f in zip(parts, forces)]
+    taken = [
+        (f"the force on {member.name!r}", f, member.step) for member, f in zip(members, forces)
+    ]
     taken += [(f"the {motion.what}", motion.velocity, fine) for motion in motions]
     known: dict[tuple[object, ...], tuple[float, float]] = {}
     found = []
@@ -181,14 +183,14 @@ class Loads:
     evaluated ahead of the core and their values stored, so that other loads, or another present
     time, need a new object.
 
-    names: the subdomains as the core numbers them. Default: those of the parts.
+    names: the subdomains as the core numbers them. Default: those of the members.
     obstacles: of contacts.
     """
 
     def __init__(
         self,
         core: _core.Coupler,
-        parts: Sequence[Part],
+        members: Sequence[Member],
         clock: Clock,
         forces: Sequence[Force],
         motions: Sequence[Motion],
@@ -197,8 +199,8 @@ class Loads:
         obstacles: Obstacles | None = None,
     ):
         self.newton = newton
-        self.names = [part.name for part in parts] if names is None else names
-        self.core, self.parts, self.clock = core, parts, clock
+        self.names = [member.name for member in members] if names is None else names
+        self.core, self.members, self.clock = core, members, clock
         fine, self.forces = core.instants, forces
         self.seen = self._seen()
         self.motions = [motion.renewed(fine, clock) for motion in motions]
@@ -206,36 +208,36 @@ class Loads:
         self.callbacks = {
             i: CallbackLoad(
                 force,
-                f"force of subdomain {part.name!r}",
-                part.order,
-                part.substeps,
+                f"force of subdomain {member.name!r}",
+                member.order,
+                member.substeps,
                 clock,
             )
-            for i, (part, force) in enumerate(zip(parts, forces))
+            for i, (member, force) in enumerate(zip(members, forces))
             if is_callback(force)
         }
         self.stored = self._stored()
 
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
         """These loads, or others, without stored values of callables."""
-        return self.with_steps(self.core, self.parts, self.clock, forces)
+        return self.with_steps(self.core, self.members, self.clock, forces)
 
     def with_steps(
         self,
         core: _core.Coupler,
-        parts: Sequence[Part],
+        members: Sequence[Member],
         clock: Clock,
         forces: Sequence[Force] | None = None,
     ) -> Loads:
         """The same loads, or others, for other steps; without stored values of callables."""
         forces = self.forces if forces is None else forces
         others = self.motions, self.newton, self.names, self.obstacles
-        return Loads(core, parts, clock, forces, *others)
+        return Loads(core, members, clock, forces, *others)
 
-    def moved_to(self, core: _core.Coupler, parts: Sequence[Part]) -> Loads:
+    def moved_to(self, core: _core.Coupler, members: Sequence[Member]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""
         moved = copy(self)
-        moved.core, moved.parts = core, parts
+        moved.core, moved.members = core, members
         moved.seen = moved._seen()
         moved.to_core()
         return moved
@@ -248,9 +250,11 @@ class Loads:
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
             or not all_known(self.motions)
             or (self.obstacles is not None and not self.obstacles.known)
-            or any(part.subdomain.has_functions for part in self.parts)
+            or any(member.subdomain.has_functions for member in self.members)
             or any(depends_on_motion(force) for force in self.forces)
-            or any(part.internal is not None and part.internal.functions for part in self.parts)
+            or any(
+                member.internal is not None and member.internal.functions for member in self.members
+            )
         )
 
     @property
@@ -261,15 +265,17 @@ class Loads:
     @property
     def iterates(self) -> bool:
         """Whether the core factors tangents, or the W of contacts, while it steps."""
-        return self.obstacles is not None or any(part.tangent is not None for part in self.parts)
+        return self.obstacles is not None or any(
+            member.tangent is not None for member in self.members
+        )
 
     def to_core(self) -> None:
         """Give the core all loads but those of callables, which `prepare` gives it."""
-        for i, (part, force) in enumerate(zip(self.parts, self.seen)):
-            if part.feedback is not None:
-                part.feedback.function = force if depends_on_motion(force) else None
+        for i, (member, force) in enumerate(zip(self.members, self.seen)):
+            if member.feedback is not None:
+                member.feedback.function = force if depends_on_motion(force) else None
             if i not in self.callbacks:
-                part.core.set_load(core_load(force, part.order))
+                member.core.set_load(core_load(force, member.order))
         for i, motion in enumerate(self.motions):
             if motion.known:
                 self.core.set_motion(i, motion.core_load())
@@ -294,7 +300,7 @@ class Loads:
             end, failure = callback.prepare(begin, end)
             first_failure = failure if failure is not None else first_failure
         for i, callback in self.callbacks.items():
-            self.parts[i].core.set_load((callback.rows, callback.first))
+            self.members[i].core.set_load((callback.rows, callback.first))
         for i, motion in enumerate(self.motions):
             if motion.callback is not None:
                 rows = motion.in_core(motion.callback.rows)
@@ -328,37 +334,37 @@ class Loads:
 
         Without a force that depends on the motion, which is one of the terms of the motion.
         """
-        force, part = self.seen[i], self.parts[i]
+        force, member = self.seen[i], self.members[i]
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)
         if isinstance(force, LowLevelCallable):
-            return self._values(part.core.force(0.0), "force", i, step)
-        return force_at(force, part, 0.0)
+            return self._values(member.core.force(0.0), "force", i, step)
+        return force_at(force, member, 0.0)
 
     def static(self, i: int, motion: tuple[np.ndarray, np.ndarray], step: int) -> np.ndarray:
         """The same, with a force that depends on the motion at (u, v), in elimination order."""
-        part = self.parts[i]
-        if part.feedback is None or part.feedback.function is None:
+        member = self.members[i]
+        if member.feedback is None or member.feedback.function is None:
             return self.at_start(i, step)
         u, v = motion
-        result: np.ndarray = part.feedback(u.copy(), v.copy(), 0.0)[part.order]
+        result: np.ndarray = member.feedback(u.copy(), v.copy(), 0.0)[member.order]
         return result
 
     def at_present(self, i: int) -> np.ndarray:
         """F of a subdomain at the present time."""
-        step, part = self.core.step_count, self.parts[i]
+        step, member = self.core.step_count, self.members[i]
         if step == 0:
             return self.at_start(i)
         if i in self.callbacks:
-            return self.callbacks[i].value_at(self.clock.count(step) * part.substeps)
+            return self.callbacks[i].value_at(self.clock.count(step) * member.substeps)
         force, t = self.seen[i], self.clock.time(step)
         if isinstance(force, LowLevelCallable):
-            return self._values(part.core.force(t), "force", i, step)
-        return force_at(force, part, t)
+            return self._values(member.core.force(t), "force", i, step)
+        return force_at(force, member, t)
 
     def evaluate_present(self, i: int) -> None:
         """Let the core evaluate the internal forces of a subdomain at the present time."""
-        step, core = self.core.step_count, self.parts[i].core
+        step, core = self.core.step_count, self.members[i].core
         self._values(core.evaluate_present(self.clock.time(step)), "internal force", i, step)
 
     def terms_of_motion(
@@ -367,32 +373,38 @@ class Loads:
         """For each subdomain the terms of r in (S1) without F(0): -C v, -K u, -r(u, v, 0)."""
         with np.errstate(over="ignore", invalid="ignore"):  # seen in the accelerations
             terms = [
-                [-product(part.C, v), -product(part.K, u)]
-                for part, (u, v) in zip(self.parts, states)
+                [-product(member.C, v), -product(member.K, u)]
+                for member, (u, v) in zip(self.members, states)
             ]
-        for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
-            s = part.subdomain
+        for i, (member, (u, v)) in enumerate(zip(self.members, states)):
+            s = member.subdomain
             if s.limits is not None:
-                check_first_command(s.limits, part.name, u[part.position], v[part.position])
-            if s.restoring is not None or part.internal is not None or part.feedback is not None:
-                r = self._values(part.core.restoring(0.0, u, v), "restoring force", i, 0)
+                check_first_command(s.limits, member.name, u[member.position], v[member.position])
+            if (
+                s.restoring is not None
+                or member.internal is not None
+                or member.feedback is not None
+            ):
+                r = self._values(member.core.restoring(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms
 
     def _seen(self) -> list[Force]:
         """The forces as the steps of the subdomains take them."""
-        return [seen_by(part, force, self.clock) for part, force in zip(self.parts, self.forces)]
+        return [
+            seen_by(member, force, self.clock) for member, force in zip(self.members, self.forces)
+        ]
 
     def _values(self, values: Values | int, what: str, i: int, step: int) -> Values:
         """The values of a compiled function; CallbackError if it returned a code."""
         if isinstance(values, int):
-            raise CallbackError(values, what, step, self.clock.time(step), self.parts[i].name)
+            raise CallbackError(values, what, step, self.clock.time(step), self.members[i].name)
         return values
 
 
-def force_at(force: Force, part: Part, t: float) -> np.ndarray:
+def force_at(force: Force, member: Member, t: float) -> np.ndarray:
     """A force that is no function, at one time in elimination order."""
     if force is None or depends_on_motion(force):
-        return np.zeros(part.n)
-    result: np.ndarray = (force(t) if callable(force) else force)[part.order]
+        return np.zeros(member.n)
+    result: np.ndarray = (force(t) if callable(force) else force)[member.order]
     return result

@@ -193,10 +193,10 @@ class Watched:
         chosen: Monitor | None = session.monitor
         dofs = {} if chosen is None else chosen.dofs
         self.monitored = tuple(
-            (part.position[dofs[i]].astype(np.int64), np.zeros((2, len(dofs[i]))))
+            (member.position[dofs[i]].astype(np.int64), np.zeros((2, len(dofs[i]))))
             if i in dofs
             else None
-            for i, part in enumerate(session.parts)
+            for i, member in enumerate(session.members)
         )
         columns = sum(last.size for _, last in filter(None, self.monitored))
         self.values = np.full((times.shape[1], columns), np.nan)
@@ -209,7 +209,7 @@ class Watched:
         if self.chosen is None:
             yield
             return
-        clock, names = self.session.clock, [part.name for part in self.session.parts]
+        clock, names = self.session.clock, [member.name for member in self.session.members]
         about = {
             "period": 1e-9 * self.period,
             "t0": clock.time(self.session.core.step_count),

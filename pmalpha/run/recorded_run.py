@@ -84,7 +84,7 @@ def step(session: Session, n: int) -> None:
         check_call(session, "step", n)
         begin(session)
         advance_to(session, session.core.step_count + n, None)
-        warn_of_gains(session.parts)
+        warn_of_gains(session.members)
 
 
 def recording_of(
@@ -104,7 +104,7 @@ def recording_of(
     `kind` makes what makes them."""
     energy, conserved = flag(energy, "energy"), None
     if energy:
-        conserved = conserved_quantity(session.parts, session.options, session.ranks)
+        conserved = conserved_quantity(session.members, session.options, session.ranks)
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
     of, wanted = recorded_of(session, energy, chosen), None
@@ -133,14 +133,14 @@ def whole_of(
     None with contacts, whose impulses are summed between the recorded levels, and in several
     processes, which record the same levels.
     """
-    parts = session.parts
+    members = session.members
     if steps < FEWEST_LEVELS or session.rows.contacts is not None or session.ranks is not None:
         return None
-    if every is None or (every == 1 and all(part.substeps == 1 for part in parts)):
-        all_dofs = zip(parts, wanted.dofs)
+    if every is None or (every == 1 and all(member.substeps == 1 for member in members)):
+        all_dofs = zip(members, wanted.dofs)
         if all(dofs is not None and np.array_equal(dofs, np.arange(p.n)) for p, dofs in all_dofs):
             return None
-    if steps * sum(24.0 * part.n * part.substeps for part in parts) > WHOLE_BYTES:
+    if steps * sum(24.0 * member.n * member.substeps for member in members) > WHOLE_BYTES:
         return None
     whole = recorded_of(session, wanted.has_energy, chosen)
     size = 8.0 * sum(rows_of(steps, None, k) * count for k, count in whole.numbers.items())
@@ -152,7 +152,7 @@ def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Re
     is_whole = not energy and all(x is None for x in chosen.values())
     if is_whole and session.whole is not None:
         return session.whole
-    own = session.parts, session.keys, session.core_rows
+    own = session.members, session.keys, session.core_rows
     recorded = Recorded(*own, fine=session.fine, energy=energy, **chosen)
     if is_whole:
         session.whole = recorded
@@ -205,13 +205,13 @@ def judge(session: Session, history: History) -> None:
     """The warnings about a result."""
     if not session.judges:
         return
-    parts, rows, motions = session.parts, session.rows, session.loads.motions
-    warn_of_gains(parts)
+    members, rows, motions = session.members, session.rows, session.loads.motions
+    warn_of_gains(members)
     if history.contact_impulses is not None and history.contact_impulses.any():
         return  # velocities that jump are no errors, and a smooth motion is not to be had
-    found = estimated_error(history.subdomains, parts, rows, motions)
+    found = estimated_error(history.subdomains, members, rows, motions)
     warn_if_coarse(found, history.macro_times[-1])
-    warn_if_drifting(history, parts, rows, motions)
+    warn_if_drifting(history, members, rows, motions)
 
 
 def advance_in_intervals(
@@ -223,7 +223,7 @@ def advance_in_intervals(
         if isinstance(recording, FiledRecording) and recording.begin == begin:
             write_master_of(session, recording.path)
         if not warned:
-            held.during(warn_of_present_steps, session.parts, session.clock.time(begin))
+            held.during(warn_of_present_steps, session.members, session.clock.time(begin))
             warned = True
         held.during(advance_to, session, pause, recording, report)
         recording.keep(pause)
@@ -271,13 +271,13 @@ def summed_works(session: Session, conserved: str | None) -> Iterator[None]:
     """Sum the works of each substep in the core; its memory for them is released afterwards."""
     try:
         lam, loads = session.core.multipliers, session.loads
-        for i, part in enumerate(session.parts):
+        for i, member in enumerate(session.members):
             loads.evaluate_present(i)
-            scheme = part.subdomain.scheme
-            weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
-            own = (core_matrix(part.M), core_matrix(skew_part(part.K), symmetric=False))
-            part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
+            scheme = member.subdomain.scheme
+            weight = (stiffness_weight(scheme, member.h),) if conserved == "dual" else ()
+            own = (core_matrix(member.M), core_matrix(skew_part(member.K), symmetric=False))
+            member.core.begin_energy(*own, loads.at_present(i), lam, *weight)
         yield
     finally:
-        for part in session.parts:
-            part.core.end_energy()
+        for member in session.members:
+            member.core.end_energy()

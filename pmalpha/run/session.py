@@ -27,7 +27,7 @@ from ..results.recording import Recorded
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.contact_rows import Contacts
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
     MACRO,
@@ -99,9 +99,9 @@ class Session:
         return self.steps.clock
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def members(self) -> tuple[Member, ...]:
         """The subdomains of this process with the present steps."""
-        return self.assembly.parts
+        return self.assembly.members
 
     @property
     def core(self) -> _core.Coupler:
@@ -160,8 +160,8 @@ def made(
             contacts=contacts,
         )
     assembly, forces = assemblies.first, [s.force for s in subdomains]
-    core, parts = assembly.core, assembly.parts
-    warn_of_skipped(parts, forces, motions, clock.dt / core.instants)
+    core, members = assembly.core, assembly.members
+    warn_of_skipped(members, forces, motions, clock.dt / core.instants)
     obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
     session = Session(
         guard=guard,
@@ -176,7 +176,7 @@ def made(
         steps=Steps(layout, clock),
         assembly=assembly,
         initial=initial,
-        loads=Loads(core, parts, clock, forces, motions, options.newton, names, obstacles),
+        loads=Loads(core, members, clock, forces, motions, options.newton, names, obstacles),
         accelerations=assemblies.accelerations,
     )
     take_loads(session)
@@ -271,7 +271,7 @@ def take_first_steps(session: Session) -> None:
     take(session, Steps(layout, Clock(layout.dt)), first)
     first.core.set_origin(0, 0.0)
     if session.loads.core is not first.core or session.loads.clock != session.clock:
-        session.loads = session.loads.with_steps(first.core, first.parts, session.clock)
+        session.loads = session.loads.with_steps(first.core, first.members, session.clock)
 
 
 def take_loads(session: Session) -> None:
@@ -286,7 +286,7 @@ def begin(session: Session) -> None:
     if session.started:
         return
     solver = session.initial.start(
-        session.core, session.parts, session.loads, session.core_rows, session.accelerations
+        session.core, session.members, session.loads, session.core_rows, session.accelerations
     )
     session.started = True
     # only a reset needs the factor of M again: kept from the first reset on
@@ -355,13 +355,13 @@ def reset(
 def warn_of_records(session: Session, cases: Sequence[Case]) -> None:
     """Warn of loads of which steps skip samples, but for those of the `Subdomain`, of which
     the set-up has warned."""
-    parts = session.assemblies.first.parts
+    members = session.assemblies.first.members
     for case in cases:
         forces = [
-            None if force is part.subdomain.force else force
-            for part, force in zip(parts, case.forces)
+            None if force is member.subdomain.force else force
+            for member, force in zip(members, case.forces)
         ]
-        warn_of_skipped(parts, forces)
+        warn_of_skipped(members, forces)
 
 
 def return_to_start(session: Session, case: Case) -> None:

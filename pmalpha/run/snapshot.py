@@ -12,7 +12,7 @@ from .. import _core
 from .._checks import MOST
 from ..files import NPZ, checked_path
 from ..setup.assembly import Assembly
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.ranks import file_of, joined
 from . import checkpoint
 from .advance import steps_facts, steps_of
@@ -99,7 +99,7 @@ def snapshot_of(session: Session) -> Snapshot:
         session.steps,
         session.changed,
         session.assembly,
-        _present(session.parts, core),
+        _present(session.members, core),
         session.initial,
         session.loads,
     )
@@ -112,20 +112,20 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     loads, assembly = kept.loads, kept.assembly
     if loads is not session.loads or loads.has_callables:
         # stored values of callables are of other times
-        loads = loads.with_steps(assembly.core, assembly.parts, kept.steps.clock)
+        loads = loads.with_steps(assembly.core, assembly.members, kept.steps.clock)
         loads.to_core()
     # _was_reset stays: it is about the factor of M alone, which this coupler has or has not
     session.initial, session.started = kept.initial, True
-    restore_state(kept.state, assembly.parts, assembly.core, kept.steps.clock, kept.step)
+    restore_state(kept.state, assembly.members, assembly.core, kept.steps.clock, kept.step)
     take(session, kept.steps, assembly)
     session.loads, session.changed = loads, kept.changed
 
 
-def _present(parts: Sequence[Part], core: _core.Coupler) -> CoreState:
+def _present(members: Sequence[Member], core: _core.Coupler) -> CoreState:
     """Copies of all that the core continues with."""
     return CoreState(
-        [part.core.levels() for part in parts],
-        [part.core.iteration() for part in parts],
+        [member.core.levels() for member in members],
+        [member.core.iteration() for member in members],
         core.multipliers,
         core.prescribed,
         {name: core.numbers(name) for name in checkpoint.NUMBERS},
@@ -159,7 +159,7 @@ def load(session: Session, path: str | PathLike[str]) -> None:
     with together(session):
         check_call(session, "load")
         first = session.assembly.first
-        own = range(first, first + len(session.parts))
+        own = range(first, first + len(session.members))
         step, arrays, facts = checkpoint.read(path, problem_of(session), own)
         if session.ranks is not None:
             session.ranks.require_equal("the macro step of the files", (step, facts))
@@ -168,15 +168,15 @@ def load(session: Session, path: str | PathLike[str]) -> None:
         if not steps.clock.origin <= step <= most:
             reason = f"step_count must be in {steps.clock.origin}..{most}, got {step}"
             raise checkpoint.damaged(path, reason)
-        parts, core = assembly.parts, assembly.core
+        members, core = assembly.members, assembly.core
         rows, options = session.core_rows, session.options
         state = checkpoint.core_state(path, arrays, assembly, rows, options)
         if session.ranks is not None:
             session.ranks.share(None)  # from here on nothing fails
         # stored values of callables are of other times
-        loads = session.loads.with_steps(core, parts, steps.clock)
+        loads = session.loads.with_steps(core, members, steps.clock)
         loads.to_core()
-        checkpoint.restore(state, parts, core, steps.clock, step)
+        checkpoint.restore(state, members, core, steps.clock, step)
         take(session, steps, assembly)
         session.loads, session.started, session.last_history = loads, True, None
 
@@ -184,8 +184,8 @@ def load(session: Session, path: str | PathLike[str]) -> None:
 def problem_of(session: Session) -> dict[str, Any]:
     """The description of this problem for a checkpoint; the matrices are read once."""
     if session.constants is None:
-        first = session.assemblies.first.parts
-        iterates = joined(session.ranks, [part.internal is not None for part in first])
+        first = session.assemblies.first.members
+        iterates = joined(session.ranks, [member.internal is not None for member in first])
         session.constants = checkpoint.constants(
             session.options,
             session.loads.names,
@@ -196,4 +196,4 @@ def problem_of(session: Session) -> dict[str, Any]:
             contacts=session.rows.contacts,
         )
     loads = session.loads
-    return session.constants | checkpoint.loads(session.parts, loads.forces, loads.motions)
+    return session.constants | checkpoint.loads(session.members, loads.forces, loads.motions)

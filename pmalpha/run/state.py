@@ -16,7 +16,7 @@ from ..results.dof_motion import State
 from ..results.keys import position
 from ..setup.factors import Factor
 from ..setup.internal_forces import closing_tangent
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.stability import SMALL, limit_of
 from .session import Session, begin
 
@@ -45,15 +45,15 @@ LEFT = ("subdomain", "scheme", "factor")  # columns of words
 def state(session: Session, key: str | int | Subdomain) -> State:
     """`Coupler.state`."""
     i = position(key, session.keys)
-    with session.guard:  # another thread may change the steps, and with them the parts
+    with session.guard:  # another thread may change the steps, and with them the members
         begin(session)
-        part = session.parts[i]
-        u, v, w = part.core.state()
-        if part.mean:
+        member = session.members[i]
+        u, v, w = member.core.state()
+        if member.mean:
             lam = session.core.numbers("end_multipliers")[: session.core_rows.p]
-            w = w + part.core.accelerate(lam)
-    u, v, w = (x[part.position] for x in (u, v, w))
-    return State(u, v, w, n=part.n, dof_names=part.subdomain.dof_names)
+            w = w + member.core.accelerate(lam)
+    u, v, w = (x[member.position] for x in (u, v, w))
+    return State(u, v, w, n=member.n, dof_names=member.subdomain.dof_names)
 
 
 def springs(session: Session, key: str | int | Subdomain) -> SpringState:
@@ -61,7 +61,7 @@ def springs(session: Session, key: str | int | Subdomain) -> SpringState:
     i = position(key, session.keys)
     with session.guard:
         begin(session)
-        deformation, force = session.parts[i].core.springs()[:2]
+        deformation, force = session.members[i].core.springs()[:2]
     return SpringState(deformation, force)
 
 
@@ -77,7 +77,7 @@ def table(session: Session) -> list[tuple[str, ...]]:
     """The rows below `HEADINGS`, made once for the present steps."""
     assembly, known = session.assembly, session.table
     if known is None or known[0] is not assembly:  # another thread may change the steps meanwhile
-        rows = [row_of(*x) for x in zip(assembly.parts, assembly.core.workers)]
+        rows = [row_of(*x) for x in zip(assembly.members, assembly.core.workers)]
         session.table = known = assembly, rows
     return known[1]
 
@@ -92,21 +92,21 @@ def html_of(session: Session) -> str:
     return f"<p>{escape(title(session))}</p>{html_table(HEADINGS, table(session), LEFT)}"
 
 
-def row_of(part: Part, thread: int | None) -> tuple[str, ...]:
+def row_of(member: Member, thread: int | None) -> tuple[str, ...]:
     """The entries of a subdomain in the order of `HEADINGS`."""
-    s, tangent = part.subdomain, part.tangent
+    s, tangent = member.subdomain, member.tangent
     name, kind = type(s.scheme).__name__, "explicit" if s.scheme.explicit else "implicit"
     iterated = None if tangent is None else f"of each tangent, {tangent.entries}"
     return (
-        part.name,
-        str(part.n),
+        member.name,
+        str(member.n),
         name if name == "CentralDifference" else f"{name}, {kind}",
         radius_of(s.scheme),
-        f"{part.step:g}",
-        "yes" if part.double else "no",
-        str(part.substeps),
-        step_ratio(part),
-        iterated or factor_form(part.factors[-1]),
+        f"{member.step:g}",
+        "yes" if member.double else "no",
+        str(member.substeps),
+        step_ratio(member),
+        iterated or factor_form(member.factors[-1]),
         "all" if thread is None else str(thread),
     )
 
@@ -119,21 +119,21 @@ def radius_of(scheme: Scheme) -> str:
     return "-" if rho is None else f"{rho:.3g}"
 
 
-def step_ratio(part: Part) -> str:
+def step_ratio(member: Member) -> str:
     """Step divided by critical step; "-" for a restoring function without estimated stiffness.
 
     Above `SMALL` dofs it is an upper bound, "<= 0.7", unless set-up needed the exact one.
     """
-    s = part.subdomain
-    if part.step_ratio is None or s.has_unknown_stiffness:
+    s = member.subdomain
+    if member.step_ratio is None or s.has_unknown_stiffness:
         return "-"
-    ratio, is_bound = part.step_ratio.value, part.step_ratio.is_bound
+    ratio, is_bound = member.step_ratio.value, member.step_ratio.is_bound
     if ratio == 0.0:
         return "no limit"
-    if is_bound and part.n <= SMALL:
-        internal = None if part.internal is None else part.internal.K
+    if is_bound and member.n <= SMALL:
+        internal = None if member.internal is None else member.internal.K
         K = combination([(1.0, internal), (1.0, closing_tangent(s))])
-        ratio, is_bound = part.step / limit_of(s, K), False
+        ratio, is_bound = member.step / limit_of(s, K), False
     return f"<= {ratio:.3g}" if is_bound else f"{ratio:.3g}"
 
 

@@ -24,7 +24,7 @@ from ..results.outputs import chosen_outputs
 from ..results.quantities import stacked, with_dofs, with_rows
 from ..results.recording import Recording, chosen_dofs
 from ..results.stored import check_new, contents_of
-from ..setup.part import Part
+from ..setup.member import Member
 from .advance import advance_to, choose
 from .progress import HeldSignals, Report, reporting
 from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
@@ -58,7 +58,7 @@ def run(
         last = session.clock.end(*end, first)
         check_call(session, "run", last, chosen["every"], chosen["energy"], path is None)
         pieces = Pieces(session, chosen)
-        controller = Controller(tolerances, session.parts, session.clock.dt)
+        controller = Controller(tolerances, session.members, session.clock.dt)
         with reporting(progress, first, last) as report:
             history = chosen_run(session, controller, pieces, last, report, held)
         if path is not None:
@@ -108,15 +108,15 @@ class Controller:
     tolerances: list of (float or None), r, by subdomain.
     """
 
-    def __init__(self, tolerances: list[float | None], parts: Sequence[Part], dt: float):
+    def __init__(self, tolerances: list[float | None], members: Sequence[Member], dt: float):
         self.tolerances = tolerances
-        self.least = [least_substeps(part, dt) for part in parts]
+        self.least = [least_substeps(member, dt) for member in members]
         self.short: set[int] = set()  # subdomains that would need more than `MOST`
 
-    def first(self, parts: Sequence[Part]) -> tuple[int, ...]:
+    def first(self, members: Sequence[Member]) -> tuple[int, ...]:
         """The present numbers of substeps as powers of two."""
         return tuple(
-            max(power_of_two(part.substeps), least) for part, least in zip(parts, self.least)
+            max(power_of_two(member.substeps), least) for member, least in zip(members, self.least)
         )
 
     def wanted(
@@ -140,12 +140,12 @@ class Controller:
         return tuple(chosen), repeated
 
 
-def least_substeps(part: Part, dt: float) -> int:
+def least_substeps(member: Member, dt: float) -> int:
     """The least power of two with which explicit steps are below the critical one."""
-    ratio = 0.0 if part.step_ratio is None else part.step_ratio.value
-    if part.subdomain.scheme.explicit and part.step_ratio is None:
-        return power_of_two(part.substeps)
-    return power_of_two(ratio * dt / part.h) if ratio > 0.0 else 1
+    ratio = 0.0 if member.step_ratio is None else member.step_ratio.value
+    if member.subdomain.scheme.explicit and member.step_ratio is None:
+        return power_of_two(member.substeps)
+    return power_of_two(ratio * dt / member.h) if ratio > 0.0 else 1
 
 
 class Pieces:
@@ -238,7 +238,7 @@ def chosen_run(
     """Run up to macro step `end`; `last_history` is what was done, after an exception too."""
     session.last_history = None
     held.during(begin, session)
-    choose(session, controller.first(session.parts))
+    choose(session, controller.first(session.members))
     try:
         one_step(session, controller, pieces, end, report, held)
         while session.core.step_count < end:
@@ -249,7 +249,7 @@ def chosen_run(
     if report is not None:
         held.during(report, end)
     if controller.short:
-        names = [repr(session.parts[i].name) for i in sorted(controller.short)]
+        names = [repr(session.members[i].name) for i in sorted(controller.short)]
         warn(
             f"tolerance was not reached for {listing(names)} with the {MOST} substeps that are "
             "chosen at most; take a smaller dt",
@@ -282,7 +282,7 @@ def one_step(
                 pieces.keep(recording)
             raise
         rates = rates_of(recording.history(step + 1))
-        chosen, exceeded = controller.wanted(rates, [p.substeps for p in session.parts])
+        chosen, exceeded = controller.wanted(rates, [p.substeps for p in session.members])
         repeated = in_any(session, exceeded)
         if not repeated:
             pieces.keep(recording)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..results.clock import Clock
 from ..setup.assembly import Assembly, Layout
-from ..setup.part import Part
+from ..setup.member import Member
 from .checkpoint import NUMBERS
 
 # Number of arrays of a time level in the core (u, v, w, a, vf, springs, history), and where w and a
@@ -104,7 +104,7 @@ def moves(
     first: the next macro step is the first after a change: double steps begin unless they span it.
     """
     found = []
-    for i, (o, n) in enumerate(zip(old.parts, new.parts), new.first):
+    for i, (o, n) in enumerate(zip(old.members, new.members), new.first):
         levels = _levels(o, n, made(i), wanted(i))
         iteration = o.core.iteration()
         rebased = o.double or n.double or o.h != n.h
@@ -113,7 +113,7 @@ def moves(
     return found
 
 
-def _levels(o: Part, n: Part, made: Lengths, wanted: Lengths) -> tuple[np.ndarray, ...]:
+def _levels(o: Member, n: Member, made: Lengths, wanted: Lengths) -> tuple[np.ndarray, ...]:
     levels = o.core.levels()
     present, previous = levels[:FIELDS], levels[FIELDS:]
     if not previous or made.gap is None:
@@ -135,7 +135,7 @@ def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> 
     lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
     numbers = {name: old.core.numbers(name) for name in NUMBERS}
     shooting = numbers.pop("shooting")
-    for o, n, move in zip(old.parts, new.parts, found):
+    for o, n, move in zip(old.members, new.members, found):
         n.core.set_levels(move.levels)
         if move.rebased:
             n.core.rebase(move.twice, lam)
@@ -155,7 +155,7 @@ def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> 
 
 def follow_energies(old: Assembly, new: Assembly) -> None:
     """Works that are summed up go on."""
-    replaced = [(o, n) for o, n in zip(old.parts, new.parts) if o is not n]
+    replaced = [(o, n) for o, n in zip(old.members, new.members) if o is not n]
     for o, n in replaced:
         n.core.follow_energy(o.core)
     for o, _ in replaced:

@@ -15,7 +15,7 @@ from ..setup.eliminated_rows import Assembled
 from ..setup.eliminated_rows import assembled as assemble
 from ..setup.equilibrium import Equilibrium, static_displacements
 from ..setup.internal_forces import matrices_at
-from ..setup.part import Part
+from ..setup.member import Member
 from ..setup.ranks import joined
 from .session import Session, begin, check_call, require_alone, require_no_contacts, together
 
@@ -35,15 +35,15 @@ def static(session: Session, steps: int) -> dict[str, np.ndarray]:
         done = session.done
         motions = session.initial.values
         forces = [
-            session.loads.static(i, motions[i], done)[part.position]
-            for i, part in enumerate(session.parts)
+            session.loads.static(i, motions[i], done)[member.position]
+            for i, member in enumerate(session.members)
         ]
         u = equilibrium_of(session, forces, steps)
     return dict(zip((name for name, _ in session.keys), u))
 
 
 def equilibrium_of(session: Session, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
-    internal, matrices = [part.internal for part in session.parts], session.rows.scaled
+    internal, matrices = [member.internal for member in session.members], session.rows.scaled
     iterated = [bool(s.springs) or x is not None for (_, s), x in zip(session.keys, internal)]
     if any(joined(session.ranks, iterated)):
         newton, ranks = session.loads.newton, session.ranks
@@ -70,12 +70,12 @@ def _assembled(session: Session, what: str) -> Assembled:
             )
     begin(session)
     t = session.clock.time(session.core.step_count)
-    matrices = [_present_matrices(part, t) for part in session.parts]
-    for part, (_, _, K) in zip(session.parts, matrices):
-        if what == "modes" and not (part.subdomain.symmetric or is_symmetric(K)):
+    matrices = [_present_matrices(member, t) for member in session.members]
+    for member, (_, _, K) in zip(session.members, matrices):
+        if what == "modes" and not (member.subdomain.symmetric or is_symmetric(K)):
             raise ValueError(
                 "modes needs a symmetric stiffness, got an unsymmetric one of "
-                f"{part.name!r}; M, C and K of assembled() have complex eigenvalues, of "
+                f"{member.name!r}; M, C and K of assembled() have complex eigenvalues, of "
                 "[[0, 1], [-M^-1 K, -M^-1 C]]"
             )
     return assemble([name for name, _ in session.keys], matrices, session.rows.scaled)
@@ -92,10 +92,10 @@ def modes(session: Session, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarra
     return omega, {name: T @ shapes for name, T in whole.map.items()}
 
 
-def _present_matrices(part: Part, t: float) -> tuple[Matrix, Matrix, Matrix]:
+def _present_matrices(member: Member, t: float) -> tuple[Matrix, Matrix, Matrix]:
     """M, C and K of a subdomain about its present state."""
-    u, v, *memory = part.present()
-    return part.subdomain.M, *matrices_at(part.subdomain, part.internal, u, v, t, *memory)
+    u, v, *memory = member.present()
+    return member.subdomain.M, *matrices_at(member.subdomain, member.internal, u, v, t, *memory)
 
 
 def _buckling(error: IndefiniteStiffness, whole: Assembled, t: float) -> BucklingError:

@@ -29,7 +29,7 @@ from .macro import (
     prepare_mean,
     warn_of_resonance,
 )
-from .part import Part, build, make_part, warn_of_factors, warn_of_order
+from .member import Member, build, make_member, warn_of_factors, warn_of_order
 from .propagation import CERTAIN, cheap_radius, warn_of_growth
 from .ranks import Ranks, joined, processes, remote_of
 from .schedule import Options
@@ -67,7 +67,9 @@ class Layout:
 class Assembly:
     """A coupled problem for steps of one layout."""
 
-    parts: tuple[Part, ...]  # the subdomains in elimination order, each with its object of the core
+    members: tuple[
+        Member, ...
+    ]  # the subdomains in elimination order, each with its object of the core
     core: _core.Coupler
     first: int = 0  # the number of the first of these subdomains among those of all processes
 
@@ -109,24 +111,24 @@ class Assemblies:
         # elimination order of each subdomain, and of the rows
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
         N = [None] * len(keys) if contacts is None else contacts.links(len(keys))
-        parts = _ordered(keys, links, N, steps, options, threads[0])
+        members = _ordered(keys, links, N, steps, options, threads[0])
         if options.coupling == "mean":
-            check_mean(parts)
+            check_mean(members)
         if self.tied:
-            check_tied(parts)
-        self.rows = row_order(parts, p, ranks)
+            check_tied(members)
+        self.rows = row_order(members, p, ranks)
         self.row_position = np.argsort(self.rows)
-        for part in parts:
-            part.L = part.L.with_rows(self.row_position)
+        for member in members:
+            member.L = member.L.with_rows(self.row_position)
         self.motions = tuple(self.row_position[r] for r in prescribed)
 
-        self._known: WeakValueDictionary[tuple[Any, ...], Part] = WeakValueDictionary()
+        self._known: WeakValueDictionary[tuple[Any, ...], Member] = WeakValueDictionary()
         self._made: dict[Layout, Assembly] = {}
         self._masses: dict[str, Factor] = {}
         self.accelerations: InitialAccelerations | None = None
-        self.first_layout, self.first = layout, self._assemble(layout, parts)
+        self.first_layout, self.first = layout, self._assemble(layout, members)
         if contacts is not None:
-            contacts.warn_of_ties(parts)
+            contacts.warn_of_ties(members)
         warn_of_growing(keys, links, complete=ranks is None)
 
     def of(self, layout: Layout) -> Assembly:
@@ -150,38 +152,38 @@ class Assemblies:
             del self._made[next(iter(self._made))]
         return made
 
-    def _parts_of(self, layout: Layout) -> tuple[Part, ...]:
+    def _parts_of(self, layout: Layout) -> tuple[Member, ...]:
         """The subdomains with these steps: known ones, and others that are not built yet."""
-        parts = []
-        for i, first in enumerate(self.first.parts, self.first_own):
+        members = []
+        for i, first in enumerate(self.first.members, self.first_own):
             known = self._known.get((i, *layout.of(i)))
             if known is None:
                 operators: dict[float, tuple[Any, ...]] = {}
-                for key, part in list(self._known.items()):
-                    operators |= part.known if key[0] == i else {}
+                for key, member in list(self._known.items()):
+                    operators |= member.known if key[0] == i else {}
                 responds = _responds(self.coupling, layout.substeps[i])
                 known = first.with_steps(*layout.of(i), operators, responds=responds)
-            parts.append(known)
-        return tuple(parts)
+            members.append(known)
+        return tuple(members)
 
-    def _assemble(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
+    def _assemble(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
         with one_thread():  # once, not for each factor
-            return self._factored(layout, parts)
+            return self._factored(layout, members)
 
-    def _factored(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
+    def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
-        _check_start(parts, self.options)
+        _check_start(members, self.options)
         if self.contacts is not None:
-            names = [part.name for part in parts]
+            names = [member.name for member in members]
             self.contacts.check_steps(names, layout.substeps, layout.doubles)
 
         # Mbar = R D R^T
-        new = [part for part in parts if part.core is None]
-        shared = self._threads_of_tangents(parts)
-        for part in new:
-            build(part, self._mass(part) if mean else None, part.tangent_threads(shared))
+        new = [member for member in members if member.core is None]
+        shared = self._threads_of_tangents(members)
+        for member in new:
+            build(member, self._mass(member) if mean else None, member.tangent_threads(shared))
         if macro:
             prepare(new)  # unit responses
         if mean:
@@ -189,19 +191,19 @@ class Assemblies:
         prepare_iterated(new, self.coupling)  # and their part of H, with internal forces
 
         # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
-        H, H_start = self._interface_factors(layout, parts)
-        iteration = iteration_of(parts, p, self.options.newton, macro or mean, self.ranks)
-        others = self._of_the_schedule(parts)
-        for part in parts:
-            if part.internal is None and not mean:  # else they cost more than a sweep
-                part.blocks.clear()
+        H, H_start = self._interface_factors(layout, members)
+        iteration = iteration_of(members, p, self.options.newton, macro or mean, self.ranks)
+        others = self._of_the_schedule(members)
+        for member in members:
+            if member.internal is None and not mean:  # else they cost more than a sweep
+                member.blocks.clear()
 
         # M = R D R^T, for the initial accelerations
         if self.accelerations is None:
-            self.accelerations = InitialAccelerations(parts, p, self.rows, self.ranks)
+            self.accelerations = InitialAccelerations(members, p, self.rows, self.ranks)
 
         core = _core.Coupler(
-            tuple(part.core for part in parts),
+            tuple(member.core for member in members),
             p,
             H_start,
             H,
@@ -212,19 +214,21 @@ class Assemblies:
             **others,
         )
         if self.contacts is not None:
-            self.contacts.check_compliance(core, parts)
+            self.contacts.check_compliance(core, members)
 
-        for part in new:
-            internal = None if part.internal is None else part.internal.K
-            closing = closing_tangent(part.subdomain)
-            part.step_ratio = step_ratio(part.subdomain, part.step, internal, closing)
-        self._warn_of_growth(layout, parts, core)
+        for member in new:
+            internal = None if member.internal is None else member.internal.K
+            closing = closing_tangent(member.subdomain)
+            member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
+        self._warn_of_growth(layout, members, core)
         warn_of_bounces(_ratios(new))
-        own = enumerate(parts, self.first_own)
-        self._known.update({(i, *layout.of(i)): part for i, part in own})
-        return Assembly(parts, core, self.first_own)
+        own = enumerate(members, self.first_own)
+        self._known.update({(i, *layout.of(i)): member for i, member in own})
+        return Assembly(members, core, self.first_own)
 
-    def _warn_of_growth(self, layout: Layout, parts: Sequence[Part], core: _core.Coupler) -> None:
+    def _warn_of_growth(
+        self, layout: Layout, members: Sequence[Member], core: _core.Coupler
+    ) -> None:
         """StabilityWarning for steps above the critical ones and for couplings that grow.
 
         Where it takes little time and all subdomains are linear, the spectral radius decides on
@@ -237,33 +241,33 @@ class Assemblies:
         doubts: list[str] = []
         otherwise = None
         if self.coupling == "mean":
-            doubts = doubts_of_damping(parts, self.ranks)
+            doubts = doubts_of_damping(members, self.ranks)
         elif self.tied:
-            doubts = doubts_of_schemes(parts, self.ranks)
+            doubts = doubts_of_schemes(members, self.ranks)
             otherwise = UNSTABLE
         above = [
-            (part, ratio)
-            for part in parts
-            if (ratio := part.step_ratio) is not None and ratio.is_above
+            (member, ratio)
+            for member in members
+            if (ratio := member.step_ratio) is not None and ratio.is_above
         ]
         may_couple = p > 0 and (bool(doubts) or otherwise is not None)
         radius = None
         if (above or may_couple) and self.ranks is None and self.contacts is None:
             rows = CoreRows(self.row_position, np.ones(p))
-            radius = cheap_radius(parts, core, self.coupling, rows, in_lanes=not self.tied)
+            radius = cheap_radius(members, core, self.coupling, rows, in_lanes=not self.tied)
         raised = radius is not None and radius <= CERTAIN
         if not raised:  # not once more of those that have been warned of
-            warn_of_steps(_ratios([part for part, ratio in above if ratio.raised is not False]))
-        for part, ratio in above:
-            part.step_ratio = replace(ratio, raised=raised)
+            warn_of_steps(_ratios([member for member, ratio in above if ratio.raised is not False]))
+        for member, ratio in above:
+            member.step_ratio = replace(ratio, raised=raised)
         if may_couple:
-            warn_of_growth(doubts, otherwise, parts, radius, layout.dt)
+            warn_of_growth(doubts, otherwise, members, radius, layout.dt)
 
-    def _threads_of_tangents(self, parts: Sequence[Part]) -> int:
+    def _threads_of_tangents(self, members: Sequence[Member]) -> int:
         """The maximum number of threads that factor a tangent: subdomains whose tangents are large
         are factored at the same time, and share them."""
         most = self.threads[0]
-        return max(1, most // max(1, sum(part.tangent_threads(most) > 1 for part in parts)))
+        return max(1, most // max(1, sum(member.tangent_threads(most) > 1 for member in members)))
 
     def _schedule(self, *, iterated: bool) -> _core._Schedule:
         """The word of the core for what is done in a macro step."""
@@ -279,25 +283,27 @@ class Assemblies:
             return "tied"
         return "fine"
 
-    def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
+    def _of_the_schedule(self, members: Sequence[Member]) -> dict[str, Any]:
         """What else the core needs where displacements are tied, and of other processes."""
         p = self.rows.size
-        others = {"processes": processes(self.ranks, map(remote_of, parts))}
+        others = {"processes": processes(self.ranks, map(remote_of, members))}
         if self.contacts is not None:
-            others["contact"] = self.contacts.core(parts)
+            others["contact"] = self.contacts.core(members)
         if self.coupling == "mean":
-            return others | {"doubled": doubled_part(parts, p, self.ranks)}
+            return others | {"doubled": doubled_part(members, p, self.ranks)}
         if not self.tied:
             return others
-        return others | {"gap": gap_factors(parts, p, self.ranks)}
+        return others | {"gap": gap_factors(members, p, self.ranks)}
 
-    def _mass(self, part: Part) -> Factor:
+    def _mass(self, member: Member) -> Factor:
         """The factor of M for mean coupling."""
-        if part.name not in self._masses:
-            self._masses[part.name] = part.factor_of_mass()
-        return self._masses[part.name]
+        if member.name not in self._masses:
+            self._masses[member.name] = member.factor_of_mass()
+        return self._masses[member.name]
 
-    def _interface_factors(self, layout: Layout, parts: Sequence[Part]) -> tuple[Factor, Factor]:
+    def _interface_factors(
+        self, layout: Layout, members: Sequence[Member]
+    ) -> tuple[Factor, Factor]:
         """The factor of H, and that of the first macro step, where all subdomains take single
         steps, or double steps that span a change.
 
@@ -305,36 +311,36 @@ class Assemblies:
         and gc make their own, and get unit matrices.
         """
         p = self.rows.size
-        iterated = joined(self.ranks, [part.tangent is not None for part in parts])
+        iterated = joined(self.ranks, [member.tangent is not None for member in members])
         if self.coupling in ("pm", "gc") and any(iterated):
             unit = (np.ones(p), None)
             return unit, unit
         start = layout.spans_change  # whose assembly takes the first macro step alone
-        matrix = interface_matrix(parts, p, start=start, ranks=self.ranks)
-        symmetric = is_symmetric_sum(parts, self.ranks)
+        matrix = interface_matrix(members, p, start=start, ranks=self.ranks)
+        symmetric = is_symmetric_sum(members, self.ranks)
         options: dict[str, Any] = {"symmetric": symmetric, "threads": self.threads[0]}
         H = interface_factor(matrix, self.rows, **options)
         if self.coupling == "macro":
-            warn_of_resonance(matrix, H, parts, self.row_position, self.ranks)
+            warn_of_resonance(matrix, H, members, self.row_position, self.ranks)
         H_start = H
-        if any(joined(self.ranks, [part.double for part in parts])) and not start:
-            matrix = interface_matrix(parts, p, start=True, ranks=self.ranks)
+        if any(joined(self.ranks, [member.double for member in members])) and not start:
+            matrix = interface_matrix(members, p, start=True, ranks=self.ranks)
             H_start = interface_factor(matrix, self.rows, **options)
         return H, H_start
 
 
-def _ratios(parts: Sequence[Part]) -> list[tuple[str, Subdomain, float, StepRatio]]:
+def _ratios(members: Sequence[Member]) -> list[tuple[str, Subdomain, float, StepRatio]]:
     """The steps of subdomains, for the warnings of them."""
     return [
-        (part.name, part.subdomain, part.step, part.step_ratio)
-        for part in parts
-        if part.step_ratio is not None
+        (member.name, member.subdomain, member.step, member.step_ratio)
+        for member in members
+        if member.step_ratio is not None
     ]
 
 
-def _check_start(parts: Sequence[Part], options: Options) -> None:
+def _check_start(members: Sequence[Member], options: Options) -> None:
     """ValueError for the plain start of iterated double steps, for which it is not defined."""
-    double = [part.name for part in parts if part.tangent is not None and part.double]
+    double = [member.name for member in members if member.tangent is not None and member.double]
     if double and options.start == "plain" and options.coupling == "pm":
         raise ValueError(
             'start must be "rebased" with internal forces in subdomains with double steps, got '
@@ -349,11 +355,11 @@ def _ordered(
     steps: Sequence[tuple[float, int, bool, float | None]],
     options: Options,
     threads: int,
-) -> tuple[Part, ...]:
+) -> tuple[Member, ...]:
     """The subdomains in elimination order, with warnings of factors that are large."""
     eliminations = Eliminations()
-    parts = tuple(
-        make_part(
+    members = tuple(
+        make_member(
             s,
             name,
             double,
@@ -370,9 +376,9 @@ def _ordered(
         )
         for (name, s), L, N, (h, substeps, double, _) in zip(keys, links, contacts, steps)
     )
-    warn_of_factors(parts)
-    warn_of_order(parts)
-    return parts
+    warn_of_factors(members)
+    warn_of_order(members)
+    return members
 
 
 def _responds(coupling: str, substeps: int) -> bool:

@@ -18,7 +18,7 @@ from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from .link import Link
-from .part import Part
+from .member import Member
 from .schedule import MACRO, Options, looked_up
 
 # Rows with tangents: W is dense.
@@ -209,16 +209,16 @@ class Contacts:
                 f"{gap[k]:g} in {self.name(int(k))}"
             )
 
-    def warn_of_ties(self, parts: Sequence[Part]) -> None:
+    def warn_of_ties(self, members: Sequence[Member]) -> None:
         """StabilityWarning for tied dofs that are in contact, where a scheme does not damp."""
-        for i, part in enumerate(parts):
+        for i, member in enumerate(members):
             if i not in self.N:
                 continue
-            both = np.intersect1d(part.order[part.L.dofs], self.dofs[i])
-            if both.size and _is_undamped(part.subdomain.scheme):
+            both = np.intersect1d(member.order[member.L.dofs], self.dofs[i])
+            if both.size and _is_undamped(member.subdomain.scheme):
                 verb = "is" if both.size == 1 else "are"
                 warn(
-                    f"{numbered('dof', np.sort(both))} of {part.name!r} {verb} both tied and in "
+                    f"{numbered('dof', np.sort(both))} of {member.name!r} {verb} both tied and in "
                     "contact, and its scheme has no algorithmic damping: the multipliers of ties "
                     "alternate from step to step while the contact is closed; take rho <= 0.9",
                     StabilityWarning,
@@ -226,7 +226,7 @@ class Contacts:
 
     # ---- the core --------------------------------------------------------------------------------
 
-    def core(self, parts: Sequence[Part]) -> tuple[Any, ...]:
+    def core(self, members: Sequence[Member]) -> tuple[Any, ...]:
         """The contacts in the form of the core."""
         from scipy.linalg import cython_blas
 
@@ -234,9 +234,9 @@ class Contacts:
         capsules = cython_blas.__pyx_capi__
         sides = []
         for i in self.N:
-            part = parts[i]
-            assert part.N is not None
-            sides.append((i, part.N.core(part.n - part.nb)))
+            member = members[i]
+            assert member.N is not None
+            sides.append((i, member.N.core(member.n - member.nb)))
         numbers = (self.numbers(x) for x in ("gap", "restitution", "friction"))
         return (self.first, *numbers, tuple(sides), capsules["dgemm"], capsules["dtrsm"])
 
@@ -244,12 +244,12 @@ class Contacts:
         """N of each of the subdomains."""
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]
 
-    def check_compliance(self, core: _core.Coupler, parts: Sequence[Part]) -> None:
+    def check_compliance(self, core: _core.Coupler, members: Sequence[Member]) -> None:
         """ValueError unless W has a positive diagonal: a step below the critical one, and rows that
         constraints do not hold."""
         free = np.zeros(self.rows)
         for i, N in self.N.items():
-            M = parts[i].subdomain.M
+            M = members[i].subdomain.M
             inverse = np.zeros(N.shape[1])
             inverse[self.dofs[i]] = 1.0 / diagonal(M)[self.dofs[i]]
             free += N.power(2) @ inverse

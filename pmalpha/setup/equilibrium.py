@@ -170,7 +170,7 @@ class Equilibrium:
             else:
                 self._refuse(u, done)
         require_stiff(self._tangent(u), self.L)
-        return self._parts(u)
+        return self._members(u)
 
     def _refuse(self, u: np.ndarray, done: float) -> None:
         require_stiff(self._tangent(u), self.L)  # a mechanism has no equilibrium to be found
@@ -303,14 +303,14 @@ class Equilibrium:
         """R without the multipliers: the residual of the beginning is removed with the load."""
         return self._residual(u) - (1.0 - load) * self.first
 
-    def _parts(self, u: np.ndarray) -> list[np.ndarray]:
+    def _members(self, u: np.ndarray) -> list[np.ndarray]:
         """The displacements of these subdomains."""
         return np.split(u, self.ends[:-1])[self.own]
 
     def _residual(self, u: np.ndarray) -> np.ndarray:
         """F - K u - f(u)"""
         with np.errstate(all="ignore"):
-            held = [self._force(i, own) for i, own in enumerate(self._parts(u))]
+            held = [self._force(i, own) for i, own in enumerate(self._members(u))]
         result: np.ndarray = self.F - np.concatenate(joined(self.ranks, held))
         return result
 
@@ -325,7 +325,7 @@ class Equilibrium:
 
     def _tangent(self, u: np.ndarray) -> sp.csc_array:
         own = []
-        for (_, s), internal, u_i in zip(self.subdomains, self.internal, self._parts(u)):
+        for (_, s), internal, u_i in zip(self.subdomains, self.internal, self._members(u)):
             q = np.empty(0) if internal is None else internal.initial
             terms = [(1.0, s.K), (1.0, internal_at(internal, s.n, u_i, np.zeros(s.n), 0.0, q).K)]
             if s.springs:

@@ -394,14 +394,14 @@ def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
     n, none = b.size, np.empty(0)
     no_links = (0, np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
     unit_step = (0.0, 0.0, 0.0, 1.0)
-    part = _core.Subdomain(n, 0, 1, None, None, unit_step, (1.0, *factor), None, no_links)
-    coupler = _core.Coupler((part,), 0, (none, None), (none, None), (), {"dt": 1.0})
+    member = _core.Subdomain(n, 0, 1, None, None, unit_step, (1.0, *factor), None, no_links)
+    coupler = _core.Coupler((member,), 0, (none, None), (none, None), (), {"dt": 1.0})
     zero = np.zeros(n)
-    part.start(zero, zero, zero, none)
-    part.set_load(b)
+    member.start(zero, zero, zero, none)
+    member.set_load(b)
     coupler.start(0, none, none)
     coupler.advance(1, None)
-    return part.state()[2]
+    return member.state()[2]
 
 
 def interface_block(factor: Factor, nb: int) -> np.ndarray:

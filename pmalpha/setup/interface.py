@@ -13,19 +13,19 @@ from ..problem.matrices import Matrix, dense, row_of_entries
 from ..problem.ordering import elimination_order, graph_of
 from .factors import Factor, Names, factorize
 from .link import Block, diagonal_compliances
-from .part import Part
+from .member import Member
 from .ranks import Ranks, joined
 
 # An interface matrix with more than this share of entries is factored as a dense one.
 DENSE_SHARE = 0.1
 
 
-def row_order(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> np.ndarray:
+def row_order(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
     if p < 2:
         return np.arange(p)
     # constraints of each subdomain, and the pattern of its block of H where that is not full
-    patterns = joined(ranks, list(zip([part.L.rows for part in parts], _patterns(parts))))
+    patterns = joined(ranks, list(zip([member.L.rows for member in members], _patterns(members))))
     blocks = sum(float(rows.size) ** 2 for rows, sparse in patterns if sparse is None)
     if blocks > DENSE_SHARE * p**2:
         return np.arange(p)  # these blocks alone make the matrix dense
@@ -37,21 +37,21 @@ def row_order(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> np.n
     return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
 
 
-def _patterns(parts: Sequence[Part]) -> list[Block | None]:
+def _patterns(members: Sequence[Member]) -> list[Block | None]:
     """The blocks of H that connect constraints of one dof only; None for others."""
-    thin = [p for p in parts if p.is_diagonal and p.internal is None and not p.responds]
+    thin = [p for p in members if p.is_diagonal and p.internal is None and not p.responds]
     blocks = diagonal_compliances([np.ones(p.n) for p in thin], [p.L.pattern for p in thin])
     found = dict(zip(map(id, thin), blocks))
-    return [found.get(id(part)) for part in parts]
+    return [found.get(id(member)) for member in members]
 
 
-def is_symmetric_sum(parts: Sequence[Part], ranks: Ranks | None = None) -> bool:
+def is_symmetric_sum(members: Sequence[Member], ranks: Ranks | None = None) -> bool:
     """Whether the sum of the blocks of these subdomains, of all processes, is symmetric."""
-    return all(joined(ranks, [part.has_symmetric_block for part in parts]))
+    return all(joined(ranks, [member.has_symmetric_block for member in members]))
 
 
 def interface_matrix(
-    parts: Sequence[Part],
+    members: Sequence[Member],
     p: int,
     *,
     start: bool,
@@ -60,29 +60,29 @@ def interface_matrix(
 ) -> Matrix:
     """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); for link responses (M4).
 
-    parts: with their factors.
+    members: with their factors.
     start: all subdomains take single steps, as in the first macro step.
     mean: for link responses, the mean velocity in the macro step instead of the one at its end.
     ranks: the sum is over the subdomains of all processes.
     """
-    make_diagonal_blocks([p for p in parts if p.response_blocks is None], start=start)
+    make_diagonal_blocks([p for p in members if p.response_blocks is None], start=start)
     blocks = []
-    for part in parts:
-        if part.response_blocks is not None:
-            blocks.append(part.response_blocks[1 if mean else 0])
+    for member in members:
+        if member.response_blocks is not None:
+            blocks.append(member.response_blocks[1 if mean else 0])
             continue
-        blocks.append(part.block(part.is_double(start=start)))
+        blocks.append(member.block(member.is_double(start=start)))
     return summed(joined(ranks, blocks), p)
 
 
-def make_diagonal_blocks(parts: Sequence[Part], *, start: bool) -> None:
+def make_diagonal_blocks(members: Sequence[Member], *, start: bool) -> None:
     """The blocks of H of all subdomains with a diagonal Mbar, in one pass."""
-    plain = [(part, part.is_double(start=start)) for part in parts if part.is_diagonal]
-    new = [(part, twice) for part, twice in plain if twice not in part.blocks]
-    inverses = [part.diagonal_inverse(twice) for part, twice in new]
-    blocks = diagonal_compliances(inverses, [part.L for part, _ in new])
-    for (part, twice), block in zip(new, blocks):
-        part.blocks[twice] = block
+    plain = [(member, member.is_double(start=start)) for member in members if member.is_diagonal]
+    new = [(member, twice) for member, twice in plain if twice not in member.blocks]
+    inverses = [member.diagonal_inverse(twice) for member, twice in new]
+    blocks = diagonal_compliances(inverses, [member.L for member, _ in new])
+    for (member, twice), block in zip(new, blocks):
+        member.blocks[twice] = block
 
 
 def total(blocks: Sequence[Block], p: int) -> sp.csr_array:

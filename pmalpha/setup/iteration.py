@@ -23,68 +23,70 @@ from .interface import is_symmetric_sum, summed, total
 from .internal_forces import core_size, numeric, structure
 from .link import Block
 from .macro import compute_unit_responses, mean_blocks
-from .part import Part, core_of_steps
+from .member import Member, core_of_steps
 from .ranks import Ranks, joined
 
 
-def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:
+def prepare_iterated(members: Sequence[Member], coupling: str) -> None:
     """The blocks of H of the subdomains with internal forces.
 
     Under "macro" and "mean" those of their linear twins; else zero, but for explicit subdomains,
     whose blocks do not change: the core adds the others.
     """
-    for part in parts:
-        if part.internal is None:
+    for member in members:
+        if member.internal is None:
             continue
         shoots = coupling in ("macro", "mean")
-        if shoots and part.subdomain.has_functions:
+        if shoots and member.subdomain.has_functions:
             raise ValueError(
-                f"restoring of {part.name!r} must have no functions where there are internal "
+                f"restoring of {member.name!r} must have no functions where there are internal "
                 f'forces under coupling="{coupling}", which repeats its substeps; take "pm" or '
                 '"gc", or '
                 "put the restoring force into a subdomain of its own"
             )
-        if shoots and part.subdomain.has_feedback:
+        if shoots and member.subdomain.has_feedback:
             raise ValueError(
-                f"force of {part.name!r} must not be a function of t, u and v where there are "
+                f"force of {member.name!r} must not be a function of t, u and v where there are "
                 f'internal forces under coupling="{coupling}", which repeats its substeps; take '
                 '"pm" or "gc"'
             )
         if coupling == "mean":
-            part.blocks = mean_blocks(linear_twin(part))
+            member.blocks = mean_blocks(linear_twin(member))
         elif coupling == "macro":
-            _take_blocks_of(part, linear_twin(part))
-        elif part.tangent is not None:
-            rows = part.L.rows
+            _take_blocks_of(member, linear_twin(member))
+        elif member.tangent is not None:
+            rows = member.L.rows
             size = 8.0 * 4.0 * float(rows.size) ** 2
-            require(size, f"the block of H of {counted(rows.size, 'constraint')} of {part.name!r}")
+            require(
+                size, f"the block of H of {counted(rows.size, 'constraint')} of {member.name!r}"
+            )
             empty = Block(rows, np.zeros((rows.size, rows.size)))
-            part.blocks = {False: empty, True: empty}
+            member.blocks = {False: empty, True: empty}
 
 
-def _take_blocks_of(part: Part, twin: Part) -> None:
+def _take_blocks_of(member: Member, twin: Member) -> None:
     if twin.responds and twin.nb:
         compute_unit_responses(twin)
-    part.response_blocks = twin.response_blocks
-    part.blocks = {
-        twice: twin.block(twice) for twice in ((False, True) if part.double else (False,))
+    member.response_blocks = twin.response_blocks
+    member.blocks = {
+        twice: twin.block(twice) for twice in ((False, True) if member.double else (False,))
     }
 
 
-def linear_twin(part: Part) -> Part:
+def linear_twin(member: Member) -> Member:
     """The subdomain with the tangents at t = 0 in place of its internal forces."""
-    assert part.internal is not None
-    explicit = part.subdomain.scheme.explicit
-    K_t, C_t = (permuted(A, part.order) for A in (part.internal.K, part.internal.C))
+    assert member.internal is not None
+    explicit = member.subdomain.scheme.explicit
+    K_t, C_t = (permuted(A, member.order) for A in (member.internal.K, member.internal.C))
     twin = replace(
-        part,
-        K=combination([(1.0, part.K), (1.0, K_t)]),
-        C=combination([(1.0, part.C), (1.0, C_t)]),
-        stiffness=None if explicit else combination([(1.0, part.stiffness), (1.0, K_t)]),
-        damping=combination([(1.0, part.damping), *([] if explicit else [(1.0, C_t)])]),
+        member,
+        K=combination([(1.0, member.K), (1.0, K_t)]),
+        C=combination([(1.0, member.C), (1.0, C_t)]),
+        stiffness=None if explicit else combination([(1.0, member.stiffness), (1.0, K_t)]),
+        damping=combination([(1.0, member.damping), *([] if explicit else [(1.0, C_t)])]),
         internal=None,
         tangent=None,
-        responds=part.mean or part.substeps > 1,
+        responds=member.mean or member.substeps > 1,
         factors=[],
         blocks={},
         known={},
@@ -92,7 +94,7 @@ def linear_twin(part: Part) -> Part:
     try:
         operators = list(map(twin.operator, twin.lengths))
     except FactorizationError:  # by (F10), whose pivots have any sign
-        twin.indefinite = part.indefinite = True
+        twin.indefinite = member.indefinite = True
         operators = list(map(twin.operator, twin.lengths))
     mass = twin.factor_of_mass() if twin.mean else None
     twin.core = core_of_steps(twin, operators, K_r=twin.K_r, mass=mass)
@@ -100,38 +102,42 @@ def linear_twin(part: Part) -> Part:
 
 
 def iteration_of(
-    parts: Sequence[Part], p: int, newton: Newton, macro: bool, ranks: Ranks | None = None
+    members: Sequence[Member], p: int, newton: Newton, macro: bool, ranks: Ranks | None = None
 ) -> tuple[Any, ...] | None:
     """What the core's coupler iterates with; None where it is linear."""
-    found = joined(ranks, [(part.internal is not None, part.tangent is not None) for part in parts])
+    found = joined(
+        ranks, [(member.internal is not None, member.tangent is not None) for member in members]
+    )
     if not any(internal for internal, _ in found):
         return None
     options = (newton.tol, newton.iterations, newton.tangent == "reuse")
     if macro:
-        return (*options, *_responses(parts, p, ranks))
+        return (*options, *_responses(members, p, ranks))
     if not any(iterated for _, iterated in found):
         return None
-    return (*options, *_constant_part(parts, p, ranks))
+    return (*options, *_constant_part(members, p, ranks))
 
 
-def _responses(parts: Sequence[Part], p: int, ranks: Ranks | None) -> tuple[Any, Any, Any]:
+def _responses(members: Sequence[Member], p: int, ranks: Ranks | None) -> tuple[Any, Any, Any]:
     """The linear subdomains' part of H, in the first macro step and after it, and the size of H."""
-    linear = [part for part in parts if part.internal is None]
-    blocks = [joined(ranks, [_block(part, start) for part in linear]) for start in (True, False)]
+    linear = [member for member in members if member.internal is None]
+    blocks = [
+        joined(ranks, [_block(member, start) for member in linear]) for start in (True, False)
+    ]
     start, later = (summed(some, p) if some else None for some in blocks)
-    H = summed(joined(ranks, [_block(part, False) for part in parts]), p)
-    own = is_symmetric_sum(parts, ranks)
+    H = summed(joined(ranks, [_block(member, False) for member in members]), p)
+    own = is_symmetric_sum(members, ranks)
     return core_matrix(start, symmetric=own), core_matrix(later, symmetric=own), core_size(H, own)
 
 
-def _block(part: Part, start: bool) -> Block:
-    if part.response_blocks is not None:
-        return part.response_blocks[0]
-    return part.block(part.is_double(start=start))
+def _block(member: Member, start: bool) -> Block:
+    if member.response_blocks is not None:
+        return member.response_blocks[0]
+    return member.block(member.is_double(start=start))
 
 
 def _constant_part(
-    parts: Sequence[Part], p: int, ranks: Ranks | None
+    members: Sequence[Member], p: int, ranks: Ranks | None
 ) -> tuple[tuple[Any, ...], np.ndarray, np.ndarray]:
     """The pattern of H for the core, and the values of its constant part, in the first macro step
     and after it."""
@@ -139,9 +145,10 @@ def _constant_part(
         empty = sp.csr_array((0, 0))
         return numeric(empty, None, "the interface matrix H", True), np.empty(0), np.empty(0)
     start, later = (
-        total(joined(ranks, [_block(part, first) for part in parts]), p) for first in (True, False)
+        total(joined(ranks, [_block(member, first) for member in members]), p)
+        for first in (True, False)
     )
     pattern = sp.csr_array((np.ones(start.nnz), start.indices, start.indptr), shape=(p, p))
-    own = is_symmetric_sum(parts, ranks)
+    own = is_symmetric_sum(members, ranks)
     symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H", own)
     return symbolic, np.ascontiguousarray(start.data), np.ascontiguousarray(later.data)

@@ -21,7 +21,7 @@ from ..problem.schemes import explicit_rho
 from .factors import Factor, solve
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
-from .part import Part
+from .member import Member
 from .ranks import Ranks, joined
 
 # Largest size in bytes of the stored unit responses of one subdomain.
@@ -40,24 +40,24 @@ LEAST_EXPLICIT_RHO = 0.5
 ABOVE = 1.0 + 1e-9
 
 
-def prepare(parts: Sequence[Part]) -> None:
+def prepare(members: Sequence[Member]) -> None:
     """Unit responses of all subdomains with substeps, and the warnings of macro coupling."""
-    check_work(parts, "macro")
-    for part in parts:
-        if part.responds and part.nb:
-            compute_unit_responses(part)
-    _warn_of_restoring(parts)
-    _warn_of_massless_ties(parts)
+    check_work(members, "macro")
+    for member in members:
+        if member.responds and member.nb:
+            compute_unit_responses(member)
+    _warn_of_restoring(members)
+    _warn_of_massless_ties(members)
 
 
-def _names(parts: Sequence[Part]) -> str:
+def _names(members: Sequence[Member]) -> str:
     """``subdomain 'a'``, ``subdomains 'a', 'b'``"""
-    return numbered("subdomain", [repr(part.name) for part in parts])
+    return numbered("subdomain", [repr(member.name) for member in members])
 
 
-def _warn_of_restoring(parts: Sequence[Part]) -> None:
+def _warn_of_restoring(members: Sequence[Member]) -> None:
     """StabilityWarning for restoring forces, which are evaluated in the free macro run."""
-    restored = [p for p in parts if p.responds and p.nb and p.subdomain.restoring is not None]
+    restored = [p for p in members if p.responds and p.nb and p.subdomain.restoring is not None]
     if not restored:
         return
     warn(
@@ -68,12 +68,12 @@ def _warn_of_restoring(parts: Sequence[Part]) -> None:
     )
 
 
-def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
+def _warn_of_massless_ties(members: Sequence[Member]) -> None:
     """ConstraintWarning for massless dofs, whose velocity between macro time levels is not tied."""
     tied = {
-        part.name: np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
-        for part in parts
-        if part.responds or (part.internal is not None and part.substeps > 1)
+        member.name: np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
+        for member in members
+        if member.responds or (member.internal is not None and member.substeps > 1)
     }
     each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
     if not each:
@@ -85,16 +85,16 @@ def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
     )
 
 
-def check_work(parts: Sequence[Part], coupling: str) -> None:
+def check_work(members: Sequence[Member], coupling: str) -> None:
     """PerformanceWarning when the unit responses take long, ValueError for more than a day."""
-    works = {part.name: work(part) for part in parts if part.responds}
+    works = {member.name: work(member) for member in members if member.responds}
     if not works:
         return
     name = max(works, key=works.__getitem__)
-    part = next(p for p in parts if p.name == name)
+    member = next(p for p in members if p.name == name)
     why = (
-        f"{counted(part.L.rows.size, 'constraint')} times {part.substeps} substeps times "
-        f"{part.core.entries} matrix entries"
+        f"{counted(member.L.rows.size, 'constraint')} times {member.substeps} substeps times "
+        f"{member.core.entries} matrix entries"
     )
     option = f'coupling="{coupling}"'
     warn_of_work(works, LANE_RATE, option, why, 'take coupling="pm" or "gc", which need none')
@@ -120,32 +120,32 @@ def warn_of_work(
     warn(f"{text}; it is worth it for long runs only", PerformanceWarning)
 
 
-def work(part: Part) -> float:
+def work(member: Member) -> float:
     """Matrix entries read to compute the unit responses of a subdomain, `LANES` in one pass."""
-    passes = -(-part.L.rows.size // LANES)
-    return float(part.core.entries) * part.substeps * passes
+    passes = -(-member.L.rows.size // LANES)
+    return float(member.core.entries) * member.substeps * passes
 
 
-def is_stored(part: Part) -> bool:
+def is_stored(member: Member) -> bool:
     """(M8): whether reading U costs less than the substeps, and U is not too large."""
-    size = 4.0 * part.n * part.L.rows.size
-    return size <= part.substeps * part.core.entries and 8.0 * size <= STORED
+    size = 4.0 * member.n * member.L.rows.size
+    return size <= member.substeps * member.core.entries and 8.0 * size <= STORED
 
 
-def compute_unit_responses(part: Part) -> None:
+def compute_unit_responses(member: Member) -> None:
     """Unit responses of a subdomain; sets its block of H, and the one of the mean velocities.
 
     Errors as of `unit_responses`.
     """
-    rows = part.L.rows
-    end, mean, states = unit_responses(part, rows, stored=is_stored(part))
+    rows = member.L.rows
+    end, mean, states = unit_responses(member, rows, stored=is_stored(member))
     if states is not None:
-        part.core.store_responses(rows, states)
-    part.response_blocks = response_block(part, rows, end), response_block(part, rows, mean)
+        member.core.store_responses(rows, states)
+    member.response_blocks = response_block(member, rows, end), response_block(member, rows, mean)
 
 
 def unit_responses(
-    part: Part, rows: np.ndarray, *, stored: bool, twice: bool = False
+    member: Member, rows: np.ndarray, *, stored: bool, twice: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Responses of a subdomain to each of its constraints, at these rows.
 
@@ -158,24 +158,26 @@ def unit_responses(
     Raises ValueError when a response is not finite: the steps are far above the critical one.
     """
     k = rows.size
-    threads = max(1, min(part.elimination.threads, int(work(part) // SHARE), -(-k // LANES)))
-    size = 8.0 * 4.0 * part.n * (k if stored else 0) + 8.0 * 6.0 * part.n * LANES * threads
-    require(64.0 * k**2 + size, f"the link response of {part.name!r} to {counted(k, 'constraint')}")
+    threads = max(1, min(member.elimination.threads, int(work(member) // SHARE), -(-k // LANES)))
+    size = 8.0 * 4.0 * member.n * (k if stored else 0) + 8.0 * 6.0 * member.n * LANES * threads
+    require(
+        64.0 * k**2 + size, f"the link response of {member.name!r} to {counted(k, 'constraint')}"
+    )
     end, mean = np.empty((k, k)), np.empty((k, k))
-    states = np.empty((k, 4, part.n)) if stored else None
-    if not part.core.unit_responses(rows, end, mean, states, twice, threads):
+    states = np.empty((k, 4, member.n)) if stored else None
+    if not member.core.unit_responses(rows, end, mean, states, twice, threads):
         raise ValueError(
-            f"substeps of subdomain {part.name!r} must be more: its response to the multipliers "
-            f"is not finite at the end of a macro step, got {part.substeps} of length "
-            f"{part.h:g}"
+            f"substeps of subdomain {member.name!r} must be more: its response to the multipliers "
+            f"is not finite at the end of a macro step, got {member.substeps} of length "
+            f"{member.h:g}"
         )
     return end, mean, states
 
 
-def response_block(part: Part, rows: np.ndarray, values: np.ndarray) -> Block:
+def response_block(member: Member, rows: np.ndarray, values: np.ndarray) -> Block:
     """The block (M7), sparse, since many pairs of constraints have no entry; row k of the values
     is the response to multiplier k, a column of H."""
-    if not part.has_symmetric_block:
+    if not member.has_symmetric_block:
         return Block.of_nonzero(rows, values.T)
     return Block.of_nonzero(rows, 0.5 * (values + values.T))
 
@@ -183,7 +185,7 @@ def response_block(part: Part, rows: np.ndarray, values: np.ndarray) -> Block:
 def warn_of_resonance(
     H: Matrix,
     factor: Factor,
-    parts: Sequence[Part],
+    members: Sequence[Member],
     position: np.ndarray,
     ranks: Ranks | None = None,
 ) -> None:
@@ -196,18 +198,18 @@ def warn_of_resonance(
     The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
     the mean velocities in the macro step; of unsymmetric matrices, by size.
     """
-    own = [(p.name, p.response_blocks[1]) for p in parts if p.response_blocks is not None]
+    own = [(p.name, p.response_blocks[1]) for p in members if p.response_blocks is not None]
     means = dict(joined(ranks, own))
     if not means:
         return
-    mean = interface_matrix(parts, position.size, start=False, mean=True, ranks=ranks)
+    mean = interface_matrix(members, position.size, start=False, mean=True, ranks=ranks)
     product = _product(mean)
     x = np.cos(np.arange(position.size))
     for _ in range(8):
         x = solve(factor, product(x))
         x /= np.max(np.abs(x))
     ratio = float(x @ _product(H)(x)) / float(x @ product(x))
-    if not all(part.symmetric for part in parts):
+    if not all(member.symmetric for member in members):
         ratio = float(np.linalg.norm(_product(H)(x)) / np.linalg.norm(product(x)))
     if ratio >= RESONANT:
         return
@@ -231,38 +233,38 @@ def _product(A: Matrix) -> Callable[[np.ndarray], np.ndarray]:
     return (lambda x: A * x) if A.ndim == 1 else (lambda x: A @ x)
 
 
-def check_mean(parts: Sequence[Part]) -> None:
+def check_mean(members: Sequence[Member]) -> None:
     """ValueError for what mean coupling cannot have."""
-    for part in parts:
-        s = part.subdomain
+    for member in members:
+        s = member.subdomain
         if s.restoring is not None:
             raise ValueError(
                 'coupling must be "macro", "pm" or "gc" with restoring forces, got "mean" and '
-                f"restoring forces in {part.name!r}: the free macro run has no multipliers, so "
+                f"restoring forces in {member.name!r}: the free macro run has no multipliers, so "
                 "that forces would be evaluated away from the motion"
             )
         if s.has_feedback:
             raise ValueError(
                 'coupling must be "macro", "pm" or "gc" with a force that is a function of t, u '
-                f'and v, got "mean" and such a force on {part.name!r}: it would be evaluated away '
-                "from the motion"
+                f'and v, got "mean" and such a force on {member.name!r}: it would be evaluated '
+                "away from the motion"
             )
         if s.scheme.explicit and (rho := explicit_rho(s.scheme)) < LEAST_EXPLICIT_RHO:
             raise ValueError(
                 f'coupling="mean" needs rho >= {LEAST_EXPLICIT_RHO} in explicit subdomains, below '
-                f"which it is unstable near the critical step, got {rho:g} in {part.name!r}"
+                f"which it is unstable near the critical step, got {rho:g} in {member.name!r}"
             )
-        tied = np.intersect1d(part.order[part.n - part.nb :], s.massless)
+        tied = np.intersect1d(member.order[member.n - member.nb :], s.massless)
         if tied.size:
             raise ValueError(
                 f'coupling="mean" needs mass at the interface dofs, got none at '
-                f"{numbered('dof', tied)} of {part.name!r}"
+                f"{numbered('dof', tied)} of {member.name!r}"
             )
 
 
-def doubts_of_damping(parts: Sequence[Part], ranks: Ranks | None = None) -> list[str]:
+def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
     """Why the velocity gap can grow with damping, (K8)."""
-    own = [part.name for part in parts if _grows(part)]
+    own = [member.name for member in members if _grows(member)]
     names = [repr(name) for name in joined(ranks, own)]
     if not names:
         return []
@@ -273,46 +275,46 @@ def doubts_of_damping(parts: Sequence[Part], ranks: Ranks | None = None) -> list
     ]
 
 
-def _grows(part: Part) -> bool:
+def _grows(member: Member) -> bool:
     """Whether the damping feeds the velocity gap, (K8)."""
-    scheme = part.subdomain.scheme
-    return part.is_damped and part.substeps == 1 and 2.0 * scheme.beta > ABOVE * scheme.gamma
+    scheme = member.subdomain.scheme
+    return member.is_damped and member.substeps == 1 and 2.0 * scheme.beta > ABOVE * scheme.gamma
 
 
-def prepare_mean(parts: Sequence[Part]) -> None:
+def prepare_mean(members: Sequence[Member]) -> None:
     """Unit responses of all subdomains, which make their blocks of H."""
-    check_work(parts, "mean")
-    for part in parts:
-        if part.responds:
-            part.blocks = mean_blocks(part)
+    check_work(members, "mean")
+    for member in members:
+        if member.responds:
+            member.blocks = mean_blocks(member)
 
 
-def mean_blocks(part: Part) -> dict[bool, Block]:
+def mean_blocks(member: Member) -> dict[bool, Block]:
     """The blocks of H of a subdomain, of the single and the double step; stores the responses."""
-    rows = part.L.rows
-    stored = not part.defers and not part.double and rows.size > 0 and is_stored(part)
-    single, _, states = unit_responses(part, rows, stored=stored)
-    blocks = {False: response_block(part, rows, single)}
-    if part.double:
-        twice = unit_responses(part, rows, stored=False, twice=True)[0]
+    rows = member.L.rows
+    stored = not member.defers and not member.double and rows.size > 0 and is_stored(member)
+    single, _, states = unit_responses(member, rows, stored=stored)
+    blocks = {False: response_block(member, rows, single)}
+    if member.double:
+        twice = unit_responses(member, rows, stored=False, twice=True)[0]
         # of the mean of both macro steps, the share of the new one
-        share = 2.0 * part.h / part.lengths[1]
-        blocks[True] = response_block(part, rows, share * twice)
+        share = 2.0 * member.h / member.lengths[1]
+        blocks[True] = response_block(member, rows, share * twice)
     if states is not None:
-        part.core.store_responses(rows, states)
+        member.core.store_responses(rows, states)
     return blocks
 
 
-def _of_old(part: Part) -> Block:
+def _of_old(member: Member) -> Block:
     """The block of a double step for the multipliers of its first macro step."""
-    block, (h, long) = part.blocks[True], part.lengths
+    block, (h, long) = member.blocks[True], member.lengths
     return block.times((long - h) / h)
 
 
-def doubled_part(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> Any:
+def doubled_part(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> Any:
     """The part of H of the subdomains that take double steps, for the core."""
     blocks = joined(
-        ranks, [_of_old(part) for part in parts if part.double and part.internal is None]
+        ranks, [_of_old(member) for member in members if member.double and member.internal is None]
     )
-    own = is_symmetric_sum(parts, ranks)
+    own = is_symmetric_sum(members, ranks)
     return core_matrix(summed(blocks, p), symmetric=own) if blocks else None

@@ -11,7 +11,7 @@ from .._core import LANES
 from ..errors import InstabilityError, StabilityWarning, warn
 from ..problem.subdomain import dense_whole
 from .constraint_rows import CoreRows
-from .part import Part
+from .member import Member
 from .ranks import check_stable
 from .schedule import MACRO
 
@@ -34,7 +34,7 @@ def propagation(
 
     Without `in_lanes`, of second multipliers, the core itself is used, and its state is lost.
     """
-    core, cores, lanes = layout.core, [part.core for part in layout.parts], 1
+    core, cores, lanes = layout.core, [member.core for member in layout.members], 1
     if in_lanes:
         cores = [own.in_lanes() for own in cores]
         core, lanes = core.in_lanes(tuple(cores)), LANES
@@ -42,7 +42,7 @@ def propagation(
     G, lam = np.empty((size, size)), np.empty((rows.p, size))
     for begin in range(0, size, lanes):
         layout.write(core, cores, np.eye(size, lanes, -begin))
-        check_stable(core.advance(1, None), layout.parts, step=1, t=dt)
+        check_stable(core.advance(1, None), layout.members, step=1, t=dt)
         end = min(begin + lanes, size)
         G[:, begin:end] = layout.read(core, cores, lanes)[:, : end - begin]
         now = core.multipliers.reshape(-1, lanes)[:, : end - begin]
@@ -56,14 +56,16 @@ class Layout:
     size: numbers in X.
     """
 
-    def __init__(self, parts: Sequence[Part], core: _core.Coupler, coupling: str, rows: CoreRows):
-        self.parts, self.core = parts, core
-        fine = max(p.substeps for p in self.parts)
+    def __init__(
+        self, members: Sequence[Member], core: _core.Coupler, coupling: str, rows: CoreRows
+    ):
+        self.members, self.core = members, core
+        fine = max(p.substeps for p in self.members)
         macro = coupling in MACRO
-        self.stored = [not macro and (p.double or p.substeps < fine) for p in self.parts]
+        self.stored = [not macro and (p.double or p.substeps < fine) for p in self.members]
         self.motion_size = sum(
             (2 if p.double else 1) * (4 * p.n + stored * p.nb)
-            for p, stored in zip(self.parts, self.stored)
+            for p, stored in zip(self.members, self.stored)
         )
         # the state has the multipliers under "macro" only
         self.rows = rows if macro else CoreRows(np.arange(0), np.ones(0))
@@ -75,11 +77,11 @@ class Layout:
 
         The core has the present time level first, X the one before it.
         """
-        for i, (part, stored) in enumerate(zip(self.parts, self.stored)):
-            interface = np.arange(part.nb) if stored else np.arange(0)
-            for first in (LEVEL_FIELDS, 0) if part.double else (0,):
+        for i, (member, stored) in enumerate(zip(self.members, self.stored)):
+            interface = np.arange(member.nb) if stored else np.arange(0)
+            for first in (LEVEL_FIELDS, 0) if member.double else (0,):
                 for field in range(4):
-                    yield i, first + field, part.position
+                    yield i, first + field, member.position
                 yield i, first + 4, interface
 
     def write(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], X: np.ndarray) -> None:
@@ -108,18 +110,22 @@ class Layout:
     def names(self) -> tuple[str, ...]:
         names = []
         for i, field, indices in self.fields():
-            part = self.parts[i]
+            member = self.members[i]
             symbol = ("u", "v", "w", "a", "vf")[field % LEVEL_FIELDS]
             when = "n-1" if field >= LEVEL_FIELDS else "n"
-            dofs = np.arange(part.n) if field % LEVEL_FIELDS < 4 else part.order[part.n - part.nb :]
-            names += [f"{symbol}[{d}] of {part.name} at {when}" for d in dofs[: indices.size]]
+            dofs = (
+                np.arange(member.n)
+                if field % LEVEL_FIELDS < 4
+                else member.order[member.n - member.nb :]
+            )
+            names += [f"{symbol}[{d}] of {member.name} at {when}" for d in dofs[: indices.size]]
         return (*names, *(f"Lam[{row}]" for row in range(self.rows.p)))
 
 
 def warn_of_growth(
     doubts: Sequence[str],
     otherwise: str | None,
-    parts: Sequence[Part],
+    members: Sequence[Member],
     radius: float | None,
     dt: float,
 ) -> None:
@@ -133,7 +139,7 @@ def warn_of_growth(
     if radius is not None:
         if radius <= STABLE:
             return
-        own = growth_of_structure(parts) * dt
+        own = growth_of_structure(members) * dt
         if np.log(radius) <= OWN * own + np.log(STABLE):
             return
         found = f": here by a factor of {radius:.4g} in a macro step"
@@ -145,27 +151,27 @@ def warn_of_growth(
 
 
 def cheap_radius(
-    parts: Sequence[Part], core: _core.Coupler, coupling: str, rows: CoreRows, *, in_lanes: bool
+    members: Sequence[Member], core: _core.Coupler, coupling: str, rows: CoreRows, *, in_lanes: bool
 ) -> float | None:
     """The spectral radius of a macro step; None where it takes time or a subdomain is not linear.
 
-    parts, core: the whole problem; without `in_lanes` the state of the core is lost.
+    members, core: the whole problem; without `in_lanes` the state of the core is lost.
     """
-    if not all(part.subdomain.is_linear for part in parts):
+    if not all(member.subdomain.is_linear for member in members):
         return None
-    layout = Layout(parts, core, coupling, rows)
+    layout = Layout(members, core, coupling, rows)
     return _radius(layout, rows, in_lanes) if layout.size <= CHEAP else None
 
 
-def growth_of_structure(parts: Sequence[Part]) -> float:
+def growth_of_structure(members: Sequence[Member]) -> float:
     """The rate at which the tied structure itself grows, 0 where it does not.
 
     That is the largest real part of z with (z^2 M + z C + K) u = 0, L u = 0.
     """
     from scipy.linalg import eigvals, null_space
 
-    M, C, K = (dense_whole([part.subdomain for part in parts], name) for name in "MCK")
-    L = np.hstack([part.L.matrix[:, part.position].toarray() for part in parts])
+    M, C, K = (dense_whole([member.subdomain for member in members], name) for name in "MCK")
+    L = np.hstack([member.L.matrix[:, member.position].toarray() for member in members])
     Z = null_space(L)
     M, C, K = (Z.T @ A @ Z for A in (M, C, K))
     one, zero = np.eye(len(K)), np.zeros_like(K)

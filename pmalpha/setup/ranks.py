@@ -24,7 +24,7 @@ from ..problem.forces import SampledForce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .link import Link
-from .part import Part
+from .member import Member
 
 T = TypeVar("T")
 # Pieces of its interface values that the core sends of a subdomain at a time, at most, and numbers
@@ -237,12 +237,12 @@ def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: dict[str,
     """ValueError unless constraints and options are the same on all ranks."""
     *others, last = options
     ranks.require_equal(f"{', '.join(others)} and {last}", options)
-    parts = [
+    members = [
         (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
     ]
     velocities = [_known(row.velocity) for row in rows]
     sizes = [row.p for row in rows]
-    ranks.require_equal("constraints", hashlib.sha256(pickle.dumps((sizes, parts))).digest())
+    ranks.require_equal("constraints", hashlib.sha256(pickle.dumps((sizes, members))).digest())
     ranks.require_equal("velocity of the constraints", velocities)
 
 
@@ -286,34 +286,38 @@ def _received(rank: int, sent: tuple[bytes, str]) -> PmalphaError:
 
 
 def check_stable(
-    found: object, parts: Sequence[Part], ranks: Ranks | None = None, step: int = 0, t: float = 0.0
+    found: object,
+    members: Sequence[Member],
+    ranks: Ranks | None = None,
+    step: int = 0,
+    t: float = 0.0,
 ) -> None:
     """InstabilityError for a value that the core has found not to be finite, or `Elsewhere`."""
     if isinstance(found, tuple):
         raise Elsewhere(*found)
     if isinstance(found, int):
-        names = joined(ranks, [part.name for part in parts])
+        names = joined(ranks, [member.name for member in members])
         raise InstabilityError(step, t, [*names, "interface"][found])
 
 
-def remote_of(part: Part, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
+def remote_of(member: Member, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
     """What other processes have to know of a subdomain: (nb, substeps, h, doubled, continues,
     whether it has internal forces, link, constraints if its steps are iterated). With another link
     a single step of length h, without others.
     """
     single = L is not None
-    h = part.h if h is None else h
-    double = not single and part.double
-    L = part.L if L is None else L
+    h = member.h if h is None else h
+    double = not single and member.double
+    L = member.L if L is None else L
     return (
-        part.nb,
-        1 if single else part.substeps,
+        member.nb,
+        1 if single else member.substeps,
         h,
         double,
-        double and part.over is not None,
-        not single and part.internal is not None,
-        L.core(part.n - part.nb),
-        None if single or part.tangent is None else L.rows,
+        double and member.over is not None,
+        not single and member.internal is not None,
+        L.core(member.n - member.nb),
+        None if single or member.tangent is None else L.rows,
     )
 
 

@@ -29,7 +29,7 @@ from ..problem.schemes import Scheme
 from .factors import Factor
 from .interface import interface_factor, summed, total
 from .link import Block, Link, compliance, diagonal_compliances
-from .part import Part, core_subdomain
+from .member import Member, core_subdomain
 from .ranks import Ranks, check_stable, joined, processes, remote_of
 
 # A step of length 1 with al1 = 0 and al2 = 1.
@@ -53,20 +53,20 @@ class InitialAccelerations:
 
     def __init__(
         self,
-        parts: Sequence[Part],
+        members: Sequence[Member],
         p: int,
         rows: np.ndarray,
         ranks: Ranks | None = None,
     ):
-        self.parts, self.ranks = parts, ranks
-        self.masses = [_Mass(part) for part in parts]
+        self.members, self.ranks = members, ranks
+        self.masses = [_Mass(member) for member in members]
         blocks = joined(ranks, _compliances(self.masses))
         if ranks is not None:
             _require_mass(self.masses)
         self.ties_without_mass = any(m.is_tied for m in self.masses)
         H = None
         if self.ties_without_mass:
-            L_m = sp.csr_array(sp.hstack([m.part.L.matrix[:, m.massless] for m in self.masses]))
+            L_m = sp.csr_array(sp.hstack([m.member.L.matrix[:, m.massless] for m in self.masses]))
             self.tied = np.unique(L_m.indices)
             self.saddle = _Saddle(total(blocks, p), L_m[:, self.tied])
             p = 0  # the saddle-point problem has the constraints; the core solves with M only
@@ -132,7 +132,7 @@ class InitialAccelerations:
         for lane in range(LANES):
             coupler.set_motion(lane, g)
         coupler.start(0, lam, lam)
-        check_stable(coupler.advance(1, None), self.parts)
+        check_stable(coupler.advance(1, None), self.members)
         w = [core.state()[2].reshape(-1, LANES) for core in cores]
         return w, coupler.multipliers.reshape(-1, LANES)
 
@@ -149,7 +149,7 @@ class InitialAccelerations:
         self.coupler.start(0, lam, lam)
         if self.ranks is not None:
             self.ranks.share(None)
-        check_stable(self.coupler.advance(1, None), self.parts, self.ranks)
+        check_stable(self.coupler.advance(1, None), self.members, self.ranks)
         return [core.state()[2] for core in self.cores], self.coupler.multipliers
 
     def _solve_without_mass(
@@ -180,44 +180,44 @@ def _require_mass(masses: Sequence[_Mass]) -> None:
     """ValueError for constraints on dofs without mass, whose equations are solved together."""
     for mass in masses:
         if mass.is_tied:
-            dofs = np.sort(mass.part.order[np.intersect1d(mass.massless, mass.part.L.dofs)])
+            dofs = np.sort(mass.member.order[np.intersect1d(mass.massless, mass.member.L.dofs)])
             raise ValueError(
                 "constraints need dofs with mass in a Coupler with comm, got "
-                f"{numbered('dof', dofs)} of {mass.part.name!r} without"
+                f"{numbered('dof', dofs)} of {mass.member.name!r} without"
             )
 
 
 class _Mass:
     """The mass matrix of a subdomain, with its massless dofs treated separately."""
 
-    def __init__(self, part: Part):
-        self.part = part
-        self.massless = part.massless
-        matrix = part.regular_mass if self.massless.size else part.M
+    def __init__(self, member: Member):
+        self.member = member
+        self.massless = member.massless
+        matrix = member.regular_mass if self.massless.size else member.M
         self.diagonal = matrix if matrix.ndim == 1 else None
-        self.operator = (1.0, *(part.mass_factor or _mass_factor(part, matrix)))
-        self.linked = part.L.without(self.massless) if self.massless.size else part.L
+        self.operator = (1.0, *(member.mass_factor or _mass_factor(member, matrix)))
+        self.linked = member.L.without(self.massless) if self.massless.size else member.L
 
     @property
     def is_tied(self) -> bool:
         """Whether constraints reach dofs without mass."""
-        return self.linked.values.size < self.part.L.values.size
+        return self.linked.values.size < self.member.L.values.size
 
     @property
     def tied(self) -> sp.csc_array:
         """The matrix of `linked`."""
         if not self.massless.size:
-            return self.part.L.matrix
-        has_mass = np.ones(self.part.n)
+            return self.member.L.matrix
+        has_mass = np.ones(self.member.n)
         has_mass[self.massless] = 0.0
-        return sp.csc_array(self.part.L.matrix @ sp.diags_array(has_mass))
+        return sp.csc_array(self.member.L.matrix @ sp.diags_array(has_mass))
 
     def core(self, *, linked: bool) -> _core.Subdomain:
-        L = self.linked if linked else Link.empty(self.part.n)
-        return core_subdomain(self.part, UNIT_STEP, L, self.operator)
+        L = self.linked if linked else Link.empty(self.member.n)
+        return core_subdomain(self.member, UNIT_STEP, L, self.operator)
 
     def remote(self) -> tuple[Any, ...]:
-        return remote_of(self.part, self.linked, 1.0)
+        return remote_of(self.member, self.linked, 1.0)
 
     def broken_equations(
         self, r: np.ndarray, lam: np.ndarray, size: float
@@ -226,11 +226,11 @@ class _Mass:
         size: the name of the subdomain, the dofs, and the largest force that is left; or None."""
         if not self.massless.size:
             return None
-        left = np.abs(r + self.part.L.matrix.T @ lam)[self.massless]
+        left = np.abs(r + self.member.L.matrix.T @ lam)[self.massless]
         broken = self.massless[left > RESIDUAL * size]
         if not broken.size:
             return None
-        return self.part.name, np.sort(self.part.order[broken]), float(np.max(left))
+        return self.member.name, np.sort(self.member.order[broken]), float(np.max(left))
 
 
 def _compliances(masses: Sequence[_Mass]) -> list[Block]:
@@ -238,7 +238,7 @@ def _compliances(masses: Sequence[_Mass]) -> list[Block]:
     plain = [(1.0 / m.diagonal, m.linked) for m in masses if m.diagonal is not None]
     blocks = iter(diagonal_compliances([d for d, _ in plain], [L for _, L in plain]))
     return [
-        compliance(m.operator[1:], m.linked, m.part.nb, m.part.name)
+        compliance(m.operator[1:], m.linked, m.member.nb, m.member.name)
         if m.diagonal is None
         else next(blocks)
         for m in masses
@@ -258,24 +258,24 @@ def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float
     )
 
 
-def _mass_factor(part: Part, M: Matrix) -> Factor:
+def _mass_factor(member: Member, M: Matrix) -> Factor:
     """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding.
 
     s is the smallest power of ten times the largest entry of M that makes it definite, up to the
     rounding of exported files. Steps do not need this factor.
     """
-    what = f"M of subdomain {part.name!r}"
+    what = f"M of subdomain {member.name!r}"
     try:
-        return part.factor(M, what)
+        return member.factor(M, what)
     except FactorizationError as error:
-        if part.subdomain.scheme.explicit or part.M is None:
+        if member.subdomain.scheme.explicit or member.M is None:
             raise
         refusal = error
-    largest = float(np.max(np.abs(diagonal(part.M))))
+    largest = float(np.max(np.abs(diagonal(member.M))))
     for share in SHARES:
-        shifted = combination([(1.0, M), (share * largest, np.ones(part.n))])
+        shifted = combination([(1.0, M), (share * largest, np.ones(member.n))])
         try:
-            factor = part.factor(shifted, what)
+            factor = member.factor(shifted, what)
         except FactorizationError:
             continue
         warn(

@@ -25,7 +25,7 @@ from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
 from .macro import RATE, warn_of_work
-from .part import Part
+from .member import Member
 from .ranks import Ranks, joined
 
 # The largest spectral radius at infinity of implicit schemes beside any explicit scheme, and the
@@ -47,9 +47,9 @@ ROUNDING = 1e-4
 TRIANGLE_BYTES = 40
 
 
-def check_tied(parts: Sequence[Part]) -> None:
+def check_tied(members: Sequence[Member]) -> None:
     """ValueError for internal forces, which are evaluated before or iterated with the predictor."""
-    internal = [part.name for part in parts if part.subdomain.internal is not None]
+    internal = [member.name for member in members if member.subdomain.internal is not None]
     if internal:
         raise ValueError(
             'drift must be "kept" with internal forces, whose equilibrium the shift of the '
@@ -66,9 +66,9 @@ class _Stepped(NamedTuple):
     substeps: int
 
 
-def doubts_of_schemes(parts: Sequence[Part], ranks: Ranks | None = None) -> list[str]:
+def doubts_of_schemes(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
     """Why steps can grow, for schemes with which some were found to; docs/couplings.md."""
-    own = [_Stepped(part.name, part.subdomain.scheme, part.substeps) for part in parts]
+    own = [_Stepped(member.name, member.subdomain.scheme, member.substeps) for member in members]
     everything = joined(ranks, own)
     substeps = {s.substeps for s in everything}
     explicit = [s for s in everything if s.scheme.explicit]
@@ -99,10 +99,10 @@ def _doubt(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> str:
     )
 
 
-def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tuple[Any, ...]:
+def gap_factors(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> tuple[Any, ...]:
     """The factors L U of S_mu, equation (V4), for the core.
 
-    parts: with their factors and objects of the core, single steps.
+    members: with their factors and objects of the core, single steps.
     ranks: the sums are over the subdomains of all processes.
     Raises FactorizationError for a singular S_mu.
     Raises MemoryError, ValueError for matrices that do not fit; for shifts that would take longer
@@ -110,16 +110,18 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
     """
     if p == 0:
         return lu_factors(np.empty(0), 0)
-    found = [(*part.subdomain.scheme.coefficients(part.h), part.block(False)) for part in parts]
+    found = [
+        (*member.subdomain.scheme.coefficients(member.h), member.block(False)) for member in members
+    ]
     *scheme, blocks = zip(*joined(ranks, found))
     al1, al2 = map(np.array, scheme)
     G = [block.times(1.0 / a) for block, a in zip(blocks, al2)]  # L Y
     if np.ptp(al1 / al2) <= 4.0 * np.finfo(float).eps * np.max(al1 / al2):
         return lu_factors(summed(G, p), p)
-    check_work(parts)
-    symmetric = is_symmetric_sum(parts, ranks)
-    N = joined(ranks, [shifts(part) for part in parts])  # L Z
-    H = interface_matrix(parts, p, start=False, ranks=ranks)
+    check_work(members)
+    symmetric = is_symmetric_sum(members, ranks)
+    N = joined(ranks, [shifts(member) for member in members])  # L Z
+    H = interface_matrix(members, p, start=False, ranks=ranks)
     A = summed([g.times(a) for g, a in zip(G, al1)], p)
     B = summed([n.times(a) for n, a in zip(N, al2)], p)
     D = summed([*G, *(n.times(-a) for n, a in zip(N, al1))], p)
@@ -144,39 +146,39 @@ def _solution(H: np.ndarray, B: np.ndarray, symmetric: bool) -> np.ndarray:
     return result
 
 
-def check_work(parts: Sequence[Part]) -> None:
+def check_work(members: Sequence[Member]) -> None:
     """PerformanceWarning when the shifts take long, ValueError for more than a day."""
     works = {
-        part.name: float(part.core.entries) * part.L.rows.size
-        for part in parts
-        if not part.is_diagonal
+        member.name: float(member.core.entries) * member.L.rows.size
+        for member in members
+        if not member.is_diagonal
     }
     remedy = 'take drift="kept", or schemes and steps with one beta h / gamma'
     why = "two sweeps for each of its constraints"
     warn_of_work(works, RATE, 'drift="removed"', why, remedy)
 
 
-def shifts(part: Part) -> Block:
+def shifts(member: Member) -> Block:
     """L Z = L Mbar^-1 (K + K_r) Mbar^-1 L^T on the constraints of a subdomain."""
-    if part.is_diagonal:
-        rows = part.L.rows
-        Y = sp.csr_array(part.L.own() @ sp.diags_array(1.0 / part.mbar(part.h))).T
+    if member.is_diagonal:
+        rows = member.L.rows
+        Y = sp.csr_array(member.L.own() @ sp.diags_array(1.0 / member.mbar(member.h))).T
         N = sp.csr_array((rows.size, rows.size))
-        for K in (part.K, part.K_r):
+        for K in (member.K, member.K_r):
             if K is not None:
                 N = N + Y.T @ ((K if K.ndim == 2 else sp.diags_array(K)) @ Y)
         if not sp.issparse(N):
             return Block(rows, np.asarray(N))
         N = sp.coo_array(N)
         return Block(rows, N.data, (N.row, N.col))
-    rows = part.L.rows
+    rows = member.L.rows
     k = rows.size
-    require(16.0 * k**2, f"the shifts of {part.name!r} by {counted(k, 'constraint')}")
+    require(16.0 * k**2, f"the shifts of {member.name!r} by {counted(k, 'constraint')}")
     out = np.empty((k, k))
-    columns = max(1, int(BLOCK // part.core.entries))
+    columns = max(1, int(BLOCK // member.core.entries))
     for begin in range(0, k, columns):  # Ctrl-C between
-        part.core.shift_block(rows, begin, out[begin : min(begin + columns, k)])
-    if not part.symmetric:
+        member.core.shift_block(rows, begin, out[begin : min(begin + columns, k)])
+    if not member.symmetric:
         return Block(rows, np.ascontiguousarray(out.T))  # row k of out is column k of L Z
     return Block(rows, 0.5 * (out + out.T))
 

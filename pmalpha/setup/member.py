@@ -52,7 +52,7 @@ ROUNDING_OF_C = 1e-12
 
 
 @dataclass
-class Part:
+class Member:
     """A subdomain in its elimination order, with its object of the core, for steps of one length.
 
     order, position: (n,) array of int, dof at each position, and position of each dof.
@@ -141,7 +141,7 @@ class Part:
         known: dict[float, tuple[Any, ...]],
         *,
         responds: bool,
-    ) -> Part:
+    ) -> Member:
         """The same subdomain for other steps, not built yet."""
         return replace(
             self,
@@ -274,7 +274,7 @@ def mbar(scheme: Scheme, h: float, M: Matrix, damping: Matrix, stiffness: Matrix
     return combination([(1.0, M), (al2, damping), (al1, stiffness)])
 
 
-def make_part(
+def make_member(
     subdomain: Subdomain,
     name: str,
     double: bool,
@@ -287,7 +287,7 @@ def make_part(
     responds: bool = False,
     N: Link | None = None,
     **does: bool,
-) -> Part:
+) -> Member:
     """Put a subdomain in its elimination order, interface dofs last.
 
     `eliminations` are those of all subdomains, `threads` is the maximum number of threads that make
@@ -313,7 +313,7 @@ def make_part(
     order = eliminated.order
     different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices.values()}.values()}
     fields: dict[str, Any] = {name: different[id(A)] for name, A in matrices.items()} | does
-    return Part(
+    return Member(
         subdomain,
         name,
         double,
@@ -333,7 +333,7 @@ def make_part(
 
 
 def core_subdomain(
-    part: Part,
+    member: Member,
     scheme: Scheme,
     L: Link,
     single: tuple[Any, ...],
@@ -351,17 +351,17 @@ def core_subdomain(
     **internal: Any,
 ) -> _core.Subdomain:
     """The object of the core for a subdomain with these matrices and operators."""
-    own = part.symmetric
+    own = member.symmetric
     return _core.Subdomain(
-        n=part.n,
-        nb=part.nb,
+        n=member.n,
+        nb=member.nb,
         substeps=substeps,
         K=core_matrix(K, symmetric=own),
         C=core_matrix(C, symmetric=own),
         scheme=(scheme.am, scheme.af, scheme.beta, scheme.gamma),
         single=single,
         twice=twice,
-        link=L.core(part.n - part.nb),
+        link=L.core(member.n - member.nb),
         restoring=restoring,
         D_r=core_matrix(D_r, symmetric=own),
         lagged=lagged,
@@ -373,31 +373,31 @@ def core_subdomain(
 
 
 def core_of_steps(
-    part: Part, operators: Sequence[tuple[Any, ...]], **others: Any
+    member: Member, operators: Sequence[tuple[Any, ...]], **others: Any
 ) -> _core.Subdomain:
     """The same for the steps of a subdomain, with the operators of its lengths."""
     single, *twice = operators
-    part.factors = [operator[1:] for operator in operators]
+    member.factors = [operator[1:] for operator in operators]
     return core_subdomain(
-        part,
-        part.subdomain.scheme,
-        part.L,
+        member,
+        member.subdomain.scheme,
+        member.L,
         single,
         twice=twice[0] if twice else None,
-        substeps=part.substeps,
-        K=part.K,
-        C=part.C,
-        D_r=part.D_r,
-        lagged=part.subdomain.damping == "lagged",
-        responds=part.responds,
-        continues=part.over is not None,
+        substeps=member.substeps,
+        K=member.K,
+        C=member.C,
+        D_r=member.D_r,
+        lagged=member.subdomain.damping == "lagged",
+        responds=member.responds,
+        continues=member.over is not None,
         **others,
     )
 
 
-def warn_of_factors(parts: Sequence[Part]) -> None:
+def warn_of_factors(members: Sequence[Member]) -> None:
     """PerformanceWarning when the sweeps of factors take most of explicit steps."""
-    swept = {part.name: _costly_factor(part) for part in parts}
+    swept = {member.name: _costly_factor(member) for member in members}
     costly = {name: found for name, found in swept.items() if found is not None}
     if not costly:
         return
@@ -415,29 +415,29 @@ def warn_of_factors(parts: Sequence[Part]) -> None:
     )
 
 
-def _costly_factor(part: Part) -> tuple[list[str], int] | None:
+def _costly_factor(member: Member) -> tuple[list[str], int] | None:
     """The matrices that an explicit subdomain has a large factor for, and its entries, or None."""
-    solved = {"M": part.M, "C": part.damping}
+    solved = {"M": member.M, "C": member.damping}
     full = [name for name, A in solved.items() if A is not None and A.ndim == 2]
-    if not part.subdomain.scheme.explicit or not full:
+    if not member.subdomain.scheme.explicit or not full:
         return None
-    structure = part.elimination.structure
-    entries = part.n * (part.n + 1) // 2 if structure is None else part.elimination.swept // 2
-    K = part.K
+    structure = member.elimination.structure
+    entries = member.n * (member.n + 1) // 2 if structure is None else member.elimination.swept // 2
+    K = member.K
     product = 0 if K is None else K.size if isinstance(K, np.ndarray) else K.nnz
-    rest = STEP_NUMBERS * part.n + product
+    rest = STEP_NUMBERS * member.n + product
     return None if entries < NOTABLE_FACTOR or 2 * entries <= rest else (full, entries)
 
 
-def warn_of_order(parts: Sequence[Part]) -> None:
+def warn_of_order(members: Sequence[Member]) -> None:
     """PerformanceWarning for long factorizations in an order without nested dissection."""
     if has_nested_dissection():
         return
     structures = {
-        part.name: part.elimination.structure
-        for part in parts
-        if part.elimination.structure is not None
-        and part.elimination.structure.operations >= NOTABLE_FACTORIZATION
+        member.name: member.elimination.structure
+        for member in members
+        if member.elimination.structure is not None
+        and member.elimination.structure.operations >= NOTABLE_FACTORIZATION
     }
     if not structures:
         return
@@ -453,11 +453,11 @@ def warn_of_order(parts: Sequence[Part]) -> None:
     )
 
 
-def watch_of(part: Part) -> StiffnessWatch | None:
+def watch_of(member: Member) -> StiffnessWatch | None:
     """What looks at the values of Python functions."""
-    s = part.subdomain
-    free = part.substeps if part.responds else 0
-    return None if s.massless.size else StiffnessWatch(s, part.name, part.step, free)
+    s = member.subdomain
+    free = member.substeps if member.responds else 0
+    return None if s.massless.size else StiffnessWatch(s, member.name, member.step, free)
 
 
 def looks_for_contact(s: Subdomain) -> bool:
@@ -469,72 +469,77 @@ def looks_for_contact(s: Subdomain) -> bool:
     return (unknown or compiled) and not s.massless.size
 
 
-def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
+def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
-    operators = list(map(part.operator, part.lengths))
-    part.known = {operator[0]: operator for operator in operators}
-    part.watch = watch_of(part)
-    part.core = core_of_steps(
-        part,
+    operators = list(map(member.operator, member.lengths))
+    member.known = {operator[0]: operator for operator in operators}
+    member.watch = watch_of(member)
+    member.core = core_of_steps(
+        member,
         operators,
         restoring=core_restoring(
-            part.subdomain.restoring, part.name, part.order, part.h, part.watch, part.feedback
+            member.subdomain.restoring,
+            member.name,
+            member.order,
+            member.h,
+            member.watch,
+            member.feedback,
         ),
-        K_r=part.K_r if part.responds or part.shifts or part.tangent is not None else None,
-        springs=core_springs(part.subdomain.springs, part.position),
-        **_internal(part, threads),
+        K_r=member.K_r if member.responds or member.shifts or member.tangent is not None else None,
+        springs=core_springs(member.subdomain.springs, member.position),
+        **_internal(member, threads),
         mass=mass,
-        defers=part.defers,
-        shifts=part.shifts,
-        struck=struck(part),
+        defers=member.defers,
+        shifts=member.shifts,
+        struck=struck(member),
     )
-    if (limits := part.subdomain.limits) is not None:
-        u, v, a, f = (x if x is None else x[part.order] for x in limits_of_dofs(limits, part.n))
-        part.core.limit(u, v, a, f, math.inf if limits.energy is None else limits.energy)
-    if part.subdomain.restoring is not None or part.internal is not None:
-        K_r = None if part.subdomain.scheme.explicit else part.K_r
-        M, K_r = (core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r))
-        part.core.watch(M, K_r, looks_for_contact(part.subdomain))
+    if (limits := member.subdomain.limits) is not None:
+        u, v, a, f = (x if x is None else x[member.order] for x in limits_of_dofs(limits, member.n))
+        member.core.limit(u, v, a, f, math.inf if limits.energy is None else limits.energy)
+    if member.subdomain.restoring is not None or member.internal is not None:
+        K_r = None if member.subdomain.scheme.explicit else member.K_r
+        M, K_r = (core_matrix(A, symmetric=member.symmetric) for A in (member.M, K_r))
+        member.core.watch(M, K_r, looks_for_contact(member.subdomain))
 
 
-def _internal(part: Part, threads: int) -> dict[str, Any]:
+def _internal(member: Member, threads: int) -> dict[str, Any]:
     """What the core has to know of internal forces."""
-    if part.internal is None:
+    if member.internal is None:
         return {}
-    own = core_internal(part.internal, part.order, part.tangent, part.symmetric)
-    if part.tangent is None:
-        return {"M": core_matrix(part.M), "internal": own}
-    base, *twice = (part.tangent.values(part.mbar(h)) for h in part.lengths)
-    given = part.subdomain.internal
+    own = core_internal(member.internal, member.order, member.tangent, member.symmetric)
+    if member.tangent is None:
+        return {"M": core_matrix(member.M), "internal": own}
+    base, *twice = (member.tangent.values(member.mbar(h)) for h in member.lengths)
+    given = member.subdomain.internal
     springs = given is not None and bool(given.springs)
-    structure = part.elimination.structure
+    structure = member.elimination.structure
     scratch = 0.0 if structure is None or threads == 1 else structure.scratch(threads)
-    pattern = part.tangent.core(part.name, part.symmetric, scratch)
+    pattern = member.tangent.core(member.name, member.symmetric, scratch)
     over = twice[0] if twice else None
-    iterate = (springs, part.reuses, pattern, base, over, core_size(part.M), threads)
-    return {"M": core_matrix(part.M), "internal": own, "iterate": iterate}
+    iterate = (springs, member.reuses, pattern, base, over, core_size(member.M), threads)
+    return {"M": core_matrix(member.M), "internal": own, "iterate": iterate}
 
 
 # ---- impulses of contacts ----------------------------------------------------------------------
 
 
-def struck(part: Part) -> tuple[Any, ...] | None:
+def struck(member: Member) -> tuple[Any, ...] | None:
     """What impulses meet in a subdomain, for the core: equation (U4)."""
-    if part.N is None:
+    if member.N is None:
         return None
-    s, begin = part.subdomain, part.n - part.nb
-    reached = np.diff(part.N.ptr)[begin:] > 0
-    inverse = np.zeros(part.nb)
-    inverse[reached] = 1.0 / diagonal(part.M)[begin:][reached]
-    al1, al2 = s.scheme.coefficients(part.h)
-    rates = _rates(part, np.flatnonzero(reached) + begin)
+    s, begin = member.subdomain, member.n - member.nb
+    reached = np.diff(member.N.ptr)[begin:] > 0
+    inverse = np.zeros(member.nb)
+    inverse[reached] = 1.0 / diagonal(member.M)[begin:][reached]
+    al1, al2 = s.scheme.coefficients(member.h)
+    rates = _rates(member, np.flatnonzero(reached) + begin)
     if rates is not None and not s.scheme.explicit:
         a0, a1 = rates
-        alpha = (a1 + 0.5 * part.h) / (al1 + al2 * a1)
+        alpha = (a1 + 0.5 * member.h) / (al1 + al2 * a1)
         return inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None
-    stiffness = combination([(1.0, part.K), (1.0, part.K_r)])
-    B = combination([(1.0, part.damping), (0.5 * part.h, stiffness)])
-    return inverse, 0.0, 0.0, Link.of(_columns(B, part.n)).core(begin)
+    stiffness = combination([(1.0, member.K), (1.0, member.K_r)])
+    B = combination([(1.0, member.damping), (0.5 * member.h, stiffness)])
+    return inverse, 0.0, 0.0, Link.of(_columns(B, member.n)).core(begin)
 
 
 def _columns(A: Matrix | None, n: int) -> sp.csc_array:
@@ -543,20 +548,20 @@ def _columns(A: Matrix | None, n: int) -> sp.csc_array:
     return result
 
 
-def _rates(part: Part, dofs: np.ndarray) -> tuple[float, float] | None:
+def _rates(member: Member, dofs: np.ndarray) -> tuple[float, float] | None:
     """(a0, a1) of Mbar = M + al2 C + al1 K with C = a0 M + a1 K, where K and C act as such on
     impulses at these dofs; None elsewhere, and for restoring forces, whose balance reads w."""
-    s = part.subdomain
+    s = member.subdomain
     if s.restoring is not None or s.has_feedback:
         return None
-    if part.damping is None or not abs(_columns(part.damping, part.n)[:, dofs]).sum():
+    if member.damping is None or not abs(_columns(member.damping, member.n)[:, dofs]).sum():
         return 0.0, 0.0
     if s.rayleigh is None or s.K is None:
         return None
     a0, a1 = s.rayleigh
     proportional = combination([(a0, s.M), (a1, s.K)])
     rest = combination([(1.0, s.C), (-1.0, proportional)])
-    size = abs(_columns(s.C, part.n)).max()
-    if rest is None or abs(_columns(rest, part.n)).max() <= ROUNDING_OF_C * size:
+    size = abs(_columns(s.C, member.n)).max()
+    if rest is None or abs(_columns(rest, member.n)).max() <= ROUNDING_OF_C * size:
         return float(a0), float(a1)
     return None
