@@ -30,8 +30,10 @@ COARSE, FINE = 0.03, 0.01
 FEWEST_LEVELS = 8
 # Time levels of which shapes are made, and the first ones among them; shapes at most.
 SNAPSHOTS, FIRST, SHAPES = 48, 8, 40
-# Shapes are left out that are below this share of the velocity, of the displacement.
-OF_VELOCITY, OF_DISPLACEMENT = 1e-6, 1e-3
+# Shapes below this share of the motion are left out.
+OF_DISPLACEMENT = 1e-3
+# Of the shapes at functions, whose dofs may be few.
+OF_FUNCTIONS = 1e-6
 # Of the levels of long records that are read: omega times their distance, and how much the force
 # changes between them.
 RESOLVED, CHANGE = 0.5, 0.1
@@ -163,38 +165,30 @@ def _reduced(
 ) -> Reduced | None:
     """The structure in the shapes of which the recorded displacements consist, (D2)."""
     ranks, some = rows.ranks, _snapshots(levels)
-    V = [v[some].T for _, v, _ in records]
-    MV = [product(member.subdomain.M, x) for member, x in zip(members, V)]
+    U = [(u[some] - u[:1]).T for u, _, _ in records]
+    MU = [product(member.subdomain.M, x) for member, x in zip(members, U)]
     k = some.size
-    products = _total(ranks, [x.T @ y for x, y in zip(V, MV)], (k, k))
+    products = _total(ranks, [x.T @ y for x, y in zip(U, MU)], (k, k))
     if not np.all(np.isfinite(products)):
         return None
     values, T = np.linalg.eigh(products)
     if not values[-1] > 0.0:
         return None
-    kept = values > OF_VELOCITY**2 * values[-1]
-    T = T[:, kept] / np.sqrt(values[kept])
-
-    # what the displacements contain of it
-    U = _total(ranks, [x.T @ u[some].T for x, (u, _, _) in zip(MV, records)], (k, k))
-    content = T.T @ (U - U[:, :1])
-    if not np.any(content) or not np.all(np.isfinite(content)):
-        return None
-    vectors, sizes, _ = np.linalg.svd(content, full_matrices=False)
-    T = T @ vectors[:, sizes > OF_DISPLACEMENT * sizes[0]][:, :SHAPES]
-    T = T @ _held(ranks, [x @ T for x in V], T.shape[1], rows, motions)
+    kept = values > OF_DISPLACEMENT**2 * values[-1]
+    T = (T[:, kept] / np.sqrt(values[kept]))[:, -SHAPES:]
+    T = T @ _held(ranks, [x @ T for x in U], T.shape[1], rows, motions)
 
     # and its modes
-    terms = [_stiffness(member, x @ T) for member, x in zip(members, V)]
+    terms = [_stiffness(member, x @ T) for member, x in zip(members, U)]
     r = T.shape[1]
-    K = _total(ranks, [T.T @ (x.T @ Kx) for x, Kx in zip(V, terms)], (r, r))
+    K = _total(ranks, [T.T @ (x.T @ Kx) for x, Kx in zip(U, terms)], (r, r))
     if not r or not np.all(np.isfinite(K)):
         return None
     squares, X = np.linalg.eigh(0.5 * (K + K.T))
-    T, shapes = T @ X, [x @ (T @ X) for x in V]
+    T, shapes = T @ X, [x @ (T @ X) for x in U]
     damped = [_damping(member, x) for member, x in zip(members, shapes)]
     C = _total(ranks, [x.T @ Cx for x, Cx in zip(shapes, damped)], (r, r))
-    masses = [x @ T for x in MV]
+    masses = [x @ T for x in MU]
     forces = [
         _without_lag(member, Mx, Kx @ X, Cx)
         for member, Mx, Kx, Cx in zip(members, masses, terms, damped)
@@ -358,7 +352,7 @@ def _fitted(member: Member, shapes: np.ndarray) -> Fit | None:
     if any(map(is_compiled, functions_of(s.restoring))) or devices_of(s.restoring):
         return None
     basis, sizes, turned = np.linalg.svd(shapes, full_matrices=False)
-    kept = sizes > OF_VELOCITY * sizes[:1]
+    kept = sizes > OF_FUNCTIONS * sizes[:1]
     into, k = sizes[kept, None] * turned[kept], int(np.sum(kept))
     if len(watch.samples) <= 6 * k:
         return None
