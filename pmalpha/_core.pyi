@@ -92,6 +92,7 @@ _Processes = tuple[
 
 @final
 class Subdomain:
+    alternates: float
     entries: int
     gain: float
     impact: tuple[float, float, float]

@@ -86,7 +86,6 @@ def test_a_stiff_spring_in_many_dofs_is_found():
     [
         lambda u, v, t: u + u**3,  # Duffing
         lambda u, v, t: 4.0 * u + 0.4 * v,
-        lambda u, v, t: 0.3 * np.sign(v) + u,  # dry friction
         lambda u, v, t: np.cos(7.0 * t) * np.ones(1),  # a load
         lambda u, v, t: np.clip(30.0 * u, -1.0, 1.0),  # elastic, perfectly plastic
         lambda u, v, t: 4.0 * u + 1e-3 * np.sin(1e5 * t),  # measured with noise

@@ -1,4 +1,7 @@
-"""Energy that steps add: of cases side by side, in free macro runs, by compiled functions."""
+"""Energy that steps add: of cases side by side, in free macro runs, by compiled functions.
+
+And forces of dashpots that alternate from step to step.
+"""
 
 import ctypes
 import warnings
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 from active_forces import RHO_0, fed
 from scipy import LowLevelCallable
+from scipy.integrate import solve_ivp
 
 import pmalpha as pm
 
@@ -158,6 +162,8 @@ def test_forces_that_feed_in_energy_are_not_taken_for_macro_steps(force, scheme)
     coupler = made(lambda: pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="macro"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.AccuracyWarning)
+        # friction that should hold the mass at 0.1 lets it creep: it alternates at the end
+        warnings.filterwarnings("ignore", ".* alternate", pm.StabilityWarning)
         coupler.step(1500)
     assert coupler._session.members[1].core.gain < 1.5
 
@@ -257,3 +263,106 @@ def test_contact_of_a_compiled_function_that_is_resolved_is_not_reported():
 )
 def test_a_compiled_function_without_contact_is_silent(force):
     ball(force, dt=0.002).step(500)
+
+
+# ---- dashpots that are too steep near rest -------------------------------------------------------
+
+STIFFNESS, END = 100.0, 3.0  # of an oscillator of mass 1 that is released at u = 1
+
+
+def damper(c):
+    return lambda u, v, t: c * np.sign(v) * np.abs(v) ** 0.3
+
+
+def steep(restoring, scheme=IMPLICIT, **options):
+    part = pm.Subdomain(
+        [1.0],
+        [STIFFNESS],
+        scheme=scheme,
+        u0=[1.0],
+        restoring=restoring,
+        name="floor",
+        **options,
+    )
+    return pm.Coupler([part], dt=DT)
+
+
+def error_of(history, force):
+    """Of its displacement, against a step that is chosen by the solver."""
+    exact = solve_ivp(
+        lambda t, y: [y[1], -STIFFNESS * y[0] - force(y[0], y[1], t)],
+        (0.0, END),
+        [1.0, 0.0],
+        method="LSODA",
+        t_eval=history["floor"].t,
+        max_step=DT,
+        rtol=1e-7,
+        atol=1e-9,
+    )
+    return np.max(np.abs(history["floor"].u[:, 0] - exact.y[0]))
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
+@pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT], ids=["implicit", "explicit"])
+@pytest.mark.parametrize("c", [30.0, 200.0])
+def test_a_dashpot_whose_force_alternates_is_warned_of_once(c, scheme):
+    """c |v|^0.3 is infinitely steep at rest. In steps it pushes forth and back there, and holds
+    nothing: the oscillator swings on where it should creep."""
+    coupler = steep(damper(c), scheme)
+    with pytest.warns(pm.StabilityWarning, match="'floor' alternate .* step 0.01") as seen:
+        history = coupler.run(END)
+        coupler.step(100)
+    assert len(seen) == 1
+    assert ("restoring_damping=" in str(seen[0].message)) == (scheme is IMPLICIT)
+    assert error_of(history, damper(c)) > 0.05
+    coupler.reset()
+    with pytest.warns(pm.StabilityWarning, match="alternate"):
+        coupler.step(200)
+
+
+def test_friction_that_lets_a_mass_creep_is_warned_of():
+    # from turning point to turning point 0.6 are lost: 1, -0.4, -0.2, where 20 < 30 holds it
+    coupler = steep(lambda u, v, t: 30.0 * np.sign(v))
+    with pytest.warns(pm.StabilityWarning, match="'floor' alternate .* friction"):
+        u = coupler.run(3.0 * END)["floor"].u[:, 0]
+    assert abs(u[-1]) < 0.05
+
+
+def test_a_dashpot_that_hardly_alternates_is_not_warned_of():
+    for c in (1.0, 10.0):
+        history = steep(damper(c)).run(END)  # warnings are errors
+        assert error_of(history, damper(c)) < 0.02
+
+
+def test_a_compiled_dashpot_and_an_internal_one_of_an_explicit_subdomain_alternate_too():
+    def call(t, n, u, v, r, user):
+        r[0] = 200.0 * np.sign(v[0]) * abs(v[0]) ** 0.3
+        return 0
+
+    def internal(u, v, t, q):
+        return damper(200.0)(u, v, t), np.zeros((1, 1))
+
+    with pytest.warns(pm.StabilityWarning, match="the restoring forces of .* alternate"):
+        steep(LowLevelCallable(RESTORING(call))).step(100)
+    with pytest.warns(pm.StabilityWarning, match="the internal forces of .* alternate"):
+        steep(None, EXPLICIT, internal=internal).step(100)
+
+
+def test_what_the_warning_advises_is_right():
+    def iterated(u, v, t, q):
+        speed = v * v + 1e-6  # of which the slope at rest is finite
+        slope = 200.0 * speed**-0.35 * (1.0 - 0.7 * v * v / speed)
+        return 200.0 * v * speed**-0.35, np.zeros((1, 1)), np.diag(slope)
+
+    history = steep(None, internal=iterated).run(END)
+    assert error_of(history, damper(200.0)) < 0.005
+
+
+def test_noise_and_the_highest_frequency_of_a_stable_step_do_not_alternate():
+    rng = np.random.default_rng(0)
+    noise = [lambda u, v, t: 1e-3 * rng.normal(size=1), lambda u, v, t: rng.normal(size=1)]
+    stiff = [lambda u, v, t: (1.9 / DT) ** 2 * u, lambda u, v, t: 0.3 / DT * v]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.AccuracyWarning)
+        for force in noise + stiff:
+            steep(force, EXPLICIT).step(5000)  # StabilityWarnings are errors

@@ -478,6 +478,11 @@ static PyObject *subdomain_get_impact(SubdomainObject *self, void *Py_UNUSED(clo
     return Py_BuildValue("(ddd)", impact.square, impact.share, impact.t);
 }
 
+static PyObject *subdomain_get_alternates(SubdomainObject *self, void *Py_UNUSED(closure))
+{
+    return PyFloat_FromDouble(pma_subdomain_alternates(self->core));
+}
+
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
 {
     return PyLong_FromSize_t(pma_subdomain_member(self->core).entries);
@@ -491,6 +496,8 @@ static PyGetSetDef subdomain_getset[] = {
      "contact that was seen to close, the first or a much stiffer one: omega^2, the share of K_r "
      "in it, the time; or zeros",
      NULL},
+    {"alternates", (getter)subdomain_get_alternates, NULL,
+     "when forces were first seen to alternate with the velocity from step to step, or 0", NULL},
     {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one substep", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };

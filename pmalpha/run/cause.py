@@ -45,19 +45,24 @@ def _damps_only(member: Member) -> bool:
 
 
 def warn_of_gains(members: Sequence[Member]) -> None:
-    """StabilityWarning for energy that steps have added, and for contact seen by the core that they
-    do not resolve, once for each subdomain and start."""
+    """StabilityWarning for energy that steps have added, for contact seen by the core that they do
+    not resolve, and for forces that alternate, once for each subdomain and start."""
     for member in members:
-        reported, cause = member.impact_reported, _of_impact(member)
-        member.impact_reported = cause != ""
-        if cause and not reported:
-            warn(cause, StabilityWarning)
-        reported, member.gain_reported = member.gain_reported, member.core.gain > least_gain(member)
-        if member.gain_reported and not reported:
-            warn(
-                f"the energy of subdomain {member.name!r} grows by its steps: {cause_of(member)}",
-                StabilityWarning,
-            )
+        found = {
+            "impact": _of_impact(member),
+            "alternation": _of_alternation(member),
+            "gain": _of_gain(member),
+        }
+        for kind in found.keys() - member.reported:
+            if found[kind]:
+                warn(found[kind], StabilityWarning)
+        member.reported = {kind for kind, text in found.items() if text}
+
+
+def _of_gain(member: Member) -> str:
+    if not member.core.gain > least_gain(member):
+        return ""
+    return f"the energy of subdomain {member.name!r} grows by its steps: {cause_of(member)}"
 
 
 def cause_of(member: Member) -> str:
@@ -81,6 +86,21 @@ def _of_impact(member: Member) -> str:
     compiled = any(map(is_compiled, functions_of(member.subdomain.restoring)))
     kind = "compiled restoring function" if compiled else "internal force"
     return cause_of_contact(kind, member.name, member.step, omega, gain, t) if gain > MOST else ""
+
+
+def _of_alternation(member: Member) -> str:
+    """Of forces that alternate with the velocity from step to step, or empty."""
+    t, s = member.core.alternates, member.subdomain
+    if t == 0.0:
+        return ""
+    kind = "internal" if s.restoring is None else "restoring"
+    other = "" if s.scheme.explicit else "give their largest slope as restoring_damping=, "
+    return (
+        f"the {kind} forces of subdomain {member.name!r} alternate with its velocity from step to "
+        f"step about t = {t:g}: they rise too steeply with it for the step {member.step:g}, as "
+        "dashpots c |v|^alpha and friction sign(v) do near rest, and do not hold what they should; "
+        f"take smaller steps, {other}or give them as internal= of an implicit scheme"
+    )
 
 
 def _of_step(member: Member) -> str:

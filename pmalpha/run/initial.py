@@ -95,7 +95,7 @@ class InitialValues:
         contact = self._contact(loads)
         for member, state in zip(members, start.states):
             member.core.start(*state, start.lam)
-            member.gain_reported = member.impact_reported = False
+            member.reported.clear()
         core.start(0, start.lam, start.g)
         core.set_numbers("gap", start.gap)
         core.set_numbers("end_multipliers", start.end_multipliers)

@@ -95,10 +95,8 @@ class Member:
     response_blocks: tuple[Block, Block] | None = None
     # its step divided by its critical step, as far as set-up computed it
     step_ratio: StepRatio | None = None
-    # gain_reported, impact_reported: whether the energy that its steps add has been warned of since
-    # the last start
-    gain_reported: bool = False
-    impact_reported: bool = False
+    # what its evaluated forces do by too long a step, and was warned of since the last start
+    reported: set[str] = field(default_factory=set)
     watch: StiffnessWatch | None = None  # what looks at the values of its Python functions
     # length of its double steps, where they span a change of the steps and are not of length 2 h
     over: float | None = None
@@ -156,8 +154,7 @@ class Member:
             blocks={},
             response_blocks=None,
             step_ratio=None,
-            gain_reported=False,
-            impact_reported=False,
+            reported=set(),
         )
 
     @property

@@ -34,6 +34,12 @@ typedef struct {
 /* A later contact is taken where it is stiffer by this factor. */
 #define STIFFER 4.0
 
+/* Forces alternate: over this number of steps each change opposes the one before by more than this
+ * part, and is this part of the largest force so far; noise is below.                     (B13) */
+enum { ALTERNATIONS = 12 };
+#define OPPOSED 0.5
+#define LARGE 0.5
+
 /* At a time level: where forces were evaluated and what they were, how far from there the state is,
  * the forces as they act, the velocity, the extrapolated one, and what springs remember. */
 typedef struct {
@@ -66,6 +72,10 @@ struct pma_balance {
     judgement *judged;         /* of each lane */
     double seen;               /* stiffness of the last increment */
     pma_impact impact;
+    double *change; /* n: of the forces in the last step, */
+    double largest; /* ... the square of the largest ones so far, */
+    int turns;      /* ... and the steps in which they alternated */
+    double alternates;
     double *block;
 };
 
@@ -109,7 +119,8 @@ static void lay_out(pma_balance *b)
     b->opened[1] = next + 2 * n;
     b->product = next + 4 * n;
     b->scratch = next + 5 * n;
-    b->excess = next + 6 * n;
+    b->change = next + 6 * n;
+    b->excess = next + 7 * n;
 }
 
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
@@ -124,8 +135,8 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         status = parts->K_r.n == n ? pma_matrix_check(&parts->K_r) : PMA_BAD_SIZE;
     if (status != PMA_OK)
         return status;
-    /* (kept + 1) size + 6 n + lanes doubles: no overflow below this size */
-    if (size > SIZE_MAX / 2 / ((kept + 8) * sizeof(double)))
+    /* (kept + 1) size + 7 n + lanes doubles: no overflow below this size */
+    if (size > SIZE_MAX / 2 / ((kept + 9) * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_balance *b = calloc(1, sizeof *b);
     if (!b)
@@ -134,7 +145,7 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
     b->kept = kept;
     b->work = calloc(kept, sizeof *b->work);
     b->judged = calloc(parts->lanes, sizeof *b->judged + (kept + 1) * sizeof(sums));
-    b->block = calloc((kept + 1) * size + 6 * n + parts->lanes, sizeof(double));
+    b->block = calloc((kept + 1) * size + 7 * n + parts->lanes, sizeof(double));
     if (!b->work || !b->judged || !b->block) {
         pma_balance_destroy(b);
         return PMA_NO_MEMORY;
@@ -180,6 +191,8 @@ void pma_balance_begin(pma_balance *b, const double *v)
     b->begun = false;
     b->seen = INFINITY;
     b->impact = (pma_impact){0};
+    b->largest = b->alternates = 0.0;
+    b->turns = 0;
     multiply_mass(b, v);
     for (size_t l = 0; l < b->parts.lanes; l++) {
         b->present.sums[l] = (sums){0};
@@ -333,6 +346,26 @@ static void look_for_contact(pma_balance *b, const level *from, const double *ut
     b->impact = (pma_impact){.square = b->seen, .share = estimated, .t = t};
 }
 
+/* (B13)  Do the forces r, evaluated with the velocity vs, alternate with it? */
+static void look_for_alternation(pma_balance *b, const level *from, const double *r, double t)
+{
+    double turn = 0.0, before = 0.0, square = 0.0, power = 0.0, size = 0.0;
+    for (size_t i = 0; i < b->parts.n; i++) {
+        const double change = r[i] - from->r[i];
+        turn += change * b->change[i];
+        before += b->change[i] * b->change[i];
+        square += change * change;
+        power += r[i] * from->vs[i];
+        size += r[i] * r[i];
+        b->change[i] = change;
+    }
+    b->largest = fmax(b->largest, size);
+    const bool opposed = turn < -OPPOSED * sqrt(square) * sqrt(before);
+    b->turns = opposed && power > 0.0 && square > LARGE * LARGE * b->largest ? b->turns + 1 : 0;
+    if (b->turns == ALTERNATIONS && b->alternates == 0.0)
+        b->alternates = t;
+}
+
 /* What the next substep evaluates its forces with: v + h w */
 static void add_extrapolated(pma_balance *b, const double *v, const double *w, double *vs)
 {
@@ -348,6 +381,8 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
     const double *ut = b->opened[step->number & 1], *r = ut + n;
     if (b->parts.looks && (j > 0 || b->begun))
         look_for_contact(b, level_at(b, j), ut, r, step->t1);
+    if (b->parts.functions && (j > 0 || b->begun))
+        look_for_alternation(b, level_at(b, j), r, step->t1);
     const double share = b->parts.responds && !b->parts.corrects ? 0.0 : al1;
     for (size_t i = 0; i < n; i++)
         to->x[i] = share * w[i];
@@ -429,6 +464,11 @@ double pma_balance_gain(const pma_balance *b)
 pma_impact pma_balance_impact(const pma_balance *b)
 {
     return b->impact;
+}
+
+double pma_balance_alternates(const pma_balance *b)
+{
+    return b->alternates;
 }
 
 bool pma_balance_is_broken(const pma_balance *b)

@@ -29,6 +29,7 @@ typedef struct {
     pma_matrix K_r, D_r;        /* as in (R2) and (M3); zero where they do not act */
     const pma_springs *springs; /* among the forces */
     bool looks;                 /* for contact that closes; one lane */
+    bool functions;             /* of the motion are evaluated, which may alternate; one lane */
     const int64_t *ptr;         /* n + 1: the stiffness of functions that are iterated, by rows; */
     const int32_t *index;       /* ... NULL: there are none. One lane */
 } pma_balance_parts;
@@ -72,6 +73,10 @@ typedef struct {
     double square, share, t;
 } pma_impact;
 pma_impact pma_balance_impact(const pma_balance *b);
+
+/* When forces were first seen to alternate with the velocity from step to step, as those of a
+ * dashpot do that is too steep for the step; 0 before they are.                           (B13) */
+double pma_balance_alternates(const pma_balance *b);
 
 /* The energy that the scheme has added, in multiples of the largest one of the motion without it
  * (kinetic, and what the forces took up), kept over some macro steps: the largest so far, of all

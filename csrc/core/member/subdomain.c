@@ -395,6 +395,7 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, b
                                      .D_r = follows ? p->D_r : none,
                                      .springs = once ? &no_springs : &p->springs,
                                      .looks = looks,
+                                     .functions = looks || p->restoring.function,
                                      .ptr = bends ? p->iterate->tangent.ptr : NULL,
                                      .index = bends ? p->iterate->tangent.index : NULL};
     return watch(s, &parts);
@@ -428,6 +429,11 @@ void pma_subdomain_watch_again(pma_subdomain *s)
 pma_impact pma_subdomain_impact(const pma_subdomain *s)
 {
     return s->balance ? pma_balance_impact(s->balance) : (pma_impact){0};
+}
+
+double pma_subdomain_alternates(const pma_subdomain *s)
+{
+    return s->balance ? pma_balance_alternates(s->balance) : 0.0;
 }
 
 double pma_subdomain_gain(const pma_subdomain *s)

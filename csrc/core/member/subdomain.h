@@ -151,6 +151,9 @@ void pma_subdomain_watch_again(pma_subdomain *s);
 /* The contact that was seen, see pma_balance_impact; 0 where it is not looked for. */
 pma_impact pma_subdomain_impact(const pma_subdomain *s);
 
+/* When its forces were seen to alternate, see pma_balance_alternates. */
+double pma_subdomain_alternates(const pma_subdomain *s);
+
 /* The energy that the scheme has added, see pma_balance_gain; 0 where it is not watched. */
 double pma_subdomain_gain(const pma_subdomain *s);
 
