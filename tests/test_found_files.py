@@ -2,6 +2,7 @@
 
 import json
 import re
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -124,7 +125,8 @@ INPUT = "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 1., 1.\n4, 0., 1.\n*ELEMENT, TYPE=CPS4\
 
 
 @pytest.mark.parametrize(
-    "name", ["no\0thing", "../more.txt", "/etc/passwd", "mesh.inp", "sub/../../more.txt"]
+    "name",
+    ["no\0thing", "../more.txt", "/etc/passwd", "mesh.inp", "sub/../../more.txt", "1" * 300],
 )
 def test_a_mesh_includes_files_in_its_folder_only(tmp_path, name):
     folder = tmp_path / "folder"
@@ -280,6 +282,33 @@ def test_a_history_with_arrays_that_do_not_fit_is_refused(tmp_path):
         refused(ValueError, lambda: pm.History.load(tmp_path / "wrong.npz"), "wrong.npz", name)
 
 
+def test_dofs_of_bytes_without_a_number_of_them_below_zero_are_read(tmp_path):
+    path = saved(tmp_path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    dofs = arrays["0.dofs"].astype(np.uint8)
+    np.savez(path, **(arrays | {"0.dofs": dofs}))
+    assert pm.History.load(path)[0].dofs.tolist() == dofs.tolist()
+
+
+@pytest.mark.parametrize("steps", [True, [0.1, None], [[0.1], None], [None]])
+def test_a_run_does_not_continue_a_file_with_other_steps_than_pairs(tmp_path, steps):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "run.h5"
+    coupler = pm.models.split_oscillator(10.0).coupler(0.05, coupling="pm")
+    coupler.run(steps=3, record_to=path)
+    with h5py.File(path, "r+") as whole:
+        header = json.loads(whole["header"][()])
+        del whole["header"]
+        whole["header"] = np.bytes_(json.dumps(header | {"steps": steps}))
+    refused(
+        ValueError,
+        lambda: coupler.run(steps=1, record_to=path, append=True),
+        "run.h5",
+        "steps of",
+    )
+
+
 # ---- meshes that meshlane or meshio reads --------------------------------------------------------
 
 STEEL = {"E": 1.0, "nu": 0.3, "rho": 1.0}
@@ -394,6 +423,14 @@ def test_a_number_that_no_integer_holds_is_refused(tmp_path):
     path = tmp_path / "mesh.inp"
     path.write_text(INPUT.replace("1, 1, 2, 3, 4", "1, 1, 2, 3, 99999999999999999999"))
     refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), "mesh.inp, *ELEMENT")
+
+
+def test_an_element_too_large_for_its_volume_is_refused_without_another_warning(tmp_path):
+    path = tmp_path / "mesh.inp"
+    path.write_text(INPUT.replace("3, 1., 1.", "3, 1e200, 1."))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), "elements must be convex")
 
 
 def test_a_header_of_variable_length_is_refused(tmp_path):

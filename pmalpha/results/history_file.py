@@ -450,7 +450,8 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
         if not words or own is not None and len(own) != arrays[f"{i}.dofs"].size:
             raise ValueError(f"names of the dofs of subdomain {i}")
     for i, n in enumerate(header.get("sizes", [])):
-        if n is not None and not (type(n) is int and n > arrays[f"{i}.dofs"].max(initial=-1)):
+        dofs = arrays[f"{i}.dofs"] if n is not None else np.empty(0)
+        if n is not None and not (type(n) is int and n >= 0 and np.all(dofs < n)):
             raise ValueError(f"a number of dofs of subdomain {i} that fits them, got {n!r}")
     if not all(isinstance(x, str) for x in header.get("warnings", [])):
         raise ValueError(f"warnings that are texts, got {header['warnings']}")

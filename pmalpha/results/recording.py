@@ -435,7 +435,7 @@ class FiledRecording(Recording):
             header["dt"] = self.clock.dt
         if self.earlier is not None:
             self.earlier.check(header, arrays)
-            header["steps"] = same_steps(self.earlier.header.get("steps"), header["steps"])
+            header["steps"] = self.earlier.same_steps(header["steps"])
             header["begin"], arrays = self.earlier.begin, self.earlier.arrays
         self.file = HistoryFile(self.path, header, arrays, self.end, self.begin)
         self.earlier, arrays = None, {}  # unmaps the file that was replaced
@@ -488,15 +488,6 @@ class FiledRecording(Recording):
 def rows_of(steps: int, every: int | None, levels: int) -> int:
     """Maximum number of rows of macro steps with `levels` time levels in each."""
     return 1 + steps * levels if every is None else 2 + steps // every
-
-
-def same_steps(earlier: Sequence[Any] | None, steps: Sequence[Any]) -> list[Any]:
-    """The lengths of the steps of each recorded subdomain; None where they have changed."""
-    if earlier is None or len(earlier) != len(steps):
-        return list(steps)
-    return [
-        (None, None) if a and b and a[0] != b[0] else b for a, b in zip(earlier, steps, strict=True)
-    ]
 
 
 def recording_class(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from os import PathLike
 from pathlib import Path
@@ -195,6 +195,16 @@ class EarlierRows:
         states = [x for x in header["nodes"] if x.endswith(motion) or ".outputs." in x]
         if any(not np.array_equal(self.arrays[x][-1], first[x][0]) for x in states):
             self._refuse("must have the present state of the coupler, it has another at this time")
+
+    def same_steps(self, steps: Sequence[Any]) -> list[Any]:
+        """The lengths of the steps of each subdomain; None where those of the file are others."""
+        earlier = self.header.get("steps", [None] * len(steps))  # older versions have none
+        if not isinstance(earlier, list) or len(earlier) != len(steps):
+            self._refuse(f"must have the steps of {len(steps)} subdomains, got {earlier!r}")
+        for pair in earlier:
+            if pair is not None and not (isinstance(pair, list) and len(pair) == 2):
+                self._refuse(f"must have two lengths of steps of a subdomain, got {pair!r}")
+        return [(None, None) if a and b and a[0] != b[0] else b for a, b in zip(earlier, steps)]
 
     def _refuse(self, rule: str) -> None:
         raise ValueError(f"append: {str(self.path)!r} {rule}")

@@ -251,7 +251,8 @@ def _determinant(J: np.ndarray, cofactors: np.ndarray) -> np.ndarray:
 
 def _size(J: np.ndarray) -> np.ndarray:
     """What the determinant would be if edges of this length were at right angles."""
-    result: np.ndarray = np.abs(J).max(axis=(0, 1)) ** len(J)
+    with np.errstate(over="ignore"):  # infinite, and the element refused
+        result: np.ndarray = np.abs(J).max(axis=(0, 1)) ** len(J)
     return result
 
 

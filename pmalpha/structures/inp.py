@@ -164,7 +164,11 @@ def _included(path: Path, above: tuple[Path, ...], options: dict[str, str]) -> P
     """A file in the folder of the first file or below it: a file may come from a stranger."""
     name, folder = _option(options, "INPUT"), (*above, path)[0].parent.resolve()
     found = (path.parent / name.replace("\0", "")).resolve()
-    if "\0" in name or folder not in found.parents or not found.is_file():
+    try:
+        is_file = "\0" not in name and folder in found.parents and found.is_file()
+    except OSError:  # a name that is too long
+        is_file = False
+    if not is_file:
         raise ValueError(
             f"{path.name}, *INCLUDE: INPUT must be a file in the folder of the first file or below "
             f"it, got {name!r}"
