@@ -113,6 +113,7 @@ def attempt(seed, counts):
         function, values, use = entry(rng)
         values, names = spoiled(rng, values)
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "Glyph")  # of matplotlib, for odd text
         for category in vars(pm).values():
             if isinstance(category, type) and issubclass(category, Warning):
                 warnings.simplefilter("ignore", category)

@@ -426,6 +426,16 @@ REFUSED = {
         ValueError,
         "u of 'subdomain 0' for meshes[0] must have shape",
     ),
+    "a picture of dofs that a reduction has not": (
+        lambda: moving((BLOCK, pm.reduce(np.eye(8), np.eye(8), fixed=[0]).expand)),
+        ValueError,
+        "meshes[0] must have a function of u of 'subdomain 0'",
+    ),
+    "objects in place of numbers, by diagonals": (
+        lambda: pm.readers.symmetrized(sp.dia_array(np.eye(2)).astype(object)),
+        TypeError,
+        "A must hold real numbers, got dtype object",
+    ),
     "a scheme that is a matrix": (
         lambda: pm.cut(BLOCK, [0], dt=0.1, scheme=sp.dia_array(np.eye(3))),
         TypeError,
@@ -483,3 +493,10 @@ def test_shares_of_masses_whose_sum_overflows_are_those_of_smaller_ones():
 def test_masses_whose_squares_overflow_raise_no_warning():
     C = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     pm.Subdomain(np.array([1e308, 1.0, 1.0]), K, C, symmetric=False, scheme=pm.Newmark())
+
+
+def test_a_step_whose_square_is_zero_raises_no_warning():
+    # off the diagonal of M is more than on it: frequencies have no bound by sums of rows
+    M = np.array([[1.0, 0.6, 0.6], [0.6, 1.0, 0.6], [0.6, 0.6, 1.0]])
+    s = pm.Subdomain(M, K, scheme=pm.CentralDifference())
+    pm.Coupler([s], dt=1e-308).step(3)

@@ -186,7 +186,10 @@ def _film(s: SubdomainHistory, given: Any, key: str, times: np.ndarray, values: 
         raise ValueError(f"all dofs of {s.name!r} must be recorded, got {listing(s.dofs)}")
     mesh = given if isinstance(given, (tuple, list)) else (given,)
     if len(mesh) > 1 and callable(mesh[-1]):
-        mesh, u = mesh[:-1], mesh[-1](linear(times, s.t, s.u))
+        try:
+            mesh, u = mesh[:-1], mesh[-1](linear(times, s.t, s.u))
+        except ValueError as error:  # of another subdomain, say
+            raise ValueError(f"{key} must have a function of u of {s.name!r}: {error}") from error
     else:
         u = linear(times, s.t, on_mesh(s))
     structure = structure_of(mesh[0])

@@ -8,8 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import real_array, real_number
-from ..problem.matrices import plain_matrix
-from ..problem.sparse_arrays import check_arrays
+from ..problem.matrices import plain_matrix, rectangular
 
 __all__ = ["asymmetry", "symmetrized"]
 
@@ -88,13 +87,10 @@ def symmetrized(A: Any, tol: float) -> Any:
 
 def _square(value: Any) -> Any:
     value = plain_matrix(value)
-    if sp.issparse(value):
-        check_arrays(value, "A")
-    A = sp.csr_array(value) if sp.issparse(value) else real_array(value, "A", 2)
+    is_sparse = sp.issparse(value)
+    A = rectangular(value, None, "A") if is_sparse else real_array(value, "A", 2)
     if A.shape[0] != A.shape[1]:
         raise ValueError(f"A must be square, got shape {A.shape}")
-    if sp.issparse(A):
-        real_array(A.data, "the stored entries of A")
     return A
 
 

@@ -355,7 +355,9 @@ def _ratio_of_matrices(subdomain: Subdomain, step: float, internal: Matrix | Non
         return StepRatio(step / _limit_of_matrices(subdomain, internal, True))
     # the bound takes little time and nearly always suffices
     of_A, of_B = (a * row_sum_bound(A, subdomain.M), b * row_sum_bound(B, subdomain.M))
-    if step * step * of_A + step * of_B <= 1.0 + ROUNDING:
+    with np.errstate(invalid="ignore"):  # a step whose square is 0, and matrices without a bound
+        suffices = step * step * of_A + step * of_B <= 1.0 + ROUNDING
+    if suffices:
         return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
     critical = _limit_of_matrices(subdomain, internal, True)
     return StepRatio(step / critical if critical > 0.0 else np.inf)
