@@ -2,9 +2,7 @@
 
 import json
 import os
-import subprocess
 import sys
-import textwrap
 import tracemalloc
 from pathlib import Path
 
@@ -21,7 +19,6 @@ from pmalpha.results import history_file, recording
 from pmalpha.results.ring import MonitorFile
 
 h5py = pytest.importorskip("h5py")
-ROOT = Path(__file__).parent.parent
 # ---- the same History -----------------------------------------------------------------------
 
 
@@ -82,21 +79,19 @@ def test_an_hdf5_file_that_cannot_be_saved_leaves_the_old_one(tmp_path):
     path = tmp_path / "h.h5"
     history.save(path)
     old = path.read_bytes()
-    code = """
-        import resource, signal, sys
+    code = f"""
+        import resource, signal
         from pmalpha import History
-        history = History.load(sys.argv[1])
+        history = History.load({str(path)!r})
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # a disk that is full
         try:
-            history.save(sys.argv[1])
+            history.save({str(path)!r})
         except OSError as error:
             print(error)
     """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code), str(path)],
-        capture_output=True, text=True, cwd=ROOT, check=True,
-    )  # fmt: skip
+    done = waits.program(code)
+    assert done.returncode == 0, done.stderr
     assert "path cannot be written: File too large" in done.stdout
     assert path.read_bytes() == old and os.listdir(tmp_path) == ["h.h5"]
 
@@ -346,11 +341,8 @@ KILLED = """
 @pytest.mark.parametrize("kills", [6, pytest.param(20, marks=pytest.mark.campaign)])
 def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path, kills):
     # from before the file exists to after many blocks
-    program = textwrap.dedent(KILLED.format(kills=kills, folder=str(tmp_path)))
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    subprocess.run(
-        [sys.executable, "-c", program], env=environment, check=True, timeout=waits.LIMIT
-    )
+    done = waits.program(KILLED.format(kills=kills, folder=str(tmp_path)))
+    assert done.returncode == 0, done.stderr
     other = models.four_dof().coupler(0.05, coupling="pm")
     other.step(3)
     whole = other.run(steps=100_000, energy=True)
@@ -458,12 +450,7 @@ def test_a_disk_that_is_full_is_an_error_before_the_first_step(tmp_path):
         except OSError as error:
             print(coupler.step_count, error)
     """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-    )
+    done = waits.program(program)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0 ") and "path cannot be written" in done.stdout
     assert not list(tmp_path.iterdir())

@@ -223,15 +223,12 @@ def test_results_are_in_the_file_as_they_arrive(study, tmp_path):
 
     def look(done, total):  # another program, while the file is written
         program = (
-            "import h5py, numpy as np, sys\n"
-            "with h5py.File(sys.argv[1], 'r') as file:\n"
+            "import h5py, numpy as np\n"
+            f"with h5py.File({str(path)!r}, 'r') as file:\n"
             "    print((file['error'][:].tolist(), np.isfinite(file['u'][:, 0]).tolist()))"
         )
         if done in (2, 3):
-            output = subprocess.check_output(
-                [sys.executable, "-c", program, path], timeout=waits.LIMIT
-            )
-            seen.append((done, *eval(output)))
+            seen.append((done, *eval(waits.program(program).stdout)))
 
     cases = studied.cases(3)
     cases.insert(1, {"u0": {"a": [np.nan, 0.0]}})
@@ -287,9 +284,7 @@ def test_after_a_kill_the_file_has_what_had_arrived(tmp_path):
         "kill = lambda done, total: done < 3 or os.kill(os.getpid(), signal.SIGKILL)\n"
         f"study.run(studied.cases(5), save_to={str(path)!r}, progress=kill)\n"
     )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent)])}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, timeout=waits.LIMIT)
-    assert done.returncode == -9
+    assert waits.program(program, survives=False).returncode == -9
     with h5py.File(path, "r") as file:
         assert file["error"][:].tolist() == [b""] * 3 + [b"not run"] * 2
         for k, expected in enumerate(alone(3)):

@@ -3,16 +3,11 @@
 The compiled functions wait for what the caller is to do meanwhile, or fail on purpose.
 """
 
-import os
-import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
 import waits
-
-HERE = Path(__file__).parent
 
 PRELUDE = """
 import ctypes, faulthandler, signal, sys, threading, time
@@ -48,14 +43,8 @@ def two(function, substeps, coupling="pm"):
 """
 
 
-def run(code):
-    return subprocess.run(
-        [sys.executable, "-c", PRELUDE + textwrap.dedent(code)],
-        capture_output=True,
-        text=True,
-        timeout=waits.LIMIT,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent)])},
-    )
+def run(code, survives=True):
+    return waits.program(PRELUDE + textwrap.dedent(code), survives)
 
 
 @pytest.mark.parametrize("coupling", ["macro", "pm"])
@@ -98,7 +87,8 @@ def test_progress_is_reported_while_another_worker_evaluates_a_slow_force():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the words of the report are those of Linux")
 def test_a_fault_in_a_compiled_force_leaves_a_traceback_whatever_thread_it_is_in():
-    done = run("""
+    done = run(
+        """
     def faulty(t, n, u, v, r, user):
         if threading.get_ident() != threading.main_thread().ident:
             print("in a worker", flush=True)
@@ -107,7 +97,9 @@ def test_a_fault_in_a_compiled_force_leaves_a_traceback_whatever_thread_it_is_in
 
     faulthandler.enable()
     two(faulty, substeps=3).step(1)
-    """)
+    """,
+        survives=False,
+    )
     assert "in a worker" in done.stdout
     assert done.returncode < 0
     assert "Segmentation fault" in done.stderr and "faulty" in done.stderr

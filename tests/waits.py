@@ -1,10 +1,14 @@
 """Waiting for events and programs, however slow the machine is, and Ctrl-C at an event."""
 
+import atexit
 import contextlib
+import functools
+import json
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import textwrap
 import threading
 import time
@@ -24,21 +28,53 @@ def until(happened, over=None):
         time.sleep(0.001)
 
 
-def program(code):
+HERE = Path(__file__).parent
+PATHS = os.pathsep.join(map(str, (HERE, Path(pmalpha.__file__).parent.parent)))
+
+
+@functools.cache
+def _programs():
+    """The process of programs.py, which has imported the package: one for each process of tests."""
+    server = subprocess.Popen(
+        [sys.executable, HERE / "programs.py"],
+        env={**os.environ, "PYTHONPATH": PATHS},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    atexit.register(server.communicate)
+    return server
+
+
+def program(code, survives=True):
     """A program in a process of its own that has ended; its death by a signal fails the test.
 
     It imports the modules of the tests, and the package that is tested.
     """
-    folders = Path(__file__).parent, Path(pmalpha.__file__).parent.parent
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
+    code = textwrap.dedent(code)
+    if hasattr(os, "fork"):
+        done = _forked(code)
+    else:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONPATH": PATHS},
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+        )
+    assert done.returncode >= 0 or not survives, (
+        f"died by signal {-done.returncode}: {done.stderr[-500:]}"
     )
-    assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-500:]}"
     return done
+
+
+def _forked(code):
+    server = _programs()
+    with tempfile.TemporaryDirectory() as folder:
+        print(json.dumps([code, folder, LIMIT]), file=server.stdin, flush=True)
+        status = int(server.stdout.readline())
+        out, err = ((Path(folder) / name).read_text() for name in ("stdout", "stderr"))
+    return subprocess.CompletedProcess(code, status, out, err)
 
 
 def is_stepped(coupler):
