@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
+from pmalpha.setup.equilibrium import require_stiff
 
 IMPLICIT = pm.GeneralizedAlpha(0.8)
 
@@ -46,6 +47,17 @@ def test_a_constraint_on_one_subdomain_alone_supports_it():
     coupler = pm.Coupler([a], pm.Constraint({a: [[1.0, 0.0, 0.0]]}), dt=0.1)
     # by hand: both springs carry 2, stiffness 1
     np.testing.assert_allclose(coupler.static()["a"], [0.0, 2.0, 4.0], atol=1e-14)
+
+
+def test_ties_add_their_stiffness_in_the_check_for_floating_structures():
+    K, L = sp.csc_array(chain(1)), sp.csr_array([[1.0, 0.0]])  # a spring held at one end
+    smallest = np.linalg.eigvalsh((K + L.T @ L).toarray()).min()  # 0.38; of K - L^T L: -0.62
+    try:
+        require_stiff(K, L)
+    except pm.FactorizationError:
+        pytest.fail(f"K + L^T L is refused, though its smallest eigenvalue is {smallest:.2f}")
+    with pytest.raises(pm.FactorizationError, match="floating"):
+        require_stiff(K, 0.0 * L)
 
 
 def test_an_indefinite_stiffness_is_refused():
