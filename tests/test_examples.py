@@ -72,10 +72,10 @@ def test_a_rig_without_delay_and_noise_is_the_same_model_in_one_process():
 
 
 def test_the_specimen_in_the_rig_is_the_spring_of_the_core():
-    by_rig = rig.hybrid(InProcess()).run(steps=400)
-    by_core = rig.hybrid(pm.Bilinear([0], **rig.specimen)).run(steps=400)
+    by_rig = rig.hybrid(InProcess()).run(steps=200)
+    by_core = rig.hybrid(pm.Bilinear([0], **rig.specimen)).run(steps=200)
     largest = np.abs(by_core["rig"].u).max()
-    # 1e-13: the same law in another order of operations, a rounding of 1e-16 in each of 4000
+    # 1e-13: the same law in another order of operations, a rounding of 1e-16 in each of 2000
     # substeps, of both signs and decaying with the motion
     np.testing.assert_allclose(by_rig["rig"].u, by_core["rig"].u, atol=1e-13 * largest)
 
@@ -94,16 +94,19 @@ def test_commands_arrive_once_each_and_in_order():
     )  # (T1)
 
 
-def test_noise_of_the_same_seed_is_the_same_noise():
+def test_noise_of_the_same_seed_is_the_same_noise(monkeypatch):
     def forces(seed):
-        with rig.simulated_rig(**rig.specimen, noise=100.0, seed=seed) as (address, _):
-            client = rig.Rig(address)
-            measured = [client([1e-3], [0.0], t)[0] for t in np.arange(200) * 1e-3]
-            client.close()
+        options = {**rig.specimen, "noise": 100.0, "seed": seed}
+        monkeypatch.setattr(sys, "argv", ["rig", *(f"--{k}={x}" for k, x in options.items())])
+        served = []
+        monkeypatch.setattr(simulated_rig, "serve", lambda call, timeout: served.append(call))
+        simulated_rig.main()
+        measured = [served[0](np.array([t]), np.array([1e-3]))[0] for t in np.arange(200) * 1e-3]
         return np.array(measured) - 1e-3 * rig.specimen["k"]
 
     noise = forces(1)
     np.testing.assert_array_equal(noise, forces(1))
+    assert not np.any(noise == forces(2))
     # 0.2: four times the relative standard deviation of that of 200 numbers, 1 / sqrt(400)
     assert np.std(noise) == pytest.approx(100.0, rel=0.2)
 
@@ -125,7 +128,10 @@ def killed_at(command, process, client):
     # in mid-step, and at its end
     [(75, "pm", 1), (82, "gc", 2), (81, "macro", 1)],
 )
-def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, coupling, threads):
+def test_when_the_rig_dies_coupler_and_file_are_at_the_last_whole_macro_step(
+    command, coupling, threads, tmp_path
+):
+    pytest.importorskip("h5py")
     done = (command - 2) // rig.substeps
     shorter = rig.hybrid(InProcess(), coupling=coupling)
     expected = shorter.run(steps=done)
@@ -134,27 +140,16 @@ def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, 
         dying = killed_at(command, process, client)
         coupler = rig.hybrid(dying, coupling=coupling, threads=threads)
         with pytest.raises(ConnectionError, match=f"the rig was lost at call {command}"):
-            coupler.run(steps=50)
+            coupler.run(steps=50, record_to=tmp_path / "test.h5")
         client.client.close()
     assert coupler.step_count == done
     assert_identical(coupler.last_history, expected)
+    assert_identical(pm.History.load(tmp_path / "test.h5"), expected)
     for name in PARTS:
         for x in "uva":
             np.testing.assert_array_equal(
                 getattr(coupler.state(name), x), getattr(shorter.state(name), x)
             )
-
-
-def test_when_the_rig_dies_the_file_contains_the_run_up_to_that_step(tmp_path):
-    pytest.importorskip("h5py")
-    expected = rig.hybrid(InProcess()).run(steps=7)
-    with rig.simulated_rig(**rig.specimen) as (address, process):
-        client = rig.Rig(address)
-        coupler = rig.hybrid(killed_at(77, process, client))
-        with pytest.raises(ConnectionError):
-            coupler.run(steps=50, record_to=tmp_path / "test.h5")
-        client.client.close()
-    assert_identical(pm.History.load(tmp_path / "test.h5"), expected)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
