@@ -2,20 +2,18 @@
 
     python tests/executed.py
 
-reads lines, the path of a notebook in JSON each, and prints for each a line, in JSON too: the error
-of the first cell that fails, or an empty text. The cells run in the present folder as in a kernel
-of Jupyter, and what they draw is drawn; what they print goes to the standard error.
+reads lines, a list of the path of a notebook in JSON each, and prints for each a line, in JSON too:
+the error of the first cell that fails, or an empty text. The cells run in the present folder as in
+a kernel of Jupyter, and what they draw is drawn; what they print goes to the standard error.
 """
 
-import faulthandler
 import json
 import os
-import sys
 import traceback
 
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 
-import waits
+import forks
 from IPython.core.interactiveshell import InteractiveShell
 from traitlets.config import Config
 
@@ -41,7 +39,6 @@ import pmalpha.structures  # noqa: E402, F401
 
 def error_of(path):
     """The traceback of the first cell that fails, or nothing."""
-    faulthandler.dump_traceback_later(waits.LIMIT, exit=True)
     with open(path, encoding="utf-8") as file:
         cells = [c["source"] for c in json.load(file)["cells"] if c["cell_type"] == "code"]
     for source in cells:
@@ -52,23 +49,5 @@ def error_of(path):
     return ""
 
 
-def execute(path):
-    """The same in another process, which is as new for each notebook; or how it ended."""
-    there, here = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(there)
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        with open(here, "w") as pipe:
-            pipe.write(error_of(path))
-        sys.exit()
-    os.close(here)
-    with open(there) as pipe:
-        error = pipe.read()
-    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    return error or (f"the process ended with {status}" if status else "")
-
-
 if __name__ == "__main__":
-    for line in sys.stdin:
-        print(json.dumps(execute(json.loads(line))), flush=True)
+    forks.serve(error_of)

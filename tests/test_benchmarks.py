@@ -4,10 +4,9 @@ import csv
 import importlib
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
+import forks
 import pytest
 
 pytestmark = pytest.mark.gate
@@ -48,20 +47,19 @@ def columns_and_rows(path):
 def quick(tmp_path_factory):
     """The CSV of a script run with --quick, by its name."""
     folder = tmp_path_factory.mktemp("results")
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    with forks.server(ROOT / "tests" / "benchmarked.py", env=environment) as error_of:
 
-    def run(script):
-        path = folder / f"{script}.csv"
-        if not path.exists():
-            paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
-            subprocess.run(
-                [sys.executable, BENCHMARKS / f"{script}.py", "--quick", "--results", folder],
-                check=True,
-                capture_output=True,
-                env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-            )
-        return columns_and_rows(path)
+        def run(script):
+            path = folder / f"{script}.csv"
+            if not path.exists():
+                error = error_of(BENCHMARKS / f"{script}.py", "--quick", "--results", folder)
+                if error:
+                    pytest.fail(error, pytrace=False)
+            return columns_and_rows(path)
 
-    return run
+        yield run
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

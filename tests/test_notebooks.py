@@ -2,13 +2,11 @@
 
 import base64
 import io
-import json
 import os
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 
+import forks
 import numpy as np
 import pytest
 import waits
@@ -38,21 +36,10 @@ PYTHONPATH = os.pathsep.join(str(folder) for folder in FOLDERS if folder)
 def execute(tmp_path_factory):
     """The error of a notebook that is executed by tests/executed.py, and the files that it left."""
     folder = tmp_path_factory.mktemp("present")
-    with subprocess.Popen(
-        [sys.executable, Path(__file__).with_name("executed.py")],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": PYTHONPATH},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-
-        def error_and_files(path):
-            print(json.dumps(str(path)), file=process.stdin, flush=True)
-            return json.loads(process.stdout.readline()), list(folder.iterdir())
-
-        yield error_and_files
-        process.stdin.close()
+    script = Path(__file__).with_name("executed.py")
+    environment = os.environ | {"PYTHONPATH": PYTHONPATH}
+    with forks.server(script, cwd=folder, env=environment) as error_of:
+        yield lambda path: (error_of(path), list(folder.iterdir()))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
