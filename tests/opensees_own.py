@@ -61,12 +61,13 @@ def spring(ops, k, fy, hardening):
 def main(what, *numbers):
     ops = example.opensees()
     if what == "transient":
-        serve(lambda *arguments: transient(ops, *arguments))
+        serve(lambda *arguments: transient(ops, *arguments), timeout=example.PATIENCE)
     elif what == "eigenvalues":
-        serve(lambda: eigenvalues(ops))
+        serve(lambda: eigenvalues(ops), timeout=example.PATIENCE)
     else:
         values = [float(x) for x in numbers]
-        serve(example.Static(ops, lambda: spring(ops, *values), [(2, 1)]).specimen)
+        specimen = example.Static(ops, lambda: spring(ops, *values), [(2, 1)]).specimen
+        serve(specimen, timeout=example.PATIENCE)
 
 
 if __name__ == "__main__":
