@@ -124,7 +124,7 @@ analyze: $(VENV)/.lint,test
 	$(VENV)/bin/cppcheck -j $(JOBS) --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \
 		--enable=warning,performance,portability --suppress=constStatement \
 		--suppress=invalidPointerCast --suppress=uninitvar:csrc/core/algebra/kernel.c csrc/core
-	PYTHONPATH=. $(VENV)/bin/python -m mypy
+	PYTHONPATH=. $(VENV)/bin/python -m mypy --cache-dir build/mypy
 	PYTHONPATH=. $(VENV)/bin/python -m mypy.stubtest pmalpha._core --ignore-disjoint-bases \
 		--mypy-config-file pyproject.toml
 
