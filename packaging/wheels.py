@@ -182,7 +182,8 @@ def compiled(platform: Platform, extension: Any, python: Path, folder: Path) -> 
         import_library(folder / "python3.lib")
     link = [folder / word if word.endswith(".lib") else word for word in platform.link]
     out = folder / platform.extension
-    run(ZIG, "cc", "-target", platform.target, "-shared", "-s", *objects, *link, "-o", out)
+    # without optimization zig compiles its sanitizer, for nothing
+    run(ZIG, "cc", "-target", platform.target, "-O3", "-shared", "-s", *objects, *link, "-o", out)
     return out.read_bytes()
 
 
