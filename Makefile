@@ -238,15 +238,13 @@ FLAGS_covered  := -O0 -g -fPIC --coverage -DNDEBUG $(if $(filter Linux,$(shell u
 COMPILER        = $(if $(filter clang,$(1)),clang,$(CC))
 OBJECTS         = $(patsubst %.c,build/$(1)/%.o,$(filter %.c,$(2)))
 
-# the tests themselves, half of what is compiled, whatever the optimization of the core
-OF_TESTS_asan    := -O0
-OF_TESTS_release := -O1
-OF_TESTS_clang   := -O1
+# the tests themselves, half of what is compiled, which take as long without optimization
+OF_TESTS := -O0
 
 define BUILD
 build/$(1)/%.o: %.c $(HEADERS) $(filter %.h,$(TESTS))
 	@mkdir -p $$(@D)
-	$$(call COMPILER,$(1)) -std=c11 $$(FLAGS_$(1)) $$(if $$(filter csrc/tests/%,$$<),$$(OF_TESTS_$(1))) \
+	$$(call COMPILER,$(1)) -std=c11 $$(FLAGS_$(1)) $$(if $$(filter csrc/tests/%,$$<),$$(OF_TESTS)) \
 		-ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra -Icsrc/core -c $$< -o $$@
 
 build/test_core_$(1): $(call OBJECTS,$(1),$(TESTS) $(CORE))

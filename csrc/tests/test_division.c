@@ -272,7 +272,7 @@ static void a_stop_in_the_middle_of_a_substep_leaves_the_last_macro_level(void)
         for (size_t threads = 1; threads <= 3; threads++) {
             size_t stop_at = 1;
             while (check_stop(&parts, threads, stop_at))
-                stop_at += threads; /* of several threads at one of them: a stop waits 20 ms */
+                stop_at += STRIDE * threads; /* of several threads at one: a stop waits 20 ms */
             CHECK(stop_at > threads * (MACROS * SUBSTEPS - 2)); /* in every one of them */
         }
     }

@@ -103,7 +103,7 @@ static void a_function_that_fails_leaves_the_last_whole_macro_step(void)
         for (size_t i = 0; i < PARTS; i++) {
             const size_t count = count_evaluations(k, i);
             CHECK(count > 0);
-            for (size_t at = 3; at <= count; at += 1 + at / 3) /* the first two are the start's */
+            for (size_t at = 3; at <= count; at += STRIDE + at / 3) /* 1 and 2: the start's */
                 check_failure(k, i, at, 1 + at % PARTS, at_macro);
         }
     }
