@@ -113,7 +113,7 @@ class Subdomain:
         | None = None,
         D_r: _Matrix = None,
         lagged: bool = False,
-        responds: bool = False,
+        has_responses: bool = False,
         K_r: _Matrix = None,
         springs: tuple[_Springs, ...] = (),
         M: _Matrix = ...,  # given where there are internal forces
@@ -194,7 +194,7 @@ class Coupler:
         schedule: _Schedule = "fine",
         iteration: _Iteration | None = None,
         doubled: _Matrix = ...,  # mean coupling: the part of H of double steps
-        gap: _LU | None = None,  # displacements tied under gc
+        S_mu: _LU | None = None,  # displacements tied under gc
         processes: _Processes | None = None,
         contact: _Contact | None = None,
     ) -> Coupler: ...

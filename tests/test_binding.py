@@ -346,7 +346,7 @@ def test_lengths_of_steps_that_do_not_agree_are_refused():
 
 
 def test_arrays_that_cannot_be_written_are_refused_for_unit_responses():
-    s = subdomain(substeps=2, responds=True)
+    s = subdomain(substeps=2, has_responses=True)
     arrays = {"end": np.zeros((1, 1)), "mean": np.zeros((1, 1)), "states": np.zeros((1, 4, 2))}
     assert s.unit_responses(i64(0), *arrays.values())
     kept = {name: array.copy() for name, array in arrays.items()}

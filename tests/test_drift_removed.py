@@ -141,7 +141,7 @@ def test_a_wide_explicit_interface_keeps_sparse_matrices(rho, substeps):
     rows = 1000
     ours = explicit_bars(rows, rho, substeps)
     coupler = coupled(ours, 0.2)
-    diagonal, lower, upper, *_ = tied.gap_factors(coupler._session.members, rows)
+    diagonal, lower, upper, *_ = tied.displacement_factors(coupler._session.members, rows)
     assert diagonal.size == rows
     assert lower[2].size + upper[2].size < 20 * rows  # of a tridiagonal matrix
     history = coupler.run(steps=50)

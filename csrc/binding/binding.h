@@ -59,7 +59,7 @@ typedef struct {
     PyObject_HEAD
     pma_coupler *core;
     pma_interface H_start, H; /* factors of the interface matrix */
-    pma_interface gap;        /* ... of S_mu, where displacements are tied under gc */
+    pma_interface S_mu;       /* ... of S_mu, where displacements are tied under gc */
     PyObject *subdomains;     /* tuple of SubdomainObject */
     PyObject *arrays;         /* list: the arrays that the core points into */
     PyObject *motions;        /* list: the arrays of each prescribed motion */

@@ -92,21 +92,21 @@ typedef struct {
     atomic_bool stopped;      /* a signal has raised an exception */
     atomic_bool not_finite;   /* a response is not */
     pma_watch watch;          /* of worker 0, the thread that called */
-} responding;
+} response_run;
 
 static void look(void *ctx)
 {
-    responding *r = ctx;
+    response_run *r = ctx;
     if (!atomic_load(&r->stopped) && pma_watch_signals(&r->watch))
         atomic_store(&r->stopped, true);
 }
 
-static bool is_over(const responding *r)
+static bool is_over(const response_run *r)
 {
     return atomic_load(&r->stopped) || atomic_load(&r->not_finite);
 }
 
-static void respond(responding *r, size_t worker, npy_intp begin)
+static void run_responses(response_run *r, size_t worker, npy_intp begin)
 {
     const pma_parts *parts = pma_subdomain_parts(r->of);
     pma_unit_response *run = r->runs[worker];
@@ -127,16 +127,16 @@ static void respond(responding *r, size_t worker, npy_intp begin)
 
 static void work(void *ctx, size_t worker)
 {
-    responding *r = ctx;
+    response_run *r = ctx;
     while (!is_over(r)) {
         const size_t begin = atomic_fetch_add(&r->next, 1) * PMA_LANES;
         if (begin >= (size_t)r->b->k)
             return;
-        respond(r, worker, (npy_intp)begin);
+        run_responses(r, worker, (npy_intp)begin);
     }
 }
 
-static pma_status create_runs(responding *r)
+static pma_status create_runs(response_run *r)
 {
     pma_status status = PMA_OK;
     r->runs = PyMem_Calloc(r->workers, sizeof(pma_unit_response *));
@@ -150,7 +150,7 @@ static pma_status create_runs(responding *r)
 /* PMA_STOPPED when a signal has raised an exception, PMA_NOT_FINITE for a response. */
 static pma_status fill_responses(const pma_subdomain *s, const responses *b, size_t workers)
 {
-    responding r = {.of = s, .b = b, .workers = workers};
+    response_run r = {.of = s, .b = b, .workers = workers};
     pma_team *team = NULL;
     pma_status status = create_runs(&r);
     if (status == PMA_OK)
@@ -187,7 +187,7 @@ static int take_responses(SubdomainObject *self, PyObject *args, responses *b)
     b->k = (npy_intp)k;
     b->twice = twice;
     b->threads = (size_t)threads;
-    if (!parts->responds || (twice && !parts->doubled))
+    if (!parts->has_responses || (twice && !parts->doubled))
         return pma_refuse(PyExc_ValueError, "the subdomain has no such link response");
     const npy_intp square[2] = {b->k, b->k}, cube[3] = {b->k, 4, (npy_intp)parts->n};
     if (pma_take_output(end, 2, square, "end", &array) < 0)
@@ -234,7 +234,7 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
     const npy_intp shape[3] = {(npy_intp)k, 4, (npy_intp)parts->n};
     if (pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
         goto failed;
-    if (!parts->responds) {
+    if (!parts->has_responses) {
         PyErr_SetString(PyExc_ValueError, "the subdomain has no link response");
         goto failed;
     }

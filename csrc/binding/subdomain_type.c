@@ -30,21 +30,22 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
 static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
                       pma_iterate_parts *iterate)
 {
-    static char *names[] = {"n",        "nb",     "substeps", "K",         "C",        "scheme",
-                            "single",   "twice",  "link",     "restoring", "D_r",      "lagged",
-                            "responds", "K_r",    "springs",  "M",         "internal", "iterate",
-                            "mass",     "defers", "shifts",   "continues", "struck",   NULL};
+    static char *names[] = {"n",      "nb",        "substeps",      "K",    "C",
+                            "scheme", "single",    "twice",         "link", "restoring",
+                            "D_r",    "lagged",    "has_responses", "K_r",  "springs",
+                            "M",      "internal",  "iterate",       "mass", "defers",
+                            "shifts", "continues", "struck",        NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
     PyObject *struck = Py_None;
     pma_scheme scheme;
-    int lagged = 0, responds = 0, defers = 0, shifts = 0, continues = 0;
+    int lagged = 0, has_responses = 0, defers = 0, shifts = 0, continues = 0;
     if (!PyArg_ParseTupleAndKeywords(
             args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOpppO", names, &n, &nb, &substeps, &K, &C,
             &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma, &single, &twice, &link, &restoring,
-            &D_r, &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated,
+            &D_r, &lagged, &has_responses, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated,
             &mass, &defers, &shifts, &continues, &struck))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1)
@@ -53,7 +54,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     parts->doubled = twice != Py_None;
     parts->continues = continues;
     parts->lagged = lagged;
-    parts->responds = responds;
+    parts->has_responses = has_responses;
     parts->defers = defers;
     parts->shifts = shifts;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
@@ -559,10 +560,11 @@ static PyMethodDef subdomain_methods[] = {
 };
 
 static PyType_Slot subdomain_slots[] = {
-    {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
-                "D_r=None, lagged=False, responds=False, K_r=None, springs=(), M, internal=None, "
-                "iterate=None)\n\n"
-                "A subdomain of the core, in elimination order."},
+    {Py_tp_doc,
+     "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
+     "D_r=None, lagged=False, has_responses=False, K_r=None, springs=(), M, internal=None, "
+     "iterate=None)\n\n"
+     "A subdomain of the core, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},
     {Py_tp_dealloc, subdomain_dealloc},

@@ -29,7 +29,7 @@ pma_interface dense_lu_interface(dense_lu *lu, size_t p, const double *A)
                             .U = lu->U,
                             .row = lu->places,
                             .column = lu->places};
-    pma_interface_destroy(&lu->gap);
-    CHECK_STATUS(pma_interface_create_lu(&factors, &lu->gap), PMA_OK);
-    return lu->gap;
+    pma_interface_destroy(&lu->S_mu);
+    CHECK_STATUS(pma_interface_create_lu(&factors, &lu->S_mu), PMA_OK);
+    return lu->S_mu;
 }

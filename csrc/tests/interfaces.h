@@ -14,7 +14,7 @@ typedef struct {
     double inverse[MOST_ROWS], L[MOST_ROWS], U[MOST_ROWS];
     int64_t below[MOST_ROWS + 1], above[MOST_ROWS + 1];
     int32_t lower[MOST_ROWS], upper[MOST_ROWS], places[MOST_ROWS];
-    pma_interface gap;
+    pma_interface S_mu;
 } dense_lu;
 
 /* What a coupler is given for A (p*p by rows), factored without row exchanges. */

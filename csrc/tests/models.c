@@ -69,7 +69,7 @@ static pma_matrix make_doubled(model *m)
 }
 
 /* S_mu = sum L (Y - al1 Z) + (sum al1 L Y) H^-1 (sum al2 L Z)                               (V4) */
-static pma_interface make_gap(model *m)
+static pma_interface make_S_mu(model *m)
 {
     const size_t p = m->p;
     double S[CONSTRAINTS * CONSTRAINTS] = {0.0}, LY[CONSTRAINTS * CONSTRAINTS] = {0.0};
@@ -108,7 +108,7 @@ pma_coupler_parts describe_coupler(model *m)
                                .p = m->p,
                                .H_start = H_start,
                                .H = H,
-                               .gap = m->tied ? make_gap(m) : (pma_interface){.p = 0},
+                               .S_mu = m->tied ? make_S_mu(m) : (pma_interface){.p = 0},
                                .doubled = m->mean ? make_doubled(m) : (pma_matrix){.n = 0},
                                .dt = m->dt,
                                .rebased = m->rebased,
@@ -235,13 +235,13 @@ static pma_member make_member(model *m, size_t i)
 {
     part *x = &m->parts[i];
     x->h = m->dt / (double)x->substeps;
-    x->responds = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
+    x->has_responses = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
     x->mean = m->mean;
     x->defers = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
     x->shifts = m->tied;
     make_part(x);
     m->subdomains[i] = x->core;
-    if (m->stored && x->responds)
+    if (m->stored && x->has_responses)
         store_response(m, i);
     m->wrapped[i] =
         (naive_member){.of = x, .looks_ahead = m->looks_ahead, .link = describe(x).link};
@@ -269,9 +269,9 @@ void destroy_model(model *m)
         pma_subdomain_destroy(m->parts[i].core);
     pma_interface_destroy(&m->interfaces[0]);
     pma_interface_destroy(&m->interfaces[1]);
-    pma_interface_destroy(&m->lu[0].gap);
-    pma_interface_destroy(&m->lu[1].gap);
-    pma_interface_destroy(&m->S_mu.gap);
+    pma_interface_destroy(&m->lu[0].S_mu);
+    pma_interface_destroy(&m->lu[1].S_mu);
+    pma_interface_destroy(&m->S_mu.S_mu);
 }
 
 snapshot present(const model *m)

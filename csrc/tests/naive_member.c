@@ -150,7 +150,7 @@ static bool is_known(const void *self, const pma_substep *step)
 
 /* ---- macro coupling ------------------------------------------------------------------------- */
 
-static void respond(void *self, size_t j, const double *lam, const double *dlam)
+static void advance_response(void *self, size_t j, const double *lam, const double *dlam)
 {
     naive_member *s = self;
     double grown[CONSTRAINTS];
@@ -160,7 +160,7 @@ static void respond(void *self, size_t j, const double *lam, const double *dlam)
     for (size_t row = 0; row < s->of->p; row++)
         grown[row] = dlam[row] * (double)j / (double)s->of->substeps;
     const level from = s->response;
-    naive_respond(s->of, false, grown, &from, &s->response);
+    naive_link_response(s->of, false, grown, &from, &s->response);
 }
 
 static pma_status add_response(void *self, const double *dlam)
@@ -198,8 +198,8 @@ pma_member naive_member_of(naive_member *s)
         s->table.prepare = prepare;
         s->table.is_known = is_known;
     }
-    if (x->responds) {
-        s->table.respond = respond;
+    if (x->has_responses) {
+        s->table.advance_response = advance_response;
         s->table.add_response = add_response;
         s->table.repeats = repeats;
     }

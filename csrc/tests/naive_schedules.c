@@ -21,7 +21,7 @@ level naive_response(const part *x, bool twice, const double *lam)
         if (x->mean)
             naive_pushed(x, twice, 0.0, NOTHING, y, &from, &at);
         else
-            naive_respond(x, twice, grown, &from, &at);
+            naive_link_response(x, twice, grown, &from, &at);
     }
     return at;
 }
@@ -75,7 +75,7 @@ static void naive_arrive(model *m, size_t i, size_t k)
 }
 
 /* d (p): the integral of the prescribed velocity up to fine step k, by the trapezoidal rule (V5) */
-static void naive_gap(const model *m, size_t k, double *d)
+static void naive_jump(const model *m, size_t k, double *d)
 {
     double g0[CONSTRAINTS], g1[CONSTRAINTS];
     memset(d, 0, m->p * sizeof(double));
@@ -94,7 +94,7 @@ static void naive_tie(model *m, size_t k, const double *right)
     const size_t p = m->p, size = 2 * p;
     double A[4 * CONSTRAINTS * CONSTRAINTS] = {0.0}, b[2 * CONSTRAINTS], y[MOST], z[MOST];
     memcpy(b, right, p * sizeof(double));
-    naive_gap(m, k, b + p);
+    naive_jump(m, k, b + p);
     for (size_t i = 0; i < m->count; i++) {
         const part *x = &m->parts[i];
         const double al1 = al1_of(x, false), al2 = al2_of(x, false);
@@ -159,7 +159,7 @@ static void naive_add_response(model *m, size_t i, size_t macro, const double *d
         double grown[CONSTRAINTS];
         for (size_t row = 0; row < m->p; row++)
             grown[row] = dlam[row] * (double)j / (double)x->substeps;
-        naive_respond(x, twice, grown, &from, &at);
+        naive_link_response(x, twice, grown, &from, &at);
         naive_add(x, &at, &m->levels[i][macro * x->substeps + j]);
     }
 }

@@ -131,7 +131,7 @@ pma_parts describe(part *x)
                        .springs = x->springs,
                        .D_r = estimate(x->n, x->D_r),
                        .K_r = estimate(x->n, x->K_r),
-                       .responds = x->responds,
+                       .has_responses = x->has_responses,
                        .mean = x->mean,
                        .mass = make_mass(x),
                        .defers = x->defers,
@@ -337,7 +337,7 @@ void naive_store(const part *x, bool twice, const double *lam, level *at)
         at->vf[i] = at->v[i] - al2_of(x, twice) * wl[i];
 }
 
-void naive_respond(const part *x, bool twice, const double *lam, const level *from, level *to)
+void naive_link_response(const part *x, bool twice, const double *lam, const level *from, level *to)
 {
     double ut[MOST], vt[MOST], vs[MOST];
     naive_predict(x, twice, from, ut, vt, vs);

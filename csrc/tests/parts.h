@@ -46,7 +46,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
  * moved afterwards: the core keeps pointers into it. */
 struct part {
     size_t n, nb, p, substeps;
-    bool implicit, doubled, responds;
+    bool implicit, doubled, has_responses;
     bool mean, defers, shifts; /* as those of pma_parts */
     pma_scheme scheme;
     double h;
@@ -135,7 +135,8 @@ void naive_shift(const part *x, const double *mu, level *to);
 void naive_stiffness_of(const part *x, const double *y, double *z);
 
 /* A substep of the link response under lam: (M3) with K + K_r, C + D_r, lagged C vs */
-void naive_respond(const part *x, bool twice, const double *lam, const level *from, level *to);
+void naive_link_response(const part *x, bool twice, const double *lam, const level *from,
+                         level *to);
 
 /* to += more, but for vf                                                                 (M5) */
 void naive_add(const part *x, const level *more, level *to);

@@ -75,26 +75,26 @@ static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
     const int64_t none[3] = {0, 0, 0};
     const int32_t places[2] = {0, 1};
     const pma_lu S = {2, 2, one, none, NULL, NULL, none, NULL, NULL, places, places};
-    pma_interface gap;
+    pma_interface solved;
     make_oscillator(&m, (split){0.1, 2, false, false, TRAPEZOIDAL, CENTRAL_DIFFERENCE});
     pma_coupler_parts parts = describe_coupler(&m);
     parts.schedule = &pma_tied_schedule;
-    CHECK_STATUS(pma_interface_create_lu(&S, &gap), PMA_OK);
+    CHECK_STATUS(pma_interface_create_lu(&S, &solved), PMA_OK);
     pma_member_table shifting = *m.members[0].table;
     shifting.shift = shift_nothing;
     for (size_t i = 0; i < m.count; i++)
         m.members[i].table = &shifting;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* no matrix */
-    parts.gap = gap;
+    parts.S_mu = solved;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* of two constraints, not one */
-    parts.gap.p = m.p;
+    parts.S_mu.p = m.p;
     CHECK_STATUS(status_of(&parts), PMA_OK);
     m.members[1].table = pma_subdomain_member(m.parts[1].core).table;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
     m.members[1].table = &shifting;
     m.members[0].doubling = PMA_DOUBLED;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
-    pma_interface_destroy(&gap);
+    pma_interface_destroy(&solved);
     destroy_model(&m);
 }
 

@@ -98,10 +98,10 @@ static void a_solution_is_that_of_the_product_of_the_factors(void)
 static void check_refused(const pma_lu *f, pma_status expected)
 {
     double unused = 1.0;
-    pma_interface gap = {.work = &unused};
-    CHECK_STATUS(pma_interface_create_lu(f, &gap), expected);
-    CHECK_INT(gap.work != NULL, expected == PMA_OK);
-    pma_interface_destroy(&gap);
+    pma_interface S_mu = {.work = &unused};
+    CHECK_STATUS(pma_interface_create_lu(f, &S_mu), expected);
+    CHECK_INT(S_mu.work != NULL, expected == PMA_OK);
+    pma_interface_destroy(&S_mu);
 }
 
 static void factors_that_are_no_triangles_are_refused(void)

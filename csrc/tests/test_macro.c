@@ -90,7 +90,7 @@ static void make_pair(pair *q, bool doubled, bool stored)
                       .nb = 1,
                       .p = 1,
                       .substeps = SS,
-                      .responds = true,
+                      .has_responses = true,
                       .scheme = generalized_alpha(0.8),
                       .h = 0.3 / SS,
                       .M = {1, 0, 0, 1},
@@ -225,7 +225,7 @@ static void check_unit_response(const part *x, const pma_unit_response *r, size_
         const level from = at;
         double grown[CONSTRAINTS] = {0.0};
         grown[unit] = (double)j / (double)x->substeps;
-        naive_respond(x, false, grown, &from, &at);
+        naive_link_response(x, false, grown, &from, &at);
         for (size_t row = 0; row < x->p; row++)
             sum[row] += constrained(x, row, at.v) / (double)x->substeps;
     }
@@ -292,10 +292,10 @@ static void a_link_response_that_is_not_finite_is_reported(void)
         for (size_t i = 0; i < m.count; i++) {
             const pma_member *member = &m.members[i];
             for (size_t j = 1; j <= member->substeps; j++)
-                member->table->respond(member->self, j, one, one);
+                member->table->advance_response(member->self, j, one, one);
             CHECK_STATUS(member->table->add_response(member->self, one), PMA_OK);
             for (size_t j = 1; j <= member->substeps; j++)
-                member->table->respond(member->self, j, one, lam);
+                member->table->advance_response(member->self, j, one, lam);
             CHECK_STATUS(member->table->add_response(member->self, lam), PMA_NOT_FINITE);
         }
         destroy_model(&m);
@@ -342,12 +342,12 @@ static void substeps_need_a_response_and_no_double_step(void)
     pma_coupler *made = NULL;
     CHECK_INT(pma_coupler_instants(q.coupler), 1);
     pma_subdomain_destroy(q.B.core);
-    q.B.responds = false;
+    q.B.has_responses = false;
     make_part(&q.B);
     q.members[1] = pma_subdomain_member(q.B.core);
     CHECK_STATUS(pma_coupler_create(&good, &made), PMA_BAD_SIZE);
     pma_subdomain_destroy(q.B.core);
-    q.B.responds = q.B.doubled = true;
+    q.B.has_responses = q.B.doubled = true;
     make_part(&q.B);
     q.members[1] = pma_subdomain_member(q.B.core);
     CHECK_STATUS(pma_coupler_create(&good, &made), PMA_BAD_SIZE);

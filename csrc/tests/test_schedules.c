@@ -28,7 +28,7 @@ static void tied_displacements_are_shifted_as_it_is_written(void)
     }
 }
 
-/* A, damped, responds to the multipliers; without damping single implicit steps are closed (K7). */
+/* A, damped, has responses; without damping single implicit steps are closed (K7). */
 static void mean_coupling_is_the_schedule_as_it_is_written(void)
 {
     for (int k = 0; k < 8; k++) {

@@ -193,7 +193,7 @@ static void link_responses_have_scratch_of_their_own(void)
     fill_part(&q);
     fill_part(&dense);
     q.of.doubled = dense.of.doubled = false;
-    q.of.responds = dense.of.responds = true;
+    q.of.has_responses = dense.of.has_responses = true;
     pma_parts parts = describe(&q.of);
     put_into_panels(&q.of, false, q.values[0], &parts.single.factor);
     create_panelled(&q, &parts);
@@ -204,8 +204,8 @@ static void link_responses_have_scratch_of_their_own(void)
     mark(scratch, q.core->work);
     mark(scratch, q.core->link_work);
     for (size_t j = 1; j <= 2; j++) {
-        q.member.table->respond(q.member.self, j, lam, lam);
-        dense.member.table->respond(dense.member.self, j, lam, lam);
+        q.member.table->advance_response(q.member.self, j, lam, lam);
+        dense.member.table->advance_response(dense.member.self, j, lam, lam);
     }
     check_marked(scratch, q.core->work);
     check_marked(scratch, q.core->link_work);

@@ -347,7 +347,7 @@ def _fitted(member: Member, shapes: np.ndarray) -> Fit | None:
     """The fit to the sampled values of the Python functions of a subdomain, None where there are
     too few, and beside springs, which have a part in the estimates."""
     s, watch = member.subdomain, member.watch
-    if watch is None or s.springs or member.responds or not watch.samples:
+    if watch is None or s.springs or member.has_responses or not watch.samples:
         return None
     if any(map(is_compiled, functions_of(s.restoring))) or devices_of(s.restoring):
         return None

@@ -46,7 +46,7 @@ ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # Multipliers from which accelerations are recorded under mean coupling.
 LINE = ("end_multipliers", "multipliers_before")
 # What the core has of the present beside the subdomains, multipliers and prescribed velocities.
-NUMBERS = ("shooting", "end_multipliers", "gap", "contact")
+NUMBERS = ("shooting", "end_multipliers", "displacement_jump", "contact")
 # Lengths of the last two macro steps under mean coupling.
 LENGTHS = "lengths"
 # What is added to the name of a checkpoint for that of a rank: macro step, token and rank.
@@ -210,7 +210,7 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
         for name, lam in zip(LINE, line):
             arrays[name] = rows.forces(lam)
     if options.drift == "removed":
-        arrays["gap"] = rows.jumps(core.numbers("gap"))
+        arrays["gap"] = rows.jumps(core.numbers("displacement_jump"))
     if (contact := core.numbers("contact")).size:
         arrays["contacts"] = contact
     arrays["multipliers"] = rows.forces(core.multipliers)
@@ -254,10 +254,10 @@ def core_state(
         if shooting.size:
             shooting = checked(arrays, "shooting", shooting.size)
             shooting = reordered(shooting, rows.numbers, 1.0 / rows.scale[rows.numbers])
-        gap, *line = np.zeros((3, p))
+        jump, *line = np.zeros((3, p))
         lengths = np.zeros(2)
         if options.drift == "removed":
-            gap = rows.jumps_in_core(checked(arrays, "gap", p))
+            jump = rows.jumps_in_core(checked(arrays, "gap", p))
         if options.coupling == "mean":
             line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
             lengths = checked(arrays, LENGTHS, 2)
@@ -269,7 +269,7 @@ def core_state(
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
     ends = np.concatenate([*line, lengths])
-    numbers = dict(zip(NUMBERS, (shooting, ends, gap, contact)))
+    numbers = dict(zip(NUMBERS, (shooting, ends, jump, contact)))
     return CoreState(states, iterations, lam, g, numbers)
 
 

@@ -40,7 +40,7 @@ def warn_if_drifting(
     """
     if history.macro_times.size <= FEWEST_MACRO_STEPS:
         return
-    if not any(joined(rows.ranks, [member.responds for member in members])):
+    if not any(joined(rows.ranks, [member.has_responses for member in members])):
         return
     with np.errstate(all="ignore"):
         shares = drift_shares(history, members, rows, motions)

@@ -24,10 +24,10 @@ class StartValues(NamedTuple):
     """What a run starts from."""
 
     states: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    # lam, g, gap: (p,) arrays, multipliers, prescribed velocities, and gaps of the displacements
+    # lam, g, jump: (p,) arrays, multipliers, prescribed velocities, and jumps of displacements
     lam: np.ndarray
     g: np.ndarray
-    gap: np.ndarray
+    jump: np.ndarray
 
     @property
     def end_multipliers(self) -> np.ndarray:
@@ -69,9 +69,9 @@ class InitialValues:
         if contacts is not None and not contacts.move:
             contacts.check_gaps(displacements, np.zeros(contacts.count))
         if tied:
-            self.rows.check_gaps(displacements)
+            self.rows.check_displacements(displacements)
         else:
-            self.rows.warn_of_gaps(displacements)
+            self.rows.warn_of_displacements(displacements)
 
     def _check_velocities(self, motions: Sequence[Motion]) -> None:
         g = values_at_start(motions, self.rows.p)
@@ -97,7 +97,7 @@ class InitialValues:
             member.core.start(*state, start.lam)
             member.reported.clear()
         core.start(0, start.lam, start.g)
-        core.set_numbers("gap", start.gap)
+        core.set_numbers("displacement_jump", start.jump)
         core.set_numbers("end_multipliers", start.end_multipliers)
         core.set_numbers("contact", contact)
         return solver
@@ -137,8 +137,8 @@ class InitialValues:
             w - member.core.accelerate(lam) if member.mean else w
             for member, w in zip(members, accelerations)
         ]
-        gap = rows.jumps_in_core(self.rows.gaps([u for u, _ in self.values]))
-        return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, gap)
+        jump = rows.jumps_in_core(self.rows.displacement_jump([u for u, _ in self.values]))
+        return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, jump)
 
     def in_order(self, members: Sequence[Member]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(u, v) of each subdomain in elimination order."""

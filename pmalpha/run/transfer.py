@@ -42,10 +42,10 @@ class Steps:
         clock = Clock(layout.dt, step, old.time(step), before)
         if not any(layout.doubles):
             return Steps(layout, clock)
-        gaps = [self.lengths(i, step).gap for i in range(len(layout.substeps))]
+        between = [self.lengths(i, step).between for i in range(len(layout.substeps))]
         overs = tuple(
-            gap + layout.dt if double and count == 1 and gap is not None else None
-            for gap, double, count in zip(gaps, layout.doubles, layout.substeps)
+            time + layout.dt if double and count == 1 and time is not None else None
+            for time, double, count in zip(between, layout.doubles, layout.substeps)
         )
         spans = any(over is not None for over in overs)
         return Steps(layout, clock, replace(layout, overs=overs) if spans else layout)
@@ -76,7 +76,7 @@ class Lengths(NamedTuple):
     present: float
     previous: float
     # time between these two; None where there is no previous level that a step can start from
-    gap: float | None
+    between: float | None
 
 
 class Move(NamedTuple):
@@ -116,7 +116,7 @@ def moves(
 def _levels(o: Member, n: Member, made: Lengths, wanted: Lengths) -> tuple[np.ndarray, ...]:
     levels = o.core.levels()
     present, previous = levels[:FIELDS], levels[FIELDS:]
-    if not previous or made.gap is None:
+    if not previous or made.between is None:
         previous = present  # no step starts from it
     result = _stretched(present, wanted.present / made.present)
     return result + _stretched(previous, wanted.previous / made.previous) if n.double else result

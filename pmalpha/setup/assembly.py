@@ -35,7 +35,7 @@ from .ranks import Ranks, joined, processes, remote_of
 from .schedule import Options
 from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations
-from .tied import UNSTABLE, check_tied, doubts_of_schemes, gap_factors
+from .tied import UNSTABLE, check_tied, displacement_factors, doubts_of_schemes
 
 # Assemblies that are kept beside the first one, those used last.
 KEPT = 32
@@ -161,8 +161,8 @@ class Assemblies:
                 operators: dict[float, tuple[Any, ...]] = {}
                 for key, member in list(self._known.items()):
                     operators |= member.known if key[0] == i else {}
-                responds = _responds(self.coupling, layout.substeps[i])
-                known = first.with_steps(*layout.of(i), operators, responds=responds)
+                has_responses = _has_responses(self.coupling, layout.substeps[i])
+                known = first.with_steps(*layout.of(i), operators, has_responses=has_responses)
             members.append(known)
         return tuple(members)
 
@@ -293,7 +293,7 @@ class Assemblies:
             return others | {"doubled": doubled_part(members, p, self.ranks)}
         if not self.tied:
             return others
-        return others | {"gap": gap_factors(members, p, self.ranks)}
+        return others | {"S_mu": displacement_factors(members, p, self.ranks)}
 
     def _mass(self, member: Member) -> Factor:
         """The factor of M for mean coupling."""
@@ -368,7 +368,7 @@ def _ordered(
             L,
             eliminations,
             threads=threads,
-            responds=_responds(options.coupling, substeps),
+            has_responses=_has_responses(options.coupling, substeps),
             mean=options.coupling == "mean",
             shifts=options.drift == "removed",
             reuses=options.newton.tangent == "reuse",
@@ -381,6 +381,6 @@ def _ordered(
     return members
 
 
-def _responds(coupling: str, substeps: int) -> bool:
+def _has_responses(coupling: str, substeps: int) -> bool:
     """Whether subdomains with `substeps` have link responses."""
     return coupling == "mean" or (coupling == "macro" and substeps > 1)

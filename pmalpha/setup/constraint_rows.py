@@ -284,7 +284,7 @@ class ConstraintRows:
                 f"the initial velocities v0 must satisfy the constraints, violated in {violated}"
             )
 
-    def warn_of_gaps(self, displacements: Sequence[np.ndarray]) -> None:
+    def warn_of_displacements(self, displacements: Sequence[np.ndarray]) -> None:
         """ConstraintWarning unless sum L_i u_i = 0 at t = 0."""
         if violated := self._rows_violated(displacements, 0.0):
             warn(
@@ -293,7 +293,7 @@ class ConstraintRows:
                 ConstraintWarning,
             )
 
-    def check_gaps(self, displacements: Sequence[np.ndarray]) -> None:
+    def check_displacements(self, displacements: Sequence[np.ndarray]) -> None:
         """ConstraintError unless sum L_i u_i = 0 at t = 0."""
         if violated := self._rows_violated(displacements, 0.0):
             raise ConstraintError(
@@ -301,12 +301,12 @@ class ConstraintRows:
                 f"which ties displacements, violated in {violated}"
             )
 
-    def gaps(self, displacements: Sequence[np.ndarray]) -> np.ndarray:
+    def displacement_jump(self, displacements: Sequence[np.ndarray]) -> np.ndarray:
         """sum L_i u_i, (p,), zero where it is rounding."""
         rows, amounts = self._violated(displacements, 0.0)
-        gaps = np.zeros(self.p)
-        gaps[rows] = amounts
-        return gaps
+        jump = np.zeros(self.p)
+        jump[rows] = amounts
+        return jump
 
     def _rows_violated(
         self, values: Sequence[np.ndarray], g: np.ndarray | float, by: str = ":"

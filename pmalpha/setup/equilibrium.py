@@ -142,7 +142,7 @@ class Equilibrium:
     def solve(self, begin: Sequence[np.ndarray], steps: int) -> list[np.ndarray]:
         """The displacements u_i of these subdomains, (n_i,) each.
 
-        The residual of `begin` and its gaps are removed in load steps, `steps` equal ones at first;
+        The residual of `begin` and its jump are removed in load steps, `steps` equal ones at first;
         one that does not converge is halved, and the step after one that converges is doubled.
 
         Raises FactorizationError when the structure is floating or its tangent indefinite at the
@@ -150,7 +150,7 @@ class Equilibrium:
         Raises ConvergenceError.
         """
         u, lam = np.concatenate(joined(self.ranks, begin)), np.zeros(self.L.shape[0])
-        self.first, self.gap = self._residual(u), self.L @ u
+        self.first, self.jump = self._residual(u), self.L @ u
         if not np.all(np.isfinite(self.first)):
             self._find_worst(np.where(np.isfinite(self.first), 0.0, 1.0))
             cause = "its forces at the initial displacements are not finite"
@@ -194,10 +194,10 @@ class Equilibrium:
             if not np.all(np.isfinite(R)):
                 return None
             K = self._tangent(u)
-            gap = self.L @ u - (1.0 - load) * self.gap
-            if not np.any(R + self.L.T @ lam) and not np.any(gap):
+            jump = self.L @ u - (1.0 - load) * self.jump
+            if not np.any(R + self.L.T @ lam) and not np.any(jump):
                 return u, lam
-            found = self._searched(u, load, K, R, gap)
+            found = self._searched(u, load, K, R, jump)
             if found is None:
                 return None
             trial, x, shifted = found
@@ -216,11 +216,11 @@ class Equilibrium:
         return None
 
     def _searched(
-        self, u: np.ndarray, load: float, K: sp.csc_array, R: np.ndarray, gap: np.ndarray
+        self, u: np.ndarray, load: float, K: sp.csc_array, R: np.ndarray, jump: np.ndarray
     ) -> tuple[_Trial, float, bool] | None:
         """A correction, the part of it that the line search leaves, and whether K was shifted."""
         for shift in SHIFTS if self.searches else SHIFTS[:1]:
-            trial = self._correction(K, R, gap, shift)
+            trial = self._correction(K, R, jump, shift)
             if trial is None:
                 continue
             if not self.searches:
@@ -233,21 +233,21 @@ class Equilibrium:
         return None
 
     def _correction(
-        self, K: sp.csc_array, R: np.ndarray, gap: np.ndarray, shift: float
+        self, K: sp.csc_array, R: np.ndarray, jump: np.ndarray, shift: float
     ) -> _Trial | None:
-        """K du - L^T Lam = R, L du = - gap; None unless du . K du > 0."""
+        """K du - L^T Lam = R, L du = - jump; None unless du . K du > 0."""
         from scipy.sparse.linalg import splu
 
         d = np.abs(K.diagonal())
         d[d == 0.0] = np.max(d, initial=0.0) or 1.0
         scale = sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
-        n, p = R.size, gap.size
+        n, p = R.size, jump.size
         A = scale @ (K + shift * sp.diags_array(d)) @ scale
         L = sp.csr_array(self.L @ scale)
         saddle = sp.csc_array(sp.block_array([[A, -L.T], [L, None]]) if p else A)
         try:
             with np.errstate(all="ignore"):
-                x = splu(saddle).solve(np.concatenate([scale @ R, -gap]))
+                x = splu(saddle).solve(np.concatenate([scale @ R, -jump]))
         except RuntimeError:  # exactly singular
             return None
         du, lam = scale @ x[:n], x[n:]
@@ -267,7 +267,7 @@ class Equilibrium:
     def _line_search(self, u: np.ndarray, load: float, trial: _Trial) -> float | None:
         """The part x of a correction that does not overshoot, as in (N10); None if there is none.
 
-        A gap is closed in proportion to x, so that its work is in the slope.
+        A jump is removed in proportion to x, so that its work is in the slope.
         """
         s0 = trial.slope
         s1 = self._slope(u, load, trial, 1.0)

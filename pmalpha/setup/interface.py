@@ -39,7 +39,7 @@ def row_order(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> 
 
 def _patterns(members: Sequence[Member]) -> list[Block | None]:
     """The blocks of H that connect constraints of one dof only; None for others."""
-    thin = [p for p in members if p.is_diagonal and p.internal is None and not p.responds]
+    thin = [p for p in members if p.is_diagonal and p.internal is None and not p.has_responses]
     blocks = diagonal_compliances([np.ones(p.n) for p in thin], [p.L.pattern for p in thin])
     found = dict(zip(map(id, thin), blocks))
     return [found.get(id(member)) for member in members]

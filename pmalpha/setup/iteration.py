@@ -65,7 +65,7 @@ def prepare_iterated(members: Sequence[Member], coupling: str) -> None:
 
 
 def _take_blocks_of(member: Member, twin: Member) -> None:
-    if twin.responds and twin.nb:
+    if twin.has_responses and twin.nb:
         compute_unit_responses(twin)
     member.response_blocks = twin.response_blocks
     member.blocks = {
@@ -86,7 +86,7 @@ def linear_twin(member: Member) -> Member:
         damping=combination([(1.0, member.damping), *([] if explicit else [(1.0, C_t)])]),
         internal=None,
         tangent=None,
-        responds=member.mean or member.substeps > 1,
+        has_responses=member.mean or member.substeps > 1,
         factors=[],
         blocks={},
         known={},

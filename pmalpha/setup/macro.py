@@ -44,7 +44,7 @@ def prepare(members: Sequence[Member]) -> None:
     """Unit responses of all subdomains with substeps, and the warnings of macro coupling."""
     check_work(members, "macro")
     for member in members:
-        if member.responds and member.nb:
+        if member.has_responses and member.nb:
             compute_unit_responses(member)
     _warn_of_restoring(members)
     _warn_of_massless_ties(members)
@@ -57,7 +57,9 @@ def _names(members: Sequence[Member]) -> str:
 
 def _warn_of_restoring(members: Sequence[Member]) -> None:
     """StabilityWarning for restoring forces, which are evaluated in the free macro run."""
-    restored = [p for p in members if p.responds and p.nb and p.subdomain.restoring is not None]
+    restored = [
+        p for p in members if p.has_responses and p.nb and p.subdomain.restoring is not None
+    ]
     if not restored:
         return
     warn(
@@ -73,7 +75,7 @@ def _warn_of_massless_ties(members: Sequence[Member]) -> None:
     tied = {
         member.name: np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
         for member in members
-        if member.responds or (member.internal is not None and member.substeps > 1)
+        if member.has_responses or (member.internal is not None and member.substeps > 1)
     }
     each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
     if not each:
@@ -87,7 +89,7 @@ def _warn_of_massless_ties(members: Sequence[Member]) -> None:
 
 def check_work(members: Sequence[Member], coupling: str) -> None:
     """PerformanceWarning when the unit responses take long, ValueError for more than a day."""
-    works = {member.name: work(member) for member in members if member.responds}
+    works = {member.name: work(member) for member in members if member.has_responses}
     if not works:
         return
     name = max(works, key=works.__getitem__)
@@ -285,7 +287,7 @@ def prepare_mean(members: Sequence[Member]) -> None:
     """Unit responses of all subdomains, which make their blocks of H."""
     check_work(members, "mean")
     for member in members:
-        if member.responds:
+        if member.has_responses:
             member.blocks = mean_blocks(member)
 
 

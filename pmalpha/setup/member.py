@@ -88,10 +88,10 @@ class Member:
     # where its steps are iterated: implicit, with internal forces
     tangent: TangentPattern | None = None
     reuses: bool = False  # whether tangents are kept from step to step
-    mean: bool = False  # responds to a constant acceleration of the interface (K3): mean coupling
+    mean: bool = False  # responds to a constant acceleration of the interface (K3)
     shifts: bool = False  # its predictors can be shifted (V1): displacements tied under gc
-    responds: bool = False  # has link responses (M3): more than one substep under macro coupling
-    # if it responds: its block of H (M4), and the one from the mean velocities in the macro step
+    has_responses: bool = False  # link responses (M3): several substeps under macro coupling
+    # if it has: its block of H (M4), and the one from the mean velocities in the macro step
     response_blocks: tuple[Block, Block] | None = None
     # its step divided by its critical step, as far as set-up computed it
     step_ratio: StepRatio | None = None
@@ -138,7 +138,7 @@ class Member:
         over: float | None,
         known: dict[float, tuple[Any, ...]],
         *,
-        responds: bool,
+        has_responses: bool,
     ) -> Member:
         """The same subdomain for other steps, not built yet."""
         return replace(
@@ -148,7 +148,7 @@ class Member:
             double=double,
             over=over,
             known=known,
-            responds=responds and self.internal is None,
+            has_responses=has_responses and self.internal is None,
             core=None,  # type: ignore[arg-type]
             factors=[],
             blocks={},
@@ -281,7 +281,7 @@ def make_member(
     eliminations: Eliminations,
     *,
     threads: int = 1,
-    responds: bool = False,
+    has_responses: bool = False,
     N: Link | None = None,
     **does: bool,
 ) -> Member:
@@ -323,7 +323,7 @@ def make_member(
         internal=internal,
         tangent=tangent,
         **fields,
-        responds=responds and internal is None,
+        has_responses=has_responses and internal is None,
         feedback=Feedback(f"force of subdomain {name!r}", n) if subdomain.has_feedback else None,
         N=None if N is None else N.in_order(order),
     )
@@ -342,7 +342,7 @@ def core_subdomain(
     restoring: tuple[Any, ...] | None = None,
     D_r: Matrix = None,
     lagged: bool = False,
-    responds: bool = False,
+    has_responses: bool = False,
     K_r: Matrix = None,
     springs: tuple[Any, ...] = (),
     **internal: Any,
@@ -362,7 +362,7 @@ def core_subdomain(
         restoring=restoring,
         D_r=core_matrix(D_r, symmetric=own),
         lagged=lagged,
-        responds=responds,
+        has_responses=has_responses,
         K_r=core_matrix(K_r, symmetric=own),
         springs=springs,
         **internal,
@@ -386,7 +386,7 @@ def core_of_steps(
         C=member.C,
         D_r=member.D_r,
         lagged=member.subdomain.damping == "lagged",
-        responds=member.responds,
+        has_responses=member.has_responses,
         continues=member.over is not None,
         **others,
     )
@@ -453,7 +453,7 @@ def warn_of_order(members: Sequence[Member]) -> None:
 def watch_of(member: Member) -> StiffnessWatch | None:
     """What looks at the values of Python functions."""
     s = member.subdomain
-    free = member.substeps if member.responds else 0
+    free = member.substeps if member.has_responses else 0
     return None if s.massless.size else StiffnessWatch(s, member.name, member.step, free)
 
 
@@ -482,7 +482,9 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
             member.watch,
             member.feedback,
         ),
-        K_r=member.K_r if member.responds or member.shifts or member.tangent is not None else None,
+        K_r=member.K_r
+        if member.has_responses or member.shifts or member.tangent is not None
+        else None,
         springs=core_springs(member.subdomain.springs, member.position),
         **_internal(member, threads),
         mass=mass,

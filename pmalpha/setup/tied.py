@@ -99,7 +99,9 @@ def _doubt(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> str:
     )
 
 
-def gap_factors(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> tuple[Any, ...]:
+def displacement_factors(
+    members: Sequence[Member], p: int, ranks: Ranks | None = None
+) -> tuple[Any, ...]:
     """The factors L U of S_mu, equation (V4), for the core.
 
     members: with their factors and objects of the core, single steps.

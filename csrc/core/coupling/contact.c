@@ -139,8 +139,8 @@ static const pma_member *member_of(const pma_coupler *c, const side *s)
 }
 
 /* y (rows) := sum N V N^T P with its constraints held: a column of W                       (U6) */
-static void respond(pma_coupler *c, pma_contact *x, const pma_interface *H, const double *P,
-                    double *y)
+static void find_column(pma_coupler *c, pma_contact *x, const pma_interface *H, const double *P,
+                        double *y)
 {
     double *lam = c->scratch;
     memset(y, 0, x->rows * sizeof(double));
@@ -168,7 +168,7 @@ static void fill(pma_coupler *c, pma_contact *x, const pma_interface *H, double 
 {
     for (size_t k = 0; k < x->rows; k++) {
         x->b[k] = 1.0;
-        respond(c, x, H, x->b, W + k * x->rows);
+        find_column(c, x, H, x->b, W + k * x->rows);
         x->b[k] = 0.0;
     }
 }

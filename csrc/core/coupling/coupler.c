@@ -64,7 +64,7 @@ static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
     double *next = c->block;
     pma_macro_level *const levels[3] = {&c->present, &c->reached, &c->working};
     for (size_t i = 0; i < 3; i++, next += 3 * p)
-        *levels[i] = (pma_macro_level){.lam = next, .g = next + p, .gap = next + 2 * p};
+        *levels[i] = (pma_macro_level){.lam = next, .g = next + p, .d = next + 2 * p};
     c->scratch = next;
     c->dlam = next + p;
     c->lam_end = next + 2 * p;
@@ -235,7 +235,7 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
     assert(step_count >= c->origin.number);
     memcpy(c->present.lam, lam, c->parts.p * sizeof(double));
     memcpy(c->present.g, g, c->parts.p * sizeof(double));
-    memset(c->present.gap, 0, c->parts.p * sizeof(double));
+    memset(c->present.d, 0, c->parts.p * sizeof(double));
     c->present.number = c->reached.number = step_count - c->origin.number;
     c->k = 0;
     for (int64_t i = 0; i < 2; i++)
@@ -302,10 +302,10 @@ size_t pma_coupler_failed(const pma_coupler *c)
     return c->failed;
 }
 
-double *pma_coupler_gap(pma_coupler *c, size_t *size)
+double *pma_coupler_displacement_jump(pma_coupler *c, size_t *size)
 {
     *size = c->parts.p;
-    return c->present.gap;
+    return c->present.d;
 }
 
 double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size)

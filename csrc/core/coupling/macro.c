@@ -15,10 +15,10 @@ pma_status pma_macro_check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        const bool responds = member->elsewhere || member->table->respond;
+        const bool has_responses = member->elsewhere || member->table->advance_response;
         if (member->shoots)
             continue;
-        if (member->substeps > 1 && (member->doubling != PMA_SINGLE || !responds))
+        if (member->substeps > 1 && (member->doubling != PMA_SINGLE || !has_responses))
             return PMA_BAD_SIZE;
     }
     return PMA_OK;
@@ -150,7 +150,7 @@ static pma_status solve_interface(pma_coupler *c)
 
 /* ---- link response (M3), added (M5) --------------------------------------------------------- */
 
-pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m)
+pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
     const pma_selection *inner = pma_macro_selection(c, m);
@@ -160,7 +160,7 @@ pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m)
     for (size_t j = 1; j <= repeats; j++) {
         if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        member->table->respond(member->self, j, c->present.lam, c->dlam);
+        member->table->advance_response(member->self, j, c->present.lam, c->dlam);
         if (inner && j < member->substeps)
             member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
                                   pma_recorder_row(c, j, member->substeps));
@@ -198,7 +198,7 @@ pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages)
     if (status == PMA_OK)
         status = stages->solve(c);
     if (status == PMA_OK)
-        status = pma_share(c, stages->respond, pma_is_any);
+        status = pma_share(c, stages->link_response, pma_is_any);
     if (status == PMA_OK && c->exchange)
         status = pma_exchange_jumps(c);
     if (atomic_load(&c->stopped))
@@ -212,8 +212,9 @@ pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages)
 
 static pma_status macro_step(pma_coupler *c)
 {
-    static const pma_macro_stages STAGES = {
-        .free_run = pma_macro_free_run, .solve = solve_interface, .respond = pma_macro_respond};
+    static const pma_macro_stages STAGES = {.free_run = pma_macro_free_run,
+                                            .solve = solve_interface,
+                                            .link_response = pma_macro_link_response};
     return pma_macro_step(c, &STAGES);
 }
 

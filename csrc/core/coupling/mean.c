@@ -15,8 +15,9 @@ pma_status pma_mean_check(const pma_coupler_parts *parts)
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         const pma_member_table *table = member->table;
-        const bool responds = (table->respond || member->shoots) && table->hold_energy;
-        if (!(responds || member->elsewhere) ||
+        const bool has_responses =
+            (table->advance_response || member->shoots) && table->hold_energy;
+        if (!(has_responses || member->elsewhere) ||
             (member->substeps > 1 && member->doubling != PMA_SINGLE))
             return PMA_BAD_SIZE;
     }
@@ -160,7 +161,7 @@ static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t 
     member->table->record(member->self, PMA_ACCELERATION, j, m->lam, inner, row);
 }
 
-pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
+pma_status pma_mean_link_response(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
     if (member->defers)
@@ -173,7 +174,7 @@ pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
     for (size_t j = 1; j <= repeats; j++) {
         if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        member->table->respond(member->self, j, c->working.lam, c->dlam);
+        member->table->advance_response(member->self, j, c->working.lam, c->dlam);
         if (!inner || j == member->substeps)
             continue;
         member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
@@ -222,8 +223,9 @@ size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
 
 static pma_status macro_step(pma_coupler *c)
 {
-    static const pma_macro_stages STAGES = {
-        .free_run = pma_mean_free_run, .solve = solve_interface, .respond = pma_mean_respond};
+    static const pma_macro_stages STAGES = {.free_run = pma_mean_free_run,
+                                            .solve = solve_interface,
+                                            .link_response = pma_mean_link_response};
     const pma_status status = pma_macro_step(c, &STAGES);
     if (status == PMA_OK)
         pma_mean_record(c);

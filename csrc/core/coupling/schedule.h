@@ -43,10 +43,10 @@ typedef struct {
 } pma_coupled;
 
 /* A macro time level, `number` macro steps after the origin of the clock: multipliers, prescribed
- * velocities, and the gap of the displacements where it is constrained (p each). */
+ * velocities, and the displacement jump where it is constrained (p each). */
 typedef struct {
     int64_t number;
-    double *lam, *g, *gap;
+    double *lam, *g, *d;
 } pma_macro_level;
 
 static inline void pma_macro_level_swap(pma_macro_level *a, pma_macro_level *b)
@@ -295,7 +295,7 @@ pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
 
 /* A macro step: the free runs, the interface problem, the link responses, recorded. */
 typedef struct {
-    pma_task free_run, respond;
+    pma_task free_run, link_response;
     pma_status (*solve)(pma_coupler *c);
 } pma_macro_stages;
 pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages);
@@ -303,7 +303,7 @@ pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages);
 /* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
  * adds to the velocity on the interface at the end of the free run, added to sum (p). */
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
-pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m);
+pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m);
 void pma_macro_free_velocity(const pma_coupled *m, double *sum);
 
 /* Is the run to be stopped? Before a substep, on any worker. */
@@ -327,7 +327,7 @@ pma_status pma_mean_check(const pma_coupler_parts *parts);
 /* The free macro run of a member without internal forces, and its link response under working.lam,
  * added. */
 pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m);
-pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m);
+pma_status pma_mean_link_response(pma_coupler *c, pma_coupled *m);
 
 /* Members in other processes: the displacement at the end of the free run, and where a velocity is
  * prescribed the present one. */

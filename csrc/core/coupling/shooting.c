@@ -323,11 +323,11 @@ static pma_status run_free(pma_coupler *c, pma_coupled *m)
     return is_mean(c) ? pma_mean_free_run(c, m) : pma_macro_free_run(c, m);
 }
 
-static pma_status respond(pma_coupler *c, pma_coupled *m)
+static pma_status link_response(pma_coupler *c, pma_coupled *m)
 {
     if (!is_mean(c))
-        return shoots(m) ? PMA_OK : pma_macro_respond(c, m);
-    return shoots(m) ? pma_mean_accelerate(c, m) : pma_mean_respond(c, m);
+        return shoots(m) ? PMA_OK : pma_macro_link_response(c, m);
+    return shoots(m) ? pma_mean_accelerate(c, m) : pma_mean_link_response(c, m);
 }
 
 static pma_status solve(pma_coupler *c)
@@ -345,7 +345,7 @@ static pma_status solve(pma_coupler *c)
 static pma_status run_all(pma_coupler *c)
 {
     static const pma_macro_stages STAGES = {
-        .free_run = run_free, .solve = solve, .respond = respond};
+        .free_run = run_free, .solve = solve, .link_response = link_response};
     const pma_status status = pma_macro_step(c, &STAGES);
     if (status == PMA_OK && is_mean(c))
         pma_mean_record(c);

@@ -14,17 +14,17 @@ static pma_status check(const pma_coupler_parts *parts)
         if (!(member->elsewhere || member->table->shift) || member->doubling != PMA_SINGLE)
             return PMA_BAD_SIZE;
     }
-    return parts->gap.p == parts->p ? pma_fine_check(parts) : PMA_BAD_SIZE;
+    return parts->S_mu.p == parts->p ? pma_fine_check(parts) : PMA_BAD_SIZE;
 }
 
 /* (V5)  from the fine step before to this one; prescribed velocities in both */
-static void move_gap(pma_coupler *c, const double *g_before)
+static void move_jump(pma_coupler *c, const double *g_before)
 {
     const double half = 0.5 * c->parts.dt / (double)c->fine;
     for (size_t i = 0; i < c->parts.motion_count; i++) {
         for (size_t k = 0; k < c->motions[i].load.n; k++) {
             const int64_t row = c->motions[i].rows[k];
-            c->working.gap[row] += half * (g_before[row] + c->working.g[row]);
+            c->working.d[row] += half * (g_before[row] + c->working.g[row]);
         }
     }
 }
@@ -47,9 +47,9 @@ static void find_shift(pma_coupler *c)
         pma_link_gather(m->member.link, 1.0, u, c->sums);
     }
     for (size_t row = 0; row < c->parts.p; row++)
-        mu[row] = c->working.gap[row] - c->sums[row];
-    pma_interface_solve(&c->parts.gap, mu);
-    c->unpolled += c->parts.gap.entries;
+        mu[row] = c->working.d[row] - c->sums[row];
+    pma_interface_solve(&c->parts.S_mu, mu);
+    c->unpolled += c->parts.S_mu.entries;
 }
 
 static pma_status solve(pma_coupler *c)
@@ -72,12 +72,12 @@ static pma_status shift_all(pma_coupler *c)
 static pma_status fine_step(pma_coupler *c)
 {
     if (c->k == 1)
-        memcpy(c->working.gap, c->present.gap, c->parts.p * sizeof(double));
+        memcpy(c->working.d, c->present.d, c->parts.p * sizeof(double));
     memcpy(c->sums, c->k == 1 ? c->present.g : c->working.g, c->parts.p * sizeof(double));
     pma_status status = pma_fine_begin(c);
     if (status == PMA_OK)
         status = solve(c);
-    move_gap(c, c->sums);
+    move_jump(c, c->sums);
     if (status == PMA_OK && c->k == c->fine)
         status = shift_all(c);
     if (status == PMA_OK)

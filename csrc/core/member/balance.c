@@ -125,7 +125,7 @@ static void lay_out(pma_balance *b)
 
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
-    const size_t n = parts->n, kept = parts->responds ? parts->substeps : 1;
+    const size_t n = parts->n, kept = parts->has_responses ? parts->substeps : 1;
     const size_t size = ARRAYS * n + spring_numbers(parts) + function_numbers(parts);
     *out = NULL;
     if (parts->M.n != n)
@@ -383,10 +383,10 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
         look_for_contact(b, level_at(b, j), ut, r, step->t1);
     if (b->parts.functions && (j > 0 || b->begun))
         look_for_alternation(b, level_at(b, j), r, step->t1);
-    const double share = b->parts.responds && !b->parts.corrects ? 0.0 : al1;
+    const double share = b->parts.has_responses && !b->parts.corrects ? 0.0 : al1;
     for (size_t i = 0; i < n; i++)
         to->x[i] = share * w[i];
-    if (b->parts.responds) {
+    if (b->parts.has_responses) {
         memcpy(to->ut, ut, n * sizeof(double));
         memcpy(to->r, r, n * sizeof(double));
         memcpy(to->v, v, n * sizeof(double));
@@ -399,7 +399,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
     add_extrapolated(b, v, w, to->vs);
 }
 
-void pma_balance_respond(pma_balance *b, size_t j, double al1, const pma_state *link)
+void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pma_state *link)
 {
     level *to = level_at(b, j);
     const double share = b->parts.corrects ? 0.0 : al1;

@@ -21,7 +21,7 @@ typedef struct {
     size_t n;
     size_t lanes;               /* number i is that of lane i % lanes; otherwise 1 */
     size_t substeps;            /* of a macro step */
-    bool responds;              /* forces are evaluated in free macro runs, */
+    bool has_responses;         /* forces are evaluated in free macro runs, */
     bool jumps;                 /* ... functions among them, */
     bool corrects;              /* ... and K_r acts on u, not on the predictor */
     double h;                   /* between two time levels */
@@ -60,7 +60,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
 
 /* Where forces are evaluated in a free macro run, after all of its substeps are closed: the link
  * response at time level j, one after the other; its predictor is u - al1 w. */
-void pma_balance_respond(pma_balance *b, size_t j, double al1, const pma_state *link);
+void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pma_state *link);
 
 /* The last time level becomes the present. It is judged, or where forces are evaluated in a free
  * macro run the first one, which is nearest to the motion. */

@@ -26,7 +26,7 @@ pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out);
 
 typedef struct pma_unit_response pma_unit_response;
 
-/* Memory for the runs of a subdomain that responds, about 5 n PMA_LANES doubles. */
+/* Memory for the runs of a subdomain that has responses, about 5 n PMA_LANES doubles. */
 pma_status pma_unit_response_create(const pma_subdomain *s, pma_unit_response **out);
 void pma_unit_response_destroy(pma_unit_response *r); /* NULL is allowed */
 

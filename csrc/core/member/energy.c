@@ -70,7 +70,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
         status = parts->skew.n == parts->n ? pma_matrix_check(&parts->skew) : PMA_BAD_SIZE;
     if (status != PMA_OK)
         return status;
-    const size_t kept = parts->responds && parts->substeps > KEPT ? parts->substeps : KEPT;
+    const size_t kept = parts->has_responses && parts->substeps > KEPT ? parts->substeps : KEPT;
     const size_t size = 3 * parts->n + parts->nb + spring_numbers(parts);
     /* (kept + 2) size + 3 n doubles: no overflow below this size */
     if (size > SIZE_MAX / ((kept + 4) * sizeof(double)))
@@ -279,8 +279,8 @@ void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_sta
     fill_level(e, step, x, level_at(e, step->j + 1));
 }
 
-void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r, const double *lam,
-                        const double *dlam)
+void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_state *r,
+                                 const double *lam, const double *dlam)
 {
     const double share = (double)j / (double)e->parts.substeps;
     level *to = level_at(e, j);

@@ -34,7 +34,7 @@ enum {
 /* Matrices in elimination order. What is pointed to is the subdomain's, and the caller's. */
 typedef struct {
     size_t n, nb, substeps;
-    bool responds; /* all substeps may be closed in a free macro run before any is complete */
+    bool has_responses; /* all substeps may be closed in a free macro run before any is complete */
     bool doubled;
     pma_matrix M, K, C;
     pma_matrix skew; /* (K - K^T) / 2, whose work is counted as dissipated                  (B7) */
@@ -70,8 +70,8 @@ void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x
 /* The same in two calls: in the free macro run (M2) and, substep after substep, when the link
  * response r (M3) has come to time level j, under lam + j / substeps dlam (p each). */
 void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_state *x);
-void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r, const double *lam,
-                        const double *dlam);
+void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_state *r,
+                                 const double *lam, const double *dlam);
 
 /* Mean coupling: the multipliers of the macro step, which begin with it, and those of a double step
  * with the macro step before. */

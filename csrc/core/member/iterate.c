@@ -96,7 +96,7 @@ static pma_status allocate(pma_iterate *it)
     if (!it->block || !it->rows || !it->column || !it->spring_entries || !it->diagonal)
         return PMA_NO_MEMORY;
     double *next = it->block;
-    double **const vectors[15] = {&it->u_n,  &it->v_n,     &it->held,   &it->guess, &it->u,
+    double **const vectors[15] = {&it->u_n,  &it->v_n,     &it->fixed,  &it->guess, &it->u,
                                   &it->v,    &it->f,       &it->force,  &it->R,     &it->dw,
                                   &it->size, &it->product, &it->forces, &it->limit, &it->rounding};
     for (size_t i = 0; i < 15; i++)

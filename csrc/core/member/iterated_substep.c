@@ -31,25 +31,25 @@ static const pma_state *iterate_of(const pma_iterate *it)
 
 /* ---- first guess (N4) ----------------------------------------------------------------------- */
 
-/* held := F(t1) - r(ut, vs, t1) + D_r vs, what is evaluated once, from F(t1); lagged: - C vs too */
+/* fixed := F(t1) - r(ut, vs, t1) + D_r vs, evaluated once, from F(t1); lagged: - C vs too */
 static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *to)
 {
     pma_subdomain *s = it->of;
     const pma_parts *p = &s->parts;
     if (p->lagged)
-        pma_matrix_subtract(&p->C, s->vs, it->held);
+        pma_matrix_subtract(&p->C, s->vs, it->fixed);
     pma_status status = s->limits || s->stamp ? pma_substep_command(s, &it->step, to) : PMA_OK;
     if (status != PMA_OK)
         return status;
     if (!it->parts.springs)
-        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->held);
+        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->fixed);
     if (p->D_r.form != PMA_ZERO) {
         for (size_t i = 0; i < p->n; i++)
             it->product[i] = -s->vs[i];
-        pma_matrix_subtract(&p->D_r, it->product, it->held);
+        pma_matrix_subtract(&p->D_r, it->product, it->fixed);
     }
     if (p->restoring.function)
-        status = pma_substep_subtract_restoring(s, &it->step, to, it->held);
+        status = pma_substep_subtract_restoring(s, &it->step, to, it->fixed);
     return status == PMA_OK && (s->limits || s->stamp) ? pma_substep_measure(s, to) : status;
 }
 
@@ -85,12 +85,12 @@ static void begin_forces(pma_iterate *it, const pma_state *from)
 {
     const pma_parts *p = &it->of->parts;
     const size_t n = p->n, inner = n - p->nb;
-    memset(it->held, 0, n * sizeof(double));
-    pma_load_add(&it->of->load, it->step.t1, it->step.number, it->held);
+    memset(it->fixed, 0, n * sizeof(double));
+    pma_load_add(&it->of->load, it->step.t1, it->step.number, it->fixed);
     find_inertia(it, from->w);
     for (size_t i = 0; i < n; i++)
         it->forces[i] =
-            fabs(it->held[i]) + it->product[i] + (i < inner ? 0.0 : it->pull_size[i - inner]);
+            fabs(it->fixed[i]) + it->product[i] + (i < inner ? 0.0 : it->pull_size[i - inner]);
 }
 
 static pma_status begin(void *self, const pma_substep *step, const double *lam)
@@ -233,7 +233,7 @@ static void measure_residual(pma_iterate *it)
         const double pull = i < inner ? 0.0 : it->pull_size[i - inner];
         const double tangent = fabs(it->numeric.values[k] - base[k]);
         root[i] = sqrt(fabs(base[k]) + tangent);
-        terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + fabs(it->held[i]) + pull;
+        terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + fabs(it->fixed[i]) + pull;
         const double whole = tangent / al1 * fabs(it->u[i]);
         rounding = fmax(rounding, (OF_TERMS * terms[i] + OF_DISPLACEMENTS * whole) / root[i]);
         it->forces[i] = it->begun ? it->forces[i] : fmax(it->forces[i], terms[i]);
@@ -274,7 +274,7 @@ static pma_status evaluate(void *self, bool tangent, pma_measure *m)
     if (status != PMA_OK)
         return status;
     for (size_t i = 0; i < n; i++)
-        it->R[i] = it->held[i] - it->f[i];
+        it->R[i] = it->fixed[i] - it->f[i];
     double *R_b = pma_interface_of(s, it->R);
     for (size_t i = 0; i < s->parts.nb; i++)
         R_b[i] += it->pull[i];

@@ -34,7 +34,7 @@ struct pma_iterate {
 
     double *u_n, *v_n;                  /* state in which the substep begins */
     double *springs_n, *history_n;      /* what springs and functions remember of it */
-    double *held;                       /* F(t1) and what else is evaluated once */
+    double *fixed;                      /* F(t1) and what else is evaluated once */
     double *guess;                      /* first guess of w */
     double *u, *v, *f, *force;          /* iterate, C v + K u + f, f of the functions */
     double *R, *dw;                     /* residual, last correction */

@@ -99,7 +99,7 @@ typedef struct {
      * closing does. `repeats` is the number of substeps that have to be repeated, where the inner
      * time levels are recorded or not. */
     void (*begin_response)(void *self, bool twice, const double *dlam);
-    void (*respond)(void *self, size_t j, const double *lam, const double *dlam);
+    void (*advance_response)(void *self, size_t j, const double *lam, const double *dlam);
     pma_status (*add_response)(void *self, const double *dlam);
     size_t (*repeats)(const void *self, bool recorded);
 

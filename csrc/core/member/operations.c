@@ -179,16 +179,16 @@ static void begin_response(void *self, bool twice, const double *dlam)
     pma_response_begin(s->response, twice, dlam);
 }
 
-static void respond(void *self, size_t j, const double *lam, const double *dlam)
+static void advance_response(void *self, size_t j, const double *lam, const double *dlam)
 {
     pma_subdomain *s = self;
     pma_response_step(s->response, j, dlam);
     if (s->energy)
-        pma_energy_respond(s->energy, j, pma_response_is_twice(s->response),
-                           pma_response_state(s->response), lam, dlam);
+        pma_energy_advance_response(s->energy, j, pma_response_is_twice(s->response),
+                                    pma_response_state(s->response), lam, dlam);
     if (s->balance)
-        pma_balance_respond(s->balance, j, s->parts.single.step.al1,
-                            pma_response_state(s->response));
+        pma_balance_advance_response(s->balance, j, s->parts.single.step.al1,
+                                     pma_response_state(s->response));
 }
 
 /* A subdomain that no constraint reaches does not respond. */
@@ -231,9 +231,9 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s)
     table.is_known = is_known;
     table.rebase = rebase;
     table.shift = s->parts.shifts ? pma_substep_shift : NULL;
-    if (s->parts.responds) {
+    if (s->parts.has_responses) {
         table.begin_response = begin_response;
-        table.respond = respond;
+        table.advance_response = advance_response;
         table.add_response = add_response;
         table.repeats = repeats;
     }

@@ -53,7 +53,7 @@ static pma_status check_mass(const pma_parts *parts)
 {
     if (!parts->mean)
         return PMA_OK;
-    if (parts->mass.n != parts->n || !(parts->responds || parts->shoots))
+    if (parts->mass.n != parts->n || !(parts->has_responses || parts->shoots))
         return PMA_BAD_SIZE;
     return pma_factor_check(&parts->mass);
 }
@@ -127,7 +127,7 @@ static pma_status lay_out(pma_subdomain *s)
     s->work = s->link + p->nb;
     s->link_work = s->work + scratch;
     s->remembered = s->link_work + scratch;
-    return p->responds ? pma_response_create(s, &s->response) : PMA_OK;
+    return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
 /* Factors in panels that are read from beyond the private caches are swept by subtrees, unless they
@@ -384,14 +384,14 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, b
     const pma_balance_parts parts = {.n = p->n,
                                      .lanes = 1,
                                      .substeps = p->substeps,
-                                     .responds = p->responds,
-                                     .jumps = p->responds && p->restoring.function,
+                                     .has_responses = p->has_responses,
+                                     .jumps = p->has_responses && p->restoring.function,
                                      .corrects = K_r.form != PMA_ZERO,
                                      .h = p->single.step.h,
                                      .M = M,
-                                     .K_r = s->iterate    ? none
-                                            : p->responds ? p->K_r
-                                                          : K_r,
+                                     .K_r = s->iterate         ? none
+                                            : p->has_responses ? p->K_r
+                                                               : K_r,
                                      .D_r = follows ? p->D_r : none,
                                      .springs = once ? &no_springs : &p->springs,
                                      .looks = looks,
@@ -513,7 +513,7 @@ static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew
         .n = s->parts.n,
         .nb = s->parts.nb,
         .substeps = s->parts.substeps,
-        .responds = s->parts.responds,
+        .has_responses = s->parts.has_responses,
         .doubled = s->parts.doubled,
         .M = M,
         .skew = skew,

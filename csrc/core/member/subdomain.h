@@ -38,10 +38,10 @@ typedef struct {
 /* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. */
 typedef struct {
     size_t n, nb, substeps;
-    bool doubled;    /* takes double steps after the start */
-    bool continues;  /* ... and in the first macro step: it has a time level before the present */
-    bool lagged;     /* C acts on vs, outside Mbar (R4) */
-    bool responds;   /* has a link response (M3): substeps under macro coupling */
+    bool doubled;   /* takes double steps after the start */
+    bool continues; /* ... and in the first macro step: it has a time level before the present */
+    bool lagged;    /* C acts on vs, outside Mbar (R4) */
+    bool has_responses; /* has a link response (M3): substeps under macro coupling */
     bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
     pma_factor mass; /* of M, under mean coupling */
     bool defers;     /* ... with single steps, closed once the multipliers are known (K7) */
@@ -132,7 +132,7 @@ pma_iterate *pma_subdomain_iterate(pma_subdomain *s);
 /* y (n) := M^-1 L_b^T lam: mean coupling alone                                             (K1) */
 void pma_subdomain_push(pma_subdomain *s, const double *lam, double *y);
 
-/* Unit responses that set-up has stored; see response.h. NULL unless the subdomain responds. */
+/* Unit responses that set-up has stored; see response.h. NULL unless it has responses. */
 pma_response *pma_subdomain_response(pma_subdomain *s);
 
 /* ---- the balance of forces that are evaluated (balance.h) ------------------------------------ */

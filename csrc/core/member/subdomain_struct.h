@@ -31,7 +31,7 @@ struct pma_subdomain {
     const pma_limits *breached;   /* the one that was exceeded last */
     const pma_substep *evaluated; /* whose restoring forces are being evaluated, else NULL */
     pma_stamp *stamp;             /* of one in a paced run, else NULL */
-    pma_response *response;       /* if the subdomain responds, else NULL */
+    pma_response *response;       /* if the subdomain has responses, else NULL */
     pma_iterate *iterate;         /* if its steps are iterated, else NULL */
     const pma_update *update;
     bool branched;         /* several workers have branches of the tree of the factor */
