@@ -177,7 +177,7 @@ def test_springs_count_with_their_initial_tangent_and_callables_with_their_estim
 def test_what_cannot_be_is_refused():
     a = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark())
     held = pm.Coupler([a], pm.Constraint({a: [[1.0]]}), dt=0.1)
-    with pytest.raises(ValueError, match="must leave a motion, got all dofs held"):
+    with pytest.raises(ValueError, match="must leave a motion, got all dofs fixed"):
         held.assembled()
     with pytest.raises(ValueError, match="k must be at most 1, .*, got 2"):
         pm.Coupler([a], dt=0.1).modes(2)

@@ -15,7 +15,7 @@ from pmalpha._core import Guard
 from pmalpha.blas import one_thread
 from pmalpha.results.clock import Clock
 from pmalpha.run.motion import CallbackLoad
-from pmalpha.run.progress import HeldSignals
+from pmalpha.run.progress import DeferredSignals
 
 STEPS = 100
 
@@ -146,10 +146,10 @@ def test_blas_has_its_threads_again_after_couplers_of_two_threads(two_blas_threa
 def test_signals_held_by_a_context_that_was_never_left_are_passed_on_after_its_guard(interrupt):
     guard = Guard()
     with guard:
-        held = HeldSignals(guard)
-        held.__enter__()
+        signals = DeferredSignals(guard)
+        signals.__enter__()
         signal.raise_signal(signal.SIGALRM)
-        assert len(held._arrived) == 1
+        assert len(signals._arrived) == 1
     # as after an exception on entering its __exit__: the guard alone has been left
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGALRM)
@@ -160,7 +160,7 @@ def test_signals_held_by_a_context_that_was_never_left_are_passed_on_after_its_g
 def test_signals_wait_until_the_context_is_left(interrupt):
     guard = Guard()
     reached = False
-    with guard, pytest.raises(KeyboardInterrupt), HeldSignals(guard):
+    with guard, pytest.raises(KeyboardInterrupt), DeferredSignals(guard):
         signal.raise_signal(signal.SIGALRM)
         reached = True
     assert reached

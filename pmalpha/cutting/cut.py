@@ -204,8 +204,8 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
             )
         )
     labels.setflags(write=False)
-    held = {s: L for s, L in zip(subdomains, division.ties()) if L.nnz}
-    ties = [Constraint(held)] if held else []
+    sides = {s: L for s, L in zip(subdomains, division.ties()) if L.nnz}
+    ties = [Constraint(sides)] if sides else []
     return Cut(structure, labels, tuple(subdomains), ties, dt, {}, None, division)
 
 

@@ -84,8 +84,8 @@ def _constraints(session: Any) -> Iterator[Constraint]:
     motions = {int(motion.rows[0]): motion.velocity for motion in session.loads.motions}
     for first, last in zip(rows.starts, rows.starts[1:]):
         matrices = {name: sp.csr_array(L)[first:last] for name, L in zip(names, rows.matrices)}
-        held: Mapping[str, Any] = {name: L for name, L in matrices.items() if L.nnz}
-        yield Constraint(held, motions.get(int(first)))
+        sides: Mapping[str, Any] = {name: L for name, L in matrices.items() if L.nnz}
+        yield Constraint(sides, motions.get(int(first)))
 
 
 def _contacts(session: Any) -> Iterator[Contact]:

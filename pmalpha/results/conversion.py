@@ -11,7 +11,7 @@ from .._checks import counted
 from .._tables import html_table
 from ..files import library
 from .dof_motion import label_of, labels_of
-from .quantities import OF_INTERFACE, OF_SUBDOMAIN, TIMES, growing, of_columns
+from .quantities import IN_INTERFACE, OF_INTERFACE, OF_SUBDOMAIN, TIMES, growing
 
 if TYPE_CHECKING:
     import pandas
@@ -59,7 +59,7 @@ def frames(history: Any) -> dict[str, pandas.DataFrame]:
             raise ValueError("to_pandas needs another name of the subdomain 'interface'")
         columns = [
             (name, None, getattr(history, name))
-            for name in of_columns(OF_INTERFACE, "constraints")
+            for name in IN_INTERFACE["constraints"]
             if OF_INTERFACE[name].levels == "fine"
         ]
         labels = ["quantity", "constraint"]

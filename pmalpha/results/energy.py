@@ -77,49 +77,6 @@ class Energy:
     conserved: np.ndarray | Any = None
     contact: np.ndarray | Any = None
 
-    @classmethod
-    def balanced(
-        cls,
-        t: np.ndarray,
-        kinetic: np.ndarray,
-        strain: np.ndarray,
-        dissipated: np.ndarray,
-        external: np.ndarray,
-        interface: np.ndarray,
-        conserved: np.ndarray | None = None,
-        contact: np.ndarray | None = None,
-        *,
-        start: np.ndarray,
-    ) -> Energy:
-        """Energies with their balance.
-
-        Parameters
-        ----------
-        t, kinetic, strain, dissipated, external, interface, conserved, contact : arrays
-            As the attributes.
-        start : (subdomains,) array
-            Kinetic and strain energy where the works are zero.
-
-        Returns
-        -------
-        Energy
-            With `balance`.
-        """
-        with np.errstate(over="ignore", invalid="ignore"):  # squares of numbers above 1e154
-            balance = kinetic + strain - start + dissipated - external - interface
-            balance = balance if contact is None else balance - contact
-        return cls(
-            t=t,
-            kinetic=kinetic,
-            strain=strain,
-            dissipated=dissipated,
-            external=external,
-            interface=interface,
-            balance=balance,
-            conserved=conserved,
-            contact=contact,
-        )
-
     def arrays(self) -> dict[str, np.ndarray]:
         """The arrays by name, those that are there.
 
@@ -139,6 +96,16 @@ class Energy:
     def __repr__(self) -> str:
         subdomains = counted(self.balance.shape[1], "subdomain")
         return f"<Energy of {subdomains} at {counted(self.t.size, 'time level')}>"
+
+
+def balanced(start: np.ndarray, **arrays: Any) -> Energy:
+    """Energies from all arrays but the balance; `start` is T + U where the works are zero."""
+    with np.errstate(over="ignore", invalid="ignore"):  # squares of numbers above 1e154
+        balance = arrays["kinetic"] + arrays["strain"] - start + arrays["dissipated"]
+        for work in ("external", "interface", "contact"):
+            if arrays.get(work) is not None:
+                balance = balance - arrays[work]
+    return Energy(balance=balance, **arrays)
 
 
 def conserved_quantity(

@@ -25,7 +25,7 @@ import numpy as np
 
 from ..files import checked_path, library, mismatch, package_version, reading, replacing
 from ..memory import require
-from .quantities import OF_INTERFACE, OF_SUBDOMAIN, of_columns
+from .quantities import IN_INTERFACE, IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN
 
 # By the last component of the HDF5 path: what the array is, and its unit.
 ARRAYS = {name: (x.what, x.unit) for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items()}
@@ -421,7 +421,7 @@ def _of_all_ranks(
             if name in header["nodes"]:
                 levels = header["nodes"][name]
                 x = x[: row_count(header["begin"], step, header["every"], levels)]
-            if number == "energy" or name in of_columns(OF_INTERFACE, "subdomains"):
+            if number == "energy" or name in IN_INTERFACE["subdomains"]:
                 columns.setdefault(name, []).append(x)
             else:
                 arrays.setdefault(f"{count + int(number)}.{rest}" if rest else name, x)
@@ -473,7 +473,7 @@ def _check_shapes(i: int, arrays: Mapping[str, np.ndarray]) -> None:
     """Those of the motion of subdomain i, and of its springs where there are any."""
     rows = arrays[f"{i}.t"].size
     for numbers in ("dofs", "springs"):
-        names = list(of_columns(OF_SUBDOMAIN, numbers))
+        names = IN_SUBDOMAIN[numbers]
         if numbers == "dofs" or any(f"{i}.{name}" in arrays for name in (numbers, *names)):
             shape = (rows, arrays[f"{i}.{numbers}"].size)
             for name in names:

@@ -11,7 +11,7 @@ import numpy as np
 from .._checks import counted, real_array, real_number
 from .dof_motion import DofMotion, State, columns_of, label_of, largest
 from .keys import position
-from .quantities import OF_SUBDOMAIN, growing, of_columns
+from .quantities import IN_SUBDOMAIN, growing
 
 __all__ = ["Instant", "Peak"]
 
@@ -143,7 +143,7 @@ def resampled_one(s: Any, t: np.ndarray) -> Any:
     others: dict[str, Any] = dict.fromkeys((*growing(s), "substep", "double_after"))
     others |= {
         name: None if getattr(s, name) is None else linear(t, s.t, getattr(s, name))
-        for name in of_columns(OF_SUBDOMAIN, "springs")
+        for name in IN_SUBDOMAIN["springs"]
     }
     outputs = {name: linear(t, s.t, x) for name, x in s.outputs.items()}
     return replace(s, **(others | dict(t=t, u=u, v=v, a=a)), outputs=outputs)

@@ -8,7 +8,7 @@ for forces.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -112,17 +112,15 @@ def column_counts(
 # ---- what is made of it --------------------------------------------------------------------------
 
 
-def of_columns(table: Mapping[str, Quantity], columns: str) -> Iterator[str]:
-    """The names of the quantities with these columns."""
-    return (name for name, x in table.items() if x.columns == columns)
-
-
 def by_columns(table: Mapping[str, Quantity]) -> dict[str, list[str]]:
     """The names of the quantities, by their columns."""
     names: dict[str, list[str]] = {}
     for name, x in table.items():
         names.setdefault(x.columns, []).append(name)
     return names
+
+
+IN_SUBDOMAIN, IN_INTERFACE = by_columns(OF_SUBDOMAIN), by_columns(OF_INTERFACE)
 
 
 def table_of(record: Any) -> dict[str, Quantity]:
@@ -162,10 +160,24 @@ def with_rows(record: Record, change: Callable[..., np.ndarray], *others: Record
 
 def with_dofs(s: Record, dofs: np.ndarray) -> Record:
     """Some dofs of the motion of a subdomain; what internal forces remember only with all."""
-    fields: dict[str, Any] = {x: getattr(s, x)[:, dofs] for x in of_columns(OF_SUBDOMAIN, "dofs")}
+    fields: dict[str, Any] = {x: getattr(s, x)[:, dofs] for x in IN_SUBDOMAIN["dofs"]}
     if dofs.size < s.dofs.size:
-        fields |= dict.fromkeys(of_columns(OF_SUBDOMAIN, "memory"))
+        fields |= dict.fromkeys(IN_SUBDOMAIN["memory"])
     return replace(s, **fields, dofs=dofs.copy(), dof_names=names_at(s.dof_names, dofs))
+
+
+def reduced(
+    history: Any,
+    rows: Callable[[np.ndarray], np.ndarray],
+    dofs: Sequence[np.ndarray | None],
+) -> Any:
+    """Some rows of all arrays of a History, with these dofs of each subdomain, None for none."""
+    subdomains = tuple(
+        None if s is None or own is None else with_dofs(with_rows(s, rows), own)
+        for s, own in zip(history.subdomains, dofs)
+    )
+    energy = history.energy and history.energy._with_rows(rows)
+    return replace(with_rows(history, rows), subdomains=subdomains, energy=energy)
 
 
 def joined(pieces: Sequence[Any]) -> Any:

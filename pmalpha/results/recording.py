@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import MOST, flag, whole_number
-from ..files import check_replaceable, checked_path
 from ..memory import require
 from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
@@ -23,31 +22,29 @@ from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
 from .clock import Clock
 from .contact_history import layouts
-from .energy import ENERGIES, ENERGY_FIELDS, Energy
+from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
 from .history import History, SubdomainHistory
-from .history_file import HistoryFile, hdf5_library, output_array, row_count
+from .history_file import HistoryFile, output_array, row_count
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
 from .quantities import (
     APART,
+    IN_INTERFACE,
+    IN_SUBDOMAIN,
     OF_INTERFACE,
     OF_SUBDOMAIN,
     WORKS,
-    by_columns,
     column_counts,
     joined,
-    with_dofs,
-    with_rows,
+    reduced,
     with_rows_of_all,
 )
-from .stored import EarlierRows, check_new, contents_of
+from .stored import EarlierRows, contents_of, target
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
 # Of a run that is to be judged of which less is wanted: bytes up to which all of it is recorded.
 WHOLE_BYTES = 64e6
-# Names of what is recorded, by columns.
-IN_SUBDOMAIN, IN_INTERFACE = by_columns(OF_SUBDOMAIN), by_columns(OF_INTERFACE)
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
 # Of a subdomain, what the core takes as one tuple.
 IN_TUPLE = [name for x, names in IN_SUBDOMAIN.items() if x not in APART for name in names]
@@ -141,13 +138,9 @@ class Wanted(NamedTuple):
             levels = (len(x) - 1) // (end - begin or 1)
             return x if self.every is None else x[steps * levels]
 
-        subdomains = tuple(
-            None if s is None or dofs is None else with_dofs(with_rows(s, rows), dofs)
-            for s, dofs in zip(whole.subdomains, self.of.dofs)
-        )
-        energy = whole.energy and whole.energy._with_rows(rows)
-        found = replace(with_rows(whole, rows), subdomains=subdomains, energy=energy)
-        copied: History = with_rows_of_all(np.array, found)  # views would keep the whole record
+        copied: History = with_rows_of_all(
+            np.array, reduced(whole, rows, self.of.dofs)
+        )  # views would keep the whole record
         return copied
 
 
@@ -372,7 +365,7 @@ class Recording:
             kinds["conserved"] = None
         if self.of.contacts is None:
             kinds["contact"] = None
-        return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
+        return balanced(stored[0], t=self.times(1, end), **kinds)
 
     def _in_users_rows(self, name: str, x: np.ndarray) -> np.ndarray:
         """Forces or jumps of the constraints as the user has written them."""
@@ -397,21 +390,17 @@ class FiledRecording(Recording):
         overwrite: bool = False,
         **options: Any,
     ):
-        self.path = checked_path(path, "record_to")
         self.file: HistoryFile | None = None
         self.earlier: EarlierRows | None = None
         self.pieces: list[History] = []
         super().__init__(*args, **options)
         self.shown = self.of if self.wanted is None else self.wanted.of
-        hdf5_library()
-        # all that before the start evaluates a restoring force, on a test rig say
-        check_replaceable(path, "record_to")
+        # before the start evaluates a restoring force, on a test rig say
+        self.path = target(path, may_exist=append or overwrite)
         if append and self.path.exists():
             if self.of.has_energy:
                 raise ValueError(f"append must come without energies: {WORKS}")
             self.earlier = EarlierRows(self.path, self.begin)
-        elif not overwrite:
-            check_new(self.path)
 
     def __exit__(self, *exception: object) -> None:
         if self.file is not None:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from ..files import HDF5, NPZ, checked_path, read_npz, write_npz
+from ..files import HDF5, NPZ, check_replaceable, checked_path, read_npz, write_npz
 from . import history_file
 from .contact_history import Recorded
 from .energy import ENERGY_FIELDS, OPTIONAL, Energy
 from .history_file import FORMAT, VERSION, output_array, read, row_count, whole_numbers
-from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of, of_columns
+from .quantities import IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
 
 def write_history(path: str | PathLike[str], history: Any) -> None:
@@ -123,14 +123,21 @@ def _read(
     }
 
 
-def check_new(path: Path) -> None:
-    """FileExistsError for a file that neither `append` nor `overwrite` allows to change."""
-    if path.exists():
+def target(record_to: str | PathLike[str], *, may_exist: bool) -> Path:
+    """The path of the file of a run; OSError for one that cannot be written.
+
+    FileExistsError for a file that neither `append` nor `overwrite` allows to change.
+    """
+    history_file.hdf5_library()
+    check_replaceable(record_to, "record_to")
+    path = checked_path(record_to, "record_to")
+    if path.exists() and not may_exist:
         why = (
             "record_to must lead to a new file, got one that exists; append=True continues it, "
             "overwrite=True replaces it"
         )
         raise FileExistsError(errno.EEXIST, why, str(path))
+    return path
 
 
 class EarlierRows:
@@ -191,7 +198,7 @@ class EarlierRows:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
         if not self.has_present:
             return
-        motion = tuple(f".{name}" for name in ("t", *of_columns(OF_SUBDOMAIN, "dofs")))
+        motion = tuple(f".{name}" for name in ("t", *IN_SUBDOMAIN["dofs"]))
         states = [x for x in header["nodes"] if x.endswith(motion) or ".outputs." in x]
         if any(not np.array_equal(self.arrays[x][-1], first[x][0]) for x in states):
             self._refuse("must have the present state of the coupler, it has another at this time")

@@ -176,7 +176,7 @@ def _reduced(
         return None
     kept = values > OF_DISPLACEMENT**2 * values[-1]
     T = (T[:, kept] / np.sqrt(values[kept]))[:, -SHAPES:]
-    T = T @ _held(ranks, [x @ T for x in U], T.shape[1], rows, motions)
+    T = T @ _at_rest(ranks, [x @ T for x in U], T.shape[1], rows, motions)
 
     # and its modes
     terms = [_stiffness(member, x @ T) for member, x in zip(members, U)]
@@ -205,7 +205,7 @@ def _snapshots(levels: int) -> np.ndarray:
     return np.unique(np.append(np.arange(FIRST), spread.round().astype(np.int64)))
 
 
-def _held(
+def _at_rest(
     ranks: Ranks | None,
     shapes: Sequence[np.ndarray],
     r: int,

@@ -31,7 +31,7 @@ from .cause import least_gain
 from .initial import InitialValues, StartValues, consistent_in_lanes
 from .loads import seen_by
 from .motion import Motion, all_known
-from .progress import INTERVAL, HeldSignals, Report, reporting
+from .progress import INTERVAL, DeferredSignals, Report, reporting
 from .recorded_run import judge, recorded, recording_of
 from .session import (
     Case,
@@ -491,8 +491,8 @@ def run_case(session: Session, k: int, plan: Plan) -> None:
     try:
         return_to_start(session, plan.cases[k])
         recording = recording_of(session, 0, plan.end, plan.paths[k], **plan.chosen)
-        with HeldSignals(session.guard) as held:
-            results.histories[k] = recorded(session, recording, report, held)
+        with DeferredSignals(session.guard) as signals:
+            results.histories[k] = recorded(session, recording, report, signals)
     except Exception as error:
         if report is not None and report.failed:
             raise

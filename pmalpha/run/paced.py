@@ -25,7 +25,7 @@ from ..results.keys import by_index
 from ..results.pacing import Pacing, due_times
 from ..results.recording import Recording, recording_class
 from ..results.ring import MonitorFile, RingRecording
-from .progress import HeldSignals, reporting
+from .progress import DeferredSignals, reporting
 from .recorded_run import recorded, recording_of
 from .session import Session, require_alone
 
@@ -258,7 +258,7 @@ def run_paced(
     session: Session, t_end: float, pace: Pace, record_to: Any, progress: Any, **chosen: Any
 ) -> History:
     """`Coupler.run_paced`; `chosen` is what is recorded."""
-    with session.guard, HeldSignals(session.guard) as held:
+    with session.guard, DeferredSignals(session.guard) as signals:
         pace = checked_pace(session, pace)
         done = session.done
         last = session.clock.end(t_end, None, done)
@@ -269,7 +269,7 @@ def run_paced(
         try:
             with reporting(progress, done, recording.end) as report:
                 around = times.kept(session, pace)
-                history = recorded(session, recording, report, held, around)
+                history = recorded(session, recording, report, signals, around)
         except BaseException:
             if session.last_history is not None:
                 session.last_history = replace(session.last_history, pacing=times.pacing(recording))

@@ -67,7 +67,7 @@ def _on_bar(begin: int, end: int) -> Iterator[Report]:
         yield Report(lambda done, total: bar.update(done - bar.n), begin, end)
 
 
-class HeldSignals:
+class DeferredSignals:
     """A context in which the handlers of `SIGNALS` wait, if they are Python functions.
 
     A handler that raises, as that of Ctrl-C does, can end any Python function at any point. In this
@@ -86,7 +86,7 @@ class HeldSignals:
         self._handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
         self._arrived: list[tuple[int, FrameType | None]] = []
 
-    def __enter__(self) -> HeldSignals:
+    def __enter__(self) -> DeferredSignals:
         if threading.current_thread() is not threading.main_thread():
             return self
         try:

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._checks import flag, whole_number
 from ..errors import noted, warn
-from ..files import HDF5, check_replaceable, checked_path
+from ..files import HDF5, checked_path
 from ..memory import fits
 from ..problem.matrices import core_matrix, skew_part
 from ..results.energy import conserved_quantity, stiffness_weight
@@ -29,13 +29,13 @@ from ..results.recording import (
     recording_class,
     rows_of,
 )
-from ..results.stored import check_new
+from ..results.stored import target
 from ..setup.ranks import Elsewhere, file_of
 from .accuracy import FEWEST_LEVELS, estimated_error, warn_if_coarse
 from .advance import advance_to
 from .cause import warn_of_gains, warn_of_present_steps
 from .drift import warn_if_drifting
-from .progress import HeldSignals, Report, reporting
+from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
 
 
@@ -48,7 +48,7 @@ def run(
 ) -> History:
     """`Coupler.run` without tolerance; `end` is t_end and steps, `files` record_to, append and
     overwrite, and `chosen` what is recorded."""
-    with together(session), HeldSignals(session.guard) as held:
+    with together(session), DeferredSignals(session.guard) as signals:
         done = session.done
         last = session.clock.end(*end, done)
         check_call(session, "run", last, chosen["every"], chosen["energy"])
@@ -56,7 +56,7 @@ def run(
         warn_of_nothing(session, end[0], last, before)
         recording = recording_of(session, done, last, *files, **chosen)
         with reporting(progress, done, recording.end) as report:
-            history = recorded(session, recording, report, held)
+            history = recorded(session, recording, report, signals)
     if session.done and last == done:
         session.last_history = before
     else:
@@ -163,7 +163,7 @@ def recorded(
     session: Session,
     recording: Recording,
     report: Report | None,
-    held: HeldSignals,
+    signals: DeferredSignals,
     around: AbstractContextManager[None] = nullcontext(),  # noqa: B008  # has no state
 ) -> History:
     """Run through an interval from the present on, the steps in a context, and judge the result.
@@ -171,8 +171,8 @@ def recorded(
     `last_history` is the result too: the caller replaces it when the result is safe.
     """
     with noted() as messages:
-        history = _recorded(session, recording, report, held, around)
-        held.during(judge, session, recording.judged(history))
+        history = _recorded(session, recording, report, signals, around)
+        signals.during(judge, session, recording.judged(history))
     return replace(history, warnings=tuple(messages)) if messages else history
 
 
@@ -180,11 +180,11 @@ def _recorded(
     session: Session,
     recording: Recording,
     report: Report | None,
-    held: HeldSignals,
+    signals: DeferredSignals,
     around: AbstractContextManager[None],
 ) -> History:
     session.last_history = None
-    held.during(begin, session)
+    signals.during(begin, session)
     works: AbstractContextManager[None] = nullcontext()
     if recording.of.has_energy:
         works = summed_works(session, recording.conserved)
@@ -192,7 +192,7 @@ def _recorded(
         record_present(session, recording)
         try:
             with around:
-                advance_in_intervals(session, recording, report, held)
+                advance_in_intervals(session, recording, report, signals)
         except BaseException:
             with suppress(MemoryError, OSError, ValueError):  # of a file that cannot be read
                 session.last_history = recording.history(session.core.step_count)
@@ -215,7 +215,7 @@ def judge(session: Session, history: History) -> None:
 
 
 def advance_in_intervals(
-    session: Session, recording: Recording, report: Report | None, held: HeldSignals
+    session: Session, recording: Recording, report: Report | None, signals: DeferredSignals
 ) -> None:
     begin, end = recording.begin, recording.end
     warned = end == begin or not (begin or session.was_reset)  # the set-up has warned
@@ -223,14 +223,14 @@ def advance_in_intervals(
         if isinstance(recording, FiledRecording) and recording.begin == begin:
             write_master_of(session, recording.path)
         if not warned:
-            held.during(warn_of_present_steps, session.members, session.clock.time(begin))
+            signals.during(warn_of_present_steps, session.members, session.clock.time(begin))
             warned = True
-        held.during(advance_to, session, pause, recording, report)
+        signals.during(advance_to, session, pause, recording, report)
         recording.keep(pause)
     if isinstance(recording, FiledRecording) and end == begin:
         write_master_of(session, recording.path)
     if report is not None:
-        held.during(report, end)
+        signals.during(report, end)
 
 
 def record_present(session: Session, recording: Recording) -> None:
@@ -250,9 +250,7 @@ def own_record(session: Session, path: Any, append: bool, overwrite: bool) -> An
     if session.ranks is None:
         return path
     if session.ranks.rank == 0:
-        check_replaceable(path, "record_to")
-        if not (append or overwrite):
-            check_new(checked_path(path))
+        target(path, may_exist=append or overwrite)
     return file_of(path, session.ranks.rank)
 
 

@@ -12,21 +12,19 @@ import numpy as np
 
 from .._checks import listing, positive_number
 from ..errors import AccuracyWarning, warn
-from ..files import check_replaceable, checked_path
 from ..problem.subdomain import Subdomain
 from ..results import history_file
-from ..results.energy import Energy
+from ..results.energy import ENERGIES, Energy, balanced
 from ..results.history import History
-from ..results.history_file import hdf5_library
 from ..results.keys import by_index
 from ..results.local_error import errors_of
 from ..results.outputs import chosen_outputs
-from ..results.quantities import stacked, with_dofs, with_rows
+from ..results.quantities import reduced, stacked
 from ..results.recording import Recording, chosen_dofs
-from ..results.stored import check_new, contents_of
+from ..results.stored import contents_of, target
 from ..setup.member import Member
 from .advance import advance_to, choose
-from .progress import HeldSignals, Report, reporting
+from .progress import DeferredSignals, Report, reporting
 from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
 from .session import Session, begin, check_call, in_any, require_no_contacts, together
 from .snapshot import restore_snapshot, snapshot_of
@@ -36,7 +34,7 @@ MOST = 4096
 # A rate of the error above this many tolerances: the macro step is repeated.
 REPEATED = 4.0
 # The energies that are joined, the works last.
-KINDS = ("kinetic", "strain", "dissipated", "external", "interface")
+KINDS = ENERGIES[:5]
 # Substeps are halved below this x of (Q6), and more by this factor than needed above 1.
 FEW, RESERVE = 0.35, 1.1
 
@@ -51,7 +49,7 @@ def run(
 ) -> History:
     """`Coupler.run` with a tolerance; `end` is t_end and steps, `files` record_to, append and
     overwrite, and `chosen` what is recorded."""
-    with together(session), HeldSignals(session.guard) as held:
+    with together(session), DeferredSignals(session.guard) as signals:
         require_no_contacts(session, "tolerance")
         tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
         path, first = checked_file(own_record(session, *files), *files[1:]), session.done
@@ -60,7 +58,7 @@ def run(
         pieces = Pieces(session, chosen)
         controller = Controller(tolerances, session.members, session.clock.dt)
         with reporting(progress, first, last) as report:
-            history = chosen_run(session, controller, pieces, last, report, held)
+            history = chosen_run(session, controller, pieces, last, report, signals)
         if path is not None:
             history_file.write(path, *contents_of(history))
             write_master_of(session, path)
@@ -197,14 +195,9 @@ class Pieces:
         def some(x: np.ndarray) -> np.ndarray:
             return x[rows]
 
-        energy = piece.energy and replace(piece.energy, conserved=None)._with_rows(some)
-        subdomains = tuple(
-            None
-            if s is None or dofs is None
-            else replace(with_dofs(with_rows(s, some), dofs), substep=None)
-            for s, dofs in zip(piece.subdomains, self.dofs)
-        )
-        return replace(with_rows(piece, some), subdomains=subdomains, energy=energy)
+        found: History = reduced(piece, some, self.dofs)
+        subdomains = tuple(s and replace(s, substep=None) for s in found.subdomains)
+        return replace(found, subdomains=subdomains)
 
     def history(self) -> History:
         whole: History = stacked(self.histories)
@@ -214,7 +207,7 @@ class Pieces:
         rows = [piece.energy for piece in self.histories]
         kinds = {name: np.concatenate([getattr(x, name) for x in rows]) for name in names}
         start = kinds["kinetic"][0] + kinds["strain"][0]
-        return replace(whole, energy=Energy.balanced(**kinds, start=start))
+        return replace(whole, energy=balanced(start, **kinds))
 
 
 def rates_of(history: History) -> list[float]:
@@ -233,21 +226,21 @@ def chosen_run(
     pieces: Pieces,
     end: int,
     report: Report | None,
-    held: HeldSignals,
+    signals: DeferredSignals,
 ) -> History:
     """Run up to macro step `end`; `last_history` is what was done, after an exception too."""
     session.last_history = None
-    held.during(begin, session)
+    signals.during(begin, session)
     choose(session, controller.first(session.members))
     try:
-        one_step(session, controller, pieces, end, report, held)
+        one_step(session, controller, pieces, end, report, signals)
         while session.core.step_count < end:
-            one_step(session, controller, pieces, end, report, held)
+            one_step(session, controller, pieces, end, report, signals)
     finally:
         if pieces.histories:
             session.last_history = history = pieces.history()
     if report is not None:
-        held.during(report, end)
+        signals.during(report, end)
     if controller.short:
         names = [repr(session.members[i].name) for i in sorted(controller.short)]
         warn(
@@ -264,7 +257,7 @@ def one_step(
     pieces: Pieces,
     end: int,
     report: Report | None,
-    held: HeldSignals,
+    signals: DeferredSignals,
 ) -> None:
     """One macro step, kept or to be repeated with more substeps; none at the end of the run."""
     before, step = snapshot_of(session), session.core.step_count
@@ -276,7 +269,7 @@ def one_step(
         if step == end:
             return
         try:
-            held.during(advance_to, session, step + 1, recording, report)
+            signals.during(advance_to, session, step + 1, recording, report)
         except BaseException:
             if session.core.step_count > step:
                 pieces.keep(recording)
@@ -295,13 +288,8 @@ def checked_file(record_to: str | PathLike[str] | None, append: bool, overwrite:
     """The path of the file that is written at the end of the run, or None."""
     if append:
         raise ValueError("append must not be True with tolerance, whose file is written at its end")
-    if record_to is None:
-        if overwrite:
-            raise ValueError("overwrite must come with record_to, got record_to=None")
-        return None
-    hdf5_library()
-    check_replaceable(record_to, "record_to")
-    path = checked_path(record_to)
-    if not overwrite:
-        check_new(path)
-    return path
+    if record_to is not None:
+        return target(record_to, may_exist=overwrite)
+    if overwrite:
+        raise ValueError("overwrite must come with record_to, got record_to=None")
+    return None

@@ -54,7 +54,7 @@ def assembled(
     sizes = [L.shape[1] for L in constraints]
     T = kernel(sp.csr_array(sp.hstack(constraints)))
     if T.shape[1] == 0:
-        raise ValueError("the constraints must leave a motion, got all dofs held")
+        raise ValueError("the constraints must leave a motion, got all dofs fixed")
     parts = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
     maps = [T[rows] for rows in parts]
     M, C, K = (_sum(maps, [own[kind] for own in matrices]) for kind in range(3))
@@ -92,7 +92,7 @@ def _kernel_of_ties(L: sp.csr_array) -> sp.csr_array:
     from scipy.sparse.csgraph import connected_components
 
     n, entries = L.shape[1], np.diff(L.indptr)
-    held = L.indices[L.indptr[:-1][entries == 1]]
+    fixed = L.indices[L.indptr[:-1][entries == 1]]
     first = L.indptr[:-1][entries == 2]
     a, b = L.indices[first], L.indices[first + 1]
     ratio = -L.data[first] / L.data[first + 1]  # u_b = ratio u_a
@@ -100,7 +100,7 @@ def _kernel_of_ties(L: sp.csr_array) -> sp.csr_array:
     count, group = connected_components(edges, directed=False)
     factor = _factors(n, a, b, ratio)
     free = np.ones(count, dtype=bool)
-    free[group[held]] = False
+    free[group[fixed]] = False
     # as many independent rows as dofs: such as u_a = u_b and u_a = -u_b
     free[np.bincount(group[a], minlength=count) >= np.bincount(group)] = False
     kept = np.full(count, n)  # the first dof of each group

@@ -310,8 +310,8 @@ class Equilibrium:
     def _residual(self, u: np.ndarray) -> np.ndarray:
         """F - K u - f(u)"""
         with np.errstate(all="ignore"):
-            held = [self._force(i, own) for i, own in enumerate(self._members(u))]
-        result: np.ndarray = self.F - np.concatenate(joined(self.ranks, held))
+            internal = [self._force(i, own) for i, own in enumerate(self._members(u))]
+        result: np.ndarray = self.F - np.concatenate(joined(self.ranks, internal))
         return result
 
     def _force(self, i: int, u: np.ndarray) -> np.ndarray:

@@ -164,7 +164,7 @@ def from_mesh(
     return _structure(read, {number: choice[number] for number in order}, d, plane, mass)
 
 
-class Part(NamedTuple):
+class MaterialElements(NamedTuple):
     """Elements of a block with a material: their numbers, and its law and values (e,) of each."""
 
     numbers: np.ndarray
@@ -189,7 +189,7 @@ def _dimensions(read: FileMesh) -> tuple[int, int]:
     return top, 2 if flat and top < 3 else 3
 
 
-def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Part]:
+def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, MaterialElements]:
     """By the number of a block the elements of it that have a material."""
     if not isinstance(material, Mapping) or not material:
         raise TypeError(f"material must be a dict, got {material!r}")
@@ -203,14 +203,14 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Part]:
         members = _members(read, name) if by_group else [np.arange(count) for count in counts]
         kind = _law(own, label)
         dimension = top if not by_group or kind is None else 1 if kind != "elastic" else d
-        held = [
+        cells = [
             members[i] if _dimension(block.kind) == dimension else np.empty(0, dtype=np.int64)
             for i, block in enumerate(read.blocks)
         ]
-        _require_fitting(read, kind, held, label, dimension, d)
-        split = np.cumsum([len(x) for x in held])
+        _require_fitting(read, kind, cells, label, dimension, d)
+        split = np.cumsum([len(x) for x in cells])
         given = {} if own is None else _values(own, label, int(split[-1]), d)
-        for i, numbers in enumerate(held):
+        for i, numbers in enumerate(cells):
             _require_single(owner[i][numbers], numbers, read.blocks[i].kind, name)
             owner[i][numbers], law[i][numbers] = label, kind or "none"
             for key, value in given.items():
@@ -244,9 +244,9 @@ def _law(own: Any, label: str) -> str | None:
 
 
 def _require_fitting(
-    read: FileMesh, law: str | None, held: list[np.ndarray], label: str, dimension: int, d: int
+    read: FileMesh, law: str | None, cells: list[np.ndarray], label: str, dimension: int, d: int
 ) -> None:
-    kinds = {block.kind for block, numbers in zip(read.blocks, held) if numbers.size}
+    kinds = {block.kind for block, numbers in zip(read.blocks, cells) if numbers.size}
     what = {"elastic": "plates or solids", "bar": "bars", "beam": "beams", None: "elements"}[law]
     if not kinds:
         raise ValueError(
@@ -296,7 +296,7 @@ def _require_single(owners: np.ndarray, numbers: np.ndarray, kind: str, name: st
 
 def _parts(
     read: FileMesh, law: list[np.ndarray], values: list[dict[str, np.ndarray]], top: int
-) -> dict[int, Part]:
+) -> dict[int, MaterialElements]:
     parts = {}
     for i, block in enumerate(read.blocks):
         without = np.flatnonzero(law[i] == "")
@@ -312,7 +312,7 @@ def _parts(
         numbers = np.flatnonzero((law[i] != "") & (law[i] != "none"))
         if numbers.size:
             own = {key: value[numbers] for key, value in values[i].items()}
-            parts[i] = Part(numbers, law[i][numbers], own)
+            parts[i] = MaterialElements(numbers, law[i][numbers], own)
     if not parts:
         raise ValueError("material must be of at least one element")
     return parts
@@ -321,7 +321,9 @@ def _parts(
 # ---- the structure --------------------------------------------------------------------------
 
 
-def _structure(read: FileMesh, parts: dict[int, Part], d: int, plane: str, mass: str) -> Structure:
+def _structure(
+    read: FileMesh, parts: dict[int, MaterialElements], d: int, plane: str, mass: str
+) -> Structure:
     blocks = {i: read.blocks[i].nodes[part.numbers] for i, part in parts.items()}
     kinds = list(dict.fromkeys(read.blocks[i].kind for i in parts))
     nodes = np.unique(np.concatenate([x.ravel() for x in blocks.values()]))
@@ -354,7 +356,7 @@ def _structure(read: FileMesh, parts: dict[int, Part], d: int, plane: str, mass:
     return replace(structure, groups=groups, sets=sets)
 
 
-def _column(part: Part, key: str) -> np.ndarray:
+def _column(part: MaterialElements, key: str) -> np.ndarray:
     """Values of the elements; of what the material does not have, NaN, and 1 for t."""
     missing = 1.0 if key == "t" else np.nan
     values = part.values.get(key, np.full(len(part.numbers), missing))
@@ -399,7 +401,7 @@ def _assembled(
 
 
 def _named(
-    read: FileMesh, parts: dict[int, Part], kinds: list[str], number: np.ndarray
+    read: FileMesh, parts: dict[int, MaterialElements], kinds: list[str], number: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Groups of elements and sets of nodes, by name."""
     place, start = {}, 0

@@ -664,33 +664,35 @@ class Structure:
         >>> held.n, held.dof_names[0]
         (4, 'ux 1')
         """
-        held = reduce(self.M, self.K, fixed=fixed, dof_names=self.dof_names)
+        reduced = reduce(self.M, self.K, fixed=fixed, dof_names=self.dof_names)
         if self.internal:
             given = options.get("internal") or []
             further = (
                 given if type(given) in (list, tuple) else [given]
             )  # a LowLevelCallable is one
-            own = [force.reduced(held.free) for force in self.internal]
-            options["internal"] = [*(own if held.fixed.size else self.internal), *further]
-        M, K = (held.M, held.K) if held.fixed.size else (self.M, self.K)
-        options |= {x: _of_free(options[x], held, x) for x in ("force", "u0", "v0") if x in options}
-        options.setdefault("dof_names", held.dof_names)
+            own = [force.reduced(reduced.free) for force in self.internal]
+            options["internal"] = [*(own if reduced.fixed.size else self.internal), *further]
+        M, K = (reduced.M, reduced.K) if reduced.fixed.size else (self.M, self.K)
+        options |= {
+            x: _of_free(options[x], reduced, x) for x in ("force", "u0", "v0") if x in options
+        }
+        options.setdefault("dof_names", reduced.dof_names)
         return Subdomain(M, K, scheme=scheme, **options)
 
 
-def _of_free(given: Any, held: Reduction, name: str) -> Any:
+def _of_free(given: Any, reduced: Reduction, name: str) -> Any:
     """A load or initial values of all dofs as those of the free ones; others as they are."""
     if isinstance(given, SampledForce):
-        if given.n != held.n:
+        if given.n != reduced.n:
             return given
         if given.shape is None:
-            return given._changed(values=given.values.take(held.free, axis=1))
-        return given._changed(shape=given.shape[held.free])
+            return given._changed(values=given.values.take(reduced.free, axis=1))
+        return given._changed(shape=given.shape[reduced.free])
     if given is None or callable(given) or isinstance(given, LowLevelCallable):
         return given
-    if np.shape(given) != (held.n,):
+    if np.shape(given) != (reduced.n,):
         return given
-    return held.reduce_load(given) if name == "force" else held.reduce_motion(given)
+    return reduced.reduce_load(given) if name == "force" else reduced.reduce_motion(given)
 
 
 def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:
