@@ -3,6 +3,7 @@
  * An allocation belongs to the extension if one of the innermost callers is in it: a call of its
  * own, or one of the functions of Python and NumPy that it calls. */
 #define _GNU_SOURCE
+#include <errno.h>
 #include <execinfo.h>
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -72,6 +73,8 @@ static bool fails(void)
             atomic_store(&left, -1); /* counts on, and fails no other */
     }
     inside = false;
+    if (now)
+        errno = ENOMEM; /* the C library asserts it where it makes the stack of a thread */
     return now;
 }
 
