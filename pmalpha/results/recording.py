@@ -138,9 +138,8 @@ class Wanted(NamedTuple):
             levels = (len(x) - 1) // (end - begin or 1)
             return x if self.every is None else x[steps * levels]
 
-        copied: History = with_rows_of_all(
-            np.array, reduced(whole, rows, self.of.dofs)
-        )  # views would keep the whole record
+        found = reduced(whole, rows, self.of.dofs)
+        copied: History = with_rows_of_all(np.array, found)  # views would keep the whole record
         return copied
 
 

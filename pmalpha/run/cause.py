@@ -53,9 +53,9 @@ def warn_of_gains(members: Sequence[Member]) -> None:
             "alternation": _of_alternation(member),
             "gain": _of_gain(member),
         }
-        for kind in found.keys() - member.reported:
-            if found[kind]:
-                warn(found[kind], StabilityWarning)
+        for kind, text in found.items():
+            if text and kind not in member.reported:
+                warn(text, StabilityWarning)
         member.reported = {kind for kind, text in found.items() if text}
 
 

@@ -14,7 +14,7 @@ from .._checks import listing, positive_number
 from ..errors import AccuracyWarning, warn
 from ..problem.subdomain import Subdomain
 from ..results import history_file
-from ..results.energy import ENERGIES, Energy, balanced
+from ..results.energy import ENERGIES, OPTIONAL, Energy, balanced
 from ..results.history import History
 from ..results.keys import by_index
 from ..results.local_error import errors_of
@@ -34,7 +34,7 @@ MOST = 4096
 # A rate of the error above this many tolerances: the macro step is repeated.
 REPEATED = 4.0
 # The energies that are joined, the works last.
-KINDS = ENERGIES[:5]
+KINDS = tuple(x for x in ENERGIES if x not in OPTIONAL)
 # Substeps are halved below this x of (Q6), and more by this factor than needed above 1.
 FEW, RESERVE = 0.35, 1.1
 

@@ -193,6 +193,7 @@ void pma_balance_begin(pma_balance *b, const double *v)
     b->impact = (pma_impact){0};
     b->largest = b->alternates = 0.0;
     b->turns = 0;
+    memset(b->change, 0, b->parts.n * sizeof(double));
     multiply_mass(b, v);
     for (size_t l = 0; l < b->parts.lanes; l++) {
         b->present.sums[l] = (sums){0};
