@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from pairwise import pairwise
 
 import pmalpha as pm
 from pmalpha import analysis, models
@@ -154,8 +155,8 @@ def test_the_matrix_has_exactly_nine_nonzero_eigenvalues_for_rho_between_zero_an
 
 
 def test_the_ninth_eigenvalue_is_genuine_also_where_it_is_tiny():
-    assert nonzero_eigenvalues(rational(F(1, 2), 10, 20, F(1, 100))) == 9
-    values = np.sort(np.abs(np.linalg.eigvals(matrix(0.1, 0.5, 10.0, 20))))
+    assert nonzero_eigenvalues(rational(F(1, 2), 10, 10, F(1, 100))) == 9
+    values = np.sort(np.abs(np.linalg.eigvals(matrix(0.1, 0.5, 10.0, 10))))
     # below it the zeros, which rounding makes about 1e-8; above it the eighth
     assert values[-10] < 2e-7 < values[-9] < 1e-5 < values[-8]
 
@@ -226,7 +227,7 @@ def test_at_rho_one_minus_one_is_an_eigenvalue_for_odd_substeps(ss):
 
 # 45 degrees of phase: u, v and w all differ from zero, and so do the leading error terms
 PHASE = {"v0": 2 * np.pi}
-SHORT = [1 / 1280, 1 / 2560, 1 / 5120]
+SHORT = [1 / 2560, 1 / 5120]
 
 
 def orders(error, quantities, steps, *, rho, ss=1, coupling="pm", **options):
@@ -295,7 +296,7 @@ def test_with_equal_steps_the_method_converges_with_order_two(rho):
 @pytest.mark.parametrize("ss", [2, 20])
 @pytest.mark.parametrize("rho", [0.5, PM])
 def test_with_substeps_the_method_converges_with_order_one(rho, ss):
-    steps = [1 / 1280, 1 / 2560, 1 / 5120]
+    steps = [1 / 1280, 1 / 2560]
     found = orders(at_one_period, ["u", "v", "a", "multipliers"], steps, rho=rho, ss=ss)
     # the dt^2 term of the double step is still a tenth of the dt term at the first step
     assert found == pytest.approx(1.0, abs=0.1)
@@ -323,14 +324,12 @@ def explicit_limit(rho):
     return np.sqrt(12 * (1 + rho) * (2 - rho) / (10 - 5 * rho + rho**2))
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.2, 0.5, 0.8, 1.0, PM])
-@pytest.mark.parametrize("ss", [1, 2, 5, 20])
-def test_the_method_is_stable_up_to_the_limit_of_the_explicit_subdomain_for_all_ratios(rho, ss):
-    for b1 in B1:
-        for fraction in (0.05, 0.5, 0.9, 0.99999):
-            G = matrix(fraction * explicit_limit(rho), rho, b1, ss)
-            # eigenvalues 1 and -1 that are double come out at the root of the rounding
-            assert analysis.spectral_radius(G) <= 1.0 + 1e-7
+def test_the_method_is_stable_up_to_the_limit_of_the_explicit_subdomain_for_all_ratios():
+    rhos, fractions = [0.0, 0.2, 0.5, 0.8, 1.0, PM], [0.05, 0.5, 0.9, 0.99999]
+    for rho, ss, b1, fraction in pairwise(rhos, [1, 2, 5, 20], B1, fractions):
+        G = matrix(fraction * explicit_limit(rho), rho, b1, ss)
+        # eigenvalues 1 and -1 that are double come out at the root of the rounding
+        assert analysis.spectral_radius(G) <= 1.0 + 1e-7, (rho, ss, b1, fraction)
 
 
 def test_where_nearly_all_of_the_spring_is_in_b_the_limit_is_hardly_above_that_of_b():
@@ -354,13 +353,11 @@ def test_beyond_the_limit_a_run_grows(rho):
         assert (v[400:].max() > 1e3 * v[:400].max()) == grows
 
 
-@pytest.mark.parametrize("ss", [1, 2, 5, 20])
-def test_the_method_is_zero_stable_for_rho_below_one(ss):
-    for b1 in B1:
-        for rho in (0.0, 0.1, 0.25, 0.5, 0.75, 0.9):
-            # well below: 1 itself, the common velocity, is not in the loop
-            assert analysis.zero_stability(coupler(0.1, rho, b1, ss)) < 0.999
-        assert analysis.zero_stability(coupler(0.1, 0.99, b1, ss)) < 1.0
+def test_the_method_is_zero_stable_for_rho_below_one():
+    for rho, b1, ss in pairwise([0.0, 0.25, 0.5, 0.75, 0.9, 0.99], B1, [1, 2, 5, 20]):
+        # well below: 1 itself, the common velocity, is not in the loop
+        limit = 0.999 if rho < 0.95 else 1.0
+        assert analysis.zero_stability(coupler(0.1, rho, b1, ss)) < limit, (rho, b1, ss)
 
 
 @pytest.mark.parametrize("rho", [1.0, PM])

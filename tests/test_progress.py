@@ -1,19 +1,14 @@
 """Long runs: reports of progress, and the end by an exception or a signal."""
 
 import os
-import signal
-import subprocess
 import sys
-import textwrap
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+import waits
 
 import pmalpha as pm
-
-ROOT = Path(__file__).parent.parent
 
 
 def oscillator(**options):
@@ -146,52 +141,49 @@ def test_without_tqdm_the_error_names_what_to_install(monkeypatch):
 # ---- kill -INT ------------------------------------------------------------------------------
 
 PROGRAM = """
+    import os
+    import signal
     import numpy as np
+    from agreement import assert_identical
     import pmalpha as pm
+    from test_threads import row_of_subdomains
 
-    def pair():
-        n = {n}
-        K = np.eye(n) * 4.0 + 1e-3
-        a = pm.Subdomain(np.ones(n), K, scheme=pm.GeneralizedAlpha(0.5), u0=np.ones(n))
-        b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), u0=[1.0], substeps=2)
+    def pair(threads=1):
+        n = 300  # in one call of the core for many macro steps
+        a = pm.Subdomain(np.ones(n), np.eye(n) * 4.0 + 1e-3, scheme=pm.Newmark(), u0=np.ones(n))
+        b = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), u0=[1.0], substeps=2)
         return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, coupling="pm")
 
-    c, other = pair(), pair()
-    c.step(1)
+    c, other = {make}(threads={threads}), {make}(threads=1)
+    for each in (c, other):
+        each.step(1)
+    there, here = os.pipe()
+    if os.fork() == 0:  # another process sends it, while this one goes on
+        os.read(there, 1)
+        os.kill(os.getppid(), signal.SIGINT)
+        os._exit(0)
     begun = []
 
     def report(done, total):
         if not begun:
-            print("running", flush=True)
+            os.write(here, b"!")
         begun.append(done)
 
+    record = dict(record={{1: None}}, every=100)
     try:
-        c.run(steps=10**8, record={{1: None}}, every=1000, progress=report)
+        c.run(steps=10**8, progress=report, **record)
     except KeyboardInterrupt:
-        print(c.step_count, flush=True)
-    history = c.last_history
-    other.step(1)
-    whole = other.run(steps=c.step_count - 1, record={{1: None}}, every=1000)
-    for name in "tuva":
-        assert getattr(history[1], name).tobytes() == getattr(whole[1], name).tobytes()
-    ours, theirs = c.run(steps=3), other.run(steps=3)
-    assert ours[0].u.tobytes() == theirs[0].u.tobytes()
-    assert ours.multipliers.tobytes() == theirs.multipliers.tobytes()
-    print("continued")
+        print(c.step_count)
+    assert_identical(c.last_history, other.run(steps=c.step_count - 1, **record))
+    assert_identical(c.run(steps=3), other.run(steps=3))
 """
 
 
-@pytest.mark.parametrize("n", [1, 300])
-def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_continues(n):
-    program = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(PROGRAM.format(n=n))],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    with program:
-        assert program.stdout.readline() == "running\n"
-        program.send_signal(signal.SIGINT)
-        assert 0 < int(program.stdout.readline()) < 10**8
-        assert program.stdout.read() == "continued\n"
-    assert program.returncode == 0
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="another process sends the signal")
+@pytest.mark.parametrize(
+    ("make", "threads"), [("pair", 1), ("row_of_subdomains", 1), ("row_of_subdomains", 3)]
+)
+def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_continues(make, threads):
+    done = waits.program(PROGRAM.format(make=make, threads=threads))
+    assert done.returncode == 0, done.stderr
+    assert 1 < int(done.stdout) < 10**8

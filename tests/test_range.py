@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import pairwise
 
 import pmalpha as pm
 
@@ -37,10 +38,8 @@ def result(dt=0.1, scheme="implicit", form="diagonal", coupling="pm", force=None
 @pytest.mark.parametrize("name", ["M", "K", "C", "dt", "force"])
 def test_no_warning_of_numpy_and_no_error_from_inside(name, x):
     # warnings are errors here: those of NumPy would be raised
-    for scheme in SCHEMES:
-        for coupling in ("pm", "macro", "mean"):
-            for form in FORMS:
-                result(scheme=scheme, form=form, coupling=coupling, **{name: x})
+    for scheme, coupling, form in pairwise([*SCHEMES], ["pm", "macro", "mean"], [*FORMS]):
+        result(scheme=scheme, form=form, coupling=coupling, **{name: x})
 
 
 def test_a_step_whose_square_is_infinite_is_refused_by_name():

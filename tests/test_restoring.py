@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from pairwise import pairwise
+from pairwise import in_turn, pairwise
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -214,20 +214,19 @@ def cut(restoring, scheme, dt, coupling):
 
 
 def orders(make, restoring):
-    """Orders in u and v over the last halving of three."""
+    """Orders in u and v over one halving."""
     u, v = truth(restoring, 4.0)
     errors = []
-    for dt in (0.02, 0.01, 0.005):
+    for dt in (0.01, 0.005):
         coupler = make(dt)
         coupler.step(round(4.0 / dt))
         state = coupler.state(0)
         errors.append([abs(state.u[0] - u), abs(state.v[0] - v)])
-    return np.log2(np.array(errors)[:-1] / np.array(errors)[1:])[-1]
+    return np.log2(np.divide(*errors))
 
 
 # 0.1: effect of the next power of the step on the order at these steps
-@pytest.mark.parametrize("restoring", [duffing, van_der_pol])
-@pytest.mark.parametrize("scheme", SCHEMES, ids=names)
+@pytest.mark.parametrize(("scheme", "restoring"), in_turn(SCHEMES, duffing, van_der_pol))
 def test_uncoupled_it_is_of_order_two(scheme, restoring):
     order = orders(lambda dt: whole(restoring, scheme, dt), restoring)
     np.testing.assert_allclose(order, 2.0, atol=0.1 if scheme.gamma == 0.5 else 0.15)
@@ -325,7 +324,7 @@ def test_lagged_damping_is_of_order_two(scheme):
         )
 
     # 0.15: effect of the next power of the step on the order
-    assert np.log2(error(0.01) / error(0.005)) == pytest.approx(2.0, abs=0.15)
+    assert np.log2(error(0.02) / error(0.01)) == pytest.approx(2.0, abs=0.15)
 
 
 def test_an_explicit_subdomain_with_lagged_damping_has_no_factor():

@@ -2,11 +2,10 @@
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+import waits
 
 from pmalpha import stale
 
@@ -64,11 +63,19 @@ def test_pytest_ends_with_the_message_of_a_stale_build(root):
     shutil.copy(tests / "conftest.py", root / "tests")
     shutil.copy(tests.parent / "pyproject.toml", root)
     (root / "tests/test_x.py").write_text("import pmalpha\n\ndef test_x():\n    pass\n")
-    command = [sys.executable, "-m", "pytest", "tests/test_x.py"]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    program = f"""
+        import os, sys
+        for name in [x for x in sys.modules if x.split(".")[0] == "pmalpha"]:
+            del sys.modules[name]
+        os.chdir({str(root)!r})
+        sys.path.insert(0, os.getcwd())
+        import pytest
+        sys.exit(pytest.main(["tests/test_x.py"]))
+    """
+    done = waits.program(program)
     assert done.returncode == 0, done.stdout + done.stderr
     later(root / "csrc/core/algebra/lu.c", "int c;\n")
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    done = waits.program(program)
     shown = (done.stdout + done.stderr).splitlines()
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     assert len(shown) == 1 and "built of other sources" in shown[0] and "make test" in shown[0]

@@ -28,7 +28,7 @@ def hanging(n_a, n_b, supported=True):
     return pm.Coupler([a, b], pm.tie(a, [n_a], b, [0]), dt=0.1, coupling="pm")
 
 
-@pytest.mark.parametrize("n", [1, 5, 20_000])
+@pytest.mark.parametrize("n", [1, 5, 4000])
 def test_a_hanging_chain_stretches_by_one_per_spring(n):
     u = hanging(n, 2).static()
     # the support yields by 1e-3; rounding times the condition number n^2 of the chain
@@ -36,7 +36,7 @@ def test_a_hanging_chain_stretches_by_one_per_spring(n):
     np.testing.assert_allclose(u["b"], u["a"][-1] + np.arange(3), rtol=1e-15 * (n + 10) ** 2)
 
 
-@pytest.mark.parametrize("n", [1, 5, 20_000])
+@pytest.mark.parametrize("n", [1, 5, 4000])
 def test_a_floating_chain_is_refused(n):
     with pytest.raises(pm.FactorizationError, match="floating"):
         hanging(n, 2, supported=False).static()

@@ -63,13 +63,30 @@ def test_threads_have_a_coupler_each(study):
     check(found, 6)
 
 
-def test_processes_have_a_coupler_each(study, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), str(HERE.parent)]))
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+def processes_have_a_coupler_each(study, start):
+    with ProcessPoolExecutor(2, mp_context=get_context(start)) as pool:
         found = study.run(studied.cases(6), map=pool.map)
     check(found, 6)
     assert all(case.value["made"] == 1 for case in found)
     assert os.getpid() not in {case.value["process"] for case in found}
+
+
+@pytest.mark.gate
+def test_new_processes_have_a_coupler_each(study, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", waits.PATHS)
+    processes_have_a_coupler_each(study, "spawn")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_processes_have_a_coupler_each():
+    done = waits.program(
+        """
+        import pmalpha as pm, studied, test_study
+        study = pm.Study(studied.make, steps=5, result=studied.peaks)
+        test_study.processes_have_a_coupler_each(study, "fork")
+        """
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.gate

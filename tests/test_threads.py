@@ -3,10 +3,6 @@
 import gc
 import mmap
 import os
-import signal
-import subprocess
-import sys
-import textwrap
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -56,7 +52,7 @@ def tasks():
 # ---- bitwise identical results ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_a_run_is_bitwise_identical_for_any_number_of_threads(seed):
     alone = random_problem(seed).coupler(threads=1)
     expected = alone.run(steps=9)
@@ -258,7 +254,7 @@ def test_jumps_are_recorded_while_another_thread_sweeps_the_same_factor(make):
     alone = held_by_its_mean(K, interface, threads=1)
     alone.step()
     expected = alone.run(steps=100)
-    for _ in range(3):
+    for _ in range(2):
         shared = held_by_its_mean(K, interface, threads=2)
         with on_processors_of_their_own(shared):
             assert_identical(shared.run(steps=100), expected)
@@ -349,7 +345,7 @@ def test_a_large_explicit_subdomain_among_others_is_split_and_bitwise_identical(
     face = np.arange(3 * n)
     ties = [pm.tie(others[0], face, b, face), pm.tie(b, [900, 902], others[1], [0, 2])]
     histories, energies = [], []
-    for threads in (1, 2, 3, 5):
+    for threads in (1, 2, 5):
         coupler = pm.Coupler(
             [others[0], b, others[1]],
             ties,
@@ -379,7 +375,7 @@ def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(monkeypatch, symmetric):
     monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
-    solid = pm.structures.solid(6, 6, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="consistent")
+    solid = pm.structures.solid(5, 5, 5, 1.0, E=1.0, nu=0.3, rho=1.0, mass="consistent")
     K = solid.K if symmetric else sp.csr_array(solid.K + 0.01 * sp.triu(solid.K, k=1))
     load = np.sin(np.arange(solid.n))
     make = lambda threads: pm.Coupler(  # noqa: E731
@@ -399,7 +395,7 @@ def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
 ):
     monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
     material = pm.structures.NeoHookean(210.0, 0.3)
-    rubber = pm.structures.nonlinear_solid(4, 3, 3, 1.0, material, rho=1.0)
+    rubber = pm.structures.nonlinear_solid(4, 2, 2, 1.0, material, rho=1.0)
     v0 = np.zeros((len(rubber.points), 3))
     v0[:, 0] = 0.2 * rubber.points[:, 0]
 
@@ -414,7 +410,7 @@ def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
         return first, coupler.run(steps=2)
 
     one = moved(1)
-    for threads in (2, 4, 6):  # one, two and three for each tangent
+    for threads in (2, 4):  # one and two for each tangent
         for some, other in zip(moved(threads), one):
             assert_identical(some, other)
 
@@ -463,7 +459,7 @@ def test_whether_threads_are_faster_is_timed_and_changes_no_result(coupling):
     for threads in (1, None):
         coupler = row_of_subdomains(2, 20_000, threads=threads, coupling=coupling, dt=0.05)
         promised = coupler.threads
-        runs.append(coupler.run(steps=20))
+        runs.append(coupler.run(steps=20, record={0: [0], 1: [0, 19_999]}))
     assert_identical(*runs)
     assert coupling == "macro" or promised == min(2, most_threads(None)[0])
     assert 1 <= coupler.threads <= promised
@@ -538,56 +534,6 @@ def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
 
 
 # ---- interrupted runs -------------------------------------------------------------------------
-
-
-def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
-    child = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            textwrap.dedent(
-                """
-                import numpy as np
-                from test_threads import row_of_subdomains
-                coupler = row_of_subdomains(4, 2000, threads=3)
-
-                def report(done, total):
-                    if not begun:
-                        print("running", flush=True)
-                    begun.append(done)
-
-                begun = []
-                try:
-                    coupler.run(steps=10**8, record={}, every=10**8, progress=report)
-                except KeyboardInterrupt:
-                    print("interrupted", flush=True)
-                steps = coupler.step_count
-                coupler.step(3)
-                alone = row_of_subdomains(4, 2000, threads=1)
-                alone.step(steps + 3)
-                for i in range(4):
-                    assert np.array_equal(coupler.state(i).u, alone.state(i).u)
-                print("the same", coupler.last_history is not None)
-                """
-            ),
-        ],
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join(
-                [str(Path(__file__).parent), str(Path(pm.__file__).parent.parent)]
-            ),
-        },
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert child.stdout.readline() == "running\n"
-        child.send_signal(signal.SIGINT)
-        out, _ = child.communicate(timeout=waits.LIMIT)
-    finally:
-        child.kill()
-    assert out == "interrupted\nthe same True\n"
-    assert child.returncode == 0
 
 
 def test_an_exception_in_a_load_is_that_of_one_thread():

@@ -79,7 +79,7 @@ def all_factors(A, nb, monkeypatch):
 def test_solutions_are_those_of_superlu_and_of_dense_lu(pattern, border, monkeypatch):
     n, density = PATTERNS[pattern]
     nb = {"none": 0, "some": (n + 2) // 3, "all": n}[border]
-    for seed in range(3):
+    for seed in range(1 if pattern == "large" else 3):
         rng = np.random.default_rng([seed, n])
         A = unsymmetric_matrix(rng, n, density)
         order = elimination_order(n, graph_of([A]), np.arange(n - nb, n))
