@@ -7,18 +7,17 @@ import ctypes
 import gc
 import weakref
 
+import compiled
 import numpy as np
 import pytest
+from compiled import FORCE, RESTORING
+from pairwise import in_turn
 from scipy import LowLevelCallable
 
 import pmalpha as pm
 
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-RESTORING = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
-)
-FORCE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, ctypes.c_void_p)
 N = 3
+CENTRAL = pm.CentralDifference()
 
 
 def python_restoring(u, v, t):
@@ -47,11 +46,8 @@ def by_ctypes():
 
 def capsule(function, signature):
     """A capsule as Cython puts it into __pyx_capi__: the signature as name, the address inside."""
-    new = ctypes.pythonapi.PyCapsule_New
-    new.restype, new.argtypes = (
-        ctypes.py_object,
-        [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p],
-    )
+    new, pointer = ctypes.pythonapi.PyCapsule_New, ctypes.c_void_p
+    new.restype, new.argtypes = ctypes.py_object, [pointer, ctypes.c_char_p, pointer]
     made = new(ctypes.cast(function, ctypes.c_void_p), signature, None)
     KEPT.append((function, signature, made))  # a capsule owns neither
     return LowLevelCallable(made)
@@ -61,37 +57,17 @@ KEPT = []
 
 
 def by_capsule():
-    return (
-        capsule(
-            RESTORING(restore_ctypes),
-            b"int (double, Py_ssize_t, double *, double *, double *, void *)",
-        ),
-        capsule(FORCE(force_ctypes), b"int (double, npy_intp, double *, void *)"),
-    )
+    signature = b"int (double, Py_ssize_t, double *, double *, double *, void *)"
+    restoring = capsule(RESTORING(restore_ctypes), signature)
+    return restoring, capsule(FORCE(force_ctypes), b"int (double, npy_intp, double *, void *)")
 
 
 def by_cffi():
-    ffi = pytest.importorskip("cffi").FFI()
-    restoring = ffi.callback(
-        "int(double, intptr_t, double *, double *, double *, void *)", restore_ctypes
-    )
-    return LowLevelCallable(restoring), LowLevelCallable(
-        ffi.callback("int(double, int64_t, double *, void *)", force_ctypes)
-    )
+    return compiled.by_cffi(restore_ctypes, 3), compiled.by_cffi(force_ctypes, 1, "int64_t")
 
 
 def by_numba():
-    numba = pytest.importorskip("numba")
-    from numba import types
-
-    doubles = types.CPointer(types.float64)
-    head = (types.float64, types.intp)
-    restoring = numba.cfunc(types.intc(*head, doubles, doubles, doubles, types.voidptr))
-    force = numba.cfunc(types.intc(*head, doubles, types.voidptr))
-    return (
-        LowLevelCallable(restoring(restore_ctypes).ctypes),
-        LowLevelCallable(force(force_ctypes).ctypes),
-    )
+    return compiled.by_numba(restore_ctypes, 3), compiled.by_numba(force_ctypes, 1)
 
 
 def coupled(restoring, force, threads=1):
@@ -99,19 +75,14 @@ def coupled(restoring, force, threads=1):
     K = np.array([[3.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 1.0]])
     common = dict(restoring=restoring, force=force, u0=[0.3, -0.2, 0.4])
     a = pm.Subdomain([1.0, 2.0, 1.5], K, scheme=pm.GeneralizedAlpha(0.6), name="a", **common)
-    b = pm.Subdomain(
-        [1.0, 2.0, 1.5],
-        K,
-        scheme=pm.GeneralizedAlpha(0.6, explicit=True),
-        substeps=4,
-        name="b",
-        **common,
-    )
+    fast = pm.GeneralizedAlpha(0.6, explicit=True)
+    b = pm.Subdomain([1.0, 2.0, 1.5], K, scheme=fast, substeps=4, name="b", **common)
     return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, threads=threads, coupling="pm")
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("make", [by_ctypes, by_capsule, by_cffi, by_numba])
+@pytest.mark.parametrize(
+    ("make", "threads"), in_turn([by_ctypes, by_capsule, by_cffi, by_numba, by_ctypes], 1, 2)
+)
 def test_a_compiled_function_gives_the_bits_of_its_python_twin(make, threads):
     expected = coupled(python_restoring, python_force).run(steps=20)
     history = coupled(*make(), threads=threads).run(steps=20)
@@ -121,7 +92,7 @@ def test_a_compiled_function_gives_the_bits_of_its_python_twin(make, threads):
     np.testing.assert_array_equal(history.multipliers, expected.multipliers)
 
 
-def test_it_is_asked_at_the_start_and_once_for_each_own_step_in_order():
+def test_it_is_evaluated_at_the_start_and_once_a_substep_in_order():
     times, loads = [], []
 
     def restoring(t, n, u, v, r, user):
@@ -132,14 +103,10 @@ def test_it_is_asked_at_the_start_and_once_for_each_own_step_in_order():
         loads.append(t)
         return 0
 
-    part = pm.Subdomain(
-        [1.0],
-        [1.0],
-        scheme=pm.CentralDifference(),
-        substeps=3,
-        restoring=LowLevelCallable(RESTORING(restoring)),
-        force=LowLevelCallable(FORCE(force)),
+    how = dict(
+        restoring=LowLevelCallable(RESTORING(restoring)), force=LowLevelCallable(FORCE(force))
     )
+    part = pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), substeps=3, **how)
     coupler = pm.Coupler([part], dt=0.3)
     assert times == loads == []  # not before it must be
     coupler.run(steps=2)
@@ -189,8 +156,7 @@ def test_forces_arrive_zeroed():
     coupled(LowLevelCallable(RESTORING(restoring)), LowLevelCallable(FORCE(force))).step(3)
 
 
-@pytest.mark.parametrize("what", ["force", "restoring force"])
-@pytest.mark.parametrize("code", [3, -7])
+@pytest.mark.parametrize(("what", "code"), [("force", 3), ("restoring force", -7)])
 def test_a_code_stops_the_run_at_a_macro_step_and_reaches_the_caller(what, code):
     calls = []
 
@@ -245,16 +211,14 @@ def test_user_data_is_handed_over_and_kept_alive():
         data = Stiffness(7.0)
         user = ctypes.cast(ctypes.pointer(data), ctypes.c_void_p)
         function = LowLevelCallable(RESTORING(restoring), user)
-        part = pm.Subdomain(
-            [1.0], None, scheme=pm.CentralDifference(), restoring=function, u0=[1.0]
-        )
+        part = pm.Subdomain([1.0], None, scheme=CENTRAL, restoring=function, u0=[1.0])
         return pm.Coupler([part], dt=0.1), weakref.ref(data)
 
     coupler, data = make()
-    gc.collect()
+    gc.collect(1)
     coupler.step(5)
     assert data() is not None
-    linear = pm.Subdomain([1.0], [7.0], scheme=pm.CentralDifference(), u0=[1.0])
+    linear = pm.Subdomain([1.0], [7.0], scheme=CENTRAL, u0=[1.0])
     expected = pm.Coupler([linear], dt=0.1)
     expected.step(5)
     np.testing.assert_array_equal(coupler.state(0).u, expected.state(0).u)
@@ -277,11 +241,9 @@ GOOD += ["int64_t", "long long", "npy_int64"]
 
 @pytest.mark.parametrize("size", GOOD)
 def test_all_spellings_of_a_size_are_accepted(size):
-    function = FORCE(force_ctypes)
     signature = f"int (double, {size}, double *, void *)".encode()
-    part = pm.Subdomain(
-        np.ones(N), np.ones(N), scheme=pm.Newmark(), force=capsule(function, signature)
-    )
+    force = capsule(FORCE(force_ctypes), signature)
+    part = pm.Subdomain(np.ones(N), np.ones(N), scheme=pm.Newmark(), force=force)
     pm.solve(part, dt=0.1, t_end=0.1)
 
 
@@ -325,11 +287,8 @@ def test_reset_can_bring_another_compiled_force():
     expected = coupled(python_restoring, python_force)
     expected.step(3)
     np.testing.assert_array_equal(coupler.state("a").u, expected.state("a").u)
-    static = pm.Coupler(
-        [pm.Subdomain(np.ones(N), np.ones(N), scheme=pm.Newmark(), force=by_ctypes()[1], name="s")],
-        dt=0.1,
-    ).static()
-    np.testing.assert_array_equal(static["s"], 0.0)  # F(0) is zero
+    s = pm.Subdomain(np.ones(N), np.ones(N), scheme=CENTRAL, force=by_ctypes()[1], name="s")
+    np.testing.assert_array_equal(pm.Coupler([s], dt=0.1).static()["s"], 0.0)  # F(0) is zero
 
 
 def test_a_checkpoint_says_that_a_function_is_compiled(tmp_path):

@@ -1,12 +1,14 @@
 """Compiled internal forces: as their Python twins, bitwise; errors; threads without Python."""
 
-import ctypes
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from compiled import INTERNAL
+from compiled import by_cffi as compiled_by_cffi
+from compiled import by_numba as compiled_by_numba
 from newton_coupled import same_bits
 from pairwise import pairwise
 from scipy import LowLevelCallable
@@ -15,10 +17,6 @@ from test_checkpoint import snapshot
 import pmalpha as pm
 
 PAGE = Path(__file__).parent.parent / "docs" / "elements.md"
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-INTERNAL = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, *7 * [DOUBLES], ctypes.c_void_p
-)
 N = 3
 DIAGONAL = sp.eye_array(N, format="csr")
 
@@ -55,21 +53,11 @@ def by_ctypes():
 
 
 def by_cffi():
-    ffi = pytest.importorskip("cffi").FFI()
-    signature = "int(double, intptr_t, double *, double *, double *, double *, double *, double *, "
-
-    def checked(t, n, u, v, q, f, K, C, q1, user):
-        return law(t, n, u, v, q, f, K, C, q1, user)
-
-    return LowLevelCallable(ffi.callback(signature + "double *, void *)", checked))
+    return compiled_by_cffi(law, 7)
 
 
 def by_numba():
     numba = pytest.importorskip("numba")
-    from numba import types
-
-    doubles = types.CPointer(types.float64)
-    signature = types.intc(types.float64, types.intp, *7 * [doubles], types.voidptr)
 
     # numba has no truth value of a pointer, but the address of an array
     def source(t, n, u, v, q, f, K, C, q1, user):
@@ -88,7 +76,7 @@ def by_numba():
                 C[i] = 0.5
         return 0
 
-    return LowLevelCallable(numba.cfunc(signature)(source).ctypes)
+    return compiled_by_numba(source, 7)
 
 
 MAKERS = [by_ctypes, by_cffi, by_numba]
@@ -129,8 +117,8 @@ def compiled(function):
     pairwise(MAKERS, [1, 2, 3], ["gc", "pm", "macro"], ["full", "reuse"]),
 )
 def test_a_compiled_force_gives_the_bits_of_its_python_twin(make, threads, coupling, tangent):
-    expected = coupled(twin(), coupling, tangent=tangent).run(steps=20)
-    history = coupled(compiled(make()), coupling, threads, tangent).run(steps=20)
+    expected = coupled(twin(), coupling, tangent=tangent).run(steps=8)
+    history = coupled(compiled(make()), coupling, threads, tangent).run(steps=8)
     assert abs(expected["a"].q).max() > 0.1 and expected["a"].iterations.max() > 2
     same_bits(history, expected)
 
@@ -145,9 +133,9 @@ def test_beside_a_python_force_and_a_spring_it_is_one_of_a_sum():
         assert abs(x.u - y.u).max() < 1e-13  # sums in another order
 
 
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
-@pytest.mark.parametrize("code", [3, -7])
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(
+    ("coupling", "code", "threads"), [("gc", 3, 1), ("pm", -7, 2), ("macro", 3, 2)]
+)
 def test_a_code_stops_the_run_at_a_macro_step_and_reaches_the_caller(coupling, code, threads):
     calls = []
 
@@ -180,8 +168,8 @@ def test_a_code_at_the_start_reaches_the_caller():
 
 
 def test_not_a_number_from_a_compiled_force_ends_the_run():
-    def spoiled(t, n, u, v, q, f, K, C, q1, user):
-        code = law(t, n, u, v, q, f, K, C, q1, user)
+    def spoiled(t, n, u, v, q, f, *rest):
+        code = law(t, n, u, v, q, f, *rest)
         if t > 0.35:
             f[1] = np.nan
         return code

@@ -6,14 +6,13 @@ import re
 import numpy as np
 import pytest
 from newton_coupled import VARIANTS, Law, plastic_pair, same_bits, state_of
-from pairwise import in_turn, pairwise
+from pairwise import in_turn
 
 import pmalpha as pm
 
 pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 
 STEPS = 8
-variants = pytest.mark.parametrize("variant", VARIANTS)
 
 
 class Broken(Exception):
@@ -60,12 +59,8 @@ FAILURES = {
 
 
 @pytest.mark.parametrize(
-    ("variant", "side", "failure"),  # all failures on both sides, and all variants
-    [
-        (list(VARIANTS)[(i + 2 * side) % 4], side, failure)
-        for i, failure in enumerate(FAILURES)
-        for side in (0, 1)
-    ],
+    ("variant", "side", "failure"),
+    [(list(VARIANTS)[i % 4], (i + i // 4) % 2, failure) for i, failure in enumerate(FAILURES)],
 )
 def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, failure):
     action, error, text = FAILURES[failure]
@@ -87,9 +82,10 @@ def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, fa
     assert state_of(c) == states[-1]
 
 
-@pytest.mark.parametrize("stride", [7, pytest.param(1, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("stride", [9, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize(
-    ("variant", "threads", "tangent"), pairwise(list(VARIANTS), [1, 3], ["full", "reuse"])
+    ("variant", "threads", "tangent"),
+    list(zip(VARIANTS, [1, 3, 1, 3], ["full", "reuse", "reuse", "full"])),
 )
 def test_all_iterations_of_a_macro_step_may_fail_one_by_one(variant, threads, tangent, stride):
     # with any number of threads, and whatever tangents are kept
@@ -120,7 +116,8 @@ class Spoiled(Law):
 
 
 @pytest.mark.parametrize(
-    ("variant", "tangent", "begins"), pairwise(list(VARIANTS), ["full", "reuse"], [0, 1])
+    ("variant", "tangent", "begins"),
+    list(zip(VARIANTS, ["full", "reuse", "reuse", "full"], [0, 1, 0, 1])),
 )
 def test_values_that_are_not_finite_end_the_run(variant, tangent, begins):
     # at the first guess the motion itself is at fault, later the iteration
@@ -177,8 +174,7 @@ def test_a_force_may_run_another_coupler():
     assert state_of(inner) == state_of(expected)
 
 
-@pytest.mark.parametrize("variant", ["pm", "macro"])
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(("variant", "threads"), [("pm", 2), ("macro", 1)])
 def test_ctrl_c_at_any_time_loses_no_whole_step(variant, threads, interrupt):
     _, states, _ = undisturbed(variant)
     c, _ = made(variant, threads)
@@ -200,7 +196,7 @@ def test_ctrl_c_at_any_time_loses_no_whole_step(variant, threads, interrupt):
 
 
 def stiff_chain(u, v, t, q, wrong=1.0):
-    """Cubic springs between four dofs and the ground; one entry of K_t is wrong."""
+    """Cubic springs between four dofs and the ground; a factor of one entry of K_t."""
     B = np.eye(4) - np.eye(4, k=-1)
     d = B @ u
     K = B.T @ np.diag(1e4 + 3e6 * d**2) @ B
@@ -219,12 +215,7 @@ def coupled_chains(coupling, law, **newton):
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
 def test_a_wrong_tangent_is_slow_and_then_an_error_that_leads_to_the_check(coupling):
     right = coupled_chains(coupling, stiff_chain).run(steps=3)
-
-    def little(*args):
-        return stiff_chain(*args, wrong=1.2)
-
-    def much(*args):
-        return stiff_chain(*args, wrong=8.0)
+    little, much = (functools.partial(stiff_chain, wrong=x) for x in (1.2, 8.0))
 
     slow = coupled_chains(coupling, little).run(steps=3)
     assert slow["rig"].iterations.sum() > 1.3 * right["rig"].iterations.sum()
@@ -242,8 +233,9 @@ def test_a_wrong_tangent_is_slow_and_then_an_error_that_leads_to_the_check(coupl
     assert c.step_count < 3 and np.isfinite(c.state("rig").u).all()
 
 
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize(
+    ("coupling", "tangent"), [("gc", "full"), ("pm", "reuse"), ("macro", "full")]
+)
 def test_a_singular_tangent_is_named_with_its_dof(coupling, tangent):
     class Column:
         """Four lateral springs, and from t = 0.5 on a coupling so strong that mass is rounding."""
@@ -283,7 +275,7 @@ def test_a_singular_tangent_is_named_with_its_dof(coupling, tangent):
     assert c.step_count == done + 3 and np.isfinite(c.state("column").u).all()
 
 
-@variants
+@pytest.mark.parametrize("variant", ["gc", "macro, double step"])
 def test_a_coupler_that_has_failed_may_be_reset(variant):
     history, _, _ = undisturbed(variant)
     c, laws = made(variant)
@@ -311,7 +303,7 @@ def test_a_tangent_that_is_lost_is_a_convergence_error_and_nothing_is_committed(
     tie = pm.tie(rig, [2], frame, [0])
     c = pm.Coupler([rig, frame], tie, dt=0.05, coupling=coupling)
     with pytest.raises(pm.ConvergenceError) as caught:
-        c.run(1.0)
+        c.run(0.6)
     assert caught.value.subdomain == "rig" and 0.43 < caught.value.time <= 0.45 + 1e-9
     assert caught.value.iterations > 0
     # the macro step from 0.4 to 0.45 has not been made
@@ -339,7 +331,7 @@ def test_a_run_with_a_lost_tangent_beside_a_linear_subdomain_is_right_or_ends(co
         ties = pm.tie(rig, [0, 1, 2], frame, [0, 1, 2])
         c = pm.Coupler([rig, frame], ties, dt=0.05, coupling=coupling)
         try:
-            return c.run(1.0)
+            return c.run(0.6)
         except pm.ConvergenceError:
             assert c.step_count == 8  # the macro step from 0.4 to 0.45 has not been made
             return c.last_history

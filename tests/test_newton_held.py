@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from newton_coupled import coupler
 from newton_reference import Newton, Nonlinear, run
+from pairwise import in_turn
 from reference import alpha
 
 import pmalpha as pm
@@ -103,8 +104,7 @@ def test_a_spring_that_two_constraints_hold_under_load_is_at_rest(coupling):
     np.testing.assert_allclose(Lam[:, 0] + 0.3 * Lam[:, 1], -1.0, rtol=0.0, atol=1e-12)
 
 
-@couplings
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("seed", "coupling"), in_turn(range(6), "gc", "pm"))
 def test_what_is_held_at_zero_stays_there(seed, coupling, monkeypatch):
     subdomains, L = held(seed, coupling)
     tangent = ("full", "reuse")[seed % 2]
