@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from agreement import assert_close, assert_constant, assert_order, assert_small, largest
-from pairwise import pairwise
+from pairwise import in_turn, pairwise
 from scipy.linalg import expm
 
 import pmalpha as pm
@@ -23,18 +23,8 @@ def loop(substeps, schemes, dt, *, double=False, sparse=False, coupling="mean", 
         u0, v0 = 0.1 * rng.normal(size=4), rng.normal(size=4)
         u0[[0, 3]] = v0[[0, 3]] = 0.0
         M = np.diag(M) + 0.1 * np.ones((4, 4)) if sparse else M
-        subdomains.append(
-            pm.Subdomain(
-                M,
-                K,
-                scheme=scheme,
-                substeps=s,
-                double_step=True if double and i == 0 else None,
-                u0=u0,
-                v0=v0,
-                name=str(i),
-            )
-        )
+        how = dict(double_step=(double and i == 0) or None, u0=u0, v0=v0, name=str(i))
+        subdomains.append(pm.Subdomain(M, K, scheme=scheme, substeps=s, **how))
     a, b, c = subdomains
     ties = [pm.tie(a, 3, b, 0), pm.tie(b, 3, c, 0), pm.tie(c, 3, a, 0)]
     return pm.Coupler(subdomains, ties, dt=dt, coupling=coupling, **options)
@@ -59,8 +49,9 @@ def exact(coupler, t):
     }
 
 
-@pytest.mark.parametrize("substeps", [(1, 1, 1), (1, 3, 7), (2, 3, 7)])
-@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize(
+    ("substeps", "sparse"), in_turn([(1, 1, 1), (1, 3, 7), (2, 3, 7), (1, 1, 1)], False, True, True)
+)
 def test_energy_is_exact(substeps, sparse):
     """1e-12: the rounding of a thousand macro steps."""
     history = loop(substeps, TRAPEZOIDAL, 0.05, sparse=sparse).run(steps=1000, energy=True)
@@ -83,10 +74,14 @@ def test_nothing_drifts(schemes, double):
         assert_small(history.displacement_jump, 1e-14, "displacement jump", size=size, **at)
 
 
-@pytest.mark.parametrize("schemes", [TRAPEZOIDAL, MIXED, DAMPED])
 @pytest.mark.parametrize(
-    ("substeps", "double"),
-    [((1, 1, 1), False), ((1, 3, 7), False), ((2, 3, 20), False), ((1, 1, 1), True)],
+    ("schemes", "substeps", "double"),
+    [
+        (TRAPEZOIDAL, (1, 1, 1), False),
+        (TRAPEZOIDAL, (2, 3, 20), False),
+        *((schemes, (1, 3, 7), False) for schemes in (MIXED, DAMPED)),
+        *((schemes, (1, 1, 1), True) for schemes in (MIXED, DAMPED)),
+    ],
 )
 def test_displacements_and_velocities_are_of_order_two(schemes, substeps, double):
     reference = exact(loop(substeps, schemes, 0.05), 1.0)
@@ -164,8 +159,7 @@ def test_recorded_accelerations_are_those_of_the_present():
         assert np.array_equal(second[name].a[-1], coupler.state(name).a)
 
 
-@pytest.mark.parametrize("double", [False, True])
-@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize(("double", "threads"), [(False, 3), (True, 1)])
 def test_runs_in_pieces_and_from_a_file_are_bitwise_the_same(tmp_path, double, threads):
     substeps = (1, 1, 1) if double else (1, 3, 7)
     whole = loop(substeps, MIXED, 0.05, double=double).run(steps=30)
@@ -196,16 +190,17 @@ def test_stored_and_repeated_responses_agree(monkeypatch):
             assert_close(two, one, 1e-12, f"{x} of {name!r}", size=largest(one))
 
 
-@pytest.mark.parametrize("double", [False, True])
-@pytest.mark.parametrize("consistent", [False, True])
 @pytest.mark.parametrize(
-    ("scheme", "damping"),
-    [(pm.Newmark(), 0.0), (pm.Newmark(), 0.1), (pm.GeneralizedAlpha(0.5), 0.0)],
+    ("how", "consistent", "double"),
+    pairwise(
+        [(pm.Newmark(), 0.0), (pm.Newmark(), 0.1), (pm.GeneralizedAlpha(0.5), 0.0)],
+        [False, True],
+        [False, True],
+    ),
 )
-def test_a_single_step_is_closed_as_it_would_respond(
-    monkeypatch, scheme, damping, consistent, double
-):
+def test_a_single_step_is_closed_as_it_would_respond(monkeypatch, how, consistent, double):
     """(K7) against (K3), with loads and energies; 1e-12: two orders of the same sums."""
+    scheme, damping = how
     K = np.diag([4.0, 3.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     M = np.diag([2.0, 1.0, 3.0]) + 0.3 * consistent * (np.eye(3, k=1) + np.eye(3, k=-1))
     C = damping * np.diag([3.0, 1.0, 2.0]) if damping else None
@@ -213,16 +208,12 @@ def test_a_single_step_is_closed_as_it_would_respond(
     def histories(defers):
         a, b = (
             pm.Subdomain(
-                M if consistent else np.diag(M),
-                stiffness * K,
-                C,
-                scheme=scheme,
+                M if consistent else np.diag(M), stiffness * K, C, scheme=scheme, name=name,
                 force=lambda t: np.array([np.sin(t), 0.0, 1.0]),
                 double_step=(double and name == "a") or None,
-                name=name,
             )
             for name, stiffness in (("a", 1.0), ("b", 3.0))
-        )
+        )  # fmt: skip
         coupler = pm.Coupler([a, b], pm.tie(a, [0, 2], b, [2, 0]), dt=0.3, coupling="mean")
         assert {part.defers for part in coupler._session.members} == {defers}
         return coupler.run(steps=40, energy=True)
@@ -350,19 +341,18 @@ def oscillators(b, substeps, schemes, h, *, double=False):
     return pm.Coupler([A, B], pm.tie(A, 0, B, 0), dt=h, coupling="mean")
 
 
-@pytest.mark.parametrize("rho", [0.5, 0.8, 1.0])
-@pytest.mark.parametrize("explicit", [False, True])
-@pytest.mark.parametrize("double", [False, True])
-def test_no_coupled_step_is_unstable(rho, explicit, double):
+def test_no_coupled_step_is_unstable():
     """1 + 1e-7: double eigenvalues of modulus one are computed to the root of the rounding."""
-    schemes = [pm.GeneralizedAlpha(rho), pm.GeneralizedAlpha(rho, explicit=explicit)]
-    for b, substeps, k in pairwise([0.01, 1.0, 100.0], [1, 2, 5, 20], [0, 1, 2]):
+    kinds = pairwise([0.5, 0.8, 1.0], [False, True], [False, True])
+    for kind, b, substeps, k in pairwise(kinds, [0.01, 1.0, 100.0], [1, 2, 5, 20], [0, 1, 2]):
+        rho, explicit, double = kind
+        schemes = [pm.GeneralizedAlpha(rho), pm.GeneralizedAlpha(rho, explicit=explicit)]
         alone = pm.Subdomain([1.0], [float(substeps**2)], scheme=schemes[1])
         limit = pm.analysis.critical_step(alone)
         steps = [0.1, 1.0, 10.0] if np.isinf(limit) else limit * substeps * np.r_[0.1, 0.5, 0.97]
         coupler = oscillators(b, substeps, schemes, steps[k], double=double)
         G = pm.analysis.amplification_matrix(coupler)
-        assert pm.analysis.spectral_radius(G) < 1.0 + 1e-7, (b, substeps, k)
+        assert pm.analysis.spectral_radius(G) < 1.0 + 1e-7, (kind, b, substeps, k)
 
 
 def unnamed(scheme):
