@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from pairwise import pairwise
 from refusals import EXPLICIT, as_bytes, chain, single, subdomain
 
 import pmalpha as pm
@@ -36,9 +37,9 @@ def unstable(form, names="ABC", tied=True):
         )
 
 
-@pytest.mark.parametrize("form", STIFF)
-@pytest.mark.parametrize("names", ["ABC", "CBA", "BAC"])
-@pytest.mark.parametrize("tied", [True, False])
+@pytest.mark.parametrize(
+    ("form", "names", "tied"), pairwise(list(STIFF), ["ABC", "CBA", "BAC"], [True, False])
+)
 def test_an_unstable_run_is_named_with_step_time_and_subdomain(form, names, tied):
     coupler = unstable(form, names, tied)
     with pytest.raises(pm.InstabilityError) as caught:
@@ -99,24 +100,31 @@ def test_an_instability_error_survives_pickling():
 
 
 def test_the_errors_are_those_of_the_contract():
-    assert issubclass(pm.ConstraintError, pm.PmalphaError)
+    for error in (pm.ConstraintError, pm.FactorizationError, pm.InstabilityError):
+        assert issubclass(error, pm.PmalphaError)
     assert issubclass(pm.ConstraintError, ValueError)
-    assert issubclass(pm.FactorizationError, pm.PmalphaError)
-    assert issubclass(pm.InstabilityError, pm.PmalphaError)
-    for warning in (pm.StabilityWarning, pm.ConstraintWarning):
-        assert issubclass(warning, Warning)
+    assert issubclass(pm.StabilityWarning, Warning) and issubclass(pm.ConstraintWarning, Warning)
 
 
 class Broken(Exception):
     """Raised by a restoring force."""
 
 
-def overflowing():
+def overflowing(**options):
     """A double-step subdomain whose load passes all numbers from t = 0.5 on."""
     samples = np.where(np.arange(40) < 5, 0.0, 1e300).reshape(-1, 1)
     load = pm.SampledForce(samples, 0.1, shape=[[1.0], [0.0]])
     scheme = pm.GeneralizedAlpha(0.5)
-    return pm.Subdomain([1e-20, 1.0], [1e-20, 1.0], scheme=scheme, force=load, name="a")
+    return pm.Subdomain([1e-20, 1.0], [1e-20, 1.0], scheme=scheme, force=load, name="a", **options)
+
+
+def in_a_row(a, restoring, substeps, **options):
+    """The coupler of `a` and two explicit masses, the first of them on a restoring force."""
+    explicit = dict(scheme=pm.GeneralizedAlpha(0.5, explicit=True), substeps=substeps)
+    b = pm.Subdomain([1.0], [1.0], restoring=restoring, name="b", **explicit)
+    c = pm.Subdomain([1.0], [1.0], name="c", **explicit)
+    ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [0], c, [0])]
+    return pm.Coupler([a, b, c], ties, dt=0.1, **options)
 
 
 @WARNED
@@ -131,11 +139,7 @@ def test_no_restoring_force_is_evaluated_beyond_a_macro_step_that_fails(threads)
         return 0.1 * u
 
     a = overflowing()
-    explicit = dict(scheme=pm.GeneralizedAlpha(0.5, explicit=True), substeps=5)
-    b = pm.Subdomain([1.0], [1.0], restoring=restoring, name="b", **explicit)
-    c = pm.Subdomain([1.0], [1.0], name="c", **explicit)
-    ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [0], c, [0])]
-    coupler = pm.Coupler([a, b, c], ties, dt=0.1, threads=threads, coupling="pm")
+    coupler = in_a_row(a, restoring, 5, threads=threads, coupling="pm")
     with pytest.raises(pm.InstabilityError) as caught:
         coupler.run(steps=10)
     assert (caught.value.subdomain, caught.value.step) == ("a", 4)
@@ -143,33 +147,20 @@ def test_no_restoring_force_is_evaluated_beyond_a_macro_step_that_fails(threads)
 
 
 @WARNED
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-@WARNED
-@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("coupling", "threads"), [("pm", 1), ("pm", 2), ("pm", 3), ("gc", 3), ("macro", 2)]
+)
 def test_the_first_failure_is_raised_though_a_later_step_was_evaluated_meanwhile(coupling, threads):
     # from t = 0.5 on a load that overflows, in the substep of "a" that begins at 0.4 (double step)
     # or 0.45; another thread has evaluated "b" for later substeps
-    samples = np.where(np.arange(40) < 5, 0.0, 1e300).reshape(-1, 1)
-    load = pm.SampledForce(samples, 0.1, shape=[[1.0], [0.0]])
-    a = pm.Subdomain(
-        [1e-20, 1.0],
-        [1e-20, 1.0],
-        scheme=pm.GeneralizedAlpha(0.5),
-        substeps=2,
-        force=load,
-        name="a",
-    )
+    a = overflowing(substeps=2)
 
     def breaks(u, v, t):
         if t > 0.455:
             raise Broken
         return 0.1 * u
 
-    explicit = dict(scheme=pm.GeneralizedAlpha(0.5, explicit=True), substeps=10)
-    b = pm.Subdomain([1.0], [1.0], restoring=breaks, name="b", **explicit)
-    c = pm.Subdomain([1.0], [1.0], name="c", **explicit)
-    ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [0], c, [0])]
-    coupler = pm.Coupler([a, b, c], ties, dt=0.1, coupling=coupling, threads=threads)
+    coupler = in_a_row(a, breaks, 10, threads=threads, coupling=coupling)
     with pytest.raises(pm.InstabilityError) as caught:
         coupler.run(steps=10, every=2)
     assert (caught.value.subdomain, caught.value.step, coupler.step_count) == ("a", 4, 4)
