@@ -1,5 +1,6 @@
 """What holds for all tests: Ctrl-C is possible, a build is present; libraries that read meshes."""
 
+import gc
 import signal
 import sys
 import time
@@ -28,6 +29,12 @@ def pytest_ignore_collect(collection_path, config):
     if collection_path.suffix == ".py" and "not gate" in config.option.markexpr:
         return "\npytestmark = pytest.mark.gate\n" in collection_path.read_text("utf-8") or None
     return None
+
+
+def pytest_collection_finish(session):
+    # the tests stay to the end: without this each collection of garbage looks through all of them
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(params=["meshlane", "meshio"])

@@ -5,6 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import pairwise
 from problems import random_problem
 
 import pmalpha as pm
@@ -44,11 +45,11 @@ def expected(own, given):
     return sum(x @ W.T for x, W in terms), sum(np.abs(x) @ np.abs(W).T for x, W in terms)
 
 
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("every", [None, 3])
+@pytest.mark.parametrize(
+    ("coupling", "seed", "every"), pairwise(["pm", "gc", "macro"], range(4), [None, 3])
+)
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-def test_outputs_are_the_products_with_all_dofs(seed, coupling, every):
+def test_outputs_are_the_products_with_all_dofs(coupling, seed, every):
     coupler = made(seed, coupling)
     chosen = weights(coupler)
     coupler.step(2)
@@ -120,10 +121,9 @@ def test_the_base_shear_balances_the_inertia_forces():
 
 
 def test_a_long_run_with_one_output_keeps_no_dofs_in_memory():
-    n, steps = 100_000, 200
-    bar = pm.Subdomain(
-        np.ones(n), np.ones(n), scheme=pm.CentralDifference(), v0=np.ones(n), name="bar"
-    )
+    n, steps = 20_000, 200
+    one = np.ones(n)
+    bar = pm.Subdomain(one, one, scheme=pm.CentralDifference(), v0=one, name="bar")
     coupler = pm.Coupler([bar], dt=0.1)
     coupler.step()
     mean = np.full(n, 1.0 / n)
@@ -316,13 +316,13 @@ def record_of(outputs, springs=None):
 
 
 @pytest.mark.parametrize("kind", BAD_COMBINATIONS)
-@pytest.mark.parametrize("place", range(3))
-def test_the_core_is_not_entered_with_weights_that_do_not_fit(kind, place):
+def test_the_core_is_not_entered_with_weights_that_do_not_fit(kind):
     core, y = core_of_one(), np.zeros((3, 1))
-    combinations = [GOOD, None, None]
-    combinations[place] = BAD_COMBINATIONS[kind]
-    with pytest.raises((TypeError, ValueError)):
-        core.advance(2, record_of((y, *combinations)))
+    for place in range(3):
+        combinations = [GOOD, None, None]
+        combinations[place] = BAD_COMBINATIONS[kind]
+        with pytest.raises((TypeError, ValueError)):
+            core.advance(2, record_of((y, *combinations)))
     core.advance(2, record_of((y, GOOD, None, None)))
     assert np.all(y[1:] != 0.0)
 
@@ -337,20 +337,19 @@ BAD_OUTPUTS = {
 }
 
 
-@pytest.mark.parametrize("kind", BAD_OUTPUTS)
-def test_the_core_is_not_entered_with_outputs_that_do_not_fit(kind):
-    with pytest.raises((TypeError, ValueError)):
-        core_of_one().advance(2, record_of(BAD_OUTPUTS[kind]))
+BAD_RECORDS = {name: record_of(outputs) for name, outputs in BAD_OUTPUTS.items()} | {
+    f"springs {i}": record_of(None, springs)
+    for i, springs in enumerate([5, (i64(),), (i64(0), np.zeros((3, 1)), np.zeros((3, 1)))])
+}
 
 
-@pytest.mark.parametrize("springs", [5, (i64(),), (i64(0), np.zeros((3, 1)), np.zeros((3, 1)))])
-def test_the_core_is_not_entered_with_springs_that_do_not_fit(springs):
+@pytest.mark.parametrize("kind", BAD_RECORDS)
+def test_the_core_is_not_entered_with_outputs_and_springs_that_do_not_fit(kind):
     with pytest.raises((TypeError, ValueError)):
-        core_of_one().advance(2, record_of(None, springs))
+        core_of_one().advance(2, BAD_RECORDS[kind])
 
 
 def test_outputs_that_decrease_are_refused_by_the_core():
-    starts = i64(0, 2, 1)
-    y = np.zeros((3, 2))
+    falls = i64(0, 2, 1), i64(0), np.ones(1)
     with pytest.raises(ValueError, match="start must rise"):
-        core_of_one().advance(2, record_of((y, (starts, i64(0), np.ones(1)), None, None)))
+        core_of_one().advance(2, record_of((np.zeros((3, 2)), falls, None, None)))
