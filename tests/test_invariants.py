@@ -126,7 +126,7 @@ PROBLEMS = {
     **{f"everything-{form}": partial(everything, form) for form in FORMS},
     **{f"sampled-{form}": lambda f=form: with_sampled_forces(everything(f)) for form in FORMS},
     **{f"tied-without-mass-{form}": partial(tied_without_mass, form) for form in FORMS},
-    **{f"random-{seed}": partial(random_problem, 1000 + seed) for seed in range(8)},
+    **{f"random-{seed}": partial(random_problem, 1000 + seed) for seed in range(5)},
 }
 
 
@@ -178,18 +178,11 @@ def scales(history, problem):
 )
 def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_exactly(make, k):
     problem, factor = make(), 2.0**k
-    scaled = replace(
-        problem,
-        subdomains=[
-            replace(
-                s,
-                u0=None if s.u0 is None else s.u0 * factor,
-                v0=None if s.v0 is None else s.v0 * factor,
-                force=scaled_force(s.force, factor),
-            )
-            for s in problem.subdomains
-        ],
-    )
+    scaled = replace(problem, subdomains=[replace(s) for s in problem.subdomains])
+    for s in scaled.subdomains:
+        s.u0 = None if s.u0 is None else s.u0 * factor
+        s.v0 = None if s.v0 is None else s.v0 * factor
+        s.force = scaled_force(s.force, factor)
     one, two = problem.coupler().run(steps=STEPS), scaled.coupler().run(steps=STEPS)
     assert_identical(one, two, factor)
 
@@ -368,11 +361,8 @@ def test_couplers_made_of_the_same_subdomains_are_independent(form):
         for x, (_, y) in zip(joined(pieces), arrays(h)):
             np.testing.assert_array_equal(x, y)
     assert (alone[0][0].u != alone[2][0].u).any()
-    same[0].reset(
-        u0={"a": [0.0, 0.0, 9.0], "b": [0.0, 0.0, 1.0]},
-        v0={"b": [0.0, 0.0, 1.0]},
-        force={"b": None},
-    )
+    free = {"b": [0.0, 0.0, 1.0]}
+    same[0].reset(u0=free | {"a": [0.0, 0.0, 9.0]}, v0=free, force={"b": None})
     same[0].step(3)
     assert [{k: frozen(v) for k, v in vars(s).items()} for s in given] == before
 

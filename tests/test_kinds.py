@@ -43,29 +43,25 @@ def points_of(name):
     return np.array([*corners, *(corners[[int(i) for i in group]].mean(0) for group in groups)])
 
 
-def solids():
-    return [name for name in KINDS if KINDS[name].dimension == 3]
+def of_dimension(d):
+    return pytest.mark.parametrize("name", [name for name in KINDS if KINDS[name].dimension == d])
 
 
-def surfaces():
-    return [name for name in KINDS if KINDS[name].dimension == 2]
+every_kind = pytest.mark.parametrize("name", [*CORNERS, *SECOND])
 
 
 def test_the_kinds_are_those_of_this_file():
-    assert set(KINDS) == {*CORNERS, *SECOND}
+    assert set(SHAPES) <= set(KINDS) == {*CORNERS, *SECOND}
 
 
-@pytest.mark.parametrize("name", [*CORNERS, *SECOND])
-def test_dimension_and_number_of_nodes_are_those_of_the_reference_element(name):
+@every_kind
+def test_dimension_and_nodes_are_those_of_the_reference_element(name):
     assert (KINDS[name].nodes, KINDS[name].dimension) == points_of(name).shape
+    if name in SHAPES:
+        np.testing.assert_allclose(SHAPES[name].nodes, points_of(name), rtol=0.0, atol=1e-15)
 
 
-@pytest.mark.parametrize("name", list(SHAPES))
-def test_nodes_of_shape_functions_are_those_of_the_reference_element(name):
-    np.testing.assert_allclose(SHAPES[name].nodes, points_of(name), rtol=0.0, atol=1e-15)
-
-
-@pytest.mark.parametrize("name", [*CORNERS, *SECOND])
+@every_kind
 def test_numbers_and_names_in_files_are_those_of_meshio(name):
     pytest.importorskip("meshio")
     from meshio._vtk_common import vtk_to_meshio_type
@@ -81,7 +77,7 @@ def area_vector(around):
     return 0.5 * np.cross(around, np.roll(around, -1, axis=0)).sum(axis=0)
 
 
-@pytest.mark.parametrize("name", solids())
+@of_dimension(3)
 def test_the_faces_of_a_solid_enclose_its_volume(name):
     x, volume, total = points_of(name), 0.0, 0.0
     for face, nodes in KINDS[name].faces:
@@ -100,7 +96,7 @@ def test_the_faces_of_a_solid_enclose_its_volume(name):
     assert volume == pytest.approx(VOLUMES[first_order(name)], rel=1e-14)
 
 
-@pytest.mark.parametrize("name", surfaces())
+@of_dimension(2)
 def test_the_triangles_of_a_surface_cover_it_once(name):
     x, kind = points_of(name), KINDS[name]
     ends = x[np.array(kind.triangles)]
@@ -114,7 +110,7 @@ def test_the_triangles_of_a_surface_cover_it_once(name):
     )
 
 
-@pytest.mark.parametrize("name", [*CORNERS, *SECOND])
+@every_kind
 def test_vtk_has_the_same_nodes_and_the_same_faces(name):
     pytest.importorskip("vtkmodules")
     from vtkmodules.vtkCommonDataModel import vtkGenericCell
@@ -152,13 +148,7 @@ def of_kind(blocks):
 
 def test_a_face_between_solids_of_different_kinds_is_not_an_outer_face():
     # a cube, a wedge on its right side, a pyramid on its top, a tetrahedron beside the wedge
-    points = [
-        *CORNERS["hexahedron"],
-        (2, 0, 0),
-        (2, 0, 1),
-        (0.5, 0.5, 2),
-        (3, 1, 0),
-    ]
+    points = [*CORNERS["hexahedron"], (2, 0, 0), (2, 0, 1), (0.5, 0.5, 2), (3, 1, 0)]
     elements = {
         "hexahedron": [list(range(8))],
         "wedge": [[1, 8, 2, 5, 9, 6]],
@@ -167,18 +157,10 @@ def test_a_face_between_solids_of_different_kinds_is_not_an_outer_face():
     }
     found = of_kind(outer_faces(checked_mesh(points, elements)))
     # the tetrahedron shares no whole face: the side of the wedge has four corners
-    assert found == {
-        "quad": sorted(
-            [[0, 1, 2, 3], [0, 1, 4, 5], [2, 3, 6, 7], [0, 3, 4, 7], [1, 5, 8, 9], [2, 6, 8, 9]]
-        ),
-        "triangle": sorted(
-            [
-                *([1, 2, 8], [5, 6, 9]),
-                *([4, 5, 10], [5, 6, 10], [6, 7, 10], [4, 7, 10]),
-                *([2, 8, 9], [2, 8, 11], [2, 9, 11], [8, 9, 11]),
-            ]
-        ),
-    }
+    quads = [[0, 1, 2, 3], [0, 1, 4, 5], [2, 3, 6, 7], [0, 3, 4, 7], [1, 5, 8, 9], [2, 6, 8, 9]]
+    triangles = [[1, 2, 8], [5, 6, 9], [4, 5, 10], [5, 6, 10], [6, 7, 10], [4, 7, 10]]
+    triangles += [[2, 8, 9], [2, 8, 11], [2, 9, 11], [8, 9, 11]]
+    assert found == {"quad": sorted(quads), "triangle": sorted(triangles)}
 
 
 def test_a_face_between_orders_is_not_an_outer_face():

@@ -10,6 +10,7 @@ import pmalpha as pm
 from pmalpha.rig import Limits
 
 H = 0.01
+CENTRAL = pm.CentralDifference()
 
 
 class Specimen:
@@ -30,7 +31,7 @@ class Specimen:
 
 def made(specimen, limits, *, scheme=None, substeps=1, **options):
     options = options or dict(v0=[1.0])
-    options |= dict(scheme=scheme or pm.CentralDifference(), substeps=substeps, name="rig")
+    options |= dict(scheme=scheme or CENTRAL, substeps=substeps, name="rig")
     mass = pm.Subdomain([1.0], None, restoring=specimen, limits=limits, **options)
     return pm.Coupler([mass], dt=substeps * H, coupling="gc")
 
@@ -86,7 +87,7 @@ def test_the_velocity_that_is_given_is_limited_too():
 @pytest.mark.parametrize(
     ("scheme", "name", "others"),
     pairwise(
-        [pm.CentralDifference(), pm.Newmark()],
+        [CENTRAL, pm.Newmark()],
         ["displacement", "velocity"],
         [[], [pm.CubicSpring([0], 1.0, 0.0)]],
     ),
@@ -115,7 +116,7 @@ def test_a_force_beyond_its_limit_ends_the_run():
 
 
 def test_springs_and_iterated_subdomains_have_limits_too():
-    free = dict(scheme=pm.CentralDifference(), v0=[1.0], restoring=pm.CubicSpring([0], 4.0, 0.0))
+    free = dict(scheme=CENTRAL, v0=[1.0], restoring=pm.CubicSpring([0], 4.0, 0.0))
     mass = pm.Subdomain([1.0], None, limits=Limits(force=1.0), **free)
     error = ended(pm.Coupler([mass], dt=H, coupling="gc"))
     assert error.quantity == "force" and 1.0 < error.value < 1.1
@@ -126,17 +127,9 @@ def test_springs_and_iterated_subdomains_have_limits_too():
 
 
 def test_limits_are_those_of_each_dof_in_the_users_order():
-    seen = []
-    a = pm.Subdomain(
-        np.ones(3),
-        4.0 * np.eye(3),
-        scheme=pm.CentralDifference(),
-        v0=[1.0, 1.0, 1.0],
-        restoring=lambda u, v, t: seen.append(u) or 0.0 * u,
-        limits=Limits(displacement=[np.inf, 0.2, 0.4]),
-        name="a",
-    )
-    b = pm.Subdomain([1.0], [4.0], scheme=pm.CentralDifference(), v0=[1.0], name="b")
+    how = dict(restoring=lambda u, v, t: 0.0 * u, limits=Limits(displacement=[np.inf, 0.2, 0.4]))
+    a = pm.Subdomain(np.ones(3), 4.0 * np.eye(3), scheme=CENTRAL, v0=np.ones(3), **how)
+    b = pm.Subdomain([1.0], [4.0], scheme=CENTRAL, v0=[1.0], name="b")
     error = ended(pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=H, coupling="gc"))
     assert (error.dof, error.limit) == (1, 0.2)
 

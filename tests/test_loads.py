@@ -98,31 +98,21 @@ def test_a_callable_that_returns_a_constant_is_bitwise_identical_to_the_constant
     assert_same_rows(one, two)
 
 
-@pytest.mark.parametrize(
-    "give",
-    [
-        list,
-        tuple,
-        np.array,
-        lambda x: np.repeat(x, 2)[::2],  # not contiguous
-        lambda x: x[::-1].copy()[::-1],
-        lambda x: np.array(x, dtype=np.longdouble),
-    ],
-    ids=["list", "tuple", "array", "strided", "reversed", "longdouble"],
-)
+KEPT = np.zeros(2)
+VECTORS = {
+    "list": list,
+    "tuple": tuple,
+    "array": np.array,
+    "strided": lambda x: np.repeat(x, 2)[::2],
+    "reversed": lambda x: x[::-1].copy()[::-1],
+    "longdouble": lambda x: np.array(x, dtype=np.longdouble),
+    "the same array again": lambda x: np.add(x, 0.0, out=KEPT),
+}
+
+
+@pytest.mark.parametrize("give", VECTORS.values(), ids=VECTORS)
 def test_a_callable_may_return_anything_that_is_a_vector(give):
     _, F = loads_seen(lambda t: give(wave(t)), 2, 0.1, 5)
-    np.testing.assert_array_equal(F, [wave(k * 0.1) for k in range(6)])
-
-
-def test_a_callable_may_return_the_same_array_again_and_again():
-    kept = np.zeros(2)
-
-    def reuse(t):
-        kept[:] = wave(t)
-        return kept
-
-    _, F = loads_seen(reuse, 2, 0.1, 5)
     np.testing.assert_array_equal(F, [wave(k * 0.1) for k in range(6)])
 
 
@@ -220,7 +210,6 @@ def interpolated(values, dt, right):
         (np.column_stack([TWO, SAMPLES]), None, lambda s: s),
         (TWO.astype(np.float32), SHAPE.astype(int), lambda s: SHAPE.astype(int) @ s),
     ],
-    ids=["two-series", "one-series", "one-column", "no-shape", "other-types"],
 )
 def test_a_sampled_force_is_the_interpolation_of_its_samples(values, shape, expected):
     force = pm.SampledForce(values, 0.07, shape=shape)
@@ -239,19 +228,18 @@ def test_a_sampled_force_is_the_interpolation_of_its_samples(values, shape, expe
 DENSE_M = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.25], [0.0, 0.25, 3.0]])
 
 
+RECORDS = (SAMPLES, [1.0, 1.0, 0.0]), (TWO, SHAPE), (SAMPLES[:, None], [[1.0], [1.0], [0.0]])
+
+
 @pytest.mark.parametrize(
-    ("record", "direction"),
-    [(SAMPLES, [1.0, 1.0, 0.0]), (TWO, SHAPE), (SAMPLES[:, None], [[1.0], [1.0], [0.0]])],
-    ids=["one-record", "two-records", "one-column"],
+    ("M", "given"),
+    in_turn(
+        [DENSE_M, np.array([2.0, 1.0, 3.0]), sp.csc_array(DENSE_M), sp.coo_matrix(DENSE_M)],
+        *RECORDS,
+    ),
 )
-@pytest.mark.parametrize(
-    "M",
-    [np.array([2.0, 1.0, 3.0]), DENSE_M, sp.csc_array(DENSE_M), sp.coo_matrix(DENSE_M)],
-    ids=["diagonal", "dense", "csc", "coo"],
-)
-def test_a_base_acceleration_is_minus_M_direction_record_and_zero_after_its_end(
-    M, record, direction
-):
+def test_a_base_acceleration_is_minus_M_direction_record_and_zero_after_its_end(M, given):
+    record, direction = given
     force = pm.BaseAcceleration(record, 0.07, direction, M)
     t, F = loads_seen(force, 3, 0.061, 12, substeps=3)
     dense = M.toarray() if sp.issparse(M) else np.diag(M) if M.ndim == 1 else M

@@ -124,17 +124,10 @@ def test_a_force_of_a_double_step_subdomain_is_evaluated_in_its_turn_and_not_ahe
         f[0] = t
         return 0
 
-    a, b, c = (
-        pm.Subdomain(
-            [1.0],
-            [1.0],
-            scheme=pm.GeneralizedAlpha(0.5, explicit=name != "a"),
-            substeps=2 if name == "a" else 6,
-            force=LowLevelCallable(FORCE(force)) if name == "a" else None,
-            name=name,
-        )
-        for name in "abc"
-    )
+    half, fast = pm.GeneralizedAlpha(0.5), pm.GeneralizedAlpha(0.5, explicit=True)
+    load = LowLevelCallable(FORCE(force))
+    a = pm.Subdomain([1.0], [1.0], scheme=half, substeps=2, force=load, name="a")
+    b, c = (pm.Subdomain([1.0], [1.0], scheme=fast, substeps=6, name=name) for name in "bc")
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0])]
     coupler = pm.Coupler([a, b, c], ties, dt=0.3, threads=threads, coupling="pm")
     for steps in (1, 4, 7):  # in each call up to its end
@@ -247,21 +240,13 @@ def test_all_spellings_of_a_size_are_accepted(size):
     pm.solve(part, dt=0.1, t_end=0.1)
 
 
-@pytest.mark.parametrize(
-    "signature",
-    [
-        "int (double, int, double *, void *)",
-        "int (double, size_t, double *, void *)",
-        "int (double, unsigned long, double *, void *)",
-        "void (double, long, double *, void *)",
-        "int (long, double, double *, void *)",
-        "int (double, long, float *, void *)",
-        "int (double, long, double *)",
-        "int (double, long, double *, double *, double *, void *)",
-        "double (double)",
-        "",
-    ],
-)
+OTHERS = [f"int (double, {size}, double *, void *)" for size in ("int", "size_t", "unsigned long")]
+OTHERS += ["void (double, long, double *, void *)", "int (long, double, double *, void *)"]
+OTHERS += ["int (double, long, float *, void *)", "int (double, long, double *)"]
+OTHERS += ["int (double, long, double *, double *, double *, void *)", "double (double)", ""]
+
+
+@pytest.mark.parametrize("signature", OTHERS)
 def test_another_signature_is_refused_with_the_one_wanted(signature):
     function = capsule(FORCE(force_ctypes), signature.encode())
     with pytest.raises(ValueError, match="force must have the signature 'int .double, intptr_t"):

@@ -332,23 +332,16 @@ def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
 def total_energy(history, subdomains):
     energy = 0.0
     for found, s in zip(history.subdomains, subdomains):
-        for x, A in ((found.v, dense(s.M)), (found.u, dense(s.K))):
-            energy = energy + 0.5 * np.einsum("ti,ij,tj->t", x, A, x)
+        strain = np.einsum("ti,ij,tj->t", found.u, s.K, found.u)
+        energy = energy + 0.5 * (found.v**2 @ s.M + strain)
     return energy
 
 
 def undamped(soft, fast, substeps, coupling="macro"):
     """Two masses on the ground, tied to two that vibrate at 46 rad/s against each other."""
-    a = pm.Subdomain(
-        np.diag([1.0, 0.7]), np.array([[30.0, -20.0], [-20.0, 23.6]]), scheme=soft, u0=[0.3, 1.0]
-    )
-    b = pm.Subdomain(
-        np.diag([0.3, 0.5]),
-        np.array([[405.4, -400.0], [-400.0, 400.0]]),
-        scheme=fast,
-        u0=[1.0, 1.0],
-        substeps=substeps,
-    )
+    K = [[30.0, -20.0], [-20.0, 23.6]], [[405.4, -400.0], [-400.0, 400.0]]
+    a = pm.Subdomain([1.0, 0.7], K[0], scheme=soft, u0=[0.3, 1.0])
+    b = pm.Subdomain([0.3, 0.5], K[1], scheme=fast, u0=[1.0, 1.0], substeps=substeps)
     # central difference is stable up to dt_B = 2 / 46.3
     dt = 0.2 if substeps > 1 else 0.03
     return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=dt, coupling=coupling), (a, b)
@@ -538,7 +531,8 @@ def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, exp
     K, M = FORMS[form](), np.linspace(1.0, 2.0, 60)
     count = 19  # two full blocks of eight and three more
     scheme = pm.GeneralizedAlpha(0.8, explicit=explicit)
-    part = pm.Subdomain(M, K, 0.1 * M, scheme=scheme, substeps=3, name="part")
+    C = np.linspace(0.3, 0.1, 60)  # not proportional
+    part = pm.Subdomain(M, K, C, scheme=scheme, substeps=3, name="part")
     other = pm.Subdomain(np.ones(count), np.ones(count), scheme=SECOND)
     dofs = list(range(2, 2 + 3 * count, 3))
     tie = pm.tie(part, dofs, other, list(range(count)))
@@ -547,7 +541,7 @@ def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, exp
     L[np.arange(count), dofs] = 1.0
     alpha = dict(am=scheme.am, af=scheme.af, beta=scheme.beta, gamma=scheme.gamma)
     M, K = np.diag(M), dense(K)
-    subdomain = reference.Subdomain(M, K, 0.1 * M, **alpha, explicit=explicit, substeps=3)
+    subdomain = reference.Subdomain(M, K, np.diag(C), **alpha, explicit=explicit, substeps=3)
     if coupling == "macro":
         U = reference.MacroStepper(subdomain, L, 0.3).U[-1]
     else:
@@ -562,6 +556,9 @@ def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, exp
         assert largest(found - U[name]) < 1e-12 * largest(U[name])
     tied = "v" if coupling == "macro" else "u"
     assert largest(end.T - L @ U[tied]) < 1e-12 * largest(end)
+    if coupling == "macro":
+        for H in (end, mean):  # one per cent of C left out of one side would show at 1e-3
+            assert largest(H - H.T) < 1e-13 * largest(H) and np.linalg.eigvalsh(H).min() > 0.0
 
 
 def test_ctrl_c_ends_the_unit_responses_between_two_substeps():
@@ -573,23 +570,6 @@ def test_ctrl_c_ends_the_unit_responses_between_two_substeps():
     with pytest.warns(pm.PerformanceWarning) as warned, pytest.raises(KeyboardInterrupt):
         with waits.ctrl_c_when(lambda: len(warned), after=0.1):
             pm.Coupler([slow, other], pm.tie(slow, [0], other, [0]), dt=1.0, coupling="macro")
-
-
-def test_h_is_symmetric_for_damping_that_is_not_proportional():
-    rng = np.random.default_rng(1)
-    A, B = rng.normal(size=(2, 5, 5))
-    M, K, C = np.diag(rng.uniform(1, 2, 5)), 9.0 * A @ A.T, B @ B.T
-    for explicit in (False, True):
-        part = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=explicit), substeps=6)
-        other = pm.Subdomain(np.ones(5), np.ones(5), scheme=SECOND)
-        ties = pm.tie(part, list(range(5)), other, list(range(5)))
-        core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._session.members[0].core
-        end, mean = np.empty((5, 5)), np.empty((5, 5))
-        assert core.unit_responses(np.arange(5), end, mean, None)
-        for H in (end, mean):
-            # rounding of six steps; one per cent of C left out of one side shows at 1e-3
-            assert largest(H - H.T) < 1e-14
-            assert np.linalg.eigvalsh(H).min() > 0.0
 
 
 def resonant(detuning):
@@ -658,12 +638,6 @@ def test_unit_responses_that_do_not_fit_are_refused_with_the_figures(monkeypatch
     a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
     with pytest.raises(MemoryError, match="link response of 'a' to 9 constraints needs about"):
         pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")
-
-
-def test_a_unit_response_that_overflows_names_the_subdomain():
-    a, b = halves(10.0, 400)
-    with pytest.raises(ValueError, match="substeps of subdomain 'B' must be more"):
-        coupled(a, b, 400 * 3.0)
 
 
 def test_the_amplification_matrix_contains_the_multipliers():
@@ -757,17 +731,10 @@ def van_der_pol(u, v, t):
 def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
     """Largest errors of u and v over 0.5 s of a mass tied to one on a restoring force."""
     a = pm.Subdomain([0.6], [10.0], scheme=SECOND, u0=[1.0], name="a")
-    b = pm.Subdomain(
-        [0.4],
-        None,
-        scheme=FAST if explicit else SECOND,
-        substeps=substeps,
-        restoring=r,
-        restoring_stiffness=None if K_r == 0.0 else [K_r],
-        restoring_damping=None if D_r == 0.0 else [D_r],
-        u0=[1.0],
-        name="b",
-    )
+    how = dict(scheme=FAST if explicit else SECOND, substeps=substeps, restoring=r, u0=[1.0])
+    how |= dict(restoring_stiffness=None if K_r == 0.0 else [K_r])
+    how |= dict(restoring_damping=None if D_r == 0.0 else [D_r])
+    b = pm.Subdomain([0.4], None, name="b", **how)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         s = coupled(a, b, dt).run(0.5)["a"]
@@ -800,15 +767,9 @@ def growth(share, product, substeps=10, coupling="macro"):
     """
     k = 0.5 * product**2
     a = pm.Subdomain([0.5], [k], scheme=SECOND, u0=[1.0])
-    b = pm.Subdomain(
-        [0.5],
-        None,
-        scheme=FAST,
-        substeps=substeps,
-        restoring=lambda u, v, t: k * u,
-        restoring_stiffness=None if share == 0.0 else [share * k],
-        u0=[1.0],
-    )
+    how = dict(restoring=lambda u, v, t: k * u, substeps=substeps, u0=[1.0])
+    how |= dict(restoring_stiffness=None if share == 0.0 else [share * k])
+    b = pm.Subdomain([0.5], None, scheme=FAST, **how)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         try:

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import sys
 from functools import cache
-from itertools import product
 from pathlib import Path
 
 import campaign_memory
@@ -151,16 +150,25 @@ def test_the_bridge_of_the_page_runs_on_two_ranks(tmp_path):
     assert whole["span 1"].u.shape == (1001, 10) and whole.multipliers.any()
 
 
-@needs_mpi
-@pytest.mark.parametrize("ranks, name", [*product((2, 3), OTHERS), (2, "fed")])
-def test_other_ties_and_loads_static_equilibrium_and_the_warning_of_drift_too(lines, ranks, name):
-    assert lines(ranks, name) == [name] * ranks
+# Ties by interpolation, explicit subdomains, static equilibrium, the warning of drift, loads that
+# are fed; internal forces; substeps that a tolerance chooses; a wrong argument, too little memory
+# or another failure on one rank (8 kinds, on both ranks in 5 couplings, or on one of three in one);
+# files of each rank; states that another number of ranks has saved.
+EXPECTED = [
+    *((ranks, name, name) for ranks in (2, 3) for name in [*OTHERS, "chosen", "checkpoints"]),
+    *((ranks, "iterated", "iterated") for ranks in (1, 2, 3, 4)),
+    *((2, name, name) for name in ("fed", "memory", "files")),
+    (3, "arguments", "arguments"),
+    *((2, "failures", "80 failures"), (3, "failures", "8 failures")),
+]
 
 
 @needs_mpi
-@pytest.mark.parametrize("ranks", [1, 2, 3, 4])
-def test_internal_forces_are_iterated_by_all_ranks(lines, ranks):
-    assert lines(ranks, "iterated") == ["iterated"] * ranks
+@pytest.mark.parametrize("ranks, name, expected", EXPECTED)
+def test_what_the_ranks_do_together_ends_on_all_as_in_one_process(lines, ranks, name, expected):
+    if name in ("chosen", "files"):
+        pytest.importorskip("h5py")
+    assert lines(ranks, name) == [expected] * ranks
 
 
 @needs_mpi
@@ -172,46 +180,10 @@ def test_internal_forces_of_all_couplings_are_iterated_by_any_number_of_ranks(ra
 
 
 @needs_mpi
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_the_substeps_that_a_tolerance_chooses_are_those_of_one_process(lines, ranks):
-    pytest.importorskip("h5py")
-    assert lines(ranks, "chosen") == ["chosen"] * ranks
-
-
-@needs_mpi
-def test_a_wrong_argument_on_one_rank_raises_on_all(lines):
-    assert lines(3, "arguments") == ["arguments"] * 3
-
-
-@needs_mpi
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_a_failure_on_any_rank_ends_the_run_on_all_at_the_same_step(lines, ranks):
-    # 8 kinds of failure, each on both ranks in 5 couplings, or on one of three in one
-    assert lines(ranks, "failures") == [f"{80 if ranks == 2 else 8} failures"] * ranks
-
-
-@needs_mpi
-def test_too_little_memory_on_one_rank_raises_on_all(lines):
-    assert lines(2, "memory") == ["memory"] * 2
-
-
-@needs_mpi
 @pytest.mark.skipif(sys.platform != "linux", reason="replaces malloc by the linker of Linux")
 def test_an_allocation_that_fails_on_one_rank_raises_on_all(tmp_path):
     found = run(2, "allocations", tmp_path, 23, **campaign_memory.preloaded(tmp_path))
     assert found == ["allocations"] * 2
-
-
-@needs_mpi
-def test_ranks_save_and_load_their_own_files(lines):
-    pytest.importorskip("h5py")
-    assert lines(2, "files") == ["files"] * 2
-
-
-@needs_mpi
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_a_state_is_loaded_by_another_number_of_ranks(lines, ranks):
-    assert lines(ranks, "checkpoints") == ["checkpoints"] * ranks
 
 
 @needs_mpi

@@ -16,27 +16,23 @@ def chain(n, name, u0=None):
     return pm.Subdomain(np.ones(n), K, scheme=pm.GeneralizedAlpha(0.5), u0=u0, name=name)
 
 
-def run(constraints):
+def two():
+    return chain(3, "a", [0.3, -0.2, 0.1]), chain(4, "b", [0.1, 0, 0, 0.1])
+
+
+def run(constraints, subdomains=None):
     """The motion of two chains whose last and first dofs are tied, all numbers of it."""
-    u0 = [0.3, -0.2, 0.1]
-    history = pm.Coupler(
-        [chain(3, "a", u0), chain(4, "b", [0.1, 0, 0, 0.1])], constraints, dt=0.1, coupling="pm"
-    )
-    history = history.run(steps=20)
+    c = pm.Coupler(subdomains or two(), constraints, dt=0.1, coupling="pm")
+    history = c.run(steps=20)
     return np.hstack([history["a"].u.ravel(), history["b"].v.ravel(), history.multipliers.ravel()])
 
 
 @pytest.mark.parametrize("names", [("a", "b"), ("a", None), (None, "b")])
 def test_a_tie_in_names_is_that_of_the_subdomains(names):
-    a, b = chain(3, "a", [0.3, -0.2, 0.1]), chain(4, "b", [0.1, 0, 0, 0.1])
-    first, second = (name or s for name, s in zip(names, (a, b)))
-    histories = [
-        pm.Coupler([a, b], c, dt=0.1, coupling="pm").run(steps=20)
-        for c in (pm.tie(a, [2], b, [0]), pm.tie(first, [2], second, [0]))
-    ]
-    for key in ("a", "b"):
-        np.testing.assert_array_equal(*(h[key].u for h in histories))
-    np.testing.assert_array_equal(*(h.multipliers for h in histories))
+    both = two()
+    first, second = (name or s for name, s in zip(names, both))
+    expected = run(pm.tie(both[0], [2], both[1], [0]), both)
+    np.testing.assert_array_equal(run(pm.tie(first, [2], second, [0]), both), expected)
 
 
 def test_general_constraints_and_masks_in_names():
@@ -58,33 +54,32 @@ def test_a_name_that_the_coupler_gave_is_one_too():
 
 def test_meshes_are_tied_in_names():
     a, b = (pm.Subdomain(np.ones(8), np.ones(8), scheme=pm.Newmark(), name=k) for k in "ab")
-    place = {"a": POINTS, "b": POINTS + [1.0, 0.0]}
-    for one, other in (
-        (
-            pm.tie_coincident({a: place["a"], b: place["b"]}, components=2),
-            pm.tie_coincident(place, components=2),
-        ),
-        (
-            pm.interpolate(a, place["a"], b, place["b"], [[0, 2]], components=2),
-            pm.interpolate("a", place["a"], "b", place["b"], [[0, 2]], components=2),
-        ),
-    ):
-        for s in (a, b):
-            np.testing.assert_array_equal(
-                one.matrices[s].toarray(), other.matrices[s.name].toarray()
-            )
+    shifted = POINTS + [1.0, 0.0]
+    one, other = (
+        pm.tie_coincident({x: POINTS, y: shifted}, components=2) for x, y in ((a, b), "ab")
+    )
+    assert_same_matrices(one, other, (a, b))
+    one, other = (
+        pm.interpolate(x, POINTS, y, shifted, [[0, 2]], components=2) for x, y in ((a, b), "ab")
+    )
+    assert_same_matrices(one, other, (a, b))
+
+
+def assert_same_matrices(by_subdomain, by_name, subdomains):
+    for s in subdomains:
+        one, other = by_subdomain.matrices[s], by_name.matrices[s.name]
+        np.testing.assert_array_equal(one.toarray(), other.toarray())
 
 
 def test_fixed_dofs_are_left_out_in_names_too():
     reduced = pm.reduce(np.ones(8), np.eye(8), fixed=[2, 3])
     a = pm.Subdomain(reduced.M, reduced.K, scheme=pm.Newmark(), name="a")
     b = pm.Subdomain(np.ones(8), np.ones(8), scheme=pm.Newmark(), name="b")
-    shifted = POINTS + [1.0, 0.0]
-    one = pm.tie_coincident({a: POINTS, b: shifted}, components=2, reduced={a: reduced})
-    other = pm.tie_coincident({"a": POINTS, "b": shifted}, components=2, reduced={"a": reduced})
-    for s in (a, b):
-        assert one.matrices[s].shape == other.matrices[s.name].shape
-        np.testing.assert_array_equal(one.matrices[s].toarray(), other.matrices[s.name].toarray())
+    one, other = (
+        pm.tie_coincident({x: POINTS, y: POINTS + [1.0, 0.0]}, components=2, reduced={x: reduced})
+        for x, y in ((a, b), "ab")
+    )
+    assert_same_matrices(one, other, (a, b))
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda c: pickle.loads(pickle.dumps(c))])

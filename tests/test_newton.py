@@ -20,6 +20,8 @@ from newton_problems import (
 )
 from newton_reference import Nonlinear
 from pairwise import pairwise
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import pmalpha as pm
 
@@ -135,23 +137,15 @@ def test_all_rho_with_dampers_loads_and_a_restoring_force(coupling, double, ss, 
 def test_tangents_of_every_form(coupling, tangent, form):
     n, rng = 4, np.random.default_rng(3)
     k, k3, c3 = (rng.uniform(low, 2.0 * low, (2, n)) for low in (20.0, 500.0, 0.5))
-    subdomains = [
-        Nonlinear(
-            M=np.diag(rng.uniform(0.5, 1.5, n)),
-            K=np.zeros((n, n)),
-            internal=duffing(k[i], k3[i], c3[i]),
-            substeps=ss,
-            double=coupling == "pm" and i == 0,
-            force=lambda t: 30.0 * np.sin(5.0 * t) * np.arange(1.0, n + 1),
-            **reference.alpha(0.6),
-        )
-        for i, ss in enumerate((1, 3))
-    ]
-    # two rows
-    L = [
-        np.array([[1.0, 0.5, 0, 0], [0, 0, 1.0, 0]]),
-        -np.array([[0, 1.0, 0, 0], [0.5, 0, 0, 1.0]]),
-    ]
+    subdomains = []
+    for i, ss in enumerate((1, 3)):
+        how = dict(internal=duffing(k[i], k3[i], c3[i]), substeps=ss, **reference.alpha(0.6))
+        how |= dict(double=coupling == "pm" and i == 0)
+        how |= dict(force=lambda t: 30.0 * np.sin(5.0 * t) * np.arange(1.0, n + 1))
+        M = np.diag(rng.uniform(0.5, 1.5, n))
+        subdomains.append(Nonlinear(M=M, K=np.zeros((n, n)), **how))
+    L = [np.array([[1.0, 0.5, 0, 0], [0, 0, 1.0, 0]])]  # two rows
+    L.append(-np.array([[0, 1.0, 0, 0], [0.5, 0, 0, 1.0]]))
     newton = pm.Newton(tangent=tangent)
     ours, theirs = both(subdomains, L, 0.05, 3, coupling, newton, form=form)
     assert_agrees(ours, theirs, 1e-10 if coupling == "macro" else 1e-12)  # as above
@@ -164,14 +158,9 @@ def three(coupling):
     (A, B), _ = chain(N, law, history=q, v0=V0)
     B.internal, B.history = None, np.zeros(0)
     B.K = 3e3 * (np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(N, k=1) - np.eye(N, k=-1))
-    C = Nonlinear(
-        M=np.diag([0.5, 1.0]),
-        K=np.zeros((2, 2)),
-        internal=springs([(0, 1), (1, -1)], cubic(1e3, 1e4)),
-        u0=[0.0, 0.05],
-        v0=[V0[-1], 0.0],
-        **reference.alpha(0.5, explicit=True),
-    )
+    end = springs([(0, 1), (1, -1)], cubic(1e3, 1e4))
+    how = dict(u0=[0.0, 0.05], v0=[V0[-1], 0.0], **reference.alpha(0.5, explicit=True))
+    C = Nonlinear(M=np.diag([0.5, 1.0]), K=np.zeros((2, 2)), internal=end, **how)
     B.M[-1, -1] = 0.5
     double = coupling == "pm"
     ss = (2, 1, 6) if coupling != "macro" else (3, 1, 7)
@@ -185,34 +174,23 @@ def three(coupling):
 @pytest.mark.parametrize(
     ("coupling", "tangent"), [("gc", "reuse"), ("pm", "full"), ("macro", "reuse")]
 )
-def test_three_subdomains_of_which_one_iterates_one_is_linear_and_one_explicit(coupling, tangent):
+@pytest.mark.parametrize("iterated", [1, 3])
+def test_three_subdomains_in_a_row_of_which_one_or_all_iterate(coupling, tangent, iterated):
+    subdomains, L = three(coupling)
+    if iterated == 3:
+        K, zero = subdomains[1].K, np.zeros((N, N))
+
+        def hardening(u, v, t, q):
+            return K @ u + 1e4 * u**3, K + np.diag(3e4 * u**2), zero, q
+
+        subdomains[1] = replace(subdomains[1], K=zero, internal=hardening)
+        subdomains[2] = replace(subdomains[2], **reference.alpha(0.8))
     newton = pm.Newton(tangent=tangent)
-    subdomains, L = three(coupling)
-    ours, theirs = both(subdomains, L, 0.01, 8, coupling, newton, form="sparse")
-    assert abs(ours["0"].q).max() > 1e-3  # it has yielded
+    ours, theirs = both(subdomains, L, 0.01, 9 - iterated, coupling, newton, form="sparse")
+    assert abs(ours["0"].q).max() > 5e-4  # it has yielded
     assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
-    assert ours["0"].iterations[1:].min() >= 1
-    assert ours["1"].iterations is None and ours["2"].iterations is None
-
-
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
-def test_three_iterated_subdomains_in_a_row(coupling):
-    subdomains, L = three(coupling)
-    linear = subdomains[1].K
-    subdomains[1] = replace(
-        subdomains[1],
-        K=np.zeros((N, N)),
-        internal=lambda u, v, t, q: (
-            linear @ u + 1e4 * u**3,
-            linear + np.diag(3e4 * u**2),
-            np.zeros((N, N)),
-            q,
-        ),
-    )
-    subdomains[2] = replace(subdomains[2], **reference.alpha(0.8))
-    ours, theirs = both(subdomains, L, 0.01, 4, coupling, pm.Newton(), form="sparse")
-    assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
-    assert min(x.iterations[1:].min() for x in ours) >= 1
+    for i, x in enumerate(ours):
+        assert x.iterations[1:].min() >= 1 if i < iterated else x.iterations is None
 
 
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
@@ -228,10 +206,10 @@ def test_a_prescribed_motion_moves_an_internal_force(coupling):
 
     ours = [package(s, name=str(i)) for i, s in enumerate(subdomains)]
     constraint = pm.Constraint(dict(zip(ours, L)), velocity=g)
-    c = pm.Coupler(ours, constraint, dt=0.02, coupling=coupling, newton=TIGHT)
-    history = c.run(steps=25)
-    theirs = oracle(coupling)(subdomains, L, 0.02, 25, twins(TIGHT), g=g)
-    assert abs(history["1"].u).max() > 0.5  # cubic: 1e3 (0.5 / 3)^2 is half of 50
+    c = pm.Coupler(ours, constraint, dt=0.03, coupling=coupling, newton=TIGHT)
+    history = c.run(steps=12)
+    theirs = oracle(coupling)(subdomains, L, 0.03, 12, twins(TIGHT), g=g)
+    assert abs(history["1"].u).max() > 0.2  # it moves as far as its spring hardens: 5e1, 1e3 u^2
     assert_agrees(history, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
 
 
@@ -372,14 +350,10 @@ def test_the_unit_of_force_changes_no_bit(coupling, double, ss, k):
                 f, K_t, C_t, q1 = internal(u, v, t, q)
                 return unit * f, unit * K_t, unit * C_t, q1
 
-            subdomains[i] = replace(
-                s,
-                M=unit * s.M,
-                K=unit * 20.0 * np.eye(N),
-                C=unit * 0.2 * np.eye(N),
-                internal=evaluate,
-                force=lambda t: unit * 3.0 * np.sin(9.0 * t) * np.ones(N),
-            )
+            one = unit * np.eye(N)
+            changes = dict(M=unit * s.M, K=20.0 * one, C=0.2 * one, internal=evaluate)
+            changes["force"] = lambda t: unit * 3.0 * np.sin(9.0 * t) * np.ones(N)
+            subdomains[i] = replace(s, **changes)
         return coupler(subdomains, L, 0.01, coupling).run(steps=8)
 
     one, other = scaled(1.0), scaled(2.0**k)
@@ -414,9 +388,6 @@ def test_three_subdomains_with_double_steps_of_several_substeps(ss, double, low,
 
 def test_a_massless_dof_between_two_springs_is_condensed():
     # mass 1 at u, then k d + k3 d^3 with d = u - x, massless x, then 40 x: DOP853 of u alone
-    from scipy.integrate import solve_ivp
-    from scipy.optimize import brentq
-
     def middle(u):
         return brentq(lambda x: 40.0 * x - 30.0 * (u - x) - 500.0 * (u - x) ** 3, -2, 2, xtol=1e-15)
 
@@ -425,26 +396,14 @@ def test_a_massless_dof_between_two_springs_is_condensed():
         f, k = 30.0 * d + 500.0 * d**3, 30.0 + 1500.0 * d**2
         return np.array([f, -f]), k * np.array([[1.0, -1.0], [-1.0, 1.0]])
 
-    times = np.linspace(0.0, 2.0, 21)
-    exact = solve_ivp(
-        lambda t, y: [y[1], -40.0 * middle(y[0])],
-        (0.0, 2.0),
-        [0.8, 0.0],
-        method="DOP853",
-        t_eval=times,
-        rtol=1e-11,
-        atol=1e-12,
-    ).y[0]
+    options = dict(t_eval=np.linspace(0.0, 1.0, 11), method="DOP853", rtol=1e-11, atol=1e-12)
+    rates = lambda t, y: [y[1], -40.0 * middle(y[0])]  # noqa: E731
+    exact = solve_ivp(rates, (0.0, 1.0), [0.8, 0.0], **options).y[0]
+    how = dict(scheme=pm.GeneralizedAlpha(0.5), internal=evaluate, u0=[0.8, middle(0.8)])
+    s = pm.Subdomain([1.0, 0.0], np.diag([0.0, 40.0]), **how)
     errors = []
     for n in (40, 80):
-        s = pm.Subdomain(
-            [1.0, 0.0],
-            np.diag([0.0, 40.0]),
-            scheme=pm.GeneralizedAlpha(0.5),
-            internal=evaluate,
-            u0=[0.8, middle(0.8)],
-        )
-        u = pm.solve(s, dt=0.1 / n, t_end=2.0).u
+        u = pm.solve(s, dt=0.1 / n, t_end=1.0).u
         assert abs(40.0 * u[1:, 1] + [evaluate(x, x, 0.0, None)[0][1] for x in u[1:]]).max() < 1e-6
         errors.append(abs(u[::n, 0] - exact).max())
     assert errors[1] < 1e-3 and 1.9 < np.log2(errors[0] / errors[1]) < 2.1

@@ -20,13 +20,13 @@ def half_sine(t):
     return np.array([50e3 * np.sin(np.pi * t / 0.6) if t < 0.6 - 1e-9 else 0.0])
 
 
-def elastoplastic(share=1.0, **options):
+def elastoplastic(share=1.0, role="internal", **options):
     """Example 5.5, or a share of its mass, damper and spring. N, m, s."""
     m, k = 45594.0, 18e5
     c = 2.0 * 0.05 * np.sqrt(k * m)
     spring = pm.Bilinear([0], k=share * k, fy=share * 36e3)
     M, C = np.array([[share * m]]), np.array([[share * c]])
-    return pm.Subdomain(M, None, C, scheme=TRAPEZOIDAL, internal=spring, **options)
+    return pm.Subdomain(M, None, C, scheme=TRAPEZOIDAL, **{role: spring}, **options)
 
 
 def test_chopra_5_5_elastoplastic_system_under_a_half_sine_pulse():
@@ -37,11 +37,8 @@ def test_chopra_5_5_elastoplastic_system_under_a_half_sine_pulse():
 
 @EVERY
 def test_chopra_5_5_cut_in_two_is_the_same(coupling):
-    def load(t):
-        return 0.4 * half_sine(t), 0.6 * half_sine(t)
-
-    a = elastoplastic(0.4, force=lambda t: load(t)[0], double_step=False, name="a")
-    b = elastoplastic(0.6, force=lambda t: load(t)[1], name="b")
+    a = elastoplastic(0.4, force=lambda t: 0.4 * half_sine(t), double_step=False, name="a")
+    b = elastoplastic(0.6, force=lambda t: 0.6 * half_sine(t), name="b")
     tie = pm.tie(a, [0], b, [0])
     u = pm.Coupler([a, b], tie, dt=DT, coupling=coupling).run(1.0)["a"].u[:, 0]
     assert u[10] == pytest.approx(0.03606328101158249, rel=1e-5)
@@ -50,12 +47,7 @@ def test_chopra_5_5_cut_in_two_is_the_same(coupling):
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 def test_one_evaluation_per_step_is_far_off():
     # operator splitting: the tests above are not passed by accident
-    m, k = 45594.0, 18e5
-    c = 2.0 * 0.05 * np.sqrt(k * m)
-    spring = pm.Bilinear([0], k=k, fy=36e3)
-    once = pm.Subdomain(
-        [m], None, np.array([[c]]), scheme=TRAPEZOIDAL, restoring=spring, force=half_sine
-    )
+    once = elastoplastic(role="restoring", force=half_sine)
     u = pm.solve(once, dt=DT, t_end=1.0).u[10, 0]
     assert 0.04 < u < 0.042  # 0.0413
 
@@ -88,21 +80,10 @@ HARDENING = 0.05 / 1.05
 def yielding(share=1.0, **options):
     """Example 16.4, or a share of its masses, dampers and storeys."""
     M, _, C = frame()
-    storeys = pm.Bilinear(
-        [(0, -1), (1, 0), (2, 1), (3, 2), (4, 3)],
-        k=share * STIFFNESS,
-        fy=share * YIELD,
-        hardening=HARDENING,
-    )
-    return pm.Subdomain(
-        share * M,
-        None,
-        share * C,
-        scheme=TRAPEZOIDAL,
-        internal=storeys,
-        force=lambda t: -share * MASS * ground(t) * np.ones(5),
-        **options,
-    )
+    pairs = [(i, i - 1) for i in range(5)]
+    storeys = pm.Bilinear(pairs, k=share * STIFFNESS, fy=share * YIELD, hardening=HARDENING)
+    options["force"] = lambda t: -share * MASS * ground(t) * np.ones(5)
+    return pm.Subdomain(share * M, None, share * C, scheme=TRAPEZOIDAL, internal=storeys, **options)
 
 
 def test_chopra_16_4_bilinear_frame_under_a_full_sine_of_the_ground():

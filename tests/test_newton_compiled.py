@@ -85,19 +85,12 @@ MAKERS = [by_ctypes, by_cffi, by_numba]
 def coupled(internal, coupling="pm", threads=1, tangent="full"):
     """Two implicit subdomains, one of them with double steps, and an explicit one."""
     K = np.array([[3.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 1.0]])
-    subdomains = [
-        pm.Subdomain(
-            [1.0, 2.0, 1.5],
-            K,
-            scheme=pm.GeneralizedAlpha(0.6, explicit=i == 2),
-            substeps=(1, 2, 4)[i],
-            double_step=coupling != "gc" and i == 0,
-            internal=internal,
-            u0=[0.5, -0.6, 0.5],
-            name="abc"[i],
-        )
-        for i in range(3)
-    ]
+    subdomains = []
+    for i, name in enumerate("abc"):
+        scheme = pm.GeneralizedAlpha(0.6, explicit=i == 2)
+        how = dict(substeps=2**i, double_step=coupling != "gc" and i == 0, u0=[0.5, -0.6, 0.5])
+        how |= dict(scheme=scheme, internal=internal, name=name)
+        subdomains.append(pm.Subdomain([1.0, 2.0, 1.5], K, **how))
     a, b, c = subdomains
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [2], c, [2])]
     newton = pm.Newton(tangent=tangent)

@@ -146,14 +146,8 @@ def with_fault(subdomains, seed):
     rng = np.random.default_rng([seed, 1])
     jump = 10.0 ** rng.uniform(-3.0, 0.0) if seed % 2 else 0.0
     factor = 10.0 ** rng.uniform(-1.0, 1.0)
-    return [
-        replace(
-            s, internal=with_jump(s.internal, jump) if jump else with_factor(s.internal, factor)
-        )
-        if s.internal
-        else s
-        for s in subdomains
-    ], jump
+    changed = (lambda f: with_jump(f, jump)) if jump else (lambda f: with_factor(f, factor))
+    return [replace(s, internal=changed(s.internal)) if s.internal else s for s in subdomains], jump
 
 
 def imbalance(s, L, x, multipliers, jump):

@@ -71,6 +71,7 @@ def with_lu(steps):
 
 
 TRAPEZOIDAL = pm.GeneralizedAlpha(1.0)
+MASSES = np.array([0.5, 0.5]), np.array([0.5, 0.5, 1.0, 1.0])
 
 
 def whole(steps, **options):
@@ -82,26 +83,13 @@ def whole(steps, **options):
 
 def cut(steps, coupling, ss=(1, 1), tangent="full"):
     """The upper bar with half of the middle mass, and the lower one."""
-    A = pm.Subdomain(
-        [0.5, 0.5],
-        None,
-        scheme=TRAPEZOIDAL,
-        internal=upper,
-        force=0.5 * WEIGHT,
-        substeps=ss[0],
-        double_step=False,
-        name="A",
-    )
-    B = pm.Subdomain(
-        [0.5, 0.5, 1.0, 1.0],
-        None,
-        scheme=TRAPEZOIDAL,
-        internal=lower,
-        force=np.concatenate([0.5 * WEIGHT, WEIGHT]),
-        substeps=ss[1],
-        double_step=False,
-        name="B",
-    )
+    A, B = (
+        pm.Subdomain(
+            M, None, scheme=TRAPEZOIDAL, internal=internal, force=M * np.tile(WEIGHT, len(M) // 2),
+            substeps=s, double_step=False, name=name,
+        )
+        for name, M, internal, s in zip("AB", MASSES, (upper, lower), ss)
+    )  # fmt: skip
     newton = pm.Newton(tol=1e-10, tangent=tangent)
     tie = pm.tie(A, [0, 1], B, [0, 1])
     return pm.Coupler([A, B], tie, dt=END / steps, coupling=coupling, newton=newton)
@@ -155,14 +143,8 @@ def test_an_indefinite_tangent_of_many_dofs_is_factored_in_panels():
         K = mixed @ K @ mixed.T
         return mixed @ f, 0.5 * (K + K.T)
 
-    s = pm.Subdomain(
-        np.ones(n),
-        None,
-        scheme=TRAPEZOIDAL,
-        internal=internal,
-        force=mixed @ np.tile(WEIGHT, 2),
-        name="B",
-    )
+    load = mixed @ np.tile(WEIGHT, 2)
+    s = pm.Subdomain(np.ones(n), None, scheme=TRAPEZOIDAL, internal=internal, force=load, name="B")
     c = pm.Coupler([s], dt=END / steps, newton=pm.Newton(tol=1e-12))
     c.run(steps=steps)
     np.testing.assert_allclose(mixed.T @ c.state("B").u, with_lu(steps)[0], rtol=0.0, atol=1e-7)
@@ -176,19 +158,12 @@ def test_a_start_with_an_indefinite_tangent(coupling):
     al1 = TRAPEZOIDAL.coefficients(dt)[0]
     k = 3.0 / al1
 
-    def internal(share):
-        return lambda u, v, t, q: (share * k * (u**3 - u), share * k * (3.0 * u**2 - 1.0))
-
     def mass(share, name):
-        return pm.Subdomain(
-            [share],
-            None,
-            scheme=TRAPEZOIDAL,
-            internal=internal(share),
-            v0=[1.0],
-            name=name,
-            double_step=False,
-        )
+        def internal(u, v, t, q):
+            return share * k * (u**3 - u), share * k * (3.0 * u**2 - 1.0)
+
+        how = dict(scheme=TRAPEZOIDAL, internal=internal, v0=[1.0], double_step=False)
+        return pm.Subdomain([share], None, name=name, **how)
 
     alone = pm.Coupler([mass(1.0, "a")], dt=dt)
     a, b = mass(0.5, "a"), mass(0.5, "b")

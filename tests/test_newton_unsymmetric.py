@@ -18,6 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 
 N = 4
 V0 = np.random.default_rng(1).normal(size=2 * N - 1)
+HALF = pm.GeneralizedAlpha(0.5)
 
 
 def whirling(internal, n, size=1.0):
@@ -101,20 +102,11 @@ def test_a_band_and_many_constraints_are_those_of_the_reference(coupling):
     L = np.zeros((n - 4, n))
     L[:, tied] = np.eye(n - 4)
     v0 = 0.1 * rng.normal(size=n)
-    subdomains = [
-        Nonlinear(
-            M=np.eye(n),
-            K=np.zeros((n, n)),
-            internal=law,
-            substeps=ss,
-            v0=np.where(np.arange(n) < 4, 0.0, v0),
-            **alpha(0.5),
-        )
-        for law, ss in (
-            (conveyed(n), 1),
-            (whirling(springs([(i - 1, i) for i in range(n)], cubic(50.0, 1e3)), n, 0.1), 2),
-        )
-    ]
+    v0[:4] = 0.0
+    row = springs([(i - 1, i) for i in range(n)], cubic(50.0, 1e3))
+    how = dict(M=np.eye(n), K=np.zeros((n, n)), v0=v0, **alpha(0.5))
+    subdomains = [Nonlinear(internal=conveyed(n), **how)]
+    subdomains.append(Nonlinear(internal=whirling(row, n, 0.1), substeps=2, **how))
     ours, theirs = both(subdomains, [L, -L], 0.01, 4, coupling, pm.Newton(), form="sparse")
     assert_agrees(ours, theirs, 1e-7 if coupling == "macro" else 1e-9)
     assert len(ours.multipliers[0]) == 20
@@ -134,42 +126,22 @@ def test_a_follower_force_has_order_two():
     cut at its joint into one dof each; DOP853 with a tolerance of 1e-12."""
     k, P, c = 1.0, 1.2, 0.1
 
-    def force(u, v):
-        # linearized inertia, nonlinear springs and follower force: M u'' + f(u, v) = 0
-        a, b = u
-        return np.array(
-            [
-                2.0 * k * a - k * b + c * (2.0 * v[0] - v[1]) + P * np.sin(b - a),
-                k * (b - a) + c * (v[1] - v[0]) + 0.3 * (b - a) ** 3,
-            ]
-        )
+    chain = np.array([[2.0, -1.0], [-1.0, 1.0]])
 
     def evaluate(u, v, t, q):
-        s = P * np.cos(u[1] - u[0])
-        cube = 0.9 * (u[1] - u[0]) ** 2
-        K = np.array([[2.0 * k - s, -k + s], [-k - cube, k + cube]])
-        return force(u, v), K, c * np.array([[2.0, -1.0], [-1.0, 1.0]])
+        # linearized inertia, nonlinear springs and follower force: M u'' + f(u, v) = 0
+        d = u[1] - u[0]
+        f = chain @ (k * u + c * v) + [P * np.sin(d), 0.3 * d**3]
+        return f, k * chain + np.outer([P * np.cos(d), 0.9 * d**2], [-1.0, 1.0]), c * chain
 
-    M = np.array([[3.0, 1.0], [1.0, 1.0]])
-    exact = solve_ivp(
-        lambda t, x: np.append(x[2:], -np.linalg.solve(M, force(x[:2], x[2:]))),
-        (0.0, 4.0),
-        [0.3, -0.2, 0.0, 0.5],
-        "DOP853",
-        rtol=1e-12,
-        atol=1e-13,
-    ).y[:2, -1]
-    errors = []
+    def rates(t, x):
+        return np.append(x[2:], -np.linalg.solve(M, evaluate(x[:2], x[2:], t, None)[0]))
+
+    M, u0, v0 = np.array([[3.0, 1.0], [1.0, 1.0]]), [0.3, -0.2], [0.0, 0.5]
+    exact = solve_ivp(rates, (0.0, 4.0), [*u0, *v0], "DOP853", rtol=1e-12, atol=1e-13).y[:2, -1]
+    how = dict(scheme=pm.GeneralizedAlpha(0.6), u0=u0, v0=v0, symmetric=False)
+    s, errors = pm.Subdomain(M, None, internal=evaluate, **how), []
     for steps in (200, 400):
-        s = pm.Subdomain(
-            M,
-            None,
-            scheme=pm.GeneralizedAlpha(0.6),
-            internal=evaluate,
-            u0=[0.3, -0.2],
-            v0=[0.0, 0.5],
-            symmetric=False,
-        )
         errors.append(np.max(np.abs(pm.solve(s, 4.0 / steps, 4.0).u[-1] - exact)))
     assert abs(np.log2(errors[0] / errors[1]) - 2.0) < 0.05
     assert errors[1] < 1e-3
@@ -198,15 +170,8 @@ KINDS = {"Python": lambda: late, "compiled": lambda: LowLevelCallable(INTERNAL(c
 
 def turning(kind, symmetric):
     force = pm.InternalForce(KINDS[kind](), pattern=sp.csr_array(np.ones((2, 2))))
-    s = pm.Subdomain(
-        [1.0, 1.0],
-        None,
-        scheme=pm.GeneralizedAlpha(0.5),
-        internal=force,
-        v0=[1.0, 0.0],
-        symmetric=symmetric,
-        name="seal",
-    )
+    how = dict(scheme=HALF, internal=force, v0=[1.0, 0.0], symmetric=symmetric, name="seal")
+    s = pm.Subdomain([1.0, 1.0], None, **how)
     other = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), v0=[1.0], name="other")
     return pm.Coupler([s, other], pm.tie(s, 0, other, 0), dt=0.1, coupling="gc")
 
@@ -240,16 +205,11 @@ def test_entries_of_one_side_alone_are_unsymmetric():
         return 0
 
     force = pm.InternalForce(LowLevelCallable(INTERNAL(law)), pattern=pattern)
-    options = dict(scheme=pm.GeneralizedAlpha(0.5), internal=force, v0=[0.0, 1.0], name="x")
+    options = dict(scheme=HALF, internal=force, v0=[0.0, 1.0], name="x")
     with pytest.raises(ValueError, match="'x' must be symmetric"):
         pm.solve(pm.Subdomain([1.0, 1.0], None, **options), 0.1, 1.0)
-    linear = pm.Subdomain(
-        [1.0, 1.0],
-        [[4.0, 0.5], [0.0, 4.0]],
-        scheme=pm.GeneralizedAlpha(0.5),
-        v0=[0.0, 1.0],
-        symmetric=False,
-    )
+    K = [[4.0, 0.5], [0.0, 4.0]]
+    linear = pm.Subdomain([1.0, 1.0], K, scheme=HALF, v0=[0.0, 1.0], symmetric=False)
     ours = pm.solve(pm.Subdomain([1.0, 1.0], None, symmetric=False, **options), 0.1, 1.0)
     assert np.max(np.abs(ours.u - pm.solve(linear, 0.1, 1.0).u)) < 1e-12
 
@@ -268,16 +228,9 @@ def test_a_static_equilibrium_with_an_unsymmetric_tangent_stays_at_rest():
         )
         return f, K
 
-    a = pm.Subdomain(
-        [1.0, 1.0],
-        None,
-        scheme=pm.GeneralizedAlpha(0.5),
-        internal=evaluate,
-        force=[0.5, 1.0],
-        symmetric=False,
-        name="a",
-    )
-    b = pm.Subdomain([1.0], [0.5], scheme=pm.GeneralizedAlpha(0.5), force=[0.25], name="b")
+    how = dict(internal=evaluate, force=[0.5, 1.0], symmetric=False)
+    a = pm.Subdomain([1.0, 1.0], None, scheme=HALF, name="a", **how)
+    b = pm.Subdomain([1.0], [0.5], scheme=HALF, force=[0.25], name="b")
     c = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.05, coupling="gc")
     u = c.static()
     f = evaluate(u["a"], None, 0.0, None)[0]

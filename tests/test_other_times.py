@@ -10,14 +10,9 @@ from pmalpha.run.study import CaseResult
 
 
 def tower_and_rig(**options):
-    tower = pm.Subdomain(
-        [1.0, 2.0],
-        [[9.0, -4.0], [-4.0, 4.0]],
-        scheme=pm.Newmark(),
-        v0=[0.0, 1.0],
-        name="tower",
-        dof_names=["first", "roof"],
-    )
+    K, names = [[9.0, -4.0], [-4.0, 4.0]], ["first", "roof"]
+    how = dict(scheme=pm.Newmark(), v0=[0.0, 1.0], dof_names=names)
+    tower = pm.Subdomain([1.0, 2.0], K, name="tower", **how)
     rig = pm.Subdomain([1.0], [400.0], scheme=pm.GeneralizedAlpha(0.8, explicit=True), substeps=5)
     return pm.Coupler([tower, rig], pm.tie(tower, 0, rig, 0), dt=0.02, coupling="macro", **options)
 
