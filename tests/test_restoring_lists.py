@@ -6,15 +6,12 @@ import warnings
 import numpy as np
 import pytest
 from agreement import assert_close
+from compiled import RESTORING
 from scipy import LowLevelCallable
 
 import pmalpha as pm
 from pmalpha import analysis
 
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-RESTORING = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
-)
 K = np.array([[6.0, -2.0, 0.0], [-2.0, 5.0, -1.0], [0.0, -1.0, 3.0]])
 CUBIC = pm.CubicSpring([0, 0], k=[2.0, 1.0], k3=[4.0, 3.0])
 

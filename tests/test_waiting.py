@@ -12,13 +12,10 @@ import waits
 PRELUDE = """
 import ctypes, faulthandler, signal, sys, threading, time
 import waits
+from compiled import RESTORING
 from scipy import LowLevelCallable
 import pmalpha as pm
 
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-RESTORING = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
-)
 calls = []
 
 def quick(t, n, u, v, r, user):

@@ -3,12 +3,12 @@
 And forces of dashpots that alternate from step to step.
 """
 
-import ctypes
 import warnings
 
 import numpy as np
 import pytest
 from active_forces import RHO_0, fed
+from compiled import RESTORING
 from scipy import LowLevelCallable
 from scipy.integrate import solve_ivp
 
@@ -17,11 +17,6 @@ import pmalpha as pm
 K, GAP, DT = 1e5, 0.05, 0.01  # omega = 316, omega h = 3.16
 STEPS = 400
 IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
-
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-RESTORING = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
-)
 
 
 def made(coupler):

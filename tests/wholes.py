@@ -4,12 +4,12 @@
 compiled functions, sampled prescribed velocities.
 """
 
-import ctypes
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from compiled import FORCE, RESTORING
 from problems import EXPLICIT, FORMATS, IMPLICIT, _random_constraints, _semidefinite, _skew
 from scipy import LowLevelCallable
 
@@ -18,10 +18,6 @@ import pmalpha as pm
 # Tolerance of iterated forces: of an energy.
 TOL = 1e-12
 COUPLINGS = ["pm", "gc", "removed", "macro", "mean"]
-DOUBLES = ctypes.POINTER(ctypes.c_double)
-HEAD = (ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t)
-FORCE = ctypes.CFUNCTYPE(*HEAD, DOUBLES, ctypes.c_void_p)
-RESTORING = ctypes.CFUNCTYPE(*HEAD, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p)
 
 
 def compiled(function, kind):
