@@ -72,7 +72,7 @@ def large(seed, rng):
     """Plates or solids in a row, tied by their faces."""
     shape, count = one_of(rng, SHAPES), int(rng.choice([1, 2, 3, 3, 4]))
     make = pm.structures.plate if len(shape) == 2 else pm.structures.solid
-    fine, parts, faces, base = int(rng.choice([1, 2, 4])), [], [], 0
+    fine, members, faces, base = int(rng.choice([1, 2, 4])), [], [], 0
     for i in range(count):
         origin = (float(i * shape[0]), *[0.0] * (len(shape) - 1))
         mass = one_of(rng, ["lumped", "consistent"])
@@ -84,8 +84,8 @@ def large(seed, rng):
         load = wholes.Load(kind, rng.normal(size=made.n), 3.0, samples, 0.07)
         scheme, steps = one_of(rng, SCHEMES), fine if i == 0 else int(rng.choice([1, fine]))
         forms = 3 * (as_given,)
-        part = wholes.Part(f"s{i}", made.M, K, C, scheme, steps, False, forms, load, zero, zero)
-        parts.append(replace(part, lagged=C is not None and rng.random() < 0.4))
+        member = wholes.Member(f"s{i}", made.M, K, C, scheme, steps, False, forms, load, zero, zero)
+        members.append(replace(member, lagged=C is not None and rng.random() < 0.4))
         x = made.points[:, 0] - origin[0]
         faces.append([base + made.dofs(np.flatnonzero(np.isclose(x, k))) for k in (0, shape[0])])
         base += made.n
@@ -93,12 +93,12 @@ def large(seed, rng):
     rows, columns = np.repeat(np.arange(len(ties)), 2), np.ravel(ties).astype(int)
     L = sp.csr_array((np.resize([1.0, -1.0], columns.size), (rows, columns)), (len(ties), base))
     coupling = one_of(rng, ["pm", "pm", "gc", "macro"])
-    return wholes.Whole(tuple(parts), L, 0.05, coupling, "rebased")
+    return wholes.Whole(tuple(members), L, 0.05, coupling, "rebased")
 
 
 def lengthened(whole, n, rng):
     """Its first subdomain is an explicit chain of n dofs."""
-    first, *others = whole.parts
+    first, *others = whole.members
     diagonals = [-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)]
     K = sp.csr_array(sp.diags_array(diagonals, offsets=[-1, 0, 1]))
     u0, v0, direction = (
@@ -108,13 +108,13 @@ def lengthened(whole, n, rng):
     if load.kind == "base":
         load = replace(load, kind="sampled")
     mass, forms = rng.uniform(1.0, 2.0, n), 3 * (as_given,)
-    chain = wholes.Part(
+    chain = wholes.Member(
         first.name, mass, K, None, pm.GeneralizedAlpha(0.5, explicit=True), first.substeps,
         first.double, forms, load, u0, v0,
     )  # fmt: skip
     columns = [sp.csr_array(L) for L in whole.columns]
     columns[0].resize((len(whole.L), n))
-    return replace(whole, parts=(chain, *others), L=sp.csr_array(sp.hstack(columns)))
+    return replace(whole, members=(chain, *others), L=sp.csr_array(sp.hstack(columns)))
 
 
 class Problem:
@@ -146,7 +146,7 @@ class Problem:
 
     def draw_instability(self, rng):
         """An explicit subdomain far above its critical step, or a load beyond all numbers."""
-        word, first = one_of(rng, ["stable"] * 12 + ["step", "load"]), self.whole.parts[0]
+        word, first = one_of(rng, ["stable"] * 12 + ["step", "load"]), self.whole.members[0]
         if word == "step" and first.scheme.explicit:
             first = replace(first, K=first.K * 1e20)
         elif word == "load" and np.all(np.diag(first.M) > 0.0):
@@ -156,13 +156,13 @@ class Problem:
         else:
             return
         self.unstable = word
-        self.whole = replace(self.whole, parts=(first, *self.whole.parts[1:]))
+        self.whole = replace(self.whole, members=(first, *self.whole.members[1:]))
 
     @property
     def words(self):
         whole = self.whole
         moved = "" if whole.g is None else ", moved by samples" if whole.sampled else ", moved"
-        members = " | ".join(" ".join(words_of(p)) for p in whole.parts)
+        members = " | ".join(" ".join(words_of(p)) for p in whole.members)
         pieces = " ".join(f"{verb}:{n}" for verb, n in self.pieces)
         options = f"{self.size} {self.unstable} {whole.coupling} {whole.start}"
         rows = whole.L.shape[0]
@@ -187,8 +187,8 @@ class Play:
         self.detail, self.digest = detail, hashlib.sha256()
         self.rng = np.random.default_rng([problem.seed, 22])
         self.stopped, self.forced, self.all_functions = False, None, []
-        self.parts = problem.whole.parts
-        self.springs = [p.name for p in self.parts if p.springs and p.role == "restoring"]
+        self.members = problem.whole.members
+        self.springs = [p.name for p in self.members if p.springs and p.role == "restoring"]
         self.done = {verb for verb, _ in problem.pieces}  # for the counts alone
 
     def see(self, label, value):
@@ -234,7 +234,7 @@ class Play:
 
     def see_present(self):
         self.see("step count", np.array(self.coupler.step_count))
-        for p in self.parts:
+        for p in self.members:
             state = self.coupler.state(p.name)
             for name in "uva":
                 self.see(f"state {p.name}.{name}", getattr(state, name))
@@ -262,7 +262,7 @@ class Play:
         if self.problem.long or rng.random() < 0.3:
             options["record"] = {
                 p.name: np.sort(rng.choice(p.n, min(p.n, 3), replace=False))
-                for p in self.parts
+                for p in self.members
                 if rng.random() < 0.8
             }
         recorded = [x for x in self.springs if x in options.get("record", self.springs)]
@@ -298,8 +298,8 @@ class Play:
 
     def reset(self, steps):
         """With other initial values, which satisfy the constraints, and another load."""
-        factor, p = float(self.rng.normal()), one_of(self.rng, self.parts)
-        values = {x: {q.name: factor * getattr(q, x) for q in self.parts} for x in ("u0", "v0")}
+        factor, p = float(self.rng.normal()), one_of(self.rng, self.members)
+        values = {x: {q.name: factor * getattr(q, x) for q in self.members} for x in ("u0", "v0")}
         shape = self.rng.normal(size=p.n) * np.where(p.load.direction == 0.0, 0.0, 1.0)
         load = pm.SampledForce(self.rng.normal(size=7), 0.08, shape=shape)
         self.forced = {p.name: one_of(self.rng, [shape, load])}
@@ -338,7 +338,7 @@ def features(seed, folder):
     problem = Problem(seed)
     play = Play(problem, problem.threads, folder)
     play.all()
-    words = {word for p in problem.whole.parts for word in words_of(p) if "/" not in word}
+    words = {word for p in problem.whole.members for word in words_of(p) if "/" not in word}
     options = {problem.size, problem.unstable, problem.whole.coupling, problem.whole.start}
     return words | options | play.done
 

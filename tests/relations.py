@@ -56,11 +56,11 @@ def sizes_of(results, whole, still):
     sizes = {}
     for (quantity, _), x in results.items():
         sizes[quantity] = max(sizes.get(quantity, 0.0), float(np.max(np.abs(x), initial=0.0)))
-    h = whole.dt / max(p.substeps for p in whole.parts)
+    h = whole.dt / max(p.substeps for p in whole.members)
     if still or whole.coupling in ("mean", "removed"):
         sizes["v"] = max(sizes["v"], sizes["u"] / h)
     sizes["a"] = max(sizes["a"], sizes["v"] / h)
-    mass = max(np.max(p.M) for p in whole.parts)
+    mass = max(np.max(p.M) for p in whole.members)
     sizes["multipliers"] = max(sizes["multipliers"], mass * sizes["a"])
     row = np.max(np.sum(np.abs(whole.L), axis=1))
     return sizes | {jump: row * sizes[of] for jump, of in LIKE.items()}
@@ -72,11 +72,11 @@ def summed(results, whole):
     A tied dof without mass moves by its stiffness alone, so that H is badly conditioned, and
     multipliers that are many times what is left of them are added.
     """
-    if not any(np.any(np.diag(p.M) == 0.0) for p in whole.parts):
+    if not any(np.any(np.diag(p.M) == 0.0) for p in whole.members):
         return 0.0
     lam = np.max(np.abs(results["multipliers", "interface"]), axis=0, initial=0.0)
     most = 0.0
-    for p, L in zip(whole.parts, whole.columns):
+    for p, L in zip(whole.members, whole.columns):
         b, gamma = p.scheme.coefficients(whole.dt / p.substeps)[:2]
         C = 0.0 if p.C is None else p.C
         Mbar = p.M + (0.0 if p.scheme.explicit else gamma * C + b * p.K)
@@ -187,28 +187,28 @@ run_of = lru_cache(maxsize=16)(Run)
 def order(run):
     """Dofs, subdomains and rows in another order; rows in other combinations and units."""
     rng, whole = run.rng, run.whole
-    dofs = [rng.permutation(p.n) for p in whole.parts]
-    parts = [_reordered(p, own) for p, own in zip(whole.parts, dofs)]
+    dofs = [rng.permutation(p.n) for p in whole.members]
+    members = [_reordered(p, own) for p, own in zip(whole.members, dofs)]
     columns = [L[:, own] for L, own in zip(whole.columns, dofs)]
     p = len(whole.L)
     far = 10.0 ** rng.permutation(np.linspace(-5.0, 5.0, p))
     mix = np.diag(far)[rng.permutation(p)]
     if rng.random() < 0.5:
         mix = mix @ (np.eye(p) + 0.3 * rng.uniform(-1.0, 1.0, (p, p)))
-    chosen = rng.permutation(len(parts))
+    chosen = rng.permutation(len(members))
     g = None if whole.g is None else mix @ whole.g
     other = replace(
         whole,
-        parts=tuple(parts[i] for i in chosen),
+        members=tuple(members[i] for i in chosen),
         L=mix @ np.hstack([columns[i] for i in chosen]),
         g=g,
     )
     found = computed(other)
-    for part, own in zip(whole.parts, dofs):
+    for member, own in zip(whole.members, dofs):
         for q in "uva":
-            back = np.empty_like(found[q, part.name])
-            back[:, own] = found[q, part.name]
-            found[q, part.name] = back
+            back = np.empty_like(found[q, member.name])
+            back[:, own] = found[q, member.name]
+            found[q, member.name] = back
     found["multipliers", "interface"] = found["multipliers", "interface"] @ mix
     for q in ("velocity_jump", "displacement_jump"):
         found[q, "interface"] = np.linalg.solve(mix, found[q, "interface"].T).T
@@ -273,21 +273,21 @@ def forms(run):
 def linear_force(run):
     """A linear force as a part of K, as springs, and as a function with its stiffness."""
     rng, whole = run.rng, run.whole
-    i = int(rng.integers(len(whole.parts)))
-    part = replace(whole.parts[i], springs=(), function=None)
-    moving = np.flatnonzero(np.diag(part.M) > 0.0)
+    i = int(rng.integers(len(whole.members)))
+    member = replace(whole.members[i], springs=(), function=None)
+    moving = np.flatnonzero(np.diag(member.M) > 0.0)
     if not moving.size:
         return
     pairs, k = _pairs(rng, moving), 2.0
-    A = spring_matrix(pairs, k, part.n)
+    A = spring_matrix(pairs, k, member.n)
     springs = (Springs("cubic", pairs, k, 0.0, 0.0, 0.0),)
-    inside = replace(part, K=part.K + A)
+    inside = replace(member, K=member.K + A)
 
-    def with_part(other):
-        parts = [*whole.parts[:i], other, *whole.parts[i + 1 :]]
-        return replace(whole, parts=tuple(parts), start="rebased")
+    def with_member(other):
+        members = [*whole.members[:i], other, *whole.members[i + 1 :]]
+        return replace(whole, members=tuple(members), start="rebased")
 
-    one = with_part(inside)
+    one = with_member(inside)
     first = computed(one)
     spread = Spread(one, first, rng)
     if spread.is_wild:
@@ -297,11 +297,11 @@ def linear_force(run):
         if role == "internal":  # converged to the tolerance
             spread.unit = ROUNDING + ITERATED
         for as_function in (False, True):
-            given = replace(part, role=role, springs=springs)
+            given = replace(member, role=role, springs=springs)
             if as_function:
-                given = replace(part, role=role, function=Linear(A), estimated=True)
+                given = replace(member, role=role, function=Linear(A), estimated=True)
             kind = f"a linear force as {role} {'function' if as_function else 'springs'}"
-            require_equal(f"{kind} of {part.name}", first, computed(with_part(given)), spread)
+            require_equal(f"{kind} of {member.name}", first, computed(with_member(given)), spread)
 
 
 def pieces(run):
@@ -313,7 +313,7 @@ def pieces(run):
     parts = [coupler.run(steps=k) for k in (first, second - first)]
     coupler.step(STEPS - second)
     states = {
-        (q, s.name): getattr(coupler.state(s.name), q)[None] for s in whole.parts for q in "uva"
+        (q, s.name): getattr(coupler.state(s.name), q)[None] for s in whole.members for q in "uva"
     }
     ends = {key: one[key][-1:] for key in states}
     require_equal(f"runs of {first} and {second - first} macro steps, then steps", ends, states)
@@ -344,16 +344,16 @@ def pieces(run):
 def cases(run):
     """Several cases by `run_each`, and each by `reset` and `run`."""
     rng, whole = run.rng, run.whole
-    light = [np.diag(p.M) == 0.0 for p in whole.parts]
+    light = [np.diag(p.M) == 0.0 for p in whole.members]
     chosen = []
     for factor in (0.5, 2.0, -1.0):
         loads = {
             p.name: np.where(own, 0.0, factor * rng.normal(size=p.n))
-            for p, own in zip(whole.parts, light)
+            for p, own in zip(whole.members, light)
         }
         chosen.append({"force": loads})
         if whole.g is None:  # else v0 has to satisfy g(0)
-            chosen[-1]["v0"] = {p.name: factor * p.v0 for p in whole.parts}
+            chosen[-1]["v0"] = {p.name: factor * p.v0 for p in whole.members}
     coupler = whole.coupler(threads=2)
     together = coupler.run_each(chosen, steps=STEPS)
     for k, case in enumerate(chosen):
@@ -365,10 +365,10 @@ def cases(run):
 def uncut(run):
     """Subdomains with one scheme and one step, and the structure that they are cut from."""
     rng, whole = run.rng, run.whole
-    if whole.coupling == "mean" or any(np.any(np.diag(p.M) == 0.0) for p in whole.parts):
+    if whole.coupling == "mean" or any(np.any(np.diag(p.M) == 0.0) for p in whole.members):
         return
-    scheme = whole.parts[0].scheme
-    most = max(p.substeps for p in whole.parts)
+    scheme = whole.members[0].scheme
+    most = max(p.substeps for p in whole.members)
     substeps = 1 if whole.coupling == "macro" else most
 
     def change(p):
@@ -376,7 +376,9 @@ def uncut(run):
         return replace(plain, scheme=scheme, substeps=substeps)
 
     whole = _with_step(rng, replace(whole.each(change), g=None))
-    if whole.g is not None or np.any(whole.L @ np.concatenate([p.v0 for p in whole.parts]) > 1e-9):
+    if whole.g is not None or np.any(
+        whole.L @ np.concatenate([p.v0 for p in whole.members]) > 1e-9
+    ):
         whole = _at_start(rng, whole)
     coupler = whole.coupler()
     first = results_of(coupler.run(steps=STEPS))
@@ -385,28 +387,32 @@ def uncut(run):
         return
     M, C, K, maps = coupler.assembled()
     dense = {name: T.toarray() for name, T in maps.items()}
-    every = np.vstack([dense[p.name] for p in whole.parts])
+    every = np.vstack([dense[p.name] for p in whole.members])
     u0, v0 = (
-        np.linalg.lstsq(every, np.concatenate([getattr(p, x) for p in whole.parts]), rcond=None)[0]
+        np.linalg.lstsq(every, np.concatenate([getattr(p, x) for p in whole.members]), rcond=None)[
+            0
+        ]
         for x in ("u0", "v0")
     )
-    loads = [(dense[p.name], value_of(p)) for p in whole.parts]
+    loads = [(dense[p.name], value_of(p)) for p in whole.members]
     alone = pm.Subdomain(
         M, K, C, scheme=scheme, substeps=substeps, u0=u0, v0=v0, name="whole",
         force=lambda t: sum(T.T @ F(t) for T, F in loads),
     )  # fmt: skip
     history = pm.Coupler([alone], dt=whole.dt).run(steps=STEPS)["whole"]
-    found = {(q, p.name): getattr(history, q) @ dense[p.name].T for p in whole.parts for q in "uva"}
+    found = {
+        (q, p.name): getattr(history, q) @ dense[p.name].T for p in whole.members for q in "uva"
+    }
     motion = {key: first[key] for key in found}
     condition = np.linalg.cond(whole.L)
     require_equal("cut and uncut", found, motion, spread, condition)
 
 
-def value_of(part):
+def value_of(member):
     """Its load as a function of time."""
-    load = part.load.given(part.M)
+    load = member.load.given(member.M)
     if load is None:
-        load = np.zeros(part.n)
+        load = np.zeros(member.n)
     return load if callable(load) else lambda t: load
 
 
@@ -433,7 +439,7 @@ def rest(run):
     spread = Spread(whole, first, rng, still=True)
     if spread.is_wild:
         return
-    for p in whole.parts:
+    for p in whole.members:
         zero = np.zeros_like(first["u", p.name])
         require_equal("rest", {("u", p.name): zero + u[p.name]}, first, spread)
         require_equal("rest", {(x, p.name): zero for x in "va"}, first, spread)

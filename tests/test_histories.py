@@ -99,7 +99,7 @@ def same(x, y, what):
 
 
 def with_springs(whole):
-    return [p.name for p in whole.parts if p.springs and p.role == "restoring"]
+    return [p.name for p in whole.members if p.springs and p.role == "restoring"]
 
 
 def compare_states(coupler, twin, springs):
@@ -163,7 +163,7 @@ class Histories(stateful.RuleBasedStateMachine):
     @stateful.initialize(seed=SEEDS, threads=THREADS)
     def begin(self, seed, threads):
         self.whole = wholes.varied(seed)
-        hypothesis.note(f"{self.whole.coupling}, {len(self.whole.parts)} subdomains")
+        hypothesis.note(f"{self.whole.coupling}, {len(self.whole.members)} subdomains")
         self.springs = with_springs(self.whole)
         try:
             self.make_anew(threads)
@@ -220,7 +220,7 @@ class Histories(stateful.RuleBasedStateMachine):
             self.twin.coupler.restore(kept)
 
     def options(self, given):
-        names = [p.name for p in self.whole.parts]
+        names = [p.name for p in self.whole.members]
         options = given | {"record_springs": {name: None for name in self.springs}}
         if "record" in given:  # of every second subdomain, or of none
             options["record"] = {name: [0] for name in names[:: 2 if given["record"] else 9][1:]}
@@ -282,14 +282,14 @@ class Histories(stateful.RuleBasedStateMachine):
         self.advanced(steps, failure=result)
         if result is not None or self.twin.branch.changed:
             return
-        for p in self.whole.parts:  # each force once in a substep
+        for p in self.whole.members:  # each force once in a substep
             what = f"restoring of {p.name}"
             if p.role == "restoring" and p.function:
                 assert self.fuse.calls[what] - before[what] == steps * p.substeps, what
 
     @stateful.rule(seed=st.none() | SEEDS)
     def reset(self, seed):
-        values, (p, *_) = {}, self.whole.parts
+        values, (p, *_) = {}, self.whole.members
         if seed is not None:
             values["force"] = {p.name: loads(p, seed)[0]}
         self.coupler.reset(**values)
@@ -324,9 +324,9 @@ class Histories(stateful.RuleBasedStateMachine):
     @stateful.rule(factor=st.sampled_from([1.0, 0.8, 0.5]), finer=st.sets(st.integers(1, 3)))
     @stateful.precondition(lambda self: self.whole.coupling != "removed")
     def change_steps(self, factor, finer):
-        parts = self.whole.parts
-        finest = max(p.substeps for p in parts)
-        values = {p.name: finest for i, p in enumerate(parts) if i in finer}
+        members = self.whole.members
+        finest = max(p.substeps for p in members)
+        values = {p.name: finest for i, p in enumerate(members) if i in finer}
         values = {"dt": factor * self.whole.dt, "substeps": values}
         try:
             self.coupler.change_steps(**values)
@@ -361,7 +361,7 @@ class Histories(stateful.RuleBasedStateMachine):
 
     def cases(self, count, seed):
         """One, some, or more than the core has lanes; their loads of any kind."""
-        first = self.whole.parts[0]
+        first = self.whole.members[0]
         return [{"force": {first.name: load}} for load in loads(first, seed, count)]
 
     @stateful.rule(count=st.sampled_from([1, 2, 9]), seed=SEEDS, together=st.integers(1, 4))
@@ -370,7 +370,7 @@ class Histories(stateful.RuleBasedStateMachine):
         """Several cases into one file; rows of cases that fail are NaN and have the error."""
         import h5py
 
-        cases, name, path = self.cases(count, seed), self.whole.parts[0].name, self.path()
+        cases, name, path = self.cases(count, seed), self.whole.members[0].name, self.path()
 
         def result(history):
             return {"u": history[name].u, "end": history.macro_times[-1]}
@@ -397,12 +397,12 @@ class Histories(stateful.RuleBasedStateMachine):
         compare_states(self.coupler, self.twin.coupler, self.springs)
 
 
-def loads(part, seed, number=1):
+def loads(member, seed, number=1):
     """Functions, samples and constants, of dofs with mass."""
     rng = np.random.default_rng(seed)
-    moving = np.diag(part.M) > 0.0
+    moving = np.diag(member.M) > 0.0
     kinds = rng.integers(4, size=number)
-    shapes = rng.normal(size=(number, part.n)) * moving
+    shapes = rng.normal(size=(number, member.n)) * moving
     return [
         (lambda t, shape=shape: shape * np.cos(t))
         if kind == 0

@@ -29,21 +29,21 @@ def test_it_holds_for_random_problems(name):
 
 def test_the_problems_are_of_all_kinds():
     drawn = [wholes.drawn(seed) for seed in SEEDS]
-    parts = [p for whole in drawn for p in whole.parts]
+    members = [p for whole in drawn for p in whole.members]
     assert {whole.coupling for whole in drawn} == set(wholes.COUPLINGS)
-    assert {p.load.kind for p in parts} == {"none", "constant", "called", "sampled", "base"}
-    assert {p.role for p in parts if p.springs or p.function} == {"restoring", "internal"}
-    assert any(p.function for p in parts) and any(p.springs for p in parts)
-    assert any(p.double for p in parts) and any(p.substeps > 1 for p in parts)
-    assert any(p.scheme.explicit for p in parts) and any(p.lagged for p in parts)
+    assert {p.load.kind for p in members} == {"none", "constant", "called", "sampled", "base"}
+    assert {p.role for p in members if p.springs or p.function} == {"restoring", "internal"}
+    assert any(p.function for p in members) and any(p.springs for p in members)
+    assert any(p.double for p in members) and any(p.substeps > 1 for p in members)
+    assert any(p.scheme.explicit for p in members) and any(p.lagged for p in members)
     assert any(whole.g is not None for whole in drawn)
-    assert any(np.any(np.diag(p.M) == 0.0) for p in parts)
+    assert any(np.any(np.diag(p.M) == 0.0) for p in members)
 
 
 @pytest.mark.parametrize("quantity", ["u", "v", "a", "multipliers"])
 def test_a_relation_that_is_broken_names_the_place(quantity):
     run = relations.run_of(1)
-    name = "interface" if quantity == "multipliers" else run.whole.parts[1].name
+    name = "interface" if quantity == "multipliers" else run.whole.members[1].name
     wrong = {key: x.copy() for key, x in run.results.items()}
     wrong[quantity, name][3, 0] += 1e-7 * run.spread.sizes[quantity]
     kind = "row" if name == "interface" else "dof"
@@ -56,8 +56,8 @@ def test_a_relation_that_is_broken_names_the_place(quantity):
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 def test_a_problem_that_differs_by_a_millionth_of_one_number_is_another():
     run = relations.run_of(1)
-    first, *others = run.whole.parts
+    first, *others = run.whole.members
     heavier = replace(first, M=first.M * (1.0 + 1e-6))
-    other = relations.computed(replace(run.whole, parts=(heavier, *others)))
+    other = relations.computed(replace(run.whole, members=(heavier, *others)))
     with pytest.raises(AssertionError, match="heavier"):
         relations.require_equal("heavier", run.results, other, run.spread)

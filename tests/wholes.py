@@ -131,7 +131,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Part:
+class Member:
     """A subdomain. `role`: what springs and function are, "restoring" or "internal".
 
     `compiled`: its load and its restoring force are compiled functions where they are functions.
@@ -207,7 +207,7 @@ def spring_matrix(pairs, k, n):
 class Whole:
     """Subdomains, rows L (p, all dofs), and velocities g sin(omega t) of the rows, or samples."""
 
-    parts: tuple
+    members: tuple
     L: np.ndarray
     dt: float
     coupling: str
@@ -219,15 +219,15 @@ class Whole:
     @property
     def columns(self):
         """L of each subdomain."""
-        ends = np.cumsum([0, *(p.n for p in self.parts)])
+        ends = np.cumsum([0, *(p.n for p in self.members)])
         return [self.L[:, a:b] for a, b in pairwise(ends)]
 
     @property
     def is_iterated(self):
-        return any(p.role == "internal" and (p.springs or p.function) for p in self.parts)
+        return any(p.role == "internal" and (p.springs or p.function) for p in self.members)
 
     def coupler(self, threads=1, around=as_it_is):
-        made = [p.given(around) for p in self.parts]
+        made = [p.given(around) for p in self.members]
         rows = {s: L for s, L in zip(made, self.columns) if abs(L).max()}
         removed = self.coupling == "removed"
         return pm.Coupler(
@@ -250,7 +250,7 @@ class Whole:
 
     def each(self, change):
         """The same with each subdomain changed."""
-        return replace(self, parts=tuple(change(p) for p in self.parts))
+        return replace(self, members=tuple(change(p) for p in self.members))
 
 
 # ---- random problems ----------------------------------------------------------------------------
@@ -265,13 +265,13 @@ def drawn(seed, large=()):
     sizes[: len(large)] = large[:count]
     L = np.hstack(_random_constraints(rng, sizes))
     steps = _substeps(rng, count, coupling)
-    parts = []
+    members = []
     for i, (n, (substeps, double)) in enumerate(zip(sizes, steps)):
         tied = np.split(L, np.cumsum(sizes)[:-1], axis=1)[i].any(axis=0)
-        parts.append(_part(rng, f"s{i}", n, substeps, double, tied, coupling))
+        members.append(_member(rng, f"s{i}", n, substeps, double, tied, coupling))
     g = rng.normal(size=len(L)) if rng.random() < 0.3 else None
     start = "plain" if rng.random() < 0.2 else "rebased"
-    whole = Whole(tuple(parts), L, 1.0, coupling, start, g)
+    whole = Whole(tuple(members), L, 1.0, coupling, start, g)
     if whole.is_iterated:
         whole = replace(whole, start="rebased")
     return _at_start(rng, _with_step(rng, whole))
@@ -293,7 +293,7 @@ def _substeps(rng, count, coupling):
     return list(zip(steps, doubles))
 
 
-def _part(rng, name, n, substeps, double, tied, coupling):
+def _member(rng, name, n, substeps, double, tied, coupling):
     explicit = rng.random() < 0.4
     schemes = EXPLICIT if explicit else IMPLICIT
     if coupling == "mean":
@@ -313,11 +313,11 @@ def _part(rng, name, n, substeps, double, tied, coupling):
     if C is not None and light.any():
         C = 0.2 * M
     lagged = bool(C is not None and not light.any() and rng.random() < 0.2)
-    part = Part(
+    member = Member(
         name, M, K, C, scheme, substeps, double, _forms(rng, M), _load(rng, light),
         np.zeros(n), np.zeros(n), lagged,
     )  # fmt: skip
-    return _with_forces(rng, part, ~light, coupling)
+    return _with_forces(rng, member, ~light, coupling)
 
 
 def _massless(rng, scheme, kept):
@@ -341,24 +341,24 @@ def _load(rng, light):
     return Load(kinds[int(rng.integers(5))], direction, 3.0, samples, rng.uniform(0.05, 0.2))
 
 
-def _with_forces(rng, part, moving, coupling):
+def _with_forces(rng, member, moving, coupling):
     """With springs or a function in some of the subdomains."""
     if rng.random() < 0.5 or not moving.any():
-        return part
+        return member
     roles = {"mean": ["internal"], "removed": ["restoring"]}.get(
         coupling, ["restoring", "internal"]
     )
     role = roles[int(rng.integers(len(roles)))]
     if rng.random() < 0.4:
-        G = np.where(moving[:, None], rng.normal(size=(part.n, 2)), 0.0)
+        G = np.where(moving[:, None], rng.normal(size=(member.n, 2)), 0.0)
         function = Function(G, 2.0, 0.5, 0.1 * rng.random(), 0.5, 2.0)
-        return replace(part, role=role, function=function, estimated=bool(rng.random() < 0.7))
+        return replace(member, role=role, function=function, estimated=bool(rng.random() < 0.7))
     laws = ["cubic"] if role == "internal" else ["cubic", "gap", "bilinear", "boucwen"]
     chosen = rng.permutation(laws)[: int(rng.integers(1, 3))]
     springs = [
         Springs(law, _pairs(rng, np.flatnonzero(moving)), 3.0, 0.6, 0.05, 5.0) for law in chosen
     ]
-    return replace(part, role=role, springs=tuple(springs))
+    return replace(member, role=role, springs=tuple(springs))
 
 
 def _pairs(rng, dofs):
@@ -369,8 +369,8 @@ def _pairs(rng, dofs):
 
 def _with_step(rng, whole):
     """A macro step that resolves explicit subdomains and what is not known as K."""
-    most = 0.1 * max(p.substeps for p in whole.parts)
-    for p in whole.parts:
+    most = 0.1 * max(p.substeps for p in whole.members)
+    for p in whole.members:
         if not p.scheme.explicit and not (p.springs or p.function):
             continue
         inverse = np.diag(1.0 / np.where(np.diag(p.M) > 0.0, np.diag(p.M), np.inf))
@@ -382,15 +382,15 @@ def _with_step(rng, whole):
 
 def _at_start(rng, whole):
     """Random motions that satisfy the constraints, unless dofs have no mass."""
-    if any(np.any(np.diag(p.M) == 0.0) for p in whole.parts):
+    if any(np.any(np.diag(p.M) == 0.0) for p in whole.members):
         return replace(whole, g=None)
-    ends = np.cumsum([p.n for p in whole.parts])[:-1]
+    ends = np.cumsum([p.n for p in whole.members])[:-1]
     states = []
     for size in (0.3, 1.0):
         x = size * rng.normal(size=whole.L.shape[1])
         states.append(np.split(x - np.linalg.pinv(whole.L) @ (whole.L @ x), ends))
-    parts = [replace(p, u0=u, v0=v) for p, u, v in zip(whole.parts, *states)]
-    return replace(whole, parts=tuple(parts))
+    members = [replace(p, u0=u, v0=v) for p, u, v in zip(whole.members, *states)]
+    return replace(whole, members=tuple(members))
 
 
 def grid(n):

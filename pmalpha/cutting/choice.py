@@ -1,4 +1,4 @@
-"""What is decided before a structure is cut: labels, names, schemes, substeps, equal parts."""
+"""What is decided before a structure is cut: labels, names, schemes, substeps, partitions."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _connected(whole: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def partition(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
-    """(elements,): labels 0 .. parts - 1 of parts with nearly equal sums of costs, none empty.
+    """(elements,): labels 0 .. parts - 1 of nearly equal sums of costs, none without an element.
 
     Raises TypeError, ValueError for more parts than elements, and where there is neither METIS nor
         coordinates.
@@ -206,7 +206,7 @@ def bisected(points: np.ndarray, parts: int, costs: np.ndarray) -> np.ndarray:
         left = k // 2
         share = np.cumsum(costs[order]) - 0.5 * costs[order]
         at = int(np.searchsorted(share, costs[order].sum() * left / k))
-        at = min(max(at, left), own.size - (k - left))  # an element at least for each part
+        at = min(max(at, left), own.size - (k - left))  # an element at least for each label
         waiting += [(order[:at], first, left), (order[at:], first + left, k - left)]
     return labels
 
@@ -244,7 +244,7 @@ def adjacency(whole: Whole) -> sp.csr_array:
     return sp.csr_array((np.ones(index.size, dtype=np.int32), index, ptr), shape=common.shape)
 
 
-class Part(NamedTuple):
+class Member(NamedTuple):
     """What one subdomain is made of, its elements apart."""
 
     name: str
@@ -256,7 +256,7 @@ class Choice(NamedTuple):
     """The subdomain of each element, and the subdomains."""
 
     labels: np.ndarray
-    parts: list[Part]
+    members: list[Member]
 
 
 class Candidates(NamedTuple):
@@ -268,7 +268,7 @@ class Candidates(NamedTuple):
 
 
 def _choice(labels: np.ndarray, names: Any, schemes: Any, substeps: Any) -> Choice:
-    return Choice(labels, [Part(*facts) for facts in zip(names, schemes, substeps, strict=True)])
+    return Choice(labels, [Member(*facts) for facts in zip(names, schemes, substeps, strict=True)])
 
 
 def by_steps(whole: Whole, labels: str, parts: Any, dt: float | None, scheme: Any) -> Choice:
@@ -363,7 +363,7 @@ def _levels_below(levels: np.ndarray, top: int, explicit: Scheme, implicit: Sche
 
 
 def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: Any) -> Choice:
-    """By the labels of the user, or in parts of equal cost."""
+    """By the labels of the user, or in subdomains of equal cost."""
     if (labels is None) == (parts is None):
         raise TypeError("labels or parts must be given, and not both")
     omega = None
@@ -407,7 +407,7 @@ def by_layer(
         }
     choice = by_labels(whole, np.where(chosen, "layer", "bulk"), None, dt, scheme)
     # what contact requires, should the bulk have smaller elements
-    bulk, layer = choice.parts
+    bulk, layer = choice.members
     layer = layer._replace(substeps=max(layer.substeps, bulk.substeps))
     return Choice(choice.labels, [bulk, layer])
 

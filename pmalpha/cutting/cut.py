@@ -18,7 +18,7 @@ from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..structures.structure import Structure
-from .choice import Candidates, Choice, Part, automatic, by_labels, by_layer, by_steps
+from .choice import Candidates, Choice, Member, automatic, by_labels, by_layer, by_steps
 from .division import Division, checked_motion
 from .elements import Elements
 from .result import Cut
@@ -174,17 +174,17 @@ def _cheapest(structure: Any, whole: Whole, candidates: Candidates, values: Valu
 
 
 def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, values: Values) -> Cut:
-    labels, parts = choice.labels, choice.parts
-    portions = _portions(whole, labels, parts)
+    labels, members = choice.labels, choice.members
+    portions = _portions(whole, labels, members)
     masses = [_masses(portion) for portion in portions]
     division = Division(whole.n, [portion.dofs for portion in portions], masses)
-    for part, portion, mass in zip(parts, portions, masses):
-        if part.scheme.explicit:
-            _require_mass(part, portion.dofs, mass)
+    for member, portion, mass in zip(members, portions, masses):
+        if member.scheme.explicit:
+            _require_mass(member, portion.dofs, mass)
     loads = division.divided(values.force)
     u0, v0 = (division.scatter(x) for x in (values.u0, values.v0))
     subdomains = []
-    for i, part in enumerate(parts):
+    for i, member in enumerate(members):
         portion = portions[i]
         portions[i] = None  # frees its matrices, which a Subdomain copies
         subdomains.append(
@@ -192,14 +192,14 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
                 portion.M,
                 portion.K,
                 portion.C,
-                scheme=part.scheme,
-                substeps=part.substeps,
+                scheme=member.scheme,
+                substeps=member.substeps,
                 force=loads[i],
                 internal=portion.internal or None,
                 rayleigh=values.rayleigh,
                 u0=u0[i],
                 v0=v0[i],
-                name=part.name,
+                name=member.name,
                 dof_names=names_at(getattr(structure, "dof_names", None), division.dofs[i]),
             )
         )
@@ -209,15 +209,15 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
     return Cut(structure, labels, tuple(subdomains), ties, dt, {}, None, division)
 
 
-def _portions(whole: Whole, labels: np.ndarray, parts: Sequence[Part]) -> list[Any]:
-    """The matrices of each part; contact belongs to the first part that has the node."""
+def _portions(whole: Whole, labels: np.ndarray, members: Sequence[Member]) -> list[Any]:
+    """The matrices of each subdomain; contact belongs to the first one that has the node."""
     left = np.ones(whole.link_count, dtype=bool)
     groups = whole.by_group(labels)
     portions = []
-    for i, part in enumerate(parts):
+    for i, member in enumerate(members):
         portion = whole.portion(labels == i, left)
         if not portion.dofs.size:
-            raise ValueError(f"labels must leave {part.name!r} a free dof, got only fixed ones")
+            raise ValueError(f"labels must leave {member.name!r} a free dof, got only fixed ones")
         for links, own in zip(whole.links, groups):
             nodes = links[own == i]
             left[nodes[nodes >= 0]] = False
@@ -230,14 +230,14 @@ def _masses(portion: Portion) -> np.ndarray:
     return result
 
 
-def _require_mass(part: Part, dofs: np.ndarray, mass: np.ndarray) -> None:
+def _require_mass(member: Member, dofs: np.ndarray, mass: np.ndarray) -> None:
     massless = dofs[mass == 0.0]
     if massless.size:
         raise FactorizationError(
-            f"{part.name!r} is explicit and none of its elements has mass at "
+            f"{member.name!r} is explicit and none of its elements has mass at "
             f"{counted(massless.size, 'dof')} of the uncut structure, {listing(massless)}; give it "
             "an implicit scheme, or elements with mass there",
-            subdomain=part.name,
+            subdomain=member.name,
             dof=int(massless[0]),
         )
 
