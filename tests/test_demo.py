@@ -1,34 +1,15 @@
 """python -m pmalpha: the numbers it prints and the picture it draws."""
 
 import contextlib
-import doctest
 import io
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+import waits
 from test_models import PM, PM_ALPHA, four_dof_by_reference
 
-import pmalpha
 from pmalpha import models
 from pmalpha.__main__ import main
-
-PACKAGE = Path(pmalpha.__file__).parents[1]
-
-
-def demo(folder, *arguments):
-    """Run the command in a folder, with the package that is being tested."""
-    path = os.pathsep.join(filter(None, [str(PACKAGE), os.environ.get("PYTHONPATH")]))
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-m", "pmalpha", *arguments],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-    )
 
 
 def row(text, start, columns):
@@ -85,8 +66,8 @@ def test_the_picture_is_a_png_fit_for_print(finished):
     assert pixels.shape[1] >= 2126
     # black, a blue and a white that are not mere antialiasing: curves on paper
     for colour in ((0.0, 0.0, 0.0), (0.0, 0x72 / 255, 0xB2 / 255), (1.0, 1.0, 1.0)):
-        close = np.abs(pixels - np.array(colour)).max(axis=-1) < 0.01
-        assert close.sum() > 1000, colour
+        close = np.abs(pixels[::3, ::3] - np.array(colour)).max(axis=-1) < 0.01
+        assert close.sum() > 1000 / 9, colour
 
 
 def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path, monkeypatch, capsys):
@@ -112,26 +93,23 @@ def test_an_invalid_number_of_steps_is_refused(tmp_path, steps, monkeypatch, cap
 def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
-    assert main(["--output", "nowhere/figure.png"]) == 1
+    assert main(["--output", "nowhere/figure.png", "--steps", "3"]) == 1
     printed = capsys.readouterr()
-    assert "PM-alpha at step 100" in printed.out  # the numbers are printed without the picture
+    assert "PM-alpha at step 3" in printed.out  # the numbers are printed without the picture
     assert printed.err.startswith("pmalpha: nowhere/figure.png not drawn: ")
     assert len(printed.err.splitlines()) == 1
 
 
 def test_without_matplotlib_the_demo_names_what_to_install(tmp_path):
-    # a module of this name that cannot be imported precedes the real one
-    (tmp_path / "matplotlib.py").write_text("raise ImportError('not here')\n")
-    done = demo(tmp_path)
+    done = waits.program(f"""
+        import os, runpy, sys, warnings
+        warnings.simplefilter("error")
+        os.chdir({str(tmp_path)!r})
+        sys.argv = ["pmalpha"]
+        sys.modules["matplotlib"] = None  # cannot be imported
+        runpy.run_module("pmalpha", run_name="__main__")
+    """)
     assert done.returncode == 1
     assert "PM-alpha at step 100" in done.stdout
     assert "pip install 'pmalpha[plot]'" in done.stderr
     assert len(done.stderr.splitlines()) == 1
-
-
-def test_the_examples_of_the_plots_run():
-    pytest.importorskip("matplotlib")
-    from pmalpha.plot import styling
-
-    result = doctest.testmod(styling)
-    assert result.attempted > 3 and result.failed == 0

@@ -1,6 +1,5 @@
 """The examples run, and their results are asserted."""
 
-import contextlib
 import signal
 import sys
 import threading
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import waits
+from agreement import assert_identical, assert_same_levels
 
 import pmalpha as pm
 
@@ -18,39 +18,31 @@ sys.path.insert(0, str(EXAMPLES))
 import rig  # noqa: E402
 import simulated_rig  # noqa: E402
 
-PARTS = ("frame", "rig")
-
 
 class InProcess:
-    """The specimen without a rig, and a log of its calls."""
+    """The specimen without a rig, and a log of its calls; lost at one of them if that is given."""
 
-    def __init__(self):
+    def __init__(self, lost=None):
         self.specimen, self.calls = simulated_rig.Yielding(**rig.specimen), []
+        self.lost = lost
 
     def __call__(self, u, v, t):
         self.calls.append((len(self.calls) + 1, t, u[0]))
+        if len(self.calls) == self.lost:
+            raise ConnectionError(f"the rig was lost at call {self.lost}")
         return [self.specimen(u[0])]
 
 
 class Until:
-    """A rig that calls `happens` before its command number `last`."""
+    """A rig that calls `happens` before its commands with these numbers."""
 
-    def __init__(self, rig, last, happens):
-        self.rig, self.last, self.happens = rig, last, happens
+    def __init__(self, rig, numbers, happens):
+        self.rig, self.numbers, self.happens = rig, numbers, happens
 
     def __call__(self, u, v, t):
-        if self.rig.number + 1 == self.last:
+        if self.rig.number + 1 in self.numbers:
             self.happens()
         return self.rig(u, v, t)
-
-
-def assert_identical(history, other):
-    for name in PARTS:
-        for x in "uva":
-            np.testing.assert_array_equal(
-                getattr(history[name], x), getattr(other[name], x), strict=True
-            )
-    np.testing.assert_array_equal(history.multipliers, other.multipliers)
 
 
 # ---- a test rig -----------------------------------------------------------------------------
@@ -67,6 +59,10 @@ def test_a_rig_without_delay_and_noise_is_the_same_model_in_one_process():
     # a double sent through a socket is unchanged, and so is the whole run
     assert_identical(history, expected)
     np.testing.assert_array_equal(commands, alone.calls)
+    # one for the initial accelerations, one for each substep, in order
+    np.testing.assert_array_equal(commands[:, 0], 1 + np.arange(1 + 150 * rig.substeps))
+    times = np.arange(1 + 150 * rig.substeps) / rig.substeps * rig.dt  # (T1)
+    np.testing.assert_array_equal(commands[:, 1], times)
     # the specimen yields: well beyond the elastic limit
     assert np.abs(commands[:, 2]).max() > 2.0 * rig.specimen["fy"] / rig.specimen["k"]
 
@@ -78,20 +74,6 @@ def test_the_specimen_in_the_rig_is_the_spring_of_the_core():
     # 1e-13: the same law in another order of operations, a rounding of 1e-16 in each of 2000
     # substeps, of both signs and decaying with the motion
     np.testing.assert_allclose(by_rig["rig"].u, by_core["rig"].u, atol=1e-13 * largest)
-
-
-def test_commands_arrive_once_each_and_in_order():
-    with rig.simulated_rig(**rig.specimen, delay=3.3e-3, noise=500.0) as (address, _):
-        client = rig.Rig(address)
-        coupler = rig.hybrid(client)
-        coupler.run(steps=5)
-        coupler.step(3)
-        number, t, _ = client.close().T
-    # one for the initial accelerations, one for each substep
-    np.testing.assert_array_equal(number, 1 + np.arange(1 + 8 * rig.substeps))
-    np.testing.assert_array_equal(
-        t, np.arange(1 + 8 * rig.substeps) / rig.substeps * rig.dt
-    )  # (T1)
 
 
 def test_noise_of_the_same_seed_is_the_same_noise(monkeypatch):
@@ -111,99 +93,100 @@ def test_noise_of_the_same_seed_is_the_same_noise(monkeypatch):
     assert np.std(noise) == pytest.approx(100.0, rel=0.2)
 
 
-def killed_at(command, process, client):
-    """A restoring force whose rig is dead from this command on."""
-
-    def die():
-        process.kill()
-        process.wait()
-
-    return Until(client, command, die)
-
-
 # the warning of macro coupling for a restoring force with substeps
 @pytest.mark.filterwarnings("ignore:the restoring force:pmalpha.StabilityWarning")
 @pytest.mark.parametrize(
-    ("command", "coupling", "threads"),
-    # in mid-step, and at its end
-    [(75, "pm", 1), (82, "gc", 2), (81, "macro", 1)],
+    ("command", "coupling", "killed"),
+    # in mid-step, and at its end; the rig itself is killed, or its error raised
+    [(75, "pm", True), (82, "gc", False), (81, "macro", False)],
 )
 def test_when_the_rig_dies_coupler_and_file_are_at_the_last_whole_macro_step(
-    command, coupling, threads, tmp_path
+    command, coupling, killed, tmp_path
 ):
     pytest.importorskip("h5py")
-    done = (command - 2) // rig.substeps
-    shorter = rig.hybrid(InProcess(), coupling=coupling)
-    expected = shorter.run(steps=done)
-    with rig.simulated_rig(**rig.specimen) as (address, process):
-        client = rig.Rig(address)
-        dying = killed_at(command, process, client)
-        coupler = rig.hybrid(dying, coupling=coupling, threads=threads)
+    shorter, path = rig.hybrid(InProcess(), coupling=coupling), tmp_path / "test.h5"
+    expected = shorter.run(steps=(command - 2) // rig.substeps)
+
+    def ended_by(restoring):
+        coupler = rig.hybrid(restoring, coupling=coupling, threads=1 if killed else 2)
         with pytest.raises(ConnectionError, match=f"the rig was lost at call {command}"):
-            coupler.run(steps=50, record_to=tmp_path / "test.h5")
+            coupler.run(steps=50, record_to=path)
+        assert coupler.step_count == (command - 2) // rig.substeps
+        assert_identical(coupler.last_history, expected)
+        assert_identical(pm.History.load(path), expected)
+        assert_same_levels(coupler, shorter)
+
+    if not killed:
+        ended_by(InProcess(command))
+        return
+    with rig.simulated_rig(**rig.specimen) as (address, process):
+
+        def die():
+            process.kill()
+            process.wait()
+
+        client = rig.Rig(address)
+        ended_by(Until(client, [command], die))
         client.client.close()
-    assert coupler.step_count == done
-    assert_identical(coupler.last_history, expected)
-    assert_identical(pm.History.load(tmp_path / "test.h5"), expected)
-    for name in PARTS:
-        for x in "uva":
-            np.testing.assert_array_equal(
-                getattr(coupler.state(name), x), getattr(shorter.state(name), x)
-            )
+        with pytest.raises(ConnectionError):  # a wrong address, before the run
+            rig.Rig(address)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
-@pytest.mark.parametrize("ctrl_c", [False, True], ids=["timeout", "ctrl_c"])
-def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig(ctrl_c):
-    expected = rig.hybrid(InProcess()).run(steps=6)
-
-    silent = threading.Event()
+def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig():
+    expected = rig.hybrid(InProcess()).run(steps=8)
+    ss, silent = rig.substeps, threading.Event()
     with rig.simulated_rig(**rig.specimen) as (address, process):
 
         def stop():
             process.send_signal(signal.SIGSTOP)
-            silent.set()
-            client.client._messages.timeout = waits.LIMIT if ctrl_c else 0.1
+            by_ctrl_c = client.number > 40
+            client.client._messages.timeout = waits.LIMIT if by_ctrl_c else 0.1
+            if by_ctrl_c:
+                silent.set()
+
+        def ended(error):
+            with pytest.raises(error):
+                coupler.run(steps=8)
+            client.client._messages.timeout = waits.LIMIT
+            process.send_signal(signal.SIGCONT)
+            return coupler.last_history
 
         client = rig.Rig(address, timeout=waits.LIMIT)
-        coupler = rig.hybrid(Until(client, 36, stop))
-        ctrl_c_in_a_wait = waits.ctrl_c_when(silent.is_set, after=0.1)
-        with pytest.raises(KeyboardInterrupt if ctrl_c else TimeoutError):
-            with ctrl_c_in_a_wait if ctrl_c else contextlib.nullcontext():
-                coupler.run(steps=6)
-        client.client._messages.timeout = waits.LIMIT
+        coupler = rig.hybrid(Until(client, [36, 58], stop))
+        first = ended(TimeoutError)
         assert coupler.step_count == 3
-        first = coupler.last_history
-        process.send_signal(signal.SIGCONT)
+        with waits.ctrl_c_when(silent.is_set, after=0.1):
+            second = ended(KeyboardInterrupt)
+        assert coupler.step_count == 5
         rest = coupler.run(steps=3)
         number, t, _ = client.close().T
-    # elastic so far, so the commands of the lost macro step have no effect on the specimen
-    for name in PARTS:
-        joined = np.vstack([first[name].u, rest[name].u[1:]])
+    # elastic so far, so the commands of the lost macro steps have no effect on the specimen
+    for name in ("frame", "rig"):
+        joined = np.vstack([first[name].u, second[name].u[1:], rest[name].u[1:]])
         np.testing.assert_array_equal(joined, expected[name].u)
-    # the commands of that macro step are sent again, under new numbers
-    ss, instants = rig.substeps, np.arange(1 + 6 * rig.substeps) / rig.substeps * rig.dt
+    # the commands of those macro steps are sent again, under new numbers
+    instants = np.arange(1 + 8 * ss) / ss * rig.dt
     np.testing.assert_array_equal(number, 1 + np.arange(len(number)))
-    np.testing.assert_array_equal(t, np.append(instants[:36], instants[1 + 3 * ss :]))
+    sent = [instants[:36], instants[1 + 3 * ss : 53], instants[1 + 5 * ss :]]
+    np.testing.assert_array_equal(t, np.concatenate(sent))
 
 
 def test_the_rig_may_not_call_the_coupler_that_commands_it():
-    with rig.simulated_rig(**rig.specimen) as (address, _):
-        client = rig.Rig(address)
-        coupler = rig.hybrid(lambda u, v, t: client(u, v, coupler.time))
-        with pytest.raises(RuntimeError, match="being stepped"):
-            coupler.step()
-        client.close()
+    coupler = rig.hybrid(lambda u, v, t: [coupler.time])
+    with pytest.raises(RuntimeError, match="being stepped"):
+        coupler.step()
     assert coupler.step_count == 0
 
 
-@pytest.mark.parametrize("force, text", [("nan", "must be finite"), ("-inf", "must be finite")])
-def test_a_measurement_that_is_not_finite_names_rig_and_time(force, text):
+@pytest.mark.parametrize("force", ["nan", "-inf"])
+def test_a_measurement_that_is_not_finite_names_rig_and_time(force):
     def broken(u, v, t):
         return [float(force) if t > 0.0255 else 0.0]
 
     coupler = rig.hybrid(broken)
-    with pytest.raises(ValueError, match=f"restoring of subdomain 'rig' at t = 0.026: .*{text}"):
+    words = "restoring of subdomain 'rig' at t = 0.026: .*must be finite"
+    with pytest.raises(ValueError, match=words):
         coupler.run(steps=5)
     assert coupler.step_count == 2
 
@@ -220,14 +203,6 @@ def test_the_rig_example_runs(capsys):
     rig.main(steps=20)
     printed = capsys.readouterr().out
     assert printed.startswith("0.2 s, 201 commands") and "p99.9" in printed
-
-
-def test_a_wrong_address_is_an_error_before_the_run():
-    with rig.simulated_rig() as (address, process):
-        process.kill()
-        process.wait()
-        with pytest.raises(ConnectionError):
-            rig.Rig(address)
 
 
 def test_the_specimen_dissipates_the_area_of_its_loop():
