@@ -52,405 +52,198 @@ def with_objects():
     return A
 
 
-REFUSED = {
-    "a plane on no structure": (
-        lambda: pm.structures.plane_contact(np.eye(3), normal=[0.0, 1.0], **PLANE),
-        TypeError,
-        "structure must be a Structure",
+# what the message has, and the call
+VALUES = {
+    "normal must": lambda: pm.structures.plane_contact(BLOCK, normal=[1e308, 1.5e308], **PLANE),
+    "divisions must be at most": lambda: pm.structures.subdivide([[0, 0], [1, 0]], [[0, 1]], 2**63),
+    "points must not exceed": lambda: pm.structures.plate_on(
+        HUGE, [[0, 1, 2, 3]], E=1.0, nu=0.3, rho=1.0
     ),
-    "a normal of infinite length": (
-        lambda: pm.structures.plane_contact(BLOCK, normal=[1e308, 1.5e308], **PLANE),
-        ValueError,
-        "normal must",
+    "points of 'b' must not exceed": lambda: pm.interpolate(
+        "a", [[0.5, 0.5]], "b", HUGE, [[0, 1, 2, 3]]
     ),
-    "too many divisions": (
-        lambda: pm.structures.subdivide([[0, 0], [1, 0]], [[0, 1]], 2**63),
-        ValueError,
-        "divisions must be at most",
+    "omegas must have shape (2,)": lambda: pm.models.rayleigh([1.0, 2.0, 3.0], [0.1, 0.1]),
+    "ratios must be a regular array": lambda: pm.models.rayleigh([1.0, 2.0], [0.1, [0.1]]),
+    "dt must have a finite square": lambda: pm.analysis.response_spectrum(MASSES, 1e308, [1.0]),
+    "Omega must not exceed": lambda: pm.analysis.period_and_damping(pm.Newmark(), [1e307]),
+    "beta must be 0 or": lambda: pm.Newmark(5e-324),
+    "gamma must": lambda: pm.Newmark(0.25, 1e308),
+    "dt must be a regular array": lambda: pm.Coupler([single()], dt=[[1.0, 2.0], [3.0]]),
+    "velocity must be a regular array": lambda: pm.Constraint(
+        {"a": [[1.0]]}, velocity=[[1.0, 2.0], [3.0]]
     ),
-    "points out of range": (
-        lambda: pm.structures.plate_on(HUGE, [[0, 1, 2, 3]], E=1.0, nu=0.3, rho=1.0),
-        ValueError,
-        "points must not exceed",
+    "dofs_a must be below": lambda: pm.tie("a", [2**63 - 1], "b", [0]),
+    "direction must have a column for each of the 2 series of record": lambda: pm.BaseAcceleration(
+        [[1.0, 2.0]], 0.1, [1.0, 1.0], [1.0, 1.0]
     ),
-    "points to interpolate between out of range": (
-        lambda: pm.interpolate("a", [[0.5, 0.5]], "b", HUGE, [[0, 1, 2, 3]]),
-        ValueError,
-        "points of 'b' must not exceed",
+    "values times shape must be finite": lambda: pm.SampledForce([1e200], 0.1, shape=[1e200]),
+    "M times direction must be finite": lambda: pm.BaseAcceleration([1.0], 0.1, [1e200], [1e200]),
+    "record must not exceed": lambda: pm.SupportMotion([0.0, 1e308], 0.1, "acceleration"),
+    "M must have as many indices as blocks": lambda: pm.Subdomain(
+        damaged_blocks(), K, scheme=pm.Newmark()
     ),
-    "masses that are an iterator": (
-        lambda: pm.models.shear_frame(iter([1.0]), [1.0]),
-        TypeError,
-        "masses must hold real numbers",
+    "C must be symmetric": lambda: pm.Subdomain(
+        MASSES, K, 1e308 * (np.eye(3, k=1) - np.eye(3, k=-1)), scheme=BETA
     ),
-    "three frequencies": (
-        lambda: pm.models.rayleigh([1.0, 2.0, 3.0], [0.1, 0.1]),
-        ValueError,
-        "omegas must have shape (2,)",
+    "M must be so large that K_ii / M_ii is finite, which it is not at 2": lambda: (
+        pm.models.modal_damping([1.0, 1.0, 5e-324], K, [0.02])
     ),
-    "lists of ratios": (
-        lambda: pm.models.rayleigh([1.0, 2.0], [0.1, [0.1]]),
-        ValueError,
-        "ratios must be a regular array",
+    "ratios must be at most 0, one for each dof with mass": lambda: pm.models.modal_damping(
+        -MASSES, K, [0.02]
     ),
-    "a complex displacement": (
-        lambda: pm.models.split_oscillator(10.0, u0=1j),
-        TypeError,
-        "u0 must be a real number",
+    "periods must be 0 or at least dt / 1e+06": lambda: pm.analysis.response_spectrum(
+        MASSES, 2.0**70, [1.0]
     ),
-    "a tolerance in words": (
-        lambda: pm.analysis.spectral_radius(K, tol="x"),
-        TypeError,
-        "tol must be a real number",
+    "prestress must not exceed": lambda: pm.structures.truss(
+        [[0, 0], [1, 0]], [[0, 1]], EA=1.0, rhoA=1.0, prestress=1e155
     ),
-    "eigenvalues in words": (
-        lambda: pm.analysis.spectral_radius(K, drop=["x"]),
-        TypeError,
-        "drop must be a sequence of numbers",
+    "M must have entries that are finite times K_ii / M_ii, got up to 1e+308": lambda: (
+        pm.structures.modes([1.0, -1e308, 1.0], K, 1)
     ),
-    "an order of no function": (
-        lambda: pm.analysis.observed_order({}, [0.1, 0.2]),
-        TypeError,
-        "run must be callable",
+    "record['subdomain 0'] must lie in -1..0, got -1180591620717411303424": lambda: pm.Coupler(
+        [single()], dt=0.1
+    ).run(steps=1, record={0: [-(2**70)]}),
+    "dof must lie in 0..0, got 1180591620717411303424": lambda: pm.Coupler(
+        [single()], dt=0.1
+    ).state(0)[2**70],
+    "L of 'a' must have as many indices as data, got 3 and 6, in a damaged csc matrix": lambda: (
+        pm.Constraint({"a": longer_data()})
     ),
-    "steps that are one flag": (
-        lambda: pm.analysis.observed_order(abs, True),
-        TypeError,
-        "steps must hold real numbers",
+    "periods must not exceed": lambda: pm.analysis.response_spectrum(MASSES, 0.1, [1e155]),
+    "dt and 1 / dt must not exceed": lambda: pm.analysis.response_spectrum(MASSES, 1e-308, [1.0]),
+    "dofs must be below 9007199254740992, got 9223372036854775808": lambda: pm.CubicSpring(
+        [2**63], k=1.0, k3=1.0
     ),
-    "a flag that is a matrix": (
-        lambda: pm.analysis.response_spectrum(
-            MASSES, 0.1, [1.0], free_vibration=sp.dia_array(np.eye(3))
-        ),
-        TypeError,
-        "free_vibration must be True or False",
+    "internal[0]: dofs of a Gap must lie in 0..0, got 2": lambda: pm.Subdomain(
+        0, K, scheme=BETA, internal=[pm.Gap([2], k=1.0, gap=0.0)]
     ),
-    "a step with an infinite square": (
-        lambda: pm.analysis.response_spectrum(MASSES, 1e308, [1.0]),
-        ValueError,
-        "dt must have a finite square",
+    "points must not all be below 1e-50, got at most 1e-155": lambda: pm.structures.truss(
+        [[0, 0], [1e-155, 0]], [[0, 1]], EA=1.0, rhoA=1.0
     ),
-    "frequencies out of range": (
-        lambda: pm.analysis.period_and_damping(pm.Newmark(), [1e307]),
-        ValueError,
-        "Omega must not exceed",
+    "ratios must not exceed": lambda: pm.models.modal_damping(MASSES, K, [1e308, 0.05]),
+    "must have an element at every dof in 0..4611686018427387904, not at dofs 1, 2": lambda: pm.cut(
+        pm.Elements([[0, 2**62]], np.eye(2)[None], np.eye(2)[None]), [0]
     ),
-    "parameters out of range": (lambda: pm.Newmark(5e-324), ValueError, "beta must be 0 or"),
-    "a parameter out of range": (lambda: pm.Newmark(0.25, 1e308), ValueError, "gamma must"),
-    "constraints that are an array": (
-        lambda: pm.Coupler([single()], np.array(1.0), dt=0.1),
-        TypeError,
-        "constraints must be Constraints",
+    "K must have 0 entries as its indptr has, got": lambda: pm.reduce(
+        np.eye(3), unused_blocks(), fixed=[0]
     ),
-    "cases that are an array": (
-        lambda: pm.Coupler([single()], dt=0.1).run_each(np.array(1.0), steps=1),
-        TypeError,
-        "cases must be a list of dicts",
+    "elements must": lambda: pm.structures.plate_on(
+        BLOCK.points, sp.dok_array(np.eye(4, dtype=int)), E=1.0, nu=0.3, rho=1.0
     ),
-    "a ragged step": (
-        lambda: pm.Coupler([single()], dt=[[1.0, 2.0], [3.0]]),
-        ValueError,
-        "dt must be a regular array",
+}
+TYPES = {
+    "structure must be a Structure": lambda: pm.structures.plane_contact(
+        np.eye(3), normal=[0.0, 1.0], **PLANE
     ),
-    "a ragged velocity": (
-        lambda: pm.Constraint({"a": [[1.0]]}, velocity=[[1.0, 2.0], [3.0]]),
-        ValueError,
-        "velocity must be a regular array",
+    "masses must hold real numbers": lambda: pm.models.shear_frame(iter([1.0]), [1.0]),
+    "u0 must be a real number": lambda: pm.models.split_oscillator(10.0, u0=1j),
+    "tol must be a real number": lambda: pm.analysis.spectral_radius(K, tol="x"),
+    "drop must be a sequence of numbers": lambda: pm.analysis.spectral_radius(K, drop=["x"]),
+    "run must be callable": lambda: pm.analysis.observed_order({}, [0.1, 0.2]),
+    "steps must hold real numbers": lambda: pm.analysis.observed_order(abs, True),
+    "free_vibration must be True or False": lambda: pm.analysis.response_spectrum(
+        MASSES, 0.1, [1.0], free_vibration=sp.dia_array(np.eye(3))
     ),
-    "a dof out of range": (
-        lambda: pm.tie("a", [2**63 - 1], "b", [0]),
-        ValueError,
-        "dofs_a must be below",
+    "constraints must be Constraints": lambda: pm.Coupler([single()], np.array(1.0), dt=0.1),
+    "cases must be a list of dicts": lambda: pm.Coupler([single()], dt=0.1).run_each(
+        np.array(1.0), steps=1
     ),
-    "a record with a row for each sample": (
-        lambda: pm.BaseAcceleration([[1.0, 2.0]], 0.1, [1.0, 1.0], [1.0, 1.0]),
-        ValueError,
-        "direction must have a column for each of the 2 series of record",
+    "pattern must hold real numbers": lambda: pm.InternalForce(
+        lambda *_: None, pattern=with_objects()
     ),
-    "a load out of range": (
-        lambda: pm.SampledForce([1e200], 0.1, shape=[1e200]),
-        ValueError,
-        "values times shape must be finite",
+    "subdomains must be a list of Subdomains": lambda: pm.Coupler(
+        sp.dia_array(np.eye(3)), dt=0.1, coupling="pm"
     ),
-    "a mass times a direction out of range": (
-        lambda: pm.BaseAcceleration([1.0], 0.1, [1e200], [1e200]),
-        ValueError,
-        "M times direction must be finite",
+    "data must be a dict": lambda: pm.export.write_series(
+        "x.xdmf", *MOTION, data=[("T", [[0.0, 1.0]])]
     ),
-    "a motion out of range": (
-        lambda: pm.SupportMotion([0.0, 1e308], 0.1, "acceleration"),
-        ValueError,
-        "record must not exceed",
+    "cells must be a dict": lambda: pm.export.write_series("x.xdmf", *MOTION, cells=[1.0]),
+    "cases must be dicts of what reset takes": lambda: pm.Study(list, steps=1).run(np.array(1.0)),
+    "map must return an iterable of results, got None": lambda: pm.Study(list, steps=1).run(
+        [{}], map=lambda *_: None
     ),
-    "a damaged matrix of blocks": (
-        lambda: pm.Subdomain(damaged_blocks(), K, scheme=pm.Newmark()),
-        ValueError,
-        "M must have as many indices as blocks",
+    "fixed must be": lambda: pm.cut(BLOCK, [0], fixed=[0, print]),
+    "A must hold real numbers, got dtype object": lambda: pm.readers.symmetrized(
+        sp.dia_array(np.eye(2)).astype(object), tol=0.0
     ),
-    "a pattern of objects": (
-        lambda: pm.InternalForce(lambda *_: None, pattern=with_objects()),
-        TypeError,
-        "pattern must hold real numbers",
+    "scheme must be a Scheme": lambda: pm.cut(BLOCK, [0], dt=0.1, scheme=sp.dia_array(np.eye(3))),
+}
+VALUES_OF_PICTURES = {
+    "quantity must be 'u', 'v' or 'a', got": lambda: (
+        pm.Coupler([single()], dt=0.1).run(steps=1).plot(quantity=["u"])
     ),
-    "subdomains that are a sparse matrix": (
-        lambda: pm.Coupler(sp.dia_array(np.eye(3)), dt=0.1, coupling="pm"),
-        TypeError,
-        "subdomains must be a list of Subdomains",
+    "points + scale u must be finite, got inf at [1, 0]": lambda: pm.plot.deformed(
+        [[0.0], [1.0]], [[0, 1]], [[0.0], [1e308]], scale=2.0
     ),
-    "a damping whose differences overflow": (
-        lambda: pm.Subdomain(MASSES, K, 1e308 * (np.eye(3, k=1) - np.eye(3, k=-1)), scheme=BETA),
+    "must be a regular array": lambda: picture([[1.0, 2.0], [3.0]]),
+    "dofs of 'subdomain 0' must lie in 0..0, got 1180591620717411303424": lambda: picture(
+        [2**70, 1]
+    ),
+    "constraints must be a regular array": lambda: (
+        coupled().run(steps=1).plot(constraints=[[0, 1], [0]])
+    ),
+    "scale must not exceed": lambda: pm.plot.deformed(
+        [[0.0], [1.0]], [[0, 1]], [[0.0], [0.0]], scale=1e308
+    ),
+    "value_label must be text, got '\\udcff'": lambda: moving(value_label="\udcff"),
+    "interval must": lambda: moving(interval=float("nan")),
+    "u of 'subdomain 0' for meshes[0] must have shape": lambda: moving(BLOCK),
+    "meshes[0] must have a function of u of 'subdomain 0'": lambda: moving(
+        (BLOCK, pm.reduce(np.eye(8), np.eye(8), fixed=[0]).expand)
+    ),
+}
+TYPES_OF_PICTURES = {
+    "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got Fraction(0, 1)": lambda: (
+        picture([Fraction(0), 0])
+    ),
+    "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got None": lambda: picture([None]),
+    "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got <DIA": lambda: picture(
+        sp.dia_array(np.eye(3))
+    ),
+    "history must be a History or the motion of a mesh, got None": lambda: pm.plot.animation(
+        None, {}
+    ),
+    "values must be callable or the name of a stress, got 1.5": lambda: moving(values=1.5),
+    "value_label must be a str, got b'x'": lambda: moving(value_label=b"x"),
+    "meshes[0] must be a Structure or (points, elements)": lambda: moving(1.5),
+    "points of meshes[0] must": lambda: moving((BLOCK, [None])),
+}
+OF_PICTURES = pytest.mark.skipif(not find_spec("matplotlib"), reason="needs matplotlib")
+REFUSED = [
+    *((ValueError, *x) for x in VALUES.items()),
+    *((TypeError, *x) for x in TYPES.items()),
+    *(pytest.param(ValueError, *x, marks=OF_PICTURES) for x in VALUES_OF_PICTURES.items()),
+    *(pytest.param(TypeError, *x, marks=OF_PICTURES) for x in TYPES_OF_PICTURES.items()),
+    # of the same words
+    (
         ValueError,
         "C must be symmetric",
-    ),
-    "a damping of whole numbers without a sign": (
         lambda: pm.Subdomain(
             MASSES, K, np.array([[0, 1, 0], [2**64 - 1, 0, 0], [0, 0, 0]], "u8"), scheme=BETA
         ),
-        ValueError,
-        "C must be symmetric",
     ),
-    "modes of a mass that is nearly zero": (
-        lambda: pm.models.modal_damping([1.0, 1.0, 5e-324], K, [0.02]),
-        ValueError,
-        "M must be so large that K_ii / M_ii is finite, which it is not at 2",
-    ),
-    "modal damping of negative masses": (
-        lambda: pm.models.modal_damping(-MASSES, K, [0.02]),
-        ValueError,
-        "ratios must be at most 0, one for each dof with mass",
-    ),
-    "a spectrum with periods far below the step": (
-        lambda: pm.analysis.response_spectrum(MASSES, 2.0**70, [1.0]),
-        ValueError,
-        "periods must be 0 or at least dt / 1e+06",
-    ),
-    "a prestress out of range": (
-        lambda: pm.structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=1.0, rhoA=1.0, prestress=1e155),
-        ValueError,
-        "prestress must not exceed",
-    ),
-    "fields that are no dict": (
-        lambda: pm.export.write_series("x.xdmf", *MOTION, data=[("T", [[0.0, 1.0]])]),
-        TypeError,
-        "data must be a dict",
-    ),
-    "numbers of elements that are no dict": (
-        lambda: pm.export.write_series("x.xdmf", *MOTION, cells=[1.0]),
-        TypeError,
-        "cells must be a dict",
-    ),
-    "a study of no cases": (
-        lambda: pm.Study(list, steps=1).run(np.array(1.0)),
-        TypeError,
-        "cases must be dicts of what reset takes",
-    ),
-    "a map that returns nothing": (
-        lambda: pm.Study(list, steps=1).run([{}], map=lambda *_: None),
-        TypeError,
-        "map must return an iterable of results, got None",
-    ),
-    "a picture of a list of quantities": (
-        lambda: pm.Coupler([single()], dt=0.1).run(steps=1).plot(quantity=["u"]),
-        ValueError,
-        "quantity must be 'u', 'v' or 'a', got",
-    ),
-    "fixed dofs of several kinds": (
-        lambda: pm.cut(BLOCK, [0], fixed=[0, print]),
-        TypeError,
-        "fixed must be",
-    ),
-    "modes of a mass whose shift overflows": (
-        lambda: pm.structures.modes([1.0, -1e308, 1.0], K, 1),
-        ValueError,
-        "M must have entries that are finite times K_ii / M_ii, got up to 1e+308",
-    ),
-    "a picture of displacements out of range": (
-        lambda: pm.plot.deformed([[0.0], [1.0]], [[0, 1]], [[0.0], [1e308]], scale=2.0),
-        ValueError,
-        "points + scale u must be finite, got inf at [1, 0]",
-    ),
-    "a picture of ragged dofs": (
-        lambda: picture([[1.0, 2.0], [3.0]]),
-        ValueError,
-        "must be a regular array",
-    ),
-    "a picture of a dof beyond 64 bits": (
-        lambda: picture([2**70, 1]),
-        ValueError,
-        "dofs of 'subdomain 0' must lie in 0..0, got 1180591620717411303424",
-    ),
-    "a picture of a dof that is a fraction": (
-        lambda: picture([Fraction(0), 0]),
-        TypeError,
-        "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got Fraction(0, 1)",
-    ),
-    "a picture of a dof that is nothing": (
-        lambda: picture([None]),
-        TypeError,
-        "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got None",
-    ),
-    "a picture of dofs in a sparse matrix": (
-        lambda: picture(sp.dia_array(np.eye(3))),
-        TypeError,
-        "dofs of 'subdomain 0' must be a 1-D array of whole numbers, got <DIA",
-    ),
-    "a picture of ragged constraints": (
-        lambda: coupled().run(steps=1).plot(constraints=[[0, 1], [0]]),
-        ValueError,
-        "constraints must be a regular array",
-    ),
-    "a record of a dof beyond 64 bits": (
-        lambda: pm.Coupler([single()], dt=0.1).run(steps=1, record={0: [-(2**70)]}),
-        ValueError,
-        "record['subdomain 0'] must lie in -1..0, got -1180591620717411303424",
-    ),
-    "the motion of a dof beyond 64 bits": (
-        lambda: pm.Coupler([single()], dt=0.1).state(0)[2**70],
-        ValueError,
-        "dof must lie in 0..0, got 1180591620717411303424",
-    ),
-    "a matrix with more data than indices": (
-        lambda: pm.Constraint({"a": longer_data()}),
-        ValueError,
-        "L of 'a' must have as many indices as data, got 3 and 6, in a damaged csc matrix",
-    ),
-    "a record out of range": (
-        lambda: pm.analysis.response_spectrum([0.0, -1e308, 1e308], 0.1, [1.0]),
+    (
         ValueError,
         "record must not exceed",
+        lambda: pm.analysis.response_spectrum([0.0, -1e308, 1e308], 0.1, [1.0]),
     ),
-    "periods out of range": (
-        lambda: pm.analysis.response_spectrum(MASSES, 0.1, [1e155]),
-        ValueError,
-        "periods must not exceed",
-    ),
-    "a sampling step out of range": (
-        lambda: pm.analysis.response_spectrum(MASSES, 1e-308, [1.0]),
+    (
         ValueError,
         "dt and 1 / dt must not exceed",
-    ),
-    "a spring on a dof that is no integer": (
-        lambda: pm.CubicSpring([2**63], k=1.0, k3=1.0),
-        ValueError,
-        "dofs must be below 9007199254740992, got 9223372036854775808",
-    ),
-    "springs on dofs that the subdomain does not have": (
-        lambda: pm.Subdomain(0, K, scheme=BETA, internal=[pm.Gap([2], k=1.0, gap=0.0)]),
-        ValueError,
-        "internal[0]: dofs of a Gap must lie in 0..0, got 2",
-    ),
-    "a truss whose bars have no length in numbers": (
-        lambda: pm.structures.truss([[0, 0], [1e-155, 0]], [[0, 1]], EA=1.0, rhoA=1.0),
-        ValueError,
-        "points must not all be below 1e-50, got at most 1e-155",
-    ),
-    "a motion with a step out of range": (
         lambda: pm.SupportMotion([0.0, 1.0], 5e-324, "acceleration"),
-        ValueError,
-        "dt and 1 / dt must not exceed",
     ),
-    "damping ratios out of range": (
-        lambda: pm.models.modal_damping(MASSES, K, [1e308, 0.05]),
-        ValueError,
-        "ratios must not exceed",
-    ),
-    "elements on a dof far away": (
-        lambda: pm.cut(pm.Elements([[0, 2**62]], np.eye(2)[None], np.eye(2)[None]), [0]),
-        ValueError,
-        "structure must have an element at every dof in 0..4611686018427387904, not at dofs 1, 2",
-    ),
-    "a plan for a step of no length in numbers": (
-        lambda: pm.cut(BLOCK, [0], dt=0.1).plan(5e-324),
-        ValueError,
-        "dt and 1 / dt must not exceed",
-    ),
-    "a picture of a scale out of range": (
-        lambda: pm.plot.deformed([[0.0], [1.0]], [[0, 1]], [[0.0], [0.0]], scale=1e308),
-        ValueError,
-        "scale must not exceed",
-    ),
-    "a picture that moves of no history": (
-        lambda: pm.plot.animation(None, {}),
-        TypeError,
-        "history must be a History or the motion of a mesh, got None",
-    ),
-    "a picture that moves of values that are no function": (
-        lambda: moving(values=1.5),
-        TypeError,
-        "values must be callable or the name of a stress, got 1.5",
-    ),
-    "a picture that moves without text": (
-        lambda: moving(value_label="\udcff"),
-        ValueError,
-        "value_label must be text, got '\\udcff'",
-    ),
-    "a picture that moves of a label that is no text": (
-        lambda: moving(value_label=b"x"),
-        TypeError,
-        "value_label must be a str, got b'x'",
-    ),
-    "a picture that moves in no time": (
-        lambda: moving(interval=float("nan")),
-        ValueError,
-        "interval must",
-    ),
-    "a picture that moves of a mesh that is none": (
-        lambda: moving(1.5),
+    (ValueError, "dt and 1 / dt must not exceed", lambda: pm.cut(BLOCK, [0], dt=0.1).plan(5e-324)),
+    pytest.param(
         TypeError,
         "meshes[0] must be a Structure or (points, elements)",
-    ),
-    "a picture that moves of a mesh with three arrays": (
         lambda: moving(([[0.0], [1.0]], [[0, 1]], [[0, 1]])),
-        TypeError,
-        "meshes[0] must be a Structure or (points, elements)",
+        marks=OF_PICTURES,
     ),
-    "blocks that no row has": (
-        lambda: pm.reduce(np.eye(3), unused_blocks(), fixed=[0]),
-        ValueError,
-        "K must have 0 entries as its indptr has, got",
-    ),
-    "elements in a dictionary of keys": (
-        lambda: pm.structures.plate_on(
-            BLOCK.points, sp.dok_array(np.eye(4, dtype=int)), E=1.0, nu=0.3, rho=1.0
-        ),
-        ValueError,
-        "elements must",
-    ),
-    "a picture of points without numbers": (
-        lambda: moving((BLOCK, [None])),
-        TypeError,
-        "points of meshes[0] must",
-    ),
-    "a picture of other dofs": (
-        lambda: moving(BLOCK),
-        ValueError,
-        "u of 'subdomain 0' for meshes[0] must have shape",
-    ),
-    "a picture of dofs that a reduction has not": (
-        lambda: moving((BLOCK, pm.reduce(np.eye(8), np.eye(8), fixed=[0]).expand)),
-        ValueError,
-        "meshes[0] must have a function of u of 'subdomain 0'",
-    ),
-    "objects in place of numbers, by diagonals": (
-        lambda: pm.readers.symmetrized(sp.dia_array(np.eye(2)).astype(object), tol=0.0),
-        TypeError,
-        "A must hold real numbers, got dtype object",
-    ),
-    "a scheme that is a matrix": (
-        lambda: pm.cut(BLOCK, [0], dt=0.1, scheme=sp.dia_array(np.eye(3))),
-        TypeError,
-        "scheme must be a Scheme",
-    ),
-}
+]
 
 
-if not find_spec("matplotlib"):
-    REFUSED = {what: x for what, x in REFUSED.items() if not what.startswith("a picture")}
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_odd_input_is_refused_by_name(what):
-    call, error, words = REFUSED[what]
+@pytest.mark.parametrize("error, words, call", REFUSED)
+def test_odd_input_is_refused_by_name(error, words, call):
     refused(error, call, words)
 
 
