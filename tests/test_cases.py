@@ -1,44 +1,22 @@
 """Several load cases in one call: each is bitwise the run after a reset, and nothing remains."""
 
 import warnings
+from itertools import combinations
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 import waits
+from agreement import assert_identical
+from pairwise import in_turn
 from test_checkpoint import chain, coupler, snapshot
 from test_snapshot import nonlinear
 
 import pmalpha as pm
+from pmalpha.results.quantities import arrays_of
 
 DAMPED = pm.GeneralizedAlpha(0.5)
 GROWS = "ignore:.*grows with damping:pmalpha.StabilityWarning"
-
-
-def arrays_of(history):
-    """All numbers of a History, by name."""
-    found = {}
-    for x in history.subdomains:
-        if x is not None:
-            names = ("t", "u", "v", "a", "dofs", "deformation", "force", "iterations", "q")
-            found |= {(x.name, name): getattr(x, name, None) for name in names}
-            found |= {(x.name, "output", name): y for name, y in x.outputs.items()}
-    for name in ("multipliers", "multiplier_times", "velocity_jump", "displacement_jump"):
-        found[name] = getattr(history, name)
-    found["macro_times"] = history.macro_times
-    if history.energy is not None:
-        for name in ("t", "kinetic", "strain", "dissipated", "external", "interface", "balance"):
-            found["energy", name] = getattr(history.energy, name)
-    return {key: x for key, x in found.items() if x is not None}
-
-
-def require_equal(ours, theirs):
-    """Bitwise: the same operations in the same order, so that no tolerance is needed."""
-    x, y = arrays_of(ours), arrays_of(theirs)
-    assert x.keys() == y.keys()
-    for key in x:
-        assert x[key].shape == y[key].shape and x[key].dtype == y[key].dtype, key
-        assert x[key].tobytes() == y[key].tobytes(), key
 
 
 def one_by_one(c, cases, *arguments, **options):
@@ -72,19 +50,20 @@ def random_cases(c, count, seed=0):
 
 
 @pytest.mark.filterwarnings(GROWS)
-@pytest.mark.parametrize("count", [0, 1, 2, 9, 20])
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
+@pytest.mark.parametrize(
+    "coupling, count",
+    [("pm", 0), ("pm", 1), ("gc", 2), ("pm", 20), ("gc", 9), ("macro", 9), ("mean", 20)],
+)
 def test_each_case_is_bitwise_the_run_after_a_reset(coupling, count):
     substeps = 1 if coupling == "macro" else 4
     ours, theirs = (coupler(coupling=coupling, substeps=substeps) for _ in range(2))
     cases = random_cases(ours, count)
     for x, y in zip(ours.run_each(cases, 1.2), one_by_one(theirs, cases, 1.2), strict=True):
-        require_equal(x, y)
+        assert_identical(x, y)
 
 
-@pytest.mark.parametrize("count", [4, 8])
-def test_loads_of_many_dofs_are_added_bitwise_in_every_case(count):
-    n = 600  # more than the core adds of one case before the next one
+def test_loads_of_many_dofs_are_added_bitwise_in_every_case():
+    n, count = 600, 6  # more than the core adds of one case before the next one; 12 cases
     c = pm.Coupler([pm.Subdomain(np.ones(n), np.ones(n), scheme=DAMPED, name="A")], dt=0.05)
     cases = random_cases(c, count)
     shape = np.random.default_rng(2).standard_normal((n, 2))
@@ -93,16 +72,15 @@ def test_loads_of_many_dofs_are_added_bitwise_in_every_case(count):
         for k in range(count)
     ]  # loads of the same times
     for ours, theirs in zip(c.run_each(cases, steps=20), one_by_one(c, cases, steps=20)):
-        require_equal(ours, theirs)
+        assert_identical(ours, theirs)
 
 
 def test_histories_share_no_array():
     c = softened()
     histories = c.run_each([{}] * 9, steps=20)
-    for one in histories:
-        for other in histories:
-            for key, x in arrays_of(one).items():
-                assert one is other or not np.shares_memory(x, arrays_of(other)[key]), key
+    found = [[x for r in (h, *h.subdomains) for x in arrays_of(r).values()] for h in histories]
+    for one, other in combinations(found, 2):
+        assert not any(np.shares_memory(x, y) for x, y in zip(one, other, strict=True))
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
@@ -110,7 +88,7 @@ def test_internal_forces_and_springs_run_bitwise_as_one_by_one(coupling):
     ours, theirs = nonlinear(coupling), nonlinear(coupling)
     cases = [{"force": {"a": [f, 0.0]}} for f in (0.0, 1.0, -2.0)]
     for x, y in zip(ours.run_each(cases, steps=8), one_by_one(theirs, cases, steps=8)):
-        require_equal(x, y)
+        assert_identical(x, y)
 
 
 def softened(coupling="pm", **options):
@@ -140,10 +118,10 @@ def test_springs_remember_their_own_case(coupling):
         for v in rng.standard_normal(11)
     ]
     springs = {"a": None, "b": [0, 2, 4]}
-    expected = one_by_one(theirs, cases, steps=60, record_springs=springs)
-    found = ours.run_each(cases, steps=60, record_springs=springs)
+    expected = one_by_one(theirs, cases, steps=40, record_springs=springs)
+    found = ours.run_each(cases, steps=40, record_springs=springs)
     for x, y in zip(found, expected, strict=True):
-        require_equal(x, y)
+        assert_identical(x, y)
     assert np.ptp(found[0]["a"].force[:, 1]) > 0.1  # they yield
 
 
@@ -163,7 +141,7 @@ def test_what_is_recorded_is_that_of_single_runs(options):
     cases = random_cases(ours, 9)
     expected = one_by_one(theirs, cases, steps=7, **options)
     for x, y in zip(ours.run_each(cases, steps=7, **options), expected, strict=True):
-        require_equal(x, y)
+        assert_identical(x, y)
 
 
 def test_a_prescribed_motion_is_that_of_every_case():
@@ -171,7 +149,7 @@ def test_a_prescribed_motion_is_that_of_every_case():
     cases = random_cases(ours, 9)
     expected = one_by_one(theirs, cases, steps=7)
     for x, y in zip(ours.run_each(cases, steps=7), expected, strict=True):
-        require_equal(x, y)
+        assert_identical(x, y)
 
 
 def test_a_callable_load_belongs_to_its_case():
@@ -181,7 +159,7 @@ def test_a_callable_load_belongs_to_its_case():
         cases[k]["force"]["b"] = lambda t, k=k: np.full(6, np.sin((k + 1) * t))
     expected = one_by_one(theirs, cases, steps=7)
     for x, y in zip(ours.run_each(cases, steps=7), expected, strict=True):
-        require_equal(x, y)
+        assert_identical(x, y)
 
 
 @pytest.mark.filterwarnings(GROWS)
@@ -194,13 +172,13 @@ def test_any_number_of_threads_and_any_grouping_give_bitwise_the_same(coupling):
         c = coupler(coupling=coupling, substeps=substeps, threads=threads)
         parts = [c.run_each(cases[i : i + size], steps=4) for i in range(0, len(cases), size)]
         for x, y in zip(whole, sum(parts, []), strict=True):
-            require_equal(x, y)
+            assert_identical(x, y)
 
 
 # ---- the coupler itself --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("steps", [0, 1, 6])
+@pytest.mark.parametrize("steps", [0, 6])
 @pytest.mark.parametrize("force", [None, lambda t: np.full(6, np.cos(3.0 * t))])
 def test_the_coupler_is_as_before_and_its_run_continues_bitwise(steps, force):
     ours, theirs = coupler(force=force), coupler(force=force)
@@ -210,7 +188,7 @@ def test_the_coupler_is_as_before_and_its_run_continues_bitwise(steps, force):
         c.step(steps)
     ours.run_each(random_cases(ours, 10), steps=5)
     assert ours.step_count == steps
-    require_equal(ours.run(steps=5), theirs.run(steps=5))
+    assert_identical(ours.run(steps=5), theirs.run(steps=5))
     assert snapshot(ours) == snapshot(theirs)
 
 
@@ -225,7 +203,7 @@ def test_a_coupler_that_has_not_begun_has_not_begun_afterwards():
     ours.run_each([{"force": {"a": None}}] * 3, steps=2)
     assert calls == []
     assert ours.step_count == 0
-    require_equal(ours.run(steps=3), coupler(force=force).run(steps=3))
+    assert_identical(ours.run(steps=3), coupler(force=force).run(steps=3))
 
 
 def test_the_last_history_is_kept():
@@ -258,9 +236,9 @@ def test_a_case_that_overflows_does_not_end_the_others(count):
     with pytest.raises(pm.InstabilityError) as single:
         theirs.run(steps=6)
     assert str(single.value) == str(error.failures[1])
-    require_equal(error.histories[1], theirs.last_history)
+    assert_identical(error.histories[1], theirs.last_history)
     for k in {*range(count)} - {1}:
-        require_equal(error.histories[k], one_by_one(theirs, [cases[k]], steps=6)[0])
+        assert_identical(error.histories[k], one_by_one(theirs, [cases[k]], steps=6)[0])
     assert ours.step_count == 0 and ours.last_history is None
 
 
@@ -274,9 +252,8 @@ def test_an_exception_of_a_load_is_a_failure_of_its_case():
     assert [h is None for h in caught.value.histories] == [False, True, False]
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_ctrl_c_ends_cases_side_by_side(threads):
-    ours = coupler(threads=threads)
+def test_ctrl_c_ends_cases_side_by_side():
+    ours = coupler(threads=2)
     ours.step(3)
     before = snapshot(ours)
     with pytest.raises(KeyboardInterrupt), waits.ctrl_c_when(lambda: waits.is_stepped(ours), 0.1):
@@ -342,8 +319,8 @@ def test_a_file_for_each_case(tmp_path):
     paths = [tmp_path / f"{k}.h5" for k in range(3)]
     found = ours.run_each(cases, steps=5, record_to=paths)
     for x, path, y in zip(found, paths, one_by_one(theirs, cases, steps=5), strict=True):
-        require_equal(x, y)
-        require_equal(pm.History.load(path), y)
+        assert_identical(x, y)
+        assert_identical(pm.History.load(path), y)
     with pytest.raises(FileExistsError):
         ours.run_each(cases, steps=5, record_to=[tmp_path / "new.h5", *paths[1:]])
     assert not (tmp_path / "new.h5").exists()
@@ -351,7 +328,7 @@ def test_a_file_for_each_case(tmp_path):
     assert pm.History.load(paths[0]).macro_times.size == 3
 
 
-@pytest.mark.parametrize("count", [3, 10, 30])
+@pytest.mark.parametrize("count", [3, 30])
 def test_progress_counts_the_steps_of_all_cases(count):
     seen = []
     coupler().run_each(
@@ -373,8 +350,9 @@ def test_warnings_are_those_of_single_runs():
 
 
 @pytest.mark.filterwarnings(GROWS)
-@pytest.mark.parametrize("form", [np.asarray, sp.csr_array])
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
+@pytest.mark.parametrize(
+    ("coupling", "form"), in_turn(["pm", "gc", "macro", "mean"], np.asarray, sp.csr_array)
+)
 def test_unsymmetric_subdomains_run_bitwise_as_one_by_one(coupling, form):
     M, K = chain(6)
     spin = 2.0 * (np.eye(6, k=1) - np.eye(6, k=-1))  # gyroscopic
@@ -388,4 +366,4 @@ def test_unsymmetric_subdomains_run_bitwise_as_one_by_one(coupling, form):
     )
     cases = random_cases(ours, 9)
     for x, y in zip(ours.run_each(cases, 0.2), one_by_one(theirs, cases, 0.2), strict=True):
-        require_equal(x, y)
+        assert_identical(x, y)

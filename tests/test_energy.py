@@ -1,10 +1,11 @@
 """Energy balance: compared with (B1) to (B4) on a fully recorded run, and with closed forms."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from agreement import assert_close, largest
+from agreement import assert_close, assert_identical, largest
 from problems import random_problem
 
 import pmalpha as pm
@@ -67,7 +68,7 @@ def doubles_of(coupler):
     return [part.double for part in coupler._session.members]
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(16))
 def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
@@ -76,7 +77,7 @@ def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
     require_energies(history.energy, expected_energies(problem, doubles_of(coupler), history))
 
 
-@pytest.mark.parametrize("seed", range(60, 70))
+@pytest.mark.parametrize("seed", range(60, 64))
 def test_an_interval_sums_up_from_its_first_time_level(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
@@ -116,7 +117,7 @@ def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_at_its_time_
 def test_the_problems_have_works_of_every_kind_and_double_steps_with_substeps():
     # so the comparisons above cover all kinds
     seen = set()
-    for seed in range(30):
+    for seed in range(16):
         problem = random_problem(seed)
         for s, double in zip(problem.subdomains, doubles_of(problem.coupler())):
             seen |= {("double", double, s.substeps > 1), ("coupling", problem.coupling, double)}
@@ -228,23 +229,13 @@ def test_the_work_of_a_restoring_force_is_counted_with_that_of_the_dampers():
 # ---- what it may not do ----------------------------------------------------------------------
 
 
-def identical(ours, theirs):
-    return all(x.tobytes() == y.tobytes() for x, y in zip(arrays_of(ours), arrays_of(theirs)))
-
-
-def arrays_of(history):
-    for s in history.subdomains:
-        yield from (s.t, s.u, s.v, s.a)
-    for name in ("multipliers", "velocity_jump", "displacement_jump"):
-        yield getattr(history, name)
-
-
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_recording_the_energy_changes_no_result(seed):
     problem = random_problem(seed)
     ours, theirs = problem.coupler(), problem.coupler()
     for steps in (4, 3):
-        assert identical(ours.run(steps=steps, energy=True), theirs.run(steps=steps))
+        history = ours.run(steps=steps, energy=True)
+        assert_identical(replace(history, energy=None), theirs.run(steps=steps))
 
 
 def test_the_energy_with_every_is_that_without_at_the_same_time_levels():
@@ -315,11 +306,7 @@ def test_an_interrupted_run_has_the_energy_up_to_the_interruption():
     broken, other = coupler(force), coupler(lambda t: [np.sin(t)])
     with pytest.raises(ZeroDivisionError):
         broken.run(steps=20, energy=True)
-    expected = other.run(steps=6, energy=True).energy
-    for name in (*KINDS, "balance", "t"):
-        np.testing.assert_array_equal(
-            getattr(broken.last_history.energy, name), getattr(expected, name)
-        )
+    assert_identical(broken.last_history, other.run(steps=6, energy=True))
 
 
 # ---- files ----------------------------------------------------------------------------------
@@ -328,9 +315,7 @@ def test_an_interrupted_run_has_the_energy_up_to_the_interruption():
 def test_the_energy_is_kept_with_the_history(tmp_path):
     history = models.four_dof().coupler(0.05, coupling="pm").run(steps=7, energy=True)
     history.save(tmp_path / "h.npz")
-    loaded = pm.History.load(tmp_path / "h.npz").energy
-    for name in ("t", *KINDS, "balance"):
-        assert getattr(loaded, name).tobytes() == getattr(history.energy, name).tobytes()
+    assert_identical(pm.History.load(tmp_path / "h.npz"), history)
     models.four_dof().coupler(0.05, coupling="pm").run(steps=7).save(tmp_path / "without.npz")
     assert pm.History.load(tmp_path / "without.npz").energy is None
 

@@ -1,9 +1,11 @@
 """Loads that depend on the motion, f(t, u, v): they are restoring forces with the sign changed."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from agreement import assert_identical
 
 import pmalpha as pm
 from pmalpha import structures
@@ -30,14 +32,6 @@ def pair(coupling="gc", *, double=None, threads=None, scheme=SOFT, **loads):
     return pm.Coupler([a, b], tie, dt=0.05, coupling=coupling, threads=threads)
 
 
-def same(one, two):
-    return all(
-        np.array_equal(getattr(x, q), getattr(y, q))
-        for x, y in zip(one.subdomains, two.subdomains)
-        for q in "tuva"
-    )
-
-
 # ---- a restoring force with the sign changed -------------------------------------------------
 
 
@@ -53,7 +47,7 @@ def test_it_is_bitwise_a_restoring_force_with_the_sign_changed(coupling, double,
         for load in (dict(force=controller), dict(restoring=restoring))
     )
     one, two = (c.run(steps=20, energy=True) for c in (first, second))
-    assert same(one, two)
+    assert_identical(replace(one, energy=None), replace(two, energy=None))
     assert np.array_equal(one.energy.external, -two.energy.dissipated)
     assert not one.energy.dissipated.any() and one.energy.external[-1, 0] != 0.0
     assert np.array_equal(one.energy.balance, two.energy.balance)
@@ -62,8 +56,8 @@ def test_it_is_bitwise_a_restoring_force_with_the_sign_changed(coupling, double,
         c.change_steps(dt=0.04)
         c.restore(c.snapshot())
         c.step(2)
-    assert same(first.run(steps=5), second.run(steps=5))
-    assert same(first.run_each([{}], 0.4)[0], second.run_each([{}], 0.4)[0])
+    assert_identical(first.run(steps=5), second.run(steps=5))
+    assert_identical(first.run_each([{}], 0.4)[0], second.run_each([{}], 0.4)[0])
 
 
 def test_it_is_evaluated_once_per_substep_in_the_order_of_time():
@@ -95,7 +89,7 @@ def test_threads_and_springs_and_other_restoring_forces_go_with_it():
         pair("pm", threads=threads, restoring=[spring, r], restoring_stiffness=np.eye(2), **force)
         for r, force, threads in ((specimen, dict(force=controller), 2), (both, {}, 1))
     )
-    assert same(fed.run(steps=30), summed.run(steps=30))
+    assert_identical(fed.run(steps=30), summed.run(steps=30))
 
 
 @pytest.mark.parametrize("scheme", [SOFT, FAST], ids=["implicit", "explicit"])
@@ -129,14 +123,15 @@ def test_other_loads_take_its_place_and_it_returns():
     coupler, plain = pair(force=controller), pair(force=[1.0, 2.0])
     first = coupler.run(steps=10)
     coupler.reset(force={"a": [1.0, 2.0]})
-    assert same(coupler.run(steps=10), plain.run(steps=10))
+    assert_identical(coupler.run(steps=10), plain.run(steps=10))
     coupler.reset(force={"a": lambda t, u, v: np.zeros(2)})
-    assert same(coupler.run(steps=10), pair().run(steps=10))
+    assert_identical(coupler.run(steps=10), pair().run(steps=10))
     coupler.reset()
-    assert same(coupler.run(steps=10), first)
+    assert_identical(coupler.run(steps=10), first)
     cases = [{"force": {"a": load}} for load in ([1.0, 2.0], controller)]
     one, two = coupler.run_each(cases, 0.5)
-    assert same(two, first) and np.array_equal(one["a"].u[:1], first["a"].u[:1])
+    assert_identical(two, first)
+    assert np.array_equal(one["a"].u[:1], first["a"].u[:1])
     with pytest.raises(ValueError, match="force of 'a' can only be a function of t, u and v where"):
         plain.reset(force={"a": controller})
 
@@ -154,7 +149,7 @@ def test_a_checkpoint_goes_on(tmp_path):
     coupler.step(7)
     coupler.save(tmp_path / "state.npz")
     fresh.load(tmp_path / "state.npz")
-    assert same(coupler.run(steps=5), fresh.run(steps=5))
+    assert_identical(coupler.run(steps=5), fresh.run(steps=5))
     with pytest.raises(ValueError, match="force of 'a'"):
         pair(force=lambda t: [0.0, 0.0]).load(tmp_path / "state.npz")
 
