@@ -217,8 +217,9 @@ ALL_KINDS = [
 ]
 
 
-@pytest.mark.parametrize("schemes", ALL_KINDS, ids=["alpha", "newmark", "hht-wbz"])
-@pytest.mark.parametrize("coupling", ["pm", "gc"])
+@pytest.mark.parametrize(
+    ("schemes", "coupling"), [*in_turn(ALL_KINDS, "pm", "gc"), (ALL_KINDS[0], "gc")]
+)
 def test_two_subdomains_with_equal_steps_have_order_two(coupling, schemes):
     errors = cut_oscillator().errors(1.0, [320, 640], (1, 1), schemes=schemes, coupling=coupling)
     # in u, v, a and the multiplier; dt omega = 0.02: the next term
@@ -232,11 +233,14 @@ def test_a_scheme_of_order_one_in_one_subdomain_lowers_the_coupled_order():
 
 
 @pytest.mark.parametrize(
-    ("schemes", "ss"),
-    [(ALL_KINDS[0], 2), (ALL_KINDS[0], 8), (ALL_KINDS[1], 3), (ALL_KINDS[2], 5)],
-    ids=["alpha-2", "alpha-8", "newmark-3", "hht-wbz-5"],
+    ("schemes", "ss", "coupling"),
+    [
+        (ALL_KINDS[0], 2, "pm"),
+        (ALL_KINDS[0], 8, "gc"),
+        (ALL_KINDS[1], 3, "gc"),
+        (ALL_KINDS[2], 5, "pm"),
+    ],
 )
-@pytest.mark.parametrize("coupling", ["pm", "gc"])
 def test_two_subdomains_with_subcycling_have_order_one(coupling, ss, schemes):
     errors = cut_oscillator().errors(1.0, [640, 1280], (1, ss), schemes=schemes, coupling=coupling)
     # "pm" shows its order only below dt = 1/200; at 1/640 the dt^2 term of its double step is
@@ -272,22 +276,16 @@ def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(coupl
     [
         ("gc", (1, 4, 2), None),
         ("pm", (1, 4, 2), None),  # both implicit subdomains take double steps
-        ("pm", (2, 4, 1), (False, False, True)),
-        (
-            "pm",
-            (4, 4, 1),
-            (True, False, True),
-        ),  # double steps at the finest step, beside single ones
-        ("pm", (1, 4, 2), (False, False, False)),
+        ("pm", (4, 4, 1), (True, False, True)),  # at the finest step too, beside single ones
     ],
 )
 def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(
     coupling, substeps, double
 ):
     options = {"schemes": THREE, "coupling": coupling, "double": double}
-    errors = cross_point().errors(1.0, [200, 1600, 3200], substeps, **options)
-    # at least order 1 in everything: a factor 8, less a tenth for terms of opposite sign
-    assert (errors[1] < errors[0] / 8 * 1.1).all()
+    errors = cross_point().errors(1.0, [160, 640, 1280], substeps, sample=20, **options)
+    # at least order 1 in everything: a factor 4, less a tenth for terms of opposite sign
+    assert (errors[1] < errors[0] / 4 * 1.1).all()
     # and no more in a, which contains the error of the multipliers: the dt^2 term is up to a
     # fifth of the dt term, 0.2 / 2 / ln 2 in the slope
     assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.15)
@@ -339,16 +337,15 @@ def test_a_sparse_chain_cut_in_three_has_order_two_with_equal_steps(coupling):
     assert orders(errors) == pytest.approx(2.0, abs=0.1)
 
 
-@pytest.mark.parametrize("coupling", ["pm", "gc"])
-@pytest.mark.parametrize("substeps", [(1, 6, 2), (1, 4, 4)])
+@pytest.mark.parametrize("substeps, coupling", [((1, 6, 2), "pm"), ((1, 4, 4), "gc")])
 def test_a_sparse_chain_cut_in_three_has_order_one_with_subcycling(substeps, coupling):
     options = {"schemes": CHAIN_SCHEMES, "form": sp.csr_array, "coupling": coupling}
-    errors = chain().errors(2.0, [160, 1280, 5120, 10240], substeps, sample=4, **options)
-    # at least order 1: a factor 8, less a tenth for terms of opposite sign
-    assert (errors[1] < errors[0] / 8 * 1.1).all()
+    errors = chain().errors(2.0, [160, 2560, 5120], substeps, sample=4, **options)
+    # at least order 1: a factor 16, less a tenth for terms of opposite sign
+    assert (errors[1] < errors[0] / 16 * 1.1).all()
     # the cuts carry little of the mass, so the dt term is small: it dominates a at the smallest
     # steps only, where the dt^2 term is a fifth of it, 0.2 / 2 / ln 2 in the slope
-    assert orders(errors[2:])[0, 2] == pytest.approx(1.0, abs=0.15)
+    assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.15)
 
 
 # ---- the start ------------------------------------------------------------------------------

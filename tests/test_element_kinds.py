@@ -1,5 +1,7 @@
 """Plates and solids of every kind of element: patch tests, masses, closed forms, scikit-fem."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -8,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.problem.kinds import KINDS, SHAPES
+from pmalpha.problem.kinds import SHAPES
 
 KIND = pytest.mark.parametrize("kind", PLANE + SOLID)
 MATERIAL = {"E": 7.0, "nu": 0.3, "rho": 3.0}
@@ -46,8 +48,9 @@ def on_boundary(points):
 # ---- patch tests ----------------------------------------------------------------------------
 
 
-@KIND
-@pytest.mark.parametrize("plane", ["stress", "strain"])
+@pytest.mark.parametrize(
+    ("kind", "plane"), [*product(PLANE, ["stress", "strain"]), *((x, "stress") for x in SOLID)]
+)
 def test_a_linear_displacement_has_constant_stress_on_a_distorted_mesh(kind, plane):
     points, elements = distorted(kind, 3)
     d = points.shape[1]
@@ -134,12 +137,8 @@ def test_masses_sum_to_the_mass_of_the_whole(kind, mass):
         assert motion @ structure.M @ motion == pytest.approx(
             MATERIAL["rho"] * options.get("t", 1.0), rel=1e-13
         )
-
-
-@KIND
-def test_lumped_masses_are_positive_and_diagonal(kind):
-    structure = build(*distorted(kind, 3), mass="lumped")
-    assert structure.M.nnz == structure.n and structure.M.diagonal().min() > 0.0
+    if mass == "lumped":
+        assert structure.M.nnz == structure.n and structure.M.diagonal().min() > 0.0
 
 
 @pytest.mark.parametrize("kind", [kind for kind in PLANE + SOLID if order_of(kind) == 1])
@@ -200,14 +199,19 @@ def shear_frequency(kind, n, mass="consistent"):
     return omega[0] / (np.pi * np.sqrt(2.0 * mu / MATERIAL["rho"]))
 
 
+def observed(errors, sizes):
+    """The order of two errors, on meshes of these numbers of elements along an edge."""
+    return np.log(errors[0] / errors[1]) / np.log(sizes[1] / sizes[0])
+
+
 @KIND
 def test_frequencies_converge_with_the_order_of_the_element(kind):
     order = order_of(kind)
-    coarse, fine = (3, 6) if kind in SOLID else (4, 8)
-    errors = [shear_frequency(kind, n) - 1.0 for n in (coarse, fine)]
+    sizes = (3, 5) if kind in SOLID else (4, 8)
+    errors = [shear_frequency(kind, n) - 1.0 for n in sizes]
     assert all(error > 0.0 for error in errors)  # a Rayleigh quotient is an upper bound
-    found = np.log2(errors[0] / errors[1])
-    # on such coarse meshes nearest to twice the order; measured 1.94 to 2.07, and 3.60 to 4.03
+    found = observed(errors, sizes)
+    # on such coarse meshes nearest to twice the order; measured 1.94 to 2.08, and 3.55 to 4.04
     assert 2 * order - 0.5 < found < 2 * order + 0.5
 
 
@@ -215,8 +219,8 @@ def test_frequencies_converge_with_the_order_of_the_element(kind):
 def test_displacements_converge_with_one_order_more_than_the_element(kind):
     order = order_of(kind)
     errors = []
-    steps = (8, 16) if kind in PLANE else (6, 12) if order == 1 else (3, 6)
-    for n in steps:
+    sizes = (6, 12) if order == 1 or kind in PLANE else (3, 5)
+    for n in sizes:
         points, elements = box(kind, n)
         structure = build(points, elements)
         d = points.shape[1]
@@ -232,8 +236,8 @@ def test_displacements_converge_with_one_order_more_than_the_element(kind):
         error = np.zeros(structure.n)
         error[free] = spsolve(K[free][:, free], (load - K @ exact)[free])
         errors.append(np.sqrt(error @ structure.M @ error))
-    found = np.log2(errors[0] / errors[1])
-    # nearer to order + 1 than to the order; measured 1.59 to 1.92, and 3.44 to 3.99
+    found = observed(errors, sizes)
+    # nearer to order + 1 than to the order; measured 1.59 to 1.85, and 3.37 to 3.98
     assert found > order + 0.5
 
 
@@ -385,7 +389,7 @@ def test_stresses_need_linear_plates_or_solids():
         block.element_stresses()
 
 
-# ---- time, pictures, files ------------------------------------------------------------------
+# ---- time, pictures -------------------------------------------------------------------------
 
 
 @KIND
@@ -403,23 +407,10 @@ def test_every_kind_moves_explicitly_below_its_critical_step_and_not_above(kind)
 
 
 @KIND
-def test_every_kind_is_drawn_and_written_for_paraview(kind, tmp_path):
-    meshio = pytest.importorskip("meshio")
+def test_every_kind_is_drawn(kind):
     pytest.importorskip("matplotlib")
-    from pmalpha import export, plot
+    from pmalpha import plot
 
     structure = build(*box(kind, 1))
-    u = 0.01 * structure.points
-    axes = plot.deformed(structure.points, structure.elements, u)
+    axes = plot.deformed(structure.points, structure.elements, 0.01 * structure.points)
     axes.figure.canvas.draw()
-    path = tmp_path / "motion.pvd"
-    export.write_series(path, structure.points, structure.elements, [0.0], u.reshape(1, -1))
-    (file,) = (tmp_path / "motion").iterdir()
-    if kind == "wedge15":  # meshio 5.3 does not know its dimension
-        return
-    read = meshio.read(file)
-    (cells,) = read.cells
-    assert cells.type == kind and KINDS[kind].nodes == cells.data.shape[1]
-    # meshio 5.3 takes wedges to be written by the older convention of VTK, and turns them
-    order = [0, 2, 1, 3, 5, 4] if kind == "wedge" else slice(None)
-    np.testing.assert_array_equal(cells.data[:, order], structure.elements[kind])

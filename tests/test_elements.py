@@ -673,22 +673,6 @@ def test_the_check_of_tangents_that_users_have_agrees(name):
     assert found.error < 1e-7
 
 
-@pytest.mark.parametrize("name", ["bars 3d green", "beams", "sheet plastic", "block rubber"])
-def test_the_motion_of_a_nonlinear_structure_is_written_as_that_of_a_linear_one(tmp_path, name):
-    meshio = pytest.importorskip("meshio")
-    structure, _, u, _ = case(name)
-    path = tmp_path / "motion.pvd"
-    pm.export.write_series(path, structure.points, structure.elements, [0.0], u[None])
-    (file,) = tmp_path.glob("**/*.vtu")
-    mesh = meshio.read(file)
-    dim = structure.points.shape[1]
-    np.testing.assert_array_equal(mesh.points[:, :dim], structure.points)
-    ((kind, elements),) = structure.elements.items()
-    np.testing.assert_array_equal(mesh.cells_dict[kind], elements)
-    vectors = u.reshape(len(structure.points), -1)[:, :dim]
-    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :dim], vectors)
-
-
 # ---- refusals -------------------------------------------------------------------------------
 
 SVK = structures.StVenantKirchhoff(1.0, 0.3)

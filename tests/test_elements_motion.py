@@ -63,8 +63,11 @@ def exact_strip():
     return reduction.expand(u)
 
 
-@pytest.mark.parametrize("scheme", [pm.Newmark(), pm.GeneralizedAlpha(0.8), pm.CentralDifference()])
-def test_a_rubber_strip_that_bends_far_follows_its_equation_of_motion(scheme):
+@pytest.mark.parametrize(
+    "scheme, steps",
+    [(pm.Newmark(), 60), (pm.GeneralizedAlpha(0.8), 60), (pm.CentralDifference(), 100)],
+)
+def test_a_rubber_strip_that_bends_far_follows_its_equation_of_motion(scheme, steps):
     _, reduction, internal, load = bent_strip()
     exact = exact_strip()
 
@@ -75,14 +78,14 @@ def test_a_rubber_strip_that_bends_far_follows_its_equation_of_motion(scheme):
         u = reduction.expand(pm.solve(subdomain, dt=1.0 / steps, t_end=2.0).u)
         return np.abs(u[::steps] - exact).max()
 
-    coarse, fine = error(100), error(200)
+    coarse, fine = error(steps), error(2 * steps)
     assert np.abs(exact).max() > 0.3  # large: its slope and its stretch count
     # order 2
-    assert coarse < 4e-3 and coarse / fine == pytest.approx(4.0, rel=0.1)
+    assert coarse < 0.01 and coarse / fine == pytest.approx(4.0, rel=0.1)
 
 
-@pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_whole(coupling):
+@pytest.mark.parametrize("coupling, steps", [("pm", 50), ("gc", 30)])
+def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_whole(coupling, steps):
     whole, _, _, load = bent_strip()
     exact = exact_strip()
     left, right = strip(2), strip(2, origin=1.0)
@@ -105,7 +108,7 @@ def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_who
         theirs = [exact[:, shared], exact[:, shared[0] + shared[-1] - 3 :]]
         return max(np.abs(u - v).max() for u, v in zip(ours, theirs, strict=True))
 
-    errors = [error(50), error(100)]
+    errors = [error(steps), error(2 * steps)]
     # with substeps the interface is of first order at worst (docs/couplings.md)
     assert errors[0] < 4e-3 and errors[0] > 1.9 * errors[1]
 
@@ -135,9 +138,9 @@ def test_an_elastic_pendulum_turns_over_as_its_equation():
         )
         return np.abs(pm.solve(pendulum, dt=0.5 / steps, t_end=2.0).u[::steps] - exact).max()
 
-    coarse, fine = error(250), error(500)
+    coarse, fine = error(120), error(240)
     assert exact[:, 1].max() > 1.5  # it was above its support
-    assert coarse < 1e-3 and coarse / fine == pytest.approx(4.0, rel=0.05)
+    assert coarse < 4e-3 and coarse / fine == pytest.approx(4.0, rel=0.05)
 
 
 @pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()])

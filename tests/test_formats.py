@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import waits
-from pairwise import in_turn
+from pairwise import in_turn, pairwise
 
 import pmalpha as pm
 
@@ -206,7 +206,6 @@ SPARSE = dict(sparse_formats()) | {
     "coo, cancelling duplicates": cancelling,
 }
 FORMATS = DENSE | SPARSE
-INTEGERS = [np.int8, np.int16, np.int32, np.int64]
 
 
 def snapshot(x):
@@ -225,30 +224,36 @@ def plain():
     return history()
 
 
-@pytest.mark.parametrize(("form", "name"), [*in_turn(FORMATS, *"MK"), *in_turn(FORMATS, *"CL")])
-def test_a_matrix_in_any_format_gives_the_results_of_a_dense_one(plain, name, form):
-    given = FORMATS[form](PLAIN[name])
-    before = snapshot(given)
-    check_same(history(**{name: given}), plain)
-    assert snapshot(given) == before
+def given_in(form, names):
+    """These arrays in the format, which must be as they were when the run has been made."""
+    given = {name: form(PLAIN[name]) for name in names}
+    before = {name: snapshot(x) for name, x in given.items()}
+    yield given
+    assert {name: snapshot(x) for name, x in given.items()} == before
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_all_matrices_in_the_same_format_give_the_results_of_dense_ones(plain, form):
-    check_same(history(**{name: FORMATS[form](PLAIN[name]) for name in "MKCL"}), plain)
+def test_matrices_in_any_format_give_the_results_of_dense_ones(plain, form):
+    for given in given_in(FORMATS[form], "MKCL"):
+        check_same(history(**given), plain)
 
 
-@pytest.mark.parametrize("scheme", [pm.CentralDifference(), pm.GeneralizedAlpha(0.5)], ids=repr)
-def test_a_full_mass_matrix_may_have_any_format_too(scheme):
-    expected = history(scheme, M=FULL_M)
-    for form in FORMATS.values():
-        check_same(history(scheme, M=form(FULL_M)), expected)
+@cache
+def full_mass(scheme):
+    return history(scheme, M=FULL_M)
+
+
+@pytest.mark.parametrize(
+    ("form", "scheme"), in_turn(FORMATS, pm.CentralDifference(), pm.GeneralizedAlpha(0.5)), ids=str
+)
+def test_a_full_mass_matrix_may_have_any_format_too(form, scheme):
+    check_same(history(scheme, M=FORMATS[form](FULL_M)), full_mass(scheme))
 
 
 @pytest.mark.parametrize(
     "form, dtype",
-    [(f, d) for f in (np.asarray, np.asfortranarray, sp.csr_array, sp.coo_matrix) for d in INTEGERS]
-    + [(np.asarray, ">i4"), (np.asarray, ">i8")],  # SciPy knows no big-endian sparse matrices
+    [(np.asfortranarray, np.int8), (np.asarray, np.int16), (sp.csr_array, np.int32)]
+    + [(sp.coo_matrix, np.int64), (sp.csr_array, np.int64), (np.asarray, ">i8")],
 )
 def test_whole_numbers_are_numbers(form, dtype):
     whole = {"M": M, "K": K, "C": np.diag([1.0, 0.0, 2.0, 0.0, 1.0])}
@@ -274,18 +279,18 @@ def test_numbers_without_sign_are_numbers(dtype):
 
 
 @pytest.mark.parametrize("name", "MC")
-@pytest.mark.parametrize("form", ["C order", "float32", "list", "big-endian", "read-only"])
-def test_a_diagonal_may_be_given_as_one_axis_or_two(name, form):
+def test_a_diagonal_may_be_given_as_one_axis_or_two(name):
     diagonal = np.array([2.0, 1.0, 3.0, 1.0, 2.0])
     expected = history(**{name: np.diag(diagonal)})
-    given = DENSE[form](diagonal)
-    before = snapshot(given)
-    check_same(history(**{name: given}), expected)
-    assert snapshot(given) == before
-    strided_view = np.repeat(diagonal, 2)[::2]
-    check_same(history(**{name: strided_view}), expected)
-    check_same(history(**{name: diagonal[::-1].copy()[::-1]}), expected)
-    check_same(history(**{name: sp.dia_array(np.diag(diagonal))}), expected)
+    forms = {x: DENSE[x] for x in ("C order", "float32", "list", "big-endian", "read-only")}
+    forms["strided"] = lambda x: np.repeat(x, 2)[::2]
+    forms["backwards"] = lambda x: x[::-1].copy()[::-1]
+    forms["dia"] = lambda x: sp.dia_array(np.diag(x))
+    for form in forms.values():
+        given = form(diagonal)
+        before = snapshot(given)
+        check_same(history(**{name: given}), expected)
+        assert snapshot(given) == before
 
 
 def test_no_damping_is_none_or_zeros():
@@ -360,10 +365,10 @@ def large_role(A, given, role):
     return large_history(A, explicit_mass=given)
 
 
-@pytest.mark.parametrize("form", LARGE_FORMS)
-@pytest.mark.parametrize("name", LARGE)
-@pytest.mark.parametrize("role", ["with mass", "explicit mass"])
-def test_a_large_sparse_matrix_gives_the_results_of_a_dense_one(name, form, role):
+@pytest.mark.parametrize(
+    ("form", "name", "role"), pairwise(LARGE_FORMS, list(LARGE), ["with mass", "explicit mass"])
+)
+def test_a_large_sparse_matrix_gives_the_results_of_a_dense_one(form, name, role):
     A = LARGE[name].toarray()
     check_same(large_role(A, SPARSE[form](A), role), dense_history(name, role))
 
@@ -416,49 +421,53 @@ VECTORS = {
 
 
 @pytest.mark.parametrize("form", VECTORS)
-@pytest.mark.parametrize("name", ["u0", "v0", "force"])
-def test_a_vector_in_any_format_gives_the_same_results(plain, name, form):
-    given = VECTORS[form](PLAIN[name])
-    before = snapshot(given)
-    check_same(history(**{name: given}), plain)
-    assert snapshot(given) == before
-
-
-@pytest.mark.parametrize("form", VECTORS)
-def test_what_a_callable_returns_may_have_any_format(plain, form):
+def test_vectors_in_any_format_give_the_same_results(plain, form):
+    for given in given_in(VECTORS[form], ("u0", "v0", "force")):
+        check_same(history(**given), plain)
+    # and what a callable returns
     values = VECTORS[form](FORCE)
     check_same(history(force=lambda t: values), plain)
 
 
+SAMPLES, DIRECTION = np.array([0.0, 1.0, -0.5, 0.25]), np.array([1.0, 0.0, 2.0, 0.5, 0.0])
+SERIES = np.array([[0.0, 1.0], [1.0, -0.5], [0.25, 2.0]])
+SPATIAL = np.array([[1.0, 0.0], [0.0, 2.0], [0.5, 0.5], [0.0, 0.0], [1.0, -1.0]])
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    """Runs with samples as plain arrays."""
+    return {
+        "shape": history(force=pm.SampledForce(SAMPLES, 0.25, shape=DIRECTION)),
+        "base": history(force=pm.BaseAcceleration(SAMPLES, 0.25, DIRECTION, M)),
+        "series": history(force=pm.SampledForce(SERIES, 0.5, shape=SPATIAL)),
+        "full": history(M=FULL_M, force=pm.BaseAcceleration(SAMPLES, 0.5, DIRECTION, FULL_M)),
+    }
+
+
 @pytest.mark.parametrize("form", VECTORS)
-def test_samples_and_their_shapes_may_have_any_format(form):
-    samples, direction = np.array([0.0, 1.0, -0.5, 0.25]), np.array([1.0, 0.0, 2.0, 0.5, 0.0])
-    expected = history(force=pm.SampledForce(samples, 0.25, shape=direction))
-    ours = pm.SampledForce(VECTORS[form](samples), 0.25, shape=VECTORS[form](direction))
-    check_same(history(force=ours), expected)
-    quake = pm.BaseAcceleration(samples, 0.25, direction, M)
-    ours = pm.BaseAcceleration(VECTORS[form](samples), 0.25, VECTORS[form](direction), M)
-    check_same(history(force=ours), history(force=quake))
+def test_samples_and_their_shapes_may_have_any_format(sampled, form):
+    samples, direction = VECTORS[form](SAMPLES), VECTORS[form](DIRECTION)
+    ours = pm.SampledForce(samples, 0.25, shape=direction)
+    check_same(history(force=ours), sampled["shape"])
+    ours = pm.BaseAcceleration(samples, 0.25, direction, M)
+    check_same(history(force=ours), sampled["base"])
 
 
 @pytest.mark.parametrize("form", DENSE)
-def test_several_series_of_samples_may_have_any_format(form):
-    samples = np.array([[0.0, 1.0], [1.0, -0.5], [0.25, 2.0]])
-    spatial = np.array([[1.0, 0.0], [0.0, 2.0], [0.5, 0.5], [0.0, 0.0], [1.0, -1.0]])
-    expected = history(force=pm.SampledForce(samples, 0.5, shape=spatial))
-    ours = pm.SampledForce(DENSE[form](samples), 0.5, shape=DENSE[form](spatial))
-    check_same(history(force=ours), expected)
-    whole = samples @ spatial.T
-    check_same(history(force=pm.SampledForce(DENSE[form](whole), 0.5)), expected)
+def test_several_series_of_samples_may_have_any_format(sampled, form):
+    ours = pm.SampledForce(DENSE[form](SERIES), 0.5, shape=DENSE[form](SPATIAL))
+    check_same(history(force=ours), sampled["series"])
+    whole = DENSE[form](SERIES @ SPATIAL.T)
+    check_same(history(force=pm.SampledForce(whole, 0.5)), sampled["series"])
 
 
-@pytest.mark.parametrize(("form", "mass"), in_turn(FORMATS, M, FULL_M))
-def test_the_mass_of_a_base_acceleration_may_have_any_format(form, mass):
-    record, direction = np.array([0.0, 1.0, -0.5]), np.array([1.0, 0.0, 2.0, 0.5, 0.0])
-    expected = history(M=mass, force=pm.BaseAcceleration(record, 0.5, direction, mass))
-    given = FORMATS[form](mass)
+@pytest.mark.parametrize("form", FORMATS)
+def test_the_mass_of_a_base_acceleration_may_have_any_format(sampled, form):
+    given = FORMATS[form](FULL_M)
     before = snapshot(given)
-    check_same(history(M=mass, force=pm.BaseAcceleration(record, 0.5, direction, given)), expected)
+    force = pm.BaseAcceleration(SAMPLES, 0.5, DIRECTION, given)
+    check_same(history(M=FULL_M, force=force), sampled["full"])
     assert snapshot(given) == before
 
 
@@ -480,15 +489,12 @@ def test_a_prescribed_velocity_may_have_any_format(form):
 
 @pytest.mark.parametrize("form", VECTORS)
 def test_reset_takes_vectors_in_any_format(plain, form):
-    a = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.5), substeps=2, name="a")
+    a = pm.Subdomain(M, K, C, scheme=IMPLICIT, substeps=2, name="a")
     b = pm.Subdomain(np.ones(3), K_B, scheme=pm.GeneralizedAlpha(0.8), name="b")
     coupler = pm.Coupler([a, b], pm.Constraint({a: L_A, b: L_B}), dt=0.125, coupling="pm")
     coupler.step(3)
-    coupler.reset(
-        u0={"a": VECTORS[form](U0), "b": VECTORS[form](U0_B)},
-        v0={"a": VECTORS[form](V0), "b": VECTORS[form](V0_B)},
-        force={"a": VECTORS[form](FORCE)},
-    )
+    given = {"u0": {"a": U0, "b": U0_B}, "v0": {"a": V0, "b": V0_B}, "force": {"a": FORCE}}
+    coupler.reset(**{k: {s: VECTORS[form](x) for s, x in v.items()} for k, v in given.items()})
     check_same(coupler.run(steps=20), plain)
 
 

@@ -414,8 +414,8 @@ def loads(member, seed, number=1):
 
 
 SETTINGS = hypothesis.settings(
-    max_examples=12,
-    stateful_step_count=15,
+    max_examples=5,
+    stateful_step_count=12,
     derandomize=True,
     database=None,
     report_multiple_bugs=False,
@@ -429,7 +429,7 @@ def attempt(seed, counts):
     tried = hypothesis.seed(seed)(type("Histories", (Histories,), {}))
     settings = hypothesis.settings(SETTINGS, derandomize=False, max_examples=20)
     stateful.run_state_machine_as_test(tried, settings=settings)
-    counts["histories of up to 15 calls"] += 20
+    counts["histories of up to 12 calls"] += 20
 
 
 def test_any_history_of_calls_leaves_the_state_of_the_steps_that_were_completed():
