@@ -16,31 +16,26 @@ from refusals import (
 
 import pmalpha as pm
 
+
+def refused_coupler(error, subdomains, *words, constraints=None):
+    def make():
+        pm.Coupler(subdomains, constraints, dt=0.1, coupling="pm")
+
+    return refused(error, make, *words)
+
+
 # ---- the schedule -------------------------------------------------------------------------------
 
 
 def test_substeps_must_divide_the_largest():
     subdomains = [single(substeps=ss) for ss in (6, 3, 4)]
-    refused(
-        ValueError,
-        lambda: pm.Coupler(subdomains, dt=0.1, coupling="pm"),
-        "substeps",
-        "divide",
-        "6",
-        "got 4",
-    )
+    refused_coupler(ValueError, subdomains, "substeps", "divide", "6", "got 4")
 
 
 def test_double_steps_of_all_finest_subdomains_are_a_value_error():
-    subdomains = [
-        single(double_step=True, substeps=2),
-        single(double_step=True, substeps=2),
-        single(),
-    ]
-    message = refused(
-        ValueError, lambda: pm.Coupler(subdomains, dt=0.1, coupling="pm"), "double_step", "finest"
-    )
-    assert "substeps = 2" in message
+    finest = {"double_step": True, "substeps": 2}
+    subdomains = [single(**finest), single(**finest), single()]
+    refused_coupler(ValueError, subdomains, "double_step", "finest", "substeps = 2")
     pm.Coupler(subdomains, dt=0.1, coupling="gc")  # no double steps under "gc"
     pm.Coupler([single(double_step=True)], dt=0.1)  # nor for a single subdomain
 
@@ -56,26 +51,17 @@ def test_an_unknown_word_is_a_value_error_with_the_known_ones(name, good, value)
 
 def test_subdomains_are_a_list_of_different_subdomains():
     a = subdomain()
-    refused(TypeError, lambda: pm.Coupler(a, dt=0.1, coupling="pm"), "subdomains", "list")
+    refused_coupler(TypeError, a, "subdomains", "list")
     refused(TypeError, lambda: pm.Coupler(None, dt=0.1), "subdomains", "None")
-    refused(TypeError, lambda: pm.Coupler([a, "b"], dt=0.1, coupling="pm"), "subdomains", "'b'")
-    refused(ValueError, lambda: pm.Coupler([], dt=0.1, coupling="pm"), "subdomains", "empty")
-    refused(ValueError, lambda: pm.Coupler([a, a], dt=0.1, coupling="pm"), "subdomains", "twice")
+    refused_coupler(TypeError, [a, "b"], "subdomains", "'b'")
+    refused_coupler(ValueError, [], "subdomains", "empty")
+    refused_coupler(ValueError, [a, a], "subdomains", "twice")
 
 
 def test_names_must_differ_also_from_default_names():
-    refused(
-        ValueError,
-        lambda: pm.Coupler([subdomain(name="x"), subdomain(name="x")], dt=0.1, coupling="pm"),
-        "names",
-        "x twice",
-    )
-    refused(
-        ValueError,
-        lambda: pm.Coupler([subdomain(name="subdomain 1"), subdomain()], dt=0.1, coupling="pm"),
-        "names",
-        "subdomain 1 twice",
-    )
+    refused_coupler(ValueError, [subdomain(name="x"), subdomain(name="x")], "names", "x twice")
+    pair = [subdomain(name="subdomain 1"), subdomain()]
+    refused_coupler(ValueError, pair, "names", "subdomain 1 twice")
 
 
 @pytest.mark.parametrize("name", ["", 5, b"a", True, ["a"]])
@@ -86,12 +72,7 @@ def test_a_name_is_a_string_that_is_not_empty(name):
 def test_a_constraint_on_a_subdomain_of_another_coupler_is_a_value_error():
     a, b, foreign = subdomain(), subdomain(), subdomain(name="foreign")
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [1], foreign, [1])]
-    refused(
-        ValueError,
-        lambda: pm.Coupler([a, b], ties, dt=0.1, coupling="pm"),
-        "constraint 1",
-        "'foreign'",
-    )
+    refused_coupler(ValueError, [a, b], "constraint 1", "'foreign'", constraints=ties)
 
 
 def test_constraints_are_constraints():

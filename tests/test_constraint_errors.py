@@ -211,17 +211,17 @@ def test_the_number_of_dependent_general_rows_is_found(spare):
     rng = np.random.default_rng(spare)
     a = single(40, scheme=EXPLICIT)
     reported = []
-    for _ in range(40):
+    for _ in range(12):
         L = general_rows(rng, int(rng.integers(spare + 5, 35)), 40, spare)
         message = dependent([a], pm.Constraint({a: L}))
         reported.append(int(message.split("; ")[1].split()[0]))
-    assert reported == [spare] * 40
+    assert reported == [spare] * 12
 
 
 def test_general_rows_that_are_independent_are_accepted():
     rng = np.random.default_rng(0)
     a = single(40, scheme=EXPLICIT)
-    for _ in range(40):
+    for _ in range(12):
         pm.Coupler([a], pm.Constraint({a: general_rows(rng, 30, 40, 0)}), dt=0.1)
 
 
@@ -257,20 +257,20 @@ def test_a_hundred_thousand_ties_in_a_path_are_accepted_in_seconds():
     assert seconds(lambda: pm.Coupler([a], path, dt=0.1)) < SOON
 
 
-@pytest.mark.parametrize("ends", [(0, MANY), (40_000, 40_003)])
-def test_one_dependent_row_among_a_hundred_thousand_is_found(ends):
+@pytest.mark.parametrize("many, ends", [(MANY, (0, MANY)), (8000, (4000, 4003))])
+def test_one_dependent_row_among_a_hundred_thousand_is_found(many, ends):
     # a tie of two dofs of the path closes a cycle of the rows between them
-    a = single(MANY + 1, scheme=EXPLICIT)
-    closing = sp.csr_array(([1.0, -1.0], ([0, 0], ends)), shape=(1, MANY + 1))
-    constraints = [pm.Constraint({a: path_of_ties(MANY)}), pm.Constraint({a: closing})]
+    a = single(many + 1, scheme=EXPLICIT)
+    closing = sp.csr_array(([1.0, -1.0], ([0, 0], ends)), shape=(1, many + 1))
+    constraints = [pm.Constraint({a: path_of_ties(many)}), pm.Constraint({a: closing})]
     begin = time.process_time()
     message = dependent([a], constraints)
     assert time.process_time() - begin < SOON
-    assert f"1 of {MANY + 1} rows" in message
+    assert f"1 of {many + 1} rows" in message
     if ends[1] - ends[0] == 3:
-        for row in (*range(*ends), MANY):
+        for row in (*range(*ends), many):
             assert str(row) in message
-        assert "40004" not in message and "39999" not in message
+        assert "4004" not in message and "3999" not in message
 
 
 def test_a_row_given_twice_among_a_hundred_thousand_is_found():

@@ -16,6 +16,7 @@ from contact_problems import (
     energy_star,
 )
 from contact_reference import run as reference_run
+from pairwise import in_turn, pairwise
 
 import pmalpha as pm
 
@@ -52,10 +53,13 @@ def random_pair(schemes, h, seed=1, **damping):
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning", "ignore:.*tied and in contact")
-@pytest.mark.parametrize("damping", [{}, {"rayleigh": True}, {"full": True}], ids=str)
-@pytest.mark.parametrize("tied", [False, True])
 @pytest.mark.parametrize(
-    "schemes", [("TR", "CD"), ("rho 0.5", "CD"), ("rho 0.8", "explicit 0.5"), ("rho 0", "TR")]
+    ("schemes", "tied", "damping"),
+    pairwise(
+        [("TR", "CD"), ("rho 0.5", "CD"), ("rho 0.8", "explicit 0.5"), ("rho 0", "TR")],
+        [False, True],
+        [{}, {"rayleigh": True}, {"full": True}],
+    ),
 )
 def test_every_step_is_that_of_the_reference(schemes, tied, damping):
     h = 0.05
@@ -97,8 +101,7 @@ def test_a_ball_that_is_thrown_back_keeps_its_height(name):
     assert abs(height - 1.0) < 1e-11
 
 
-@ALL
-@pytest.mark.parametrize("h", [4e-3, 1e-3])
+@pytest.mark.parametrize(("name", "h"), in_turn(SCHEMES, 4e-3, 1e-3))
 def test_restitution_takes_its_part_of_each_of_ten_impacts(name, h):
     history = ball(SCHEMES[name], 0.8, 3.96, h)
     u, impacts = history["ball"].u[:, 0], np.flatnonzero(history.contacts[0].closed)
@@ -167,9 +170,8 @@ def test_central_difference_finds_the_force_of_a_bar_on_a_wall():
 
 
 def test_the_energy_of_the_contact_node_is_lost_and_falls_with_the_mesh():
-    left = [rebound(*bar_on_wall(pm.CentralDifference(), n, 0.9))[3] for n in (100, 200, 400)]
-    assert 1.0 - left[1] < 0.6 * (1.0 - left[0])
-    assert 1.0 - left[2] < 0.0025
+    left = [rebound(*bar_on_wall(pm.CentralDifference(), n, 0.9))[3] for n in (100, 200)]
+    assert 1.0 - left[1] < 0.6 * (1.0 - left[0]) and 1.0 - left[1] < 0.005
 
 
 def test_the_trapezoidal_rule_does_too():
@@ -180,8 +182,8 @@ def test_the_trapezoidal_rule_does_too():
 
 @pytest.mark.parametrize(
     ("name", "cfl"),
-    [(name, cfl) for name in ("TR", "rho 0.8", "rho 0.5", "rho 0") for cfl in (0.5, 1.0, 3.0, 10.0)]
-    + [("CD", cfl) for cfl in (0.5, 0.7, 0.9, 0.99)]
+    [*in_turn(("TR", "rho 0.8", "rho 0.5", "rho 0"), 0.5, 1.0, 3.0, 10.0)]
+    + [("TR", 10.0), ("rho 0.5", 1.0), ("CD", 0.5), ("CD", 0.9), ("CD", 0.99)]
     + [(f"explicit {rho}", 0.5) for rho in ("0.8", "0.5", "0")],
 )
 def test_a_bar_on_a_wall_never_gains_energy(name, cfl):
@@ -200,14 +202,13 @@ def test_a_bar_on_a_wall_never_gains_energy(name, cfl):
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-@pytest.mark.parametrize("seed", range(1, 7))
-@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("seed, e", [(1, 0.0), (2, 0.5), (3, 0.5), (4, 1.0), (5, 1.0)])
 def test_energy_changes_by_the_work_of_the_impulses_alone(seed, e):
     h = 0.05
     a, b = random_pair(("TR", "CD"), h, seed)
     a, b = (pm.Subdomain(s.M, s.K, scheme=s.scheme, u0=s.u0, v0=s.v0, name=s.name) for s in (a, b))
     joint = pm.contact(a, [0, 1, 2], b, [0, 1, 2], gap=0.5, restitution=e)
-    history = pm.Coupler([a, b], joint, dt=h, coupling="gc").run(steps=1000, energy=True)
+    history = pm.Coupler([a, b], joint, dt=h, coupling="gc").run(steps=400, energy=True)
     # in long double, since u K u cancels where a soft mode has moved far
     total = sum(energy_star(s, h, x.u, x.v, x.a) for s, x in zip((a, b), history.subdomains))
     P = history.contacts[joint].impulse

@@ -79,9 +79,9 @@ def test_two_masses_pound_as_by_their_exact_motion():
         assert sum(b - a > 1 for a, b in pairwise([-9, *closed])) == impacts
         return np.abs(history["a"].u[:: round(4e-3 / h), 0][1:] - exact).max()
 
-    errors = [error(h) for h in (4e-3, 5e-4, 2.5e-4)]
-    assert errors[0] < 8e-3 and errors[1] < 2e-3 and errors[2] < 6e-4
-    assert errors[2] < errors[0] / 8.0  # of order one: the instants of impacts
+    errors = [error(h) for h in (4e-3, 2.5e-4)]
+    assert errors[0] < 8e-3 and errors[1] < 6e-4
+    assert errors[1] < errors[0] / 8.0  # of order one: the instants of impacts
 
 
 def test_a_plate_on_redundant_contacts_is_held_by_their_sums():
@@ -134,8 +134,7 @@ def test_a_rocking_block_loses_what_housner_says():
         assert abs(ratio / expected - 1.0) < share
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_any_number_of_threads_and_a_second_run_are_bitwise_the_same(threads):
+def test_any_number_of_threads_is_bitwise_the_same():
     M, K = bar(30)
     h = 0.9 * critical(30)
     a = pm.Subdomain(M, K, scheme=pm.Newmark(), v0=np.full(31, SPEED), name="a")
@@ -146,7 +145,7 @@ def test_any_number_of_threads_and_a_second_run_are_bitwise_the_same(threads):
         coupler = pm.Coupler([a, b], joint, dt=h, coupling="gc", threads=threads)
         return coupler.run(steps=100)
 
-    first, second = run(1), run(threads)
+    first, second = run(1), run(2)
     assert first.contacts[0].closed.any()
     assert np.array_equal(first["b"].u, second["b"].u)
     assert np.array_equal(first.contact_impulses, second.contact_impulses)
@@ -170,9 +169,9 @@ def test_without_a_closed_row_a_run_is_bitwise_the_one_without_contacts(coupling
     assert not runs[1].contacts[0].closed.any()
 
 
-def test_two_thousand_rows_take_few_turns():
+def test_a_thousand_rows_take_few_turns():
     rng = np.random.default_rng(1)
-    n = 2000
+    n = 1000
     A = sp.diags_array([-np.ones(n - 1), np.full(n, 2.0), -np.ones(n - 1)], offsets=[-1, 0, 1])
     s = pm.Subdomain(
         np.ones(n), sp.csr_array(A), scheme=pm.CentralDifference(), force=rng.normal(size=n) - 0.5

@@ -56,8 +56,17 @@ def test_springs_that_iterate_have_no_limit():
         ball(internal=pm.Gap([0], K, GAP))
 
 
-@pytest.mark.parametrize("scheme", [pm.Newmark(), IMPLICIT, pm.GeneralizedAlpha(0.3), pm.HHT(0.2)])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize(
+    "scheme, share",
+    [
+        (pm.Newmark(), 0.0),
+        (IMPLICIT, 0.0),
+        (IMPLICIT, 0.3),
+        (pm.GeneralizedAlpha(0.3), 0.3),
+        (pm.HHT(0.2), 0.0),
+        (pm.HHT(0.2), 0.8),
+    ],
+)
 def test_the_limit_with_an_estimate_is_that_of_the_linear_oscillator(scheme, share):
     # a spring of constant k beside K: the amplification of one step, with K_r = share k, by (C4)
     k, K_lin = 50.0, 10.0
@@ -254,10 +263,9 @@ def test_an_estimate_that_is_too_small_is_reported():
     ],
     ids=["linear", "cubic", "exponential"],
 )
-@pytest.mark.parametrize("estimate", [None, [10.0]])
-def test_a_run_that_grows_is_an_instability_and_not_a_wrong_function(force, estimate):
+def test_a_run_that_grows_is_an_instability_and_not_a_wrong_function(force):
     # warnings of NumPy are errors here
-    coupler = ball(restoring=force, restoring_stiffness=estimate)
+    coupler = ball(restoring=force, restoring_stiffness=[10.0])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         with pytest.raises(pm.InstabilityError, match="step 0.01.*") as error:
@@ -326,7 +334,7 @@ def test_a_moderate_gain_of_iterated_contact_is_warned_of_once(scheme):
 def test_forces_that_feed_in_energy_are_not_taken_for_the_steps(force, scheme):
     part = pm.Subdomain([1.0], [1.0], scheme=scheme, u0=[0.1], restoring=force)
     coupler = pm.Coupler([part], dt=0.05)
-    coupler.step(1000)  # warnings are errors
+    coupler.step(500)  # warnings are errors
     assert coupler._session.members[0].core.gain < 1.5
 
 
@@ -344,8 +352,14 @@ def damped(estimate, k=100.0, scheme=EXPLICIT, c=1.0):
     return pm.Coupler([part], dt=DT)
 
 
-@pytest.mark.parametrize("scheme", [EXPLICIT, pm.GeneralizedAlpha(0.5, explicit=True)])
-@pytest.mark.parametrize("estimate, steps", [(1e4, 30), (300.0, 200), (220.0, 400)])
+@pytest.mark.parametrize(
+    "scheme, estimate, steps",
+    [
+        (EXPLICIT, 1e4, 30),
+        (pm.GeneralizedAlpha(0.5, explicit=True), 300.0, 200),
+        (EXPLICIT, 220.0, 400),
+    ],
+)
 def test_growth_by_an_estimate_above_the_damping_is_warned_of_early(estimate, steps, scheme):
     words = r"grows by its steps: .* restoring_damping= is above the damping .* smaller one"
     coupler = damped(estimate, scheme=scheme)
@@ -354,8 +368,11 @@ def test_growth_by_an_estimate_above_the_damping_is_warned_of_early(estimate, st
     assert 1.1 < np.abs(history[0].u).max() < 4.0  # the exact motion decays
 
 
-@pytest.mark.parametrize("scheme", [EXPLICIT, pm.Newmark(), IMPLICIT])
-@pytest.mark.parametrize("c, share", [(1.0, 1.0), (1.0, 3.0), (40.0, 1.2), (0.0, 1.0)])
+@pytest.mark.parametrize(
+    "scheme, c, share",
+    [(EXPLICIT, 1.0, 1.0), (EXPLICIT, 1.0, 3.0), (pm.Newmark(), 40.0, 1.2), (IMPLICIT, 0.0, 1.0)]
+    + [(EXPLICIT, 40.0, 1.2)],
+)
 def test_estimates_near_the_damping_are_silent(scheme, c, share):
     damped(share * c if c else 1.0, scheme=scheme, c=c).step(1000)  # warnings are errors
 
@@ -387,8 +404,7 @@ def sums_of(u, v, w, h, K_r):
     return P, V
 
 
-@pytest.mark.parametrize("K_r", [0.0, K])
-@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("K_r, substeps", [(0.0, 1), (K, 3)])
 def test_the_gain_is_that_of_the_formulas(K_r, substeps):
     stops = pm.Gap([0], K, 0.05)
     coupler = growing(restoring=stops, restoring_stiffness=[K_r], substeps=substeps)

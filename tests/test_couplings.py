@@ -168,7 +168,7 @@ def test_commands_to_a_rig_are_near_the_final_displacements(name):
 def test_mean_coupling_is_stable_for_random_oscillators(double):
     """1e-8: eigenvalues of modulus one that are double or nearly so; the whole scan is
     tests/coupling_survey.py, 2400 problems."""
-    assert max(map(radius, mean_problems(7 + double, 15, double))) < 1.0 + 1e-8
+    assert max(map(radius, mean_problems(7 + double, 8, double))) < 1.0 + 1e-8
 
 
 @pytest.mark.parametrize("rho", [0.5, 1.0])
@@ -176,7 +176,7 @@ def test_mean_coupling_is_stable_for_random_oscillators(double):
 @pytest.mark.parametrize("explicit", [False, True])
 def test_mean_coupling_is_stable_for_random_loops(rho, double, explicit):
     schemes = [pm.GeneralizedAlpha(rho)] * 2 + [pm.GeneralizedAlpha(rho, explicit=explicit)]
-    radii = [radius(loop(k, schemes, double, False, coupling="mean")) for k in range(8)]
+    radii = [radius(loop(k, schemes, double, False, coupling="mean")) for k in range(4)]
     assert max(radii) < 1.0 + 1e-7
 
 
@@ -190,9 +190,9 @@ def undamped(name):
     return pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.2, **COUPLINGS[name])
 
 
-def test_mean_coupling_keeps_the_energy_for_100_000_macro_steps():
+def test_mean_coupling_keeps_the_energy_for_20_000_macro_steps():
     """Central difference conserves its own discrete energy: (omega h)^2 / 4 is 0.3."""
-    energy = undamped("mean").run(steps=100_000, every=100, record={}, energy=True).energy
+    energy = undamped("mean").run(steps=20_000, every=100, record={}, energy=True).energy
     total = (energy.kinetic + energy.strain).sum(axis=1) / (energy.kinetic + energy.strain)[0].sum()
     assert total.min() > 0.99 and total.max() < 1.0 + 1e-9
 

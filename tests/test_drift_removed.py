@@ -15,9 +15,7 @@ from pmalpha.setup import interface, tied
 
 ALPHA = pm.GeneralizedAlpha
 # Drifting subdomains are allowed to be coarse here, and some schemes have no damping.
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 
 
 def random_loop(rho, substeps, explicit, seed=0, n=5, form=np.asarray, **options):
@@ -110,10 +108,10 @@ def test_a_sparse_interface_matrix_gives_the_same(sparse, monkeypatch):
     taken = []
     real = tied.lu_factors
     monkeypatch.setattr(tied, "lu_factors", lambda A, p: taken.append(A) or real(A, p))
-    history = coupled(ours, 0.3).run(steps=30)
+    history = coupled(ours, 0.3).run(steps=8)
     p = history.multipliers.shape[1]
     assert taken[0].shape == ((2 * p, 2 * p) if sparse else (p, p))
-    assert_agrees(history, reference.run(*theirs, 0.3, 30, drift="removed"))
+    assert_agrees(history, reference.run(*theirs, 0.3, 8, drift="removed"))
     assert largest(history.displacement_jump) < 1e-15
 
 
@@ -138,7 +136,7 @@ def explicit_bars(rows, rho, substeps):
 @pytest.mark.parametrize("rho, substeps", [(0.5, 1), (0.5, 4), (1.0, 2)])
 def test_a_wide_explicit_interface_keeps_sparse_matrices(rho, substeps):
     """With rho < 1 S_mu has the pattern of K on the interface, where the steps differ."""
-    rows = 1000
+    rows = 300
     ours = explicit_bars(rows, rho, substeps)
     coupler = coupled(ours, 0.2)
     diagonal, lower, upper, *_ = tied.displacement_factors(coupler._session.members, rows)
@@ -207,9 +205,9 @@ def test_no_step_grows_where_no_warning_is_given(schemes):
 
     tests/coupling_survey.py has more of these problems.
     """
-    for b1 in (0.01, 0.3, 5.0, 100.0):
-        for substeps in (1, 2, 5):
-            for share in (0.3, 0.85, 0.97):
+    for b1 in (0.01, 1.0, 100.0):
+        for substeps in (1, 5):
+            for share in (0.3, 0.97):
                 assert radius(split_oscillator(b1, substeps, schemes, share)) < 1.0 + 1e-7
 
 
@@ -306,7 +304,7 @@ def oscillator_error(substeps, n, drift):
     return largest(history["A"].v - 6.0 * np.cos(t)), largest(history["A"].u - 6.0 * np.sin(t))
 
 
-@pytest.mark.parametrize("substeps", [1, 2, 5, 20])
+@pytest.mark.parametrize("substeps", [1, 2, 20])
 def test_errors_and_orders_are_those_with_drift(substeps):
     removed, kept = (
         np.array([oscillator_error(substeps, n, drift) for n in (160, 320)])
@@ -388,14 +386,13 @@ def test_the_work_of_the_shift_is_in_the_balance():
 # ---- the state ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_pieces_files_and_threads_are_bitwise_the_same(tmp_path, threads):
+def test_pieces_files_and_threads_are_bitwise_the_same(tmp_path):
     def make(**options):
         ours, _ = random_loop(0.5, (1, 2, 4), (0, 0, 1))
         return coupled(ours, **options)
 
     whole = make().run(steps=30)
-    coupler = make(threads=threads)
+    coupler = make(threads=3)
     coupler.step(11)
     coupler.save(tmp_path / "state")
     snapshot = coupler.snapshot()

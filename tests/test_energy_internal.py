@@ -1,7 +1,10 @@
 """Energy of internal forces: potentials, what histories dissipate, and the first time level."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from agreement import assert_identical, assert_order
 
 import pmalpha as pm
 from pmalpha import structures
@@ -41,37 +44,32 @@ def pair(dt, schemes=(TRAPEZOIDAL, EXPLICIT), substeps=(1, 2), coupling="gc", th
     return pm.Coupler([a, b], ties, dt=dt, coupling=coupling, threads=threads)
 
 
-def order(errors):
-    """Observed order of errors at steps that are halved."""
-    return np.log2(np.array(errors[:-1]) / errors[1:])
-
-
 # ---- conservative forces --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), EXPLICIT])
 def test_the_balance_of_a_conservative_oscillator_is_of_order_two(scheme):
     errors = []
-    for h in (0.02, 0.01, 0.005):
+    for h in (0.02, 0.01):
         mass = pm.Subdomain([1.0], None, scheme=scheme, internal=Hardening(4.0, 10.0), u0=[1.0])
         energy = pm.Coupler([mass], dt=h).run(2.0, energy=True).energy
         errors.append(np.abs(energy.balance).max())
-    np.testing.assert_allclose(order(errors), 2.0, atol=0.1)
+    assert_order(errors, 1.9, 2.1)
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_the_balance_of_two_conservative_subdomains_is_of_order_two(coupling):
     errors, dissipated = [], []
     damped = pm.GeneralizedAlpha(0.5)
-    for h in (0.02, 0.01, 0.005):
+    for h in (0.02, 0.01):
         coupler = pair(h, (damped, damped), (1, 1), coupling)
         assert coupler._session.members[0].double == (coupling == "pm")
         energy = coupler.run(2.0, energy=True).energy
         errors.append(np.abs(energy.balance).max())
         dissipated.append(np.abs(energy.dissipated).max())
-    np.testing.assert_allclose(order(errors), 2.0, atol=0.1)
+    assert_order(errors, 1.9, 2.1)
     # the difference of the work by the trapezoidal rule and the change of the potential
-    np.testing.assert_allclose(order(dissipated), 2.0, atol=0.1)
+    assert_order(dissipated, 1.9, 2.1)
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
@@ -127,14 +125,14 @@ def test_the_elements_of_a_frame_and_of_a_cable_keep_their_energy():
     cable = structures.truss(*ends, EA=50.0, rhoA=1.0, divisions=4, prestress=2.0, slack=True)
     for structure, fixed in ((beam, beam.dofs(0)), (cable, cable.dofs([0, 1]))):
         lost = []
-        for h in (0.002, 0.001):
+        for h in (0.004, 0.002):
             v0 = np.random.default_rng(2).standard_normal(structure.n - np.size(fixed))
             s = held(structure, fixed, v0=v0)
             energy = pm.Coupler([s], dt=h).run(0.2, energy=True).energy
             lost.append(np.abs(energy.dissipated).max() / energy.kinetic[0, 0])
             assert np.abs(energy.balance).max() < 1e-8 * energy.kinetic[0, 0]  # as above
         # order two, where the cable goes slack a little less
-        assert lost[0] < 0.02 and lost[1] < 0.35 * lost[0]
+        assert lost[0] < 0.08 and lost[1] < 0.35 * lost[0]
 
 
 # ---- the first time level -------------------------------------------------------------------
@@ -192,12 +190,9 @@ def test_a_shear_test_of_a_plastic_square_dissipates_what_its_loop_encloses():
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_recording_the_energy_changes_no_result(coupling):
     schemes, substeps = (pm.GeneralizedAlpha(0.5), EXPLICIT), (1, 1 if coupling == "macro" else 4)
-    plain = pair(0.02, schemes, substeps, coupling).run(1.0)
-    energy = pair(0.02, schemes, substeps, coupling).run(1.0, energy=True)
-    for x, y in zip(plain.subdomains, energy.subdomains):
-        for name in "uva":
-            assert getattr(x, name).tobytes() == getattr(y, name).tobytes()
-    assert plain.multipliers.tobytes() == energy.multipliers.tobytes()
+    plain = pair(0.02, schemes, substeps, coupling).run(0.5)
+    energy = pair(0.02, schemes, substeps, coupling).run(0.5, energy=True)
+    assert_identical(plain, replace(energy, energy=None))
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])

@@ -79,7 +79,7 @@ def velocity_errors(make, coupling, counts):
     return np.array(errors)
 
 
-# coupling, substeps, double step of A, expected order between 640 and 1280 macro steps
+# coupling, substeps, double step of A, expected order
 ORDERS = {
     "gc": ("gc", 1, None, 2.0),
     "macro": ("macro", 1, None, 2.0),
@@ -92,15 +92,17 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("explicit", [False, True])
-@pytest.mark.parametrize("g, circulatory", [(3.0, 0.0), (10.0, 0.0), (3.0, 20.0)])
-@pytest.mark.parametrize("schedule", ORDERS)
-def test_orders_are_those_of_symmetric_subdomains(schedule, g, circulatory, explicit):
+@pytest.mark.parametrize(
+    ("schedule", "forces", "explicit"),
+    pairwise(list(ORDERS), [(3.0, 0.0), (10.0, 0.0), (3.0, 20.0)], [False, True]),
+)
+def test_orders_are_those_of_symmetric_subdomains(schedule, forces, explicit):
     """Order 2 within 0.03: what the next term of the error leaves at these steps. The first-order
     error of "gc" with substeps is small beside the other for g = 10 (1.28 here, 0.98 next)."""
     coupling, substeps, double, expected = ORDERS[schedule]
-    make = shaft(g, circulatory, explicit=explicit, substeps=substeps, double=double)
-    error = velocity_errors(make, coupling, [640, 1280])
+    make = shaft(*forces, explicit=explicit, substeps=substeps, double=double)
+    steps = 320 if expected == 2.0 and not double else 640
+    error = velocity_errors(make, coupling, [steps, 2 * steps])
     assert abs(np.log2(error[0] / error[1]) - expected) < (0.03 if expected == 2.0 else 0.3)
 
 
@@ -149,7 +151,7 @@ SCHEMES = {
 )
 def test_no_gyroscopic_step_of_any_length_is_unstable(coupling, scheme, substeps):
     """1e-9: the rounding of defective eigenvalues of modulus one, which drift has."""
-    for g in (3.0, 30.0, 300.0):
+    for g in (3.0, 300.0):
         make = shaft(g, substeps=substeps, double=coupling == "pm" or None)
         for dt in np.geomspace(0.002, 10.0, 4):
             a, b = (
@@ -174,7 +176,7 @@ def test_no_gyroscopic_step_of_any_length_is_unstable(coupling, scheme, substeps
 def test_circulatory_forces_grow_no_faster_than_the_exact_motion(coupling):
     seen = 1.0
     for g in (3.0, 30.0):
-        for dt in np.geomspace(0.002, 10.0, 9):
+        for dt in np.geomspace(0.002, 10.0, 5):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", pm.StabilityWarning)
                 coupler = shaft(g, 20.0, double=coupling == "pm" or None)(dt, coupling)
@@ -452,7 +454,7 @@ def test_several_cases_at_once_are_those_one_by_one(coupling):
             np.testing.assert_allclose(history[name].u, expected[name].u, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
+@pytest.mark.parametrize("coupling", ["gc", "macro"])
 def test_steps_that_change_reach_the_exact_solution(coupling):
     """Errors at 2 s with steps of 2 ms, then of 1 ms and other substeps."""
     make = shaft(5.0, 1.0, double=coupling == "pm" or None)
