@@ -129,14 +129,6 @@ def test_the_module_can_be_loaded_again():
 # ---- ownership ----------------------------------------------------------------------------------
 
 
-@pytest.fixture(autouse=True)
-def few_objects():
-    """The collector goes through what a test has made, not through all that was imported."""
-    gc.freeze()
-    yield
-    gc.unfreeze()
-
-
 class Watched(np.ndarray):
     """An array that can be watched."""
 
