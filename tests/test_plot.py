@@ -156,12 +156,6 @@ def test_one_subdomain_without_constraints_has_one_panel():
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), history[0].u[:, 1])
 
 
-def test_without_recorded_dofs_the_interface_is_drawn_alone():
-    model = models.split_oscillator(10.0)
-    history = model.coupler(0.05, coupling="pm").run(steps=5, record={})
-    assert len(history.plot().figure.axes) == 3
-
-
 def test_by_default_each_subdomain_has_its_share_of_four_curves():
     history = four_dof()
     ranges = np.ptp(history["A"].u, axis=0)
@@ -666,25 +660,6 @@ def test_an_object_with_points_and_elements_is_a_mesh():
         moving = plot.animation(history, {0: given}, frames=2, scale=1)
         last = watched(moving, corners)[-1][0]
         np.testing.assert_allclose(last, SQUARE[0] + shift.reshape(4, 2), rtol=1e-14)
-
-
-def test_a_structure_with_fixed_dofs_is_shown_with_all_of_them():
-    wall = structures.plate(3, 1, 1.0, E=100.0, nu=0.3, rho=1.0)
-    foot = wall.dofs(wall.nodes_at(x=0.0))
-    free = pm.reduce(wall.M, wall.K, fixed=foot)
-    v0 = np.zeros(wall.n)
-    v0[wall.dofs(wall.nodes_at(x=3.0), "uy")] = 1.0
-    subdomain = pm.Subdomain(
-        free.M, free.K, scheme=pm.Newmark(), v0=free.reduce_motion(v0), name="wall"
-    )
-    history = pm.Coupler([subdomain], dt=0.05).run(steps=8)
-    moving = plot.animation(history, {"wall": (wall, free.expand)}, frames=3, scale=1)
-    last = watched(
-        moving, lambda ax: [p.vertices[:4] for p in of(ax, PolyCollection)[0].get_paths()]
-    )[-1]
-    moved = wall.points + free.expand(history["wall"].u[-1]).reshape(-1, 2)
-    np.testing.assert_allclose(last, moved[wall.elements["quad"]], rtol=0.0, atol=1e-14)
-    assert np.abs(moved - wall.points).max() > 0.01  # there is something to see
 
 
 def test_supports_of_a_structure_are_drawn_and_written_at_rest(tmp_path):

@@ -55,10 +55,7 @@ def test_a_step_whose_square_is_infinite_is_refused_by_name():
         (lambda: pm.structures.rod(2, 1.0, EA=1.7e308, rhoA=1.0), "EA must lie in 1e-50..1e"),
         (lambda: pm.structures.rod(2, 5e-324, EA=1.0, rhoA=1.0), "length must lie in 1e-50..1e"),
         (lambda: pm.structures.plate(2, 2, 1e300, E=1.0, nu=0.3, rho=1.0), "h must lie in 1e-50"),
-        (
-            lambda: pm.models.shear_frame([np.longdouble("1e4000")], [1.0]),
-            "masses must be finite",
-        ),
+        (lambda: pm.models.shear_frame([np.longdouble("1e4000")], [1.0]), "masses must be finite"),
         (
             lambda: pm.Subdomain([1.0], [1e200], scheme=pm.Newmark(), rayleigh=(0.0, 1e200)),
             "rayleigh must give a finite",

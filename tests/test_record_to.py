@@ -43,35 +43,6 @@ def test_a_history_saved_as_hdf5_is_read_back_bitwise_identical(tmp_path, option
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_an_invalid_path_is_an_error_before_a_rig_is_called(tmp_path):
-    times = []
-
-    def specimen(u, v, t):
-        times.append(t)
-        return u
-
-    rig = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=specimen)
-    coupler = pm.Coupler([rig], dt=0.1)
-    for path in (tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"):
-        with pytest.raises(OSError, match="record_to cannot be written"):
-            coupler.run(steps=2, record_to=path)
-    assert not times and not os.listdir(tmp_path)
-    coupler.run(steps=2, record_to=tmp_path / "run.h5")
-    assert times == [0.0, 0.1, 0.2]
-
-
-def test_a_saved_hdf5_file_contains_the_springs(tmp_path):
-    joint = pm.Bilinear([0], k=4.0, fy=1.0)
-    subdomain = pm.Subdomain(
-        [1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part"
-    )
-    history = pm.Coupler([subdomain], dt=0.1).run(steps=9, record_springs={"part": None})
-    history.save(tmp_path / "saved.h5")
-    loaded = pm.History.load(tmp_path / "saved.h5")["part"]
-    for name in ("deformation", "force", "springs"):
-        assert_same_bits(getattr(loaded, name), getattr(history["part"], name))
-
-
 def test_an_hdf5_file_that_cannot_be_saved_leaves_the_old_one(tmp_path):
     history = random_problem(0).coupler().run(steps=2)
     with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/h.h5'"):
@@ -142,8 +113,6 @@ def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
     assert_identical(pm.History.load(tmp_path / "run.npz"), history)
     assert abs(history["A"].u).max() > 0.5 and not history["A"].u.flags.writeable
     assert history["A"].u.flags.aligned
-    pytest.importorskip("xarray")
-    np.testing.assert_array_equal(history.to_xarray()["B_u"], history["B"].u)
 
 
 # ---- memory ---------------------------------------------------------------------------------
@@ -380,7 +349,14 @@ def cut(x, name, last):
 
 
 def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_path):
-    coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
+    times = []
+
+    def specimen(u, v, t):
+        times.append(t)
+        return u
+
+    rig = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=specimen)
+    coupler = pm.Coupler([rig], dt=0.1)
     missing, folder, device = tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"
     for path, why in (
         (missing, "No such file or directory.*nowhere/run.h5'"),
@@ -391,10 +367,12 @@ def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_pat
             coupler.run(steps=3, record_to=path)
     with pytest.raises(TypeError, match="record_to must be a str or a path, got 3"):
         coupler.run(steps=3, record_to=3)
+    assert not times
     with pytest.raises(OSError, match="path cannot be written"):
         coupler.run(steps=2**52, record_to=tmp_path / "huge.h5")  # larger than any file system
     assert coupler.step_count == 0 and not list(tmp_path.iterdir())
-    assert_identical(coupler.run(steps=3), other.run(steps=3))
+    coupler.run(steps=2, record_to=tmp_path / "run.h5")
+    assert times == [0.0, 0.1, 0.2]
 
 
 def test_a_run_that_cannot_begin_leaves_the_old_file(tmp_path):

@@ -124,20 +124,6 @@ def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_agai
     assert spring.times[:2] == [0.0, 0.0]
 
 
-def test_run_and_step_are_bitwise_identical():
-    by_run = three_subdomains(
-        [LoggedSpring() for _ in range(3)], (2, 6, 3), (True, False, True), "pm"
-    )
-    by_step = three_subdomains(
-        [LoggedSpring() for _ in range(3)], (2, 6, 3), (True, False, True), "pm"
-    )
-    by_run.run(steps=7)
-    for _ in range(7):
-        by_step.step()
-    for name in "ABC":
-        np.testing.assert_array_equal(by_run.state(name).a, by_step.state(name).a)
-
-
 def test_it_receives_copies():
     def spoiling(u, v, t):
         r = u**3 + v
@@ -319,8 +305,7 @@ def test_lagged_damping_is_of_order_two(scheme):
         exact = analysis.exact_solution(coupler)(2.0)[0]["subdomain 0"]
         coupler.step(round(2.0 / dt))
         return max(
-            np.abs(coupler.state(0).u - exact[0]).max(),
-            np.abs(coupler.state(0).v - exact[1]).max(),
+            np.abs(coupler.state(0).u - exact[0]).max(), np.abs(coupler.state(0).v - exact[1]).max()
         )
 
     # 0.15: effect of the next power of the step on the order
@@ -489,21 +474,6 @@ def test_a_force_may_step_another_coupler():
     np.testing.assert_array_equal(inner.state(0).u, expected.state(0).u)
 
 
-def test_ctrl_c_in_a_force_stops_at_a_macro_step():
-    def interrupted(u, v, t):
-        if len(seen) == 3:
-            seen.append(t)
-            raise KeyboardInterrupt
-        seen.append(t)
-        return u
-
-    seen = []
-    coupler = failing_coupler(interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        coupler.run(steps=5)
-    assert coupler.step_count == 2 and coupler.last_history[0].u.shape == (3, 2)
-
-
 @pytest.mark.parametrize(
     "arguments, error, text",
     [
@@ -538,13 +508,7 @@ def test_static_refuses_restoring_functions_which_may_be_specimens():
         failing_coupler(duffing).static()
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        analysis.amplification_matrix,
-        analysis.exact_solution,
-    ],
-)
+@pytest.mark.parametrize("call", [analysis.amplification_matrix, analysis.exact_solution])
 def test_what_needs_a_linear_coupler_refuses_restoring_forces(call):
     with pytest.raises(ValueError, match="needs linear subdomains, got a restoring force on 'rig'"):
         call(failing_coupler(duffing))

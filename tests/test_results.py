@@ -97,6 +97,8 @@ def test_what_solve_returns_becomes_a_dataset():
         assert np.array_equal(data[name].values, getattr(motion, name))
     assert float(data.u.sel(dof=1, time=motion.t[7])) == motion.u[7, 1]
     assert data.force.dims == ("time", "spring") and data.attrs == {"name": motion.name}
+    history = models.four_dof().coupler(0.05, coupling="pm").run(steps=5)
+    assert history.to_xarray()["substeps"].shape == (6, 2)
 
 
 def test_a_history_becomes_data_frames():

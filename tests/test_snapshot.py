@@ -129,8 +129,7 @@ def test_a_snapshot_is_that_of_its_instant():
 
 @pytest.mark.filterwarnings("ignore:.*grows with damping:pmalpha.StabilityWarning")
 @pytest.mark.parametrize(
-    "variant",
-    [{}, {"double": True}, {"coupling": "macro"}, {"coupling": "mean"}, {"moved": True}],
+    "variant", [{}, {"double": True}, {"coupling": "macro"}, {"coupling": "mean"}, {"moved": True}]
 )
 def test_callable_loads_and_motions_are_evaluated_again(variant):
     times = []

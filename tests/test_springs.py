@@ -384,15 +384,6 @@ def test_force_and_deformation_are_those_of_the_last_time_level():
     assert every["B"].force.shape == every["B"].u[:, :1].shape
 
 
-def test_loops_survive_a_file(tmp_path):
-    history = coupled().run(steps=5, record_springs={"B": [1, 2]})
-    history.save(tmp_path / "run")
-    again = pm.History.load(tmp_path / "run")
-    np.testing.assert_array_equal(again["B"].force, history["B"].force)
-    np.testing.assert_array_equal(again["B"].springs, [1, 2])
-    assert again["A"].springs is None
-
-
 def test_loops_go_to_an_hdf5_file_while_running(tmp_path):
     pytest.importorskip("h5py")
     expected = coupled().run(steps=30, record_springs={"B": [1, 2]})
@@ -551,7 +542,6 @@ def test_what_springs_dissipate_is_summed_up_from_where_the_energy_begins(begin)
         (lambda: pm.Gap([(0, 1), (2, 2)], 1.0, 0.0), ValueError, "the same at springs 1"),
         (lambda: pm.Gap([(-1, -1)], 1.0, 0.0), ValueError, "the same at springs 0"),
         (lambda: pm.Gap([0, 1], [1.0] * 3, 0.0), ValueError, r"of shape \(2,\), got \(3,\)"),
-        (lambda: pm.Gap([0], np.nan, 0.0), ValueError, "k must be finite"),
         (lambda: pm.Gap([0], "soft", 0.0), TypeError, "k must hold real numbers"),
     ],
 )
@@ -574,10 +564,7 @@ def test_springs_that_do_not_fit_a_subdomain_are_errors():
 
 def test_springs_that_cannot_be_recorded_are_errors():
     coupler = coupled()
-    for bad, text in (
-        ({"A": [5]}, r"record_springs\['A'\]"),
-        ({"nobody": None}, "record_springs"),
-    ):
+    for bad, text in (({"A": [5]}, r"record_springs\['A'\]"), ({"nobody": None}, "record_springs")):
         with pytest.raises(ValueError, match=text):
             coupler.run(steps=1, record_springs=bad)
     with pytest.raises(ValueError, match="a subdomain with recorded dofs"):

@@ -6,6 +6,7 @@ from test_internal_input import compiled
 
 import pmalpha as pm
 from pmalpha import structures
+from pmalpha.setup import equilibrium
 
 IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
 
@@ -19,6 +20,14 @@ def held(structure, fixed, name, force, scheme=IMPLICIT, **options):
     return pm.Subdomain(
         reduction.M, None, scheme=scheme, internal=internal, force=load, name=name, **options
     ), free
+
+
+def settled(structure, fixed, load, **options):
+    """Displacements of all dofs of a structure in equilibrium."""
+    s, free = held(structure, fixed, "structure", load)
+    u = np.zeros(structure.n)
+    u[free] = pm.Coupler([s], dt=0.01).static(**options)["structure"]
+    return u
 
 
 def require_rest(coupler, tolerance, steps=20):
@@ -59,9 +68,7 @@ def test_a_moment_bends_a_beam_into_a_circle(turn):
     beam, tip = cantilever(n)
     load = np.zeros(beam.n)
     load[beam.dofs(tip, "rz")] = 2.0 * np.pi * turn
-    s, free = held(beam, beam.dofs(0), "beam", load)
-    u = np.zeros(beam.n)
-    u[free] = pm.Coupler([s], dt=0.01).static(steps=4)["beam"]
+    u = settled(beam, beam.dofs(0), load, steps=4)
     # corotational elements of constant curvature bend to 2 pi turn in the sum of rotations
     np.testing.assert_allclose(u[beam.dofs(tip, "rz")], 2.0 * np.pi * turn, rtol=1e-9)
     radius = 1.0 / (2.0 * np.pi * turn)
@@ -77,9 +84,7 @@ def test_the_elastica_under_a_tip_load():
     beam, tip = cantilever(40)
     load = np.zeros(beam.n)
     load[beam.dofs(tip, "uy")] = 10.0
-    s, free = held(beam, beam.dofs(0), "beam", load)
-    u = np.zeros(beam.n)
-    u[free] = pm.Coupler([s], dt=0.01).static()["beam"]
+    u = settled(beam, beam.dofs(0), load)
     ux, uy, _ = u[beam.dofs(tip)]
     # 40 elements: error of order (1 / 40)^2 of the rotations
     np.testing.assert_allclose([uy, -ux], [0.81061, 0.55500], atol=5e-4)
@@ -89,9 +94,7 @@ def test_two_halves_of_a_beam_are_the_whole_beam():
     beam, tip = cantilever(8)
     load = np.zeros(beam.n)
     load[beam.dofs(tip, "uy")] = 5.0
-    s, free = held(beam, beam.dofs(0), "beam", load)
-    u = np.zeros(beam.n)
-    u[free] = pm.Coupler([s], dt=0.01).static()["beam"]
+    u = settled(beam, beam.dofs(0), load)
     options = {"EA": 1e6, "EI": 1.0, "rhoA": 1.0, "divisions": 4}
     left = structures.corotational_frame([[0, 0], [0.5, 0]], [[0, 1]], **options)
     right = structures.corotational_frame([[0.5, 0], [1, 0]], [[0, 1]], **options)
@@ -263,6 +266,13 @@ def test_units_of_force_do_not_matter():
 # ---- what has no equilibrium, and bad input -------------------------------------------------
 
 
+@pytest.fixture
+def few_load_steps(monkeypatch):
+    """The search for an equilibrium is given up earlier."""
+    monkeypatch.setattr(equilibrium, "SMALLEST", 0.5)
+
+
+@pytest.mark.usefixtures("few_load_steps")
 def test_a_structure_that_only_an_open_stop_holds_is_floating():
     stop = pm.Gap([(-1, 0)], 100.0, 0.1)
     ball = pm.Subdomain([1.0], None, scheme=IMPLICIT, internal=stop, force=[1.0], name="ball")
@@ -282,6 +292,7 @@ def test_an_equilibrium_that_is_not_stable_is_refused():
         pm.Coupler([s], dt=0.01).static()
 
 
+@pytest.mark.usefixtures("few_load_steps")
 def test_a_load_above_the_strength_does_not_converge():
     joint = pm.Bilinear([0], 10.0, 1.0)
     mass = pm.Subdomain([1.0], None, scheme=IMPLICIT, internal=joint, force=[1.5], name="mass")

@@ -134,13 +134,8 @@ def test_load_cases_run_with_the_first_steps():
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
-def test_threads_do_not_change_bits(coupling):
-    assert_identical(*(changed(coupling, threads=n).run(steps=6) for n in (1, 2)))
-
-
-@pytest.mark.parametrize("coupling", COUPLINGS)
-def test_step_by_step_is_bitwise_a_run(coupling):
-    a, b = changed(coupling), changed(coupling)
+def test_step_by_step_with_two_threads_is_bitwise_a_run(coupling):
+    a, b = changed(coupling), changed(coupling, threads=2)
     history = a.run(steps=5)
     for _ in range(5):
         b.step()
@@ -159,7 +154,6 @@ def test_pieces_with_other_steps_are_joined():
     whole = pm.History.join([first, second])
     assert np.array_equal(whole["B"].t, np.concatenate([first["B"].t, second["B"].t[1:]]))
     assert np.all(np.diff(whole["B"].t) > 0.0)
-    assert whole.to_xarray().sizes["macro_times"] == 12
     with pytest.raises(ValueError, match="constant length"):
         whole["B"].local_error()
 
@@ -356,22 +350,18 @@ def test_iterated_linear_forces_equal_linear_subdomains_over_changes(coupling, t
 
     def make(internal):
         newton = pm.Newton(tol=1e-10, tangent=tangent)
-        subdomains = []
-        for i, name in enumerate("AB"):
-            scheme = dict(scheme=pm.GeneralizedAlpha(RHO), substeps=1 + i, u0=U0[i], name=name)
-            stiffness = K[i]
-            if internal:
-                subdomains.append(
-                    pm.Subdomain(
-                        M[i],
-                        None,
-                        internal=lambda u, v, t, q, S=stiffness: (S @ u, S),
-                        **scheme,
-                    )
-                )
-            else:
-                subdomains.append(pm.Subdomain(M[i], stiffness, **scheme))
-        A, B = subdomains
+        A, B = (
+            pm.Subdomain(
+                M[i],
+                None if internal else K[i],
+                internal=(lambda u, v, t, q, S=K[i]: (S @ u, S)) if internal else None,
+                scheme=pm.GeneralizedAlpha(RHO),
+                substeps=1 + i,
+                u0=U0[i],
+                name=name,
+            )
+            for i, name in enumerate("AB")
+        )
         tie = pm.tie(A, [1], B, [0])
         return pm.Coupler([A, B], tie, dt=0.1, coupling=coupling, newton=newton)
 

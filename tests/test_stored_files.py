@@ -62,12 +62,7 @@ def coupler(kind):
         v0=np.full(2, 4.0),
         name="fine",
     )
-    return pm.Coupler(
-        [frame, fine],
-        [pm.tie(frame, [2], fine, [0])],
-        dt=0.02,
-        **KINDS[kind],
-    )
+    return pm.Coupler([frame, fine], [pm.tie(frame, [2], fine, [0])], dt=0.02, **KINDS[kind])
 
 
 def arrays(history):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+from compiled import FORCE
 from scipy import LowLevelCallable
 from scipy.linalg import expm
 
@@ -363,16 +364,7 @@ def test_a_subdomain_that_floats_with_the_kept_dofs_fixed_is_refused():
 
 
 def test_a_compiled_force_is_refused():
-    import ctypes
-
-    signature = ctypes.CFUNCTYPE(
-        ctypes.c_int,
-        ctypes.c_double,
-        ctypes.c_ssize_t,
-        ctypes.POINTER(ctypes.c_double),
-        ctypes.c_void_p,
-    )
-    function = signature(lambda t, n, f, user: 0)
+    function = FORCE(lambda t, n, f, user: 0)
     with pytest.raises(ValueError, match="force must not be a compiled function for a reduction"):
         chain(force=LowLevelCallable(function)).reduced([0], modes=1)
 

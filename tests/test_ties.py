@@ -100,11 +100,6 @@ def test_points_of_every_dimension_are_accepted(dimension):
     assert tie_coincident({a: points[:2], b: points[1:]}).p == 1
 
 
-def test_points_on_a_line_may_be_1d():
-    a, b = masses(2), masses(2)
-    assert tie_coincident({a: [0.0, 1.0], b: [[1.0], [2.0]]}).p == 1
-
-
 def test_a_frame_and_a_plate_share_the_components_both_have():
     frame, plate = masses(3 * 2, "frame"), masses(2 * 3, "plate")
     points = {frame: [[0.0, 1.0], [0.0, 0.0]], plate: [[1.0, 0.0], [0.0, 0.0], [1.0, 1.0]]}
@@ -256,27 +251,6 @@ def test_a_hundred_thousand_nodes_are_tied_in_about_a_second():
     assert time.process_time() - begin < 3.0
     assert tied.p == 100_000
     np.testing.assert_array_equal(order[tied.matrices[b].indices], tied.matrices[a].indices)
-
-
-def test_a_plate_cut_in_four_moves_like_the_uncut_one():
-    x = np.linspace(0.0, 1.0, 3)
-    points = {(i, j): grid(x + i, x + j) for i in range(2) for j in range(2)}
-    part, wall = (pm.structures.plate(n, n, 0.5, **MATERIAL) for n in (2, 4))
-    start = {key: np.sin(p @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for key, p in points.items()}
-    subdomains = {
-        key: part.subdomain(scheme=SCHEME, u0=start[key], name=str(key)) for key in points
-    }
-    tied = tie_coincident({subdomains[key]: points[key] for key in points}, components=2)
-    history = pm.Coupler(list(subdomains.values()), tied, dt=0.1, coupling="gc").run(steps=30)
-
-    whole = wall.subdomain(scheme=SCHEME, u0=np.sin(wall.points @ [[2.0, 1.0], [1.0, 3.0]]).ravel())
-    uncut = pm.solve(whole, dt=0.1, t_end=3.0)
-    for key, p in points.items():
-        nodes = np.rint(p @ [10.0, 2.0]).astype(int)
-        dofs = np.column_stack([2 * nodes, 2 * nodes + 1]).ravel()
-        # equal schemes and steps: the same equations, solved otherwise; 30 steps of rounding
-        np.testing.assert_allclose(history[str(key)].u, uncut.u[:, dofs], rtol=0.0, atol=1e-12)
-    assert np.abs(uncut.u[-1] - uncut.u[0]).max() > 0.1
 
 
 # ---- matching interfaces: errors --------------------------------------------------------------
@@ -632,19 +606,6 @@ class CutPlate:
         )
 
 
-def test_a_rigid_motion_is_that_of_the_uncut_plate():
-    spin = np.array([[0.0, 0.4], [-0.4, 0.0]])
-    plate = CutPlate(5, 3, v0=lambda points, _: ([0.3, -0.2] + points @ spin).ravel())
-    assert plate.tied.p == 12
-    history = plate.run()
-    for name, points in plate.points.items():
-        subdomain = history[name]
-        v = ([0.3, -0.2] + points @ spin).ravel()
-        # K of a linear rigid motion is 0 up to 1e-16; 160 steps
-        np.testing.assert_allclose(subdomain.u, subdomain.t[:, None] * v, rtol=0.0, atol=1e-13)
-    assert np.abs(history.multipliers).max() < 1e-13
-
-
 STRESS = np.array([[2.0, 0.5], [0.5, -1.0]])
 
 
@@ -709,18 +670,6 @@ def test_a_uniform_stress_is_exact_on_nested_meshes_and_converges_on_others():
     # wrong by a fixed fraction in one layer of elements at the interface: the energy falls with h
     assert errors[0] < 0.2
     assert errors[1] < 0.8 * errors[0] and errors[2] < 0.8 * errors[1]
-
-
-def test_the_multipliers_are_in_balance_on_any_meshes():
-    b_points, elements, a_points, _ = turned("face quad")
-    tied, a, b = tied_to(b_points, elements, a_points, 3, cell="quad")
-    lam = np.random.default_rng(8).normal(size=tied.p)
-    on_a, on_b = ((tied.matrices[s].T @ lam).reshape(-1, 3) for s in (a, b))
-    # 200 numbers up to 3, arms up to 10
-    np.testing.assert_allclose(on_a.sum(axis=0), -on_b.sum(axis=0), rtol=0.0, atol=1e-12)
-    moment = np.cross(a_points, on_a).sum(axis=0)
-    np.testing.assert_allclose(moment, -np.cross(b_points, on_b).sum(axis=0), rtol=0.0, atol=1e-11)
-    assert np.abs(moment).max() > 1.0
 
 
 def test_the_rows_of_an_interpolation_are_independent():

@@ -225,7 +225,6 @@ def test_constant_substeps_are_in_every_history(tmp_path):
     assert history.substeps.tolist() == [[2, 4]] * 6
     history.save(tmp_path / "run.npz")
     assert pm.History.load(tmp_path / "run.npz").substeps.tolist() == [[2, 4]] * 6
-    assert history.to_xarray()["substeps"].shape == (6, 2)
 
 
 def test_chosen_substeps_are_drawn():

@@ -41,13 +41,7 @@ def compiled(force):
 
 def growing():
     """A mass on K = 40 against a stop, which it meets from some 0.32 m/s on."""
-    part = pm.Subdomain(
-        [1.0],
-        [40.0],
-        scheme=IMPLICIT,
-        restoring=pm.Gap([0], K, GAP),
-        name="ball",
-    )
+    part = pm.Subdomain([1.0], [40.0], scheme=IMPLICIT, restoring=pm.Gap([0], K, GAP), name="ball")
     return made(lambda: pm.Coupler([part], dt=DT))
 
 
@@ -269,13 +263,7 @@ def damper(c):
 
 def steep(restoring, scheme=IMPLICIT, **options):
     part = pm.Subdomain(
-        [1.0],
-        [STIFFNESS],
-        scheme=scheme,
-        u0=[1.0],
-        restoring=restoring,
-        name="floor",
-        **options,
+        [1.0], [STIFFNESS], scheme=scheme, u0=[1.0], restoring=restoring, name="floor", **options
     )
     return pm.Coupler([part], dt=DT)
 
