@@ -1,7 +1,7 @@
 """Macro coupling: agreement with the reference, order, stability, energy and errors."""
 
 import warnings
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def check_against_reference(seed, draw=random_problem):
 DRAWN = {"linear": random_problem, "restoring forces, lagged damping": random_restored_problem}
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("kind", DRAWN)
 def test_core_and_reference_agree_on_a_random_problem_under_macro_coupling(kind, seed):
     check_against_reference(seed, DRAWN[kind])
@@ -81,7 +81,7 @@ def test_core_and_reference_agree_where_unit_responses_are_not_stored(seed, kind
 def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_damping():
     # or the comparisons above would see less than they seem to
     seen = set()
-    for seed in [*range(8), *range(21, 30, 2)]:
+    for seed in [*range(6), *range(21, 30, 2)]:
         problem = random_macro_problem(seed, random_restored_problem)
         for s, L in zip(problem.subdomains, problem.L):
             if s.substeps > 1 and L.any():
@@ -738,12 +738,17 @@ def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         s = coupled(a, b, dt).run(0.5)["a"]
-    # the uncut oscillator of mass 1; DOP853 at 1e-11 is far below every error here, 1e-5 and more
-    truth = solve_ivp(
-        lambda t, x: [x[1], -10.0 * x[0] - r(x[0], x[1], t)],
-        (0.0, s.t[-1]), [1.0, 0.0], method="DOP853", t_eval=s.t, rtol=1e-11, atol=1e-12,
-    ).y  # fmt: skip
+    truth = uncut(r)(s.t)
     return np.array([largest(s.u[:, 0] - truth[0]), largest(s.v[:, 0] - truth[1])])
+
+
+@cache
+def uncut(r):
+    """u and v of the oscillator of mass 1, far below every error here, 1e-5 and more."""
+    return solve_ivp(
+        lambda t, x: [x[1], -10.0 * x[0] - r(x[0], x[1], t)],
+        (0.0, 0.51), [1.0, 0.0], method="DOP853", dense_output=True, rtol=1e-11, atol=1e-12,
+    ).sol  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -168,9 +168,13 @@ def imbalance(s, L, x, multipliers, jump):
     return worst
 
 
-@couplings
 @pytest.mark.parametrize(
-    "seed", [pytest.param(i, marks=[pytest.mark.campaign] if i >= 12 else []) for i in range(24)]
+    ("seed", "coupling"),
+    [
+        *in_turn(range(12), "gc", "pm"),
+        *(pytest.param(*x, marks=pytest.mark.campaign) for x in in_turn(range(24), "pm", "gc")),
+        *(pytest.param(*x, marks=pytest.mark.campaign) for x in in_turn(range(12, 24), "gc", "pm")),
+    ],
 )
 def test_wrong_tangents_and_jumps_are_refused_or_end_in_equilibrium(seed, coupling):
     subdomains, L = held(seed, coupling)

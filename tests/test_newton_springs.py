@@ -8,7 +8,6 @@ from agreement import assert_motion_agrees
 from newton_coupled import same_bits
 from newton_problems import bilinear, chain, contact, cubic
 from newton_reference import Newton, run, run_macro
-from pairwise import pairwise
 from scipy.integrate import solve_ivp
 from test_springs import bouc_wen_motion
 
@@ -57,7 +56,12 @@ def sides(springs, subdomains):
 
 
 @pytest.mark.parametrize(
-    ("law", "tangent", "schedule"), pairwise(list(LAWS), ["full", "reuse"], list(SCHEDULES))
+    ("law", "tangent", "schedule"),
+    [
+        (list(LAWS)[(i + k) % 3], tangent, schedule)
+        for i, schedule in enumerate(SCHEDULES)
+        for k, tangent in enumerate(["full", "reuse"])
+    ],
 )
 def test_springs_move_as_in_the_reference_and_record_their_loops(law, tangent, schedule):
     q = 0.0 if law == "bilinear" else None

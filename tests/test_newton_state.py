@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 from newton_coupled import VARIANTS, plastic_pair, same_bits
-from pairwise import in_turn, pairwise
+from pairwise import in_turn
 from test_checkpoint import snapshot
 
 import pmalpha as pm
@@ -30,7 +30,8 @@ def whole_run(variant, tangent="reuse"):
 
 
 @pytest.mark.parametrize(
-    ("variant", "tangent", "threads"), pairwise(list(VARIANTS), ["full", "reuse"], [2, 3])
+    ("variant", "tangent", "threads"),
+    list(zip(VARIANTS, ["full", "reuse", "reuse", "full"], [2, 3, 2, 3])),
 )
 def test_the_number_of_threads_changes_no_bit(variant, tangent, threads):
     history, end = whole_run(variant, tangent)
