@@ -1,15 +1,13 @@
 """Spectral radii of coupled steps: what is stable, under which coupling, with the drift or without.
 
-    python tests/coupling_survey.py [oscillators] [loops] [mean] [variants] [rest] [warnings]
-        [--few]
+    python tests/coupling_survey.py [oscillators] [loops] [mean] [variants] [warnings] [--few]
 
 `oscillators`: split oscillators, A implicit, B explicit with substeps or implicit, for every
 coupling of the core. `loops`: random loops of three subdomains. `mean`: random split oscillators
-under mean coupling. `variants`: other ways to remove the drift, from tests/reference.py. `rest`:
-other arguments of K under mean coupling with which an explicit subdomain would rest. `warnings`:
-whether StabilityWarning of set-up is right, by the radius, of 1000 random chains. Each line has
-the largest radius, and how many are above 1 + 1e-7: double eigenvalues of modulus one are computed
-to the root of the rounding. `--few`: one problem in four.
+under mean coupling. `variants`: other ways to remove the drift, from tests/reference.py.
+`warnings`: whether StabilityWarning of set-up is right, by the radius, of 1000 random chains. Each
+line has the largest radius, and how many are above 1 + 1e-7: double eigenvalues of modulus one are
+computed to the root of the rounding. `--few`: one problem in four.
 """
 
 import argparse
@@ -319,73 +317,6 @@ def survey_variants(every):
         line(f"{coupling}, {name}: {pair}", radii)
 
 
-# ---- other arguments of K in explicit subdomains under mean coupling ---------------------------
-
-
-ARGUMENTS = {"ut": (0.0, 0.0), "ut - al1 y": (1.0, 0.0), "ut + al1 w": (0.0, 1.0)}
-
-
-def own_substep(scheme, omega, h, argument, state, y):
-    """(K2) of one dof of unit mass, with K at ut - al1 (first y - second w)."""
-    u, v, w, a = state
-    am, af, beta, gamma = scheme.am, scheme.af, scheme.beta, scheme.gamma
-    ratio, first, second = (1.0 - af) / (1.0 - am), *argument
-    al1, al2 = h**2 * beta * ratio, h * gamma * ratio
-    ut = u + h * v + h**2 * ((0.5 - beta / (1.0 - am)) * a + beta * af / (1.0 - am) * w + 0.5 * y)
-    vt = v + h * ((1.0 - gamma / (1.0 - am)) * a + gamma * af / (1.0 - am) * w + y)
-    if scheme.explicit:
-        new = -(omega**2) * (ut - al1 * (first * y - second * w))
-    else:
-        new = -(omega**2) * ut / (1.0 + al1 * omega**2)
-    return np.array(
-        [ut + al1 * new, vt + al2 * new, new, ((1.0 - af) * new + af * w - am * a) / (1.0 - am)]
-    )
-
-
-def own_macro_step(scheme, omega, substeps, argument, state, y=0.0):
-    for _ in range(substeps):
-        state = own_substep(scheme, omega, 1.0 / substeps, argument, state, y)
-    return state
-
-
-def radius_of(G):
-    return float(np.max(np.abs(np.linalg.eigvals(G))))
-
-
-def own_limit(scheme, argument):
-    """Omega up to which a step alone does not grow, to a hundredth."""
-    for Omega in np.arange(0.01, 2.1, 0.01):
-        step = [own_macro_step(scheme, Omega, 1, argument, x) for x in np.eye(4)]
-        if radius_of(np.transpose(step)) > UNSTABLE:
-            return Omega - 0.01
-    return 2.0
-
-
-def radius_of_two(sides, masses):
-    """Of a macro step of two dofs that are tied, (K3) and (K4); `sides`: arguments of each."""
-    free, pull = np.zeros((8, 8)), np.zeros(8)
-    for i, (side, m, sign) in enumerate(zip(sides, masses, (1.0, -1.0))):
-        own = slice(4 * i, 4 * i + 4)
-        free[own, own] = np.transpose([own_macro_step(*side, x) for x in np.eye(4)])
-        pull[own] = own_macro_step(*side, np.zeros(4), sign / m)
-    gap = np.zeros(8)
-    gap[0], gap[4] = 1.0, -1.0
-    return radius_of(free - np.outer(pull, gap @ free) / (gap @ pull))
-
-
-def survey_rest(every):
-    for (name, argument), rho in product(ARGUMENTS.items(), (0.5, 0.8, 1.0)):
-        rng, B = np.random.default_rng(0), ALPHA(rho, explicit=True)
-        limit, radii = own_limit(B, argument), []
-        for _ in range(400 // every):
-            s = rng.integers(1, 6, 2)
-            masses, stiff = 10.0 ** rng.uniform(-2, 2, 2), rng.uniform(-2, 2)
-            share = rng.uniform(0.02, 0.97)
-            sides = (pm.Newmark(), 10.0**stiff, s[0], argument), (B, share * limit * s[1], s[1])
-            radii.append(radius_of_two((sides[0], (*sides[1], argument)), masses))
-        line(f"mean, K at {name}, rho {rho}, limit {limit:.2f}", radii)
-
-
 # ---- StabilityWarning ---------------------------------------------------------------------------
 
 
@@ -459,7 +390,6 @@ SURVEYS = {
     "loops": survey_loops,
     "mean": survey_mean,
     "variants": survey_variants,
-    "rest": survey_rest,
     "warnings": survey_warnings,
 }
 
