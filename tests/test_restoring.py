@@ -39,9 +39,10 @@ class LoggedSpring:
         return 0.1 * u**3 + 0.02 * v * np.abs(v)
 
 
-def three_subdomains(springs, substeps, doubles, coupling, threads=1):
-    """A chain of three subdomains, each with a logged spring."""
+def three_subdomains(forces, substeps, doubles, coupling, threads=1, dt=0.1, **start):
+    """A chain of three subdomains, each with a restoring force."""
     schemes = [pm.GeneralizedAlpha(0.6), pm.GeneralizedAlpha(0.6, explicit=True), pm.Newmark()]
+    start = start or {"u0": [0.3, 0.4]}
     subdomains = [
         pm.Subdomain(
             [1.0, 2.0],
@@ -49,15 +50,15 @@ def three_subdomains(springs, substeps, doubles, coupling, threads=1):
             scheme=scheme,
             substeps=ss,
             double_step=double,
-            restoring=spring,
-            u0=[0.3, 0.4],
+            restoring=force,
             name=name,
+            **start,
         )
-        for scheme, ss, double, spring, name in zip(schemes, substeps, doubles, springs, "ABC")
+        for scheme, ss, double, force, name in zip(schemes, substeps, doubles, forces, "ABC")
     ]
     a, b, c = subdomains
     ties = [pm.tie(a, [1], b, [1]), pm.tie(b, [0], c, [0])]
-    return pm.Coupler(subdomains, ties, dt=0.1, coupling=coupling, threads=threads)
+    return pm.Coupler(subdomains, ties, dt=dt, coupling=coupling, threads=threads)
 
 
 CASES = [

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from test_restoring import three_subdomains
 
 import pmalpha as pm
 from pmalpha import analysis
@@ -240,26 +241,8 @@ def springs_of_all_laws():
 
 
 def coupled(substeps=(1, 4, 2), doubles=(True, False, True), threads=1, coupling="pm"):
-    subdomains = [
-        pm.Subdomain(
-            [1.0, 2.0],
-            np.array([[3.0, -1.0], [-1.0, 1.0]]),
-            scheme=scheme,
-            substeps=ss,
-            double_step=double,
-            restoring=springs_of_all_laws(),
-            v0=[1.5, 1.5],
-            name=name,
-        )
-        for scheme, ss, double, name in zip(
-            (IMPLICIT, EXPLICIT, IMPLICIT), substeps, doubles, "ABC"
-        )
-    ]
-    ties = [
-        pm.tie(subdomains[0], [1], subdomains[1], [1]),
-        pm.tie(subdomains[1], [0], subdomains[2], [0]),
-    ]
-    return pm.Coupler(subdomains, ties, dt=0.05, threads=threads, coupling=coupling)
+    springs = [springs_of_all_laws() for _ in range(3)]
+    return three_subdomains(springs, substeps, doubles, coupling, threads, 0.05, v0=[1.5, 1.5])
 
 
 def all_springs(coupler):
