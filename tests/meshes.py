@@ -78,3 +78,14 @@ def distorted(kind, n, amount=0.1):
     rng = np.random.default_rng(3)
     points = points + amount / n * inside[:, None] * rng.uniform(-1.0, 1.0, points.shape)
     return second_order(points, corners, kind)
+
+
+def moved_inside(grid, share=0.25):
+    """Points of a regular mesh with edges 0.5, those inside moved by up to a share of an edge.
+
+    And which of them are inside.
+    """
+    low, high = grid.points.min(axis=0), grid.points.max(axis=0)
+    inside = np.all((grid.points > low) & (grid.points < high), axis=1)
+    shift = np.random.default_rng(8).uniform(-0.5 * share, 0.5 * share, grid.points.shape)
+    return grid.points + inside[:, None] * shift, inside

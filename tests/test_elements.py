@@ -5,6 +5,7 @@ import pytest
 import scipy.integrate
 import scipy.sparse as sp
 import scipy.sparse.linalg
+from meshes import moved_inside
 
 import pmalpha as pm
 from pmalpha import structures
@@ -14,20 +15,12 @@ E, NU = 7.0, 0.3
 EPS = np.finfo(float).eps
 
 
-def moved_inside(grid, share=0.25):
-    """Points of a regular mesh with edges 0.5, those inside moved by up to a share of an edge."""
-    low, high = grid.points.min(axis=0), grid.points.max(axis=0)
-    inside = np.all((grid.points > low) & (grid.points < high), axis=1)
-    shift = np.random.default_rng(8).uniform(-0.5 * share, 0.5 * share, grid.points.shape)
-    return grid.points + inside[:, None] * shift
-
-
 def sheet(material, **options):
     """3 x 3 distorted quadrilaterals."""
     grid = structures.plate(3, 3, 0.5, E=1.0, nu=0.3, rho=1.0)
     options = {"rho": 2.0, "t": 0.2, **options}
     return structures.nonlinear_solid_on(
-        moved_inside(grid), grid.elements["quad"], material, **options
+        moved_inside(grid)[0], grid.elements["quad"], material, **options
     )
 
 
@@ -35,7 +28,7 @@ def block(material, **options):
     """2 x 3 x 2 distorted hexahedra."""
     grid = structures.solid(2, 3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
     cells, options = grid.elements["hexahedron"], {"rho": 2.0, **options}
-    return structures.nonlinear_solid_on(moved_inside(grid), cells, material, **options)
+    return structures.nonlinear_solid_on(moved_inside(grid)[0], cells, material, **options)
 
 
 def varied(count):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from meshes import moved_inside
 
 from pmalpha import structures
 
@@ -10,14 +11,6 @@ E, NU = 7.0, 0.3
 LAM, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
 EPS = np.finfo(float).eps
 THICKNESS = 0.2
-
-
-def moved_inside(grid):
-    """Points of a regular mesh with edges 0.5, those inside moved by up to an eighth."""
-    low, high = grid.points.min(axis=0), grid.points.max(axis=0)
-    inside = np.all((grid.points > low) & (grid.points < high), axis=1)
-    shift = np.random.default_rng(8).uniform(-0.125, 0.125, grid.points.shape)
-    return grid.points + inside[:, None] * shift, inside
 
 
 def patch(d, material, plane="strain"):

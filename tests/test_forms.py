@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import pairwise
 
 import pmalpha as pm
 from pmalpha.problem import matrices
@@ -134,9 +135,9 @@ def stepped(make, K, C, scheme, force):
     )
 
 
-@pytest.mark.parametrize("damped", [False, True])
-@pytest.mark.parametrize("width", [1, 2, 6])
-@pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT])
+@pytest.mark.parametrize(
+    ("scheme", "width", "damped"), pairwise([IMPLICIT, EXPLICIT], [1, 2, 6], [False, True])
+)
 def test_a_long_structure_moves_the_same_as_a_band_and_dense(scheme, width, damped):
     K = banded(np.random.default_rng(width), LONG, width)
     C = 0.05 * K if damped else None

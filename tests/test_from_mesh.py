@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from meshes import PLANE, SOLID, box, distorted
+from pairwise import in_turn
 
 import pmalpha as pm
 from pmalpha import structures
@@ -70,13 +71,14 @@ def test_a_mesh_in_memory_gives_the_structure_of_its_elements(kind):
     assert "wall" not in structure.groups
 
 
-@pytest.mark.parametrize("kind", READABLE)
-@pytest.mark.parametrize("version", ["gmsh22", "vtu"])
+# meshio 5.3 writes wedges to VTK in an order that it does not read
+@pytest.mark.parametrize(
+    ("kind", "version"),
+    in_turn([x for x in READABLE if x != "wedge"], "gmsh22", "vtu") + [("wedge", "gmsh22")],
+)
 def test_files_that_meshio_writes_are_read_with_their_groups(tmp_path, mesh_library, kind, version):
     mesh, left, wall = halves(kind, *(["half"] if version == "vtu" else []))
     path = tmp_path / ("mesh.msh" if version == "gmsh22" else "mesh.vtu")
-    if version == "vtu" and kind == "wedge":
-        pytest.skip("meshio 5.3 writes wedges to VTK in an order that it does not read")
     meshio.write(path, mesh, file_format=version)
     if version == "vtu":
         structure = structures.from_mesh(path, STEEL, names="half")
