@@ -64,8 +64,7 @@ def _positive_error(error: Any, dt: float) -> float:
     error = real_number(error, f"what run returns at dt = {dt:g}")
     if not error > 0.0:
         raise ValueError(f"run must return a positive finite error, got {error!r} at dt = {dt:g}")
-    result: float = error
-    return result
+    return error
 
 
 def global_error(
@@ -222,8 +221,7 @@ def _exact_state(
         u, v, w, _ = _exact_at(coupler, member, exact, before)
         # no step reads this free velocity, and there are no springs and internal forces
         arrays += (u, v, w, w, np.zeros(member.nb), np.zeros(0), np.zeros(0))
-    result: tuple[np.ndarray, ...] = arrays
-    return result
+    return arrays
 
 
 def _exact_at(

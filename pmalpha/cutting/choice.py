@@ -87,8 +87,7 @@ def _bound(B: np.ndarray) -> np.ndarray:
     for _ in range(SQUARINGS):
         S = S @ S
     power = 0.5 / 2**SQUARINGS
-    result: np.ndarray = size * np.einsum("eij,eij->e", S, S) ** power
-    return result
+    return size * np.einsum("eij,eij->e", S, S) ** power
 
 
 def levels_of(omega: np.ndarray, dt: float, scheme: Scheme, *, check: bool = True) -> np.ndarray:

@@ -226,8 +226,7 @@ def _portions(whole: Whole, labels: np.ndarray, members: Sequence[Member]) -> li
 
 
 def _masses(portion: Portion) -> np.ndarray:
-    result: np.ndarray = np.maximum(diagonal(portion.M), 0.0)
-    return result
+    return np.maximum(diagonal(portion.M), 0.0)
 
 
 def _require_mass(member: Member, dofs: np.ndarray, mass: np.ndarray) -> None:

@@ -143,8 +143,7 @@ class DividedForce:
             raise ValueError(
                 f"force must return a value for each dof of the uncut structure, got {values.shape}"
             )
-        result: np.ndarray = self._share * values[self._dofs]
-        return result
+        return self._share * values[self._dofs]
 
 
 def checked_motion(value: Any, free: np.ndarray, name: str) -> np.ndarray:

@@ -292,8 +292,7 @@ class Adjoint:
         beyond = lam[:-1].reshape(len(nodes) - 1, q, self.p) - straight  # zero at the nodes
         B = beyond.reshape(len(lam) - 1, self.p)[1:].T @ nu[:-1]
         Y, transposed = member.links
-        result: np.ndarray = member.al2 * parameters._traces(Y @ B, transposed, member.weights)
-        return result
+        return member.al2 * parameters._traces(Y @ B, transposed, member.weights)
 
 
 def reversed_load(

@@ -79,8 +79,7 @@ class Filters:
 
     def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Loads of the reversed run, (A6), for sources (levels, k) in reversed order."""
-        result: np.ndarray = self._of_u(u) + self._of_v(v) + self._of_w(w)
-        return result
+        return self._of_u(u) + self._of_v(v) + self._of_w(w)
 
     def impulses(self, levels: int) -> np.ndarray:
         """Loads for a unit source of u, v, w and a at the first reversed level, (levels, 4)."""
@@ -100,8 +99,7 @@ class MeanFilters:
 
     def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """As `Filters.loads`; there are no sources of w."""
-        result: np.ndarray = self._of_u(u) + self._of_v(v)
-        return result
+        return self._of_u(u) + self._of_v(v)
 
     def impulses(self, levels: int) -> np.ndarray:
         """As `Filters.impulses`."""

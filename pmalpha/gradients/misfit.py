@@ -175,8 +175,7 @@ def _added(
 
 def _dofs(of: Mapping[str, Any]) -> np.ndarray:
     """The dofs that are measured, or that the columns of W belong to."""
-    result: np.ndarray = of["dofs"] if "dofs" in of else of["columns"]
-    return result
+    return of["dofs"] if "dofs" in of else of["columns"]
 
 
 def places(recorded: np.ndarray, dofs: np.ndarray) -> np.ndarray:

@@ -129,8 +129,7 @@ class Parameters(Frozen):
                 [np.vdot(mu, (D @ motion[kind].T).T) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            sums: np.ndarray = -np.sum(whole, axis=0)
-            return sums
+            return -np.sum(whole, axis=0)
         e, k = self.dofs.shape
         total = np.zeros(e)
         levels = max(NUMBERS // (e * k), 1)
@@ -149,8 +148,7 @@ class Parameters(Frozen):
                 [np.sum(mu * (D @ motion[kind].T).T, axis=1) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            sums: np.ndarray = -np.sum(whole, axis=0).T
-            return sums
+            return -np.sum(whole, axis=0).T
         frequencies, (e, k) = len(mu), self.dofs.shape
         total = np.zeros((frequencies, self.m), complex)
         together = max(NUMBERS // (frequencies * k), 1)
@@ -166,8 +164,7 @@ class Parameters(Frozen):
 
     def _summed(self, of_elements: np.ndarray) -> np.ndarray:
         """Sums over the elements of each parameter."""
-        sums: np.ndarray = np.bincount(self._of, of_elements, self.m)
-        return sums
+        return np.bincount(self._of, of_elements, self.m)
 
     def _force(self, j: int, motion: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Dofs, and -(dM w + dC v + dK u) on them, (levels, dofs), for parameter j."""

@@ -200,8 +200,7 @@ def stresses(structure: Any, u: Any, what: str) -> np.ndarray:
         raise TypeError(f"values must be numbers unless a Structure is drawn, got {what!r}")
     u = np.asarray(u)
     by_node = u.shape[-2:] == (len(structure.points), structure.dofs_per_node)
-    result: np.ndarray = structure.stress(u.reshape(*u.shape[:-2], -1) if by_node else u, what)
-    return result
+    return structure.stress(u.reshape(*u.shape[:-2], -1) if by_node else u, what)
 
 
 def stress_label(what: str) -> str:
@@ -233,8 +232,7 @@ def axes_for(mesh: Mesh, ax: Any | None) -> Axes:
         if (ax.name == "3d") != solid:
             needed = 'projection="3d"' if solid else "two dimensions"
             raise ValueError(f"ax must have {needed} for these points, got {ax!r}")
-        result: Axes = ax
-        return result
+        return ax
     figure = shown_figure(figsize=(WIDTH, 4.0), layout="constrained")
     ax = figure.add_subplot(projection="3d" if solid else None)
     if solid:
@@ -295,8 +293,7 @@ def norm_of(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
         ax.figure.colorbar(bar, ax=ax, label=label, shrink=0.8)
     norm: Any = picture.norm
     norm.vmin, norm.vmax = min(low, norm.vmin), max(high, norm.vmax)
-    result: Normalize = norm
-    return result
+    return norm
 
 
 def enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
@@ -386,8 +383,7 @@ def draw_mesh(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
 
 
 def _thinner(lines: int) -> float:
-    result: float = min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
-    return result
+    return min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
 
 
 def _draw_lines(ax: Any, ends: Any, nodes: np.ndarray, look: Look) -> list[Artist]:
@@ -464,5 +460,4 @@ def _draw_in_space(ax: Any, x: np.ndarray, faces: list[Block], look: Look) -> li
 
 def _means(values: np.ndarray, faces: Block) -> np.ndarray:
     """The mean at the corners of each face."""
-    result: np.ndarray = values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)
-    return result
+    return values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)

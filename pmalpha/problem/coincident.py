@@ -100,8 +100,7 @@ def coincident_nodes(sides: Sequence[Side], tol: float | None) -> np.ndarray:
     """Pairs (k, 2) of the coincident nodes of two sides, in rising order of the first."""
     nodes, _ = _coincident(sides, tol)
     pairs = nodes.reshape(-1, 2) - _starts(sides)[:2]
-    ordered: np.ndarray = pairs[np.argsort(pairs[:, 0])]
-    return ordered
+    return pairs[np.argsort(pairs[:, 0])]
 
 
 def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -163,8 +162,7 @@ def _components(pairs: np.ndarray, n: int) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
 
     graph = sp.coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
-    result: np.ndarray = connected_components(graph, directed=False)[1]
-    return result
+    return connected_components(graph, directed=False)[1]
 
 
 def _pairwise(

@@ -69,8 +69,7 @@ class DenseFactors:
         """S^-1 b for b of shape (n,) or (n, k)."""
         from scipy.linalg.lapack import dpotrs
 
-        result: np.ndarray = dpotrs(self._lower, b, lower=True)[0]
-        return result
+        return dpotrs(self._lower, b, lower=True)[0]
 
 
 class Factors:

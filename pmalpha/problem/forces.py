@@ -94,8 +94,7 @@ class SampledForce(Frozen):
     @property
     def n(self) -> int:
         """Number of dofs the force acts on."""
-        result: int = (self.values.T if self.shape is None else self.shape).shape[0]
-        return result
+        return (self.values.T if self.shape is None else self.shape).shape[0]
 
     def __repr__(self) -> str:
         m, k = self.values.shape
@@ -124,8 +123,7 @@ class SampledForce(Frozen):
         else:
             j = int(x)
             sample = (1.0 - (x - j)) * self.values[j] + (x - j) * self.values[j + 1]
-        result: np.ndarray = sample if self.shape is None else self.shape @ sample
-        return result
+        return sample if self.shape is None else self.shape @ sample
 
 
 def _position(x: float) -> float:

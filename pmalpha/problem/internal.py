@@ -281,5 +281,4 @@ def _force(value: Any, label: str, n: int) -> InternalForce:
         raise ValueError(
             f"{label} must have a pattern of shape ({n}, {n}), got {force.pattern.shape}"
         )
-    result: InternalForce = force
-    return result
+    return force

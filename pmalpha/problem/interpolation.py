@@ -109,8 +109,7 @@ def _require_proper(cell: Shape, points: np.ndarray, radius: np.ndarray) -> None
 
 def jacobian(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """dx / dxi (m, dimension, d) of the elements, at one xi (d,) or at one for each (m, d)."""
-    result: np.ndarray = points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
-    return result
+    return points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
 
 
 def _measure(J: np.ndarray) -> np.ndarray:
@@ -301,8 +300,7 @@ def _projected(
 
 def _mapped(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """x = sum_j N_j(xi) x_j."""
-    result: np.ndarray = np.einsum("qk,qkx->qx", cell.values(xi), points)
-    return result
+    return np.einsum("qk,qkx->qx", cell.values(xi), points)
 
 
 def _refuse_outside(

@@ -182,8 +182,7 @@ class Shape:
 
     def values(self, xi: np.ndarray) -> np.ndarray:
         """N (q, k) at xi (q, d)."""
-        result: np.ndarray = _powers(xi, self.exponents) @ self.coefficients
-        return result
+        return _powers(xi, self.exponents) @ self.coefficients
 
     def slopes(self, xi: np.ndarray) -> np.ndarray:
         """dN / dxi (q, k, d) at xi (q, d)."""
@@ -197,8 +196,7 @@ class Shape:
 
 def _powers(xi: np.ndarray, exponents: np.ndarray) -> np.ndarray:
     """The monomials at points (q, d), (q, k)."""
-    result: np.ndarray = np.prod(xi[:, None, :] ** exponents, axis=2)
-    return result
+    return np.prod(xi[:, None, :] ** exponents, axis=2)
 
 
 def _nodes(kind: Kind, corners: np.ndarray) -> np.ndarray:

@@ -210,8 +210,7 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
 
 def _largest_of_rows(A: Any) -> np.ndarray:
     largest = abs(A).max(axis=1)
-    result: np.ndarray = largest.toarray().ravel() if sp.issparse(A) else largest
-    return result
+    return largest.toarray().ravel() if sp.issparse(A) else largest
 
 
 def _simplest(A: Any) -> Matrix | None:
@@ -234,8 +233,7 @@ def _simplest(A: Any) -> Matrix | None:
 
 def diagonal(A: Any) -> np.ndarray:
     """The diagonal of a matrix in inner form that is not None."""
-    result: np.ndarray = A if A.ndim == 1 else A.diagonal()
-    return result
+    return A if A.ndim == 1 else A.diagonal()
 
 
 def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
@@ -317,8 +315,7 @@ def sparse(A: Matrix | None, n: int) -> sp.csr_array:
 def dense(A: Any) -> np.ndarray:
     """A matrix in inner form as (n, n) array."""
     if sp.issparse(A):
-        result: np.ndarray = A.toarray()
-        return result
+        return A.toarray()
     return np.diag(A) if A.ndim == 1 else A
 
 
@@ -339,19 +336,15 @@ def product(A: Matrix | None, x: np.ndarray) -> np.ndarray:
     if A is None:
         return np.zeros_like(x)
     if A.ndim == 1:
-        result: np.ndarray = (A * x.T).T
-        return result
+        return (A * x.T).T
     if not x.any():
         return np.zeros_like(x)
     if sp.issparse(A):
-        result = A @ x
-        return result
+        return A @ x
     if A.size <= SMALL:
-        result = np.einsum("ij,j...->i...", A, x)
-        return result
+        return np.einsum("ij,j...->i...", A, x)
     with one_thread():
-        result = A @ x
-        return result
+        return A @ x
 
 
 def is_symmetric(A: Matrix | None) -> bool:

@@ -193,8 +193,7 @@ class Reduction:
                 f"u must be zero at the fixed dofs, got up to {size.max():g} at dofs "
                 f"{listing(self.fixed[moved])}"
             )
-        result: np.ndarray = u[..., self.free]
-        return result
+        return u[..., self.free]
 
 
 def reduce(

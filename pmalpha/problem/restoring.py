@@ -160,8 +160,7 @@ class CheckedRestoring:
             return r
         f = self.feedback(*self._motion(u, v), t)
         self.feedback.last[:] = f
-        result: np.ndarray = r - f
-        return result
+        return r - f
 
     def _motion(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (u.copy(), v.copy()) if self.copies else (u, v)

@@ -328,8 +328,7 @@ class BoucWen(Spring):
         """Largest stiffness of each spring: k, or more on unloading where beta > gamma."""
         # unloading from the limit |z|^n = 1 / (beta + gamma): dz/dx = 2 beta / (beta + gamma)
         steepest = np.maximum(1.0, 2.0 * self.beta / (self.beta + self.gamma))
-        result: np.ndarray = self.k * (self.hardening + (1.0 - self.hardening) * steepest)
-        return result
+        return self.k * (self.hardening + (1.0 - self.hardening) * steepest)
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
         """Parameters of (H4) for the core, with the largest rate of z.
@@ -457,8 +456,7 @@ class Multilinear(Spring):
 
     def _slopes(self) -> np.ndarray:
         d, f = np.diff(self.points, axis=0, prepend=0.0).T
-        slopes: np.ndarray = f / d
-        return slopes
+        return f / d
 
     def _moved(self, dofs: np.ndarray) -> Multilinear:
         """The same springs between other dofs, (springs, 2)."""

@@ -107,8 +107,7 @@ def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
 
     squares = eigh(dense(K), dense(s.M), eigvals_only=True)
     oscillating = squares[squares > 1e-10 * np.abs(squares).max()]
-    found: np.ndarray = 2.0 * np.pi / np.sqrt(oscillating[:count])
-    return found
+    return 2.0 * np.pi / np.sqrt(oscillating[:count])
 
 
 class Subdomain(Frozen):
@@ -530,8 +529,7 @@ class Subdomain(Frozen):
 def dense_whole(subdomains: Sequence[Subdomain], name: str) -> np.ndarray:
     """M, C or K of all subdomains, block by block."""
     blocks = [sparse(getattr(s, name), s.n) for s in subdomains]
-    whole: np.ndarray = sp.block_diag(blocks).toarray()
-    return whole
+    return sp.block_diag(blocks).toarray()
 
 
 def _check_kinds(M: Any, scheme: Any, damping: Any, name: Any) -> None:

@@ -107,8 +107,7 @@ class ReducedBasis:
         >>> basis.expand([[3.0], [5.0]]).tolist()
         [[0.0, 0.0, 3.0], [0.0, 0.0, 5.0]]
         """
-        result: np.ndarray = numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
-        return result
+        return numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
 
     def place(self, dofs: Any) -> np.ndarray:
         """Numbers of kept dofs in the reduced subdomain, for `tie`, `record` or springs.
@@ -141,8 +140,7 @@ class ReducedBasis:
             raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
         number = np.zeros(n, dtype=np.int64)
         number[self.keep] = np.arange(self.keep.size)
-        result: np.ndarray = number[wanted]
-        return result
+        return number[wanted]
 
 
 def reduced_arguments(
@@ -305,8 +303,7 @@ class ProjectedForce:
         self.force, self.T = force, T
 
     def __call__(self, t: float) -> np.ndarray:
-        result: np.ndarray = self.T.T @ vector(self.force(t), len(self.T), "the value of force")
-        return result
+        return self.T.T @ vector(self.force(t), len(self.T), "the value of force")
 
 
 def _projected(force: Any, T: np.ndarray) -> Any:

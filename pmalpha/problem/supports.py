@@ -90,8 +90,7 @@ class SupportMotion:
 
     def __call__(self, t: float) -> np.ndarray:
         """The velocities at time t >= 0, (k,)."""
-        result: np.ndarray = self._velocity(min(t, self.end))
-        return result
+        return self._velocity(min(t, self.end))
 
     def displacement(self, t: float) -> np.ndarray:
         """The displacements of the supports at a time.
@@ -107,8 +106,7 @@ class SupportMotion:
             In the unit of the record.
         """
         later = max(t - self.end, 0.0)
-        result: np.ndarray = self._displacement(min(t, self.end)) + later * self._velocity(self.end)
-        return result
+        return self._displacement(min(t, self.end)) + later * self._velocity(self.end)
 
     def __repr__(self) -> str:
         return f"<SupportMotion of {counted(self.k, 'support')}, {self.end:g} long>"

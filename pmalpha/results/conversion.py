@@ -77,8 +77,7 @@ def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> p
     ]
     values = np.hstack([values for _, _, values in columns])
     index = pd.MultiIndex.from_tuples(labels, names=names)
-    table: pandas.DataFrame = pd.DataFrame(values, pd.Index(t, name="time"), index)
-    return table
+    return pd.DataFrame(values, pd.Index(t, name="time"), index)
 
 
 def subdomain_dataset(s: Any) -> xarray.Dataset:
@@ -130,8 +129,7 @@ def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _dataset(variables: Any, coordinates: Any, **options: Any) -> xarray.Dataset:
     make = library("xarray", "to_xarray", "'pmalpha[xarray]'").Dataset
-    dataset: xarray.Dataset = make(variables, coordinates, **options)
-    return dataset
+    return make(variables, coordinates, **options)
 
 
 def history_html(history: Any) -> str:

@@ -236,8 +236,7 @@ class History:
         >>> both["A"].u.shape == both["B"].u.shape == (5, 1)
         True
         """
-        result: History = resampled(self, times)
-        return result
+        return resampled(self, times)
 
     def peak(self) -> dict[str, Peak]:
         """The largest absolute values of the recorded subdomains, by name.
@@ -422,8 +421,7 @@ class History:
         >>> whole["A"].u.shape, whole.macro_times.round(2).tolist()[-1]
         ((8, 1), 0.35)
         """
-        result: History = joined(tuple(pieces))
-        return result
+        return joined(tuple(pieces))
 
     def to_pandas(self) -> dict[str, pandas.DataFrame]:
         """The history as pandas.DataFrames by name of the recorded subdomains.

@@ -47,10 +47,7 @@ def previous_level(history: Recorded, steps: np.ndarray) -> np.ndarray:
     """The level at which the step to level ``steps + 1`` began; -1 where it was not recorded."""
     if history.double_after is None or history.substep is None:
         return steps
-    result: np.ndarray = steps - (
-        history.t[steps + 1] > history.double_after + 0.5 * history.substep
-    )
-    return result
+    return steps - (history.t[steps + 1] > history.double_after + 0.5 * history.substep)
 
 
 def local_error(history: Recorded) -> np.ndarray:

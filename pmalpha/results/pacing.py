@@ -50,14 +50,12 @@ class Pacing:
     @property
     def lateness(self) -> np.ndarray:
         """How late each fine step began, (k,), in s."""
-        late: np.ndarray = self.begun - self.due
-        return late
+        return self.begun - self.due
 
     @property
     def duration(self) -> np.ndarray:
         """How long each fine step took, (k,), in s."""
-        length: np.ndarray = self.ended - self.begun
-        return length
+        return self.ended - self.begun
 
     @property
     def missed(self) -> int:
@@ -136,5 +134,4 @@ class Pacing:
 
 def due_times(period: float, count: int) -> np.ndarray:
     """When the first `count` fine steps are due, in s; `period` in ns. As the core counts them."""
-    due: np.ndarray = 1e-9 * np.floor(period * np.arange(count))
-    return due
+    return 1e-9 * np.floor(period * np.arange(count))

@@ -174,8 +174,7 @@ class Monitored:
     @property
     def lateness(self) -> np.ndarray:
         """How late each fine step began, (k,), in s."""
-        late: np.ndarray = self.begun - self.due
-        return late
+        return self.begun - self.due
 
 
 class MonitorFile:

@@ -173,8 +173,7 @@ class EarlierRows:
     def has_present(self) -> bool:
         """Whether the last rows are at the present."""
         every = self.header["every"]
-        result: bool = every == 0 or self.present % every == 0 or self.present == self.begin
-        return result
+        return every == 0 or self.present % every == 0 or self.present == self.begin
 
     def check(self, header: Mapping[str, Any], first: Mapping[str, np.ndarray]) -> None:
         """ValueError unless a run with this header and these first rows continues the file."""

@@ -123,8 +123,7 @@ class SubdomainHistory:
         SubdomainHistory
             With these times as ``.t``.
         """
-        result: SubdomainHistory = resampled_one(self, rising(times, self.t)[1])
-        return result
+        return resampled_one(self, rising(times, self.t)[1])
 
     def peak(self) -> Peak:
         """The largest absolute values, as `History.peak` has them by subdomain.

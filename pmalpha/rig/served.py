@@ -76,8 +76,7 @@ class Command:
         step = self.t1 - self.t0
         share = (t - self.t0) / step
         bend = self.end - self.begin - step * self.slope
-        result: np.ndarray = self.begin + share * (step * self.slope + share * bend)
-        return result
+        return self.begin + share * (step * self.slope + share * bend)
 
     def __repr__(self) -> str:
         return f"Command({self.p})"
@@ -151,8 +150,7 @@ class Springs:
         slopes = np.split(self.follow(u)[1], ends[:-1]) if self.springs else []
         if initial:
             slopes = [spring.initial_tangent for spring in self.springs]
-        total: np.ndarray = assembled(self.springs, slopes, self.n).toarray()
-        return total
+        return assembled(self.springs, slopes, self.n).toarray()
 
 
 # ---- subdomains ----------------------------------------------------------------------------------
@@ -279,8 +277,7 @@ class CouplerElement:
         """The coupler at the last commit, and the multipliers there."""
         self.coupler.restore(self.present)
         self.last = None
-        result: np.ndarray = self.coupler.multipliers[self.rows]
-        return result
+        return self.coupler.multipliers[self.rows]
 
     def _step(self, trial: Trial) -> np.ndarray:
         if self.last is not None and _same(self.last[0], trial):
@@ -376,5 +373,4 @@ def _square(A: Any, n: int, name: str) -> np.ndarray:
 def _of_size(element: Any, n: int, what: str) -> Element:
     if element.n != n:
         raise ValueError(f"{what} has {element.n} dofs, but the client announces {n}")
-    result: Element = element
-    return result
+    return element

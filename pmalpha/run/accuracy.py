@@ -120,10 +120,7 @@ def _levels(history: Recorded | None, member: Member) -> int:
 
 
 def _largest(ranks: Ranks | None, arrays: Sequence[np.ndarray]) -> float:
-    result: float = max(
-        joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0])
-    )
-    return result
+    return max(joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0]))
 
 
 def _total(ranks: Ranks | None, terms: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
@@ -224,23 +221,20 @@ def _at_rest(
         (prescribed.size, r),
     )
     _, sizes, vectors = np.linalg.svd(B.T @ B)
-    result: np.ndarray = vectors[sizes <= 1e-12 * np.sum(size**2)].T
-    return result
+    return vectors[sizes <= 1e-12 * np.sum(size**2)].T
 
 
 def _stiffness(member: Member, x: np.ndarray) -> np.ndarray:
     """K x, with the estimates of restoring forces and the tangents of internal ones at t = 0."""
     s, internal = member.subdomain, member.internal
     Kx = product(s.K, x) + product(s.restoring_stiffness, x)
-    result: np.ndarray = Kx if internal is None else Kx + product(internal.K, x)
-    return result
+    return Kx if internal is None else Kx + product(internal.K, x)
 
 
 def _damping(member: Member, x: np.ndarray) -> np.ndarray:
     s, internal = member.subdomain, member.internal
     Cx = product(s.C, x) + product(s.restoring_damping, x)
-    result: np.ndarray = Cx if internal is None else Cx + product(internal.C, x)
-    return result
+    return Cx if internal is None else Cx + product(internal.C, x)
 
 
 def _without_lag(member: Member, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> np.ndarray:
@@ -371,8 +365,7 @@ def _linear(X: np.ndarray, F: np.ndarray) -> np.ndarray:
     """A of F = A X + constant, by least squares over the columns."""
     X, F = (x - x.mean(axis=1, keepdims=True) for x in (X, F))
     size = np.linalg.norm(X, axis=1, keepdims=True) + 1e-300
-    result: np.ndarray = (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
-    return result
+    return (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
 
 
 def _with_fitted(
@@ -415,8 +408,7 @@ def _around(x: np.ndarray) -> np.ndarray:
     """The largest of each six levels about a step."""
     steps = x.shape[1] - 1
     padded = np.pad(x, ((0, 0), (2, 2)))
-    result: np.ndarray = np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
-    return result
+    return np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
 
 
 def _located(

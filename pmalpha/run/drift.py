@@ -111,5 +111,4 @@ def _is_judged(member: Member, own: SubdomainHistory | None) -> bool:
 
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:
     """Some of the macro time levels of an array with rows for all its time levels."""
-    result: np.ndarray = values[some * ((len(values) - 1) // (levels - 1))]
-    return result
+    return values[some * ((len(values) - 1) // (levels - 1))]

@@ -56,8 +56,7 @@ class CallbackLoad:
         """f(t) in elimination order, checked."""
         value = self.force(t)
         try:
-            result: np.ndarray = vector(value, self.order.size, "its value")[self.order]
-            return result
+            return vector(value, self.order.size, "its value")[self.order]
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
@@ -75,8 +74,7 @@ class CallbackLoad:
         """
         row = level - 1 - self.first
         if 0 <= row < len(self.rows):
-            result: np.ndarray = self.rows[row].copy()
-            return result
+            return self.rows[row].copy()
         return self.evaluate(self.clock.level(level, self.substeps))
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
@@ -183,13 +181,11 @@ class Motion:
         """g'(0)"""
         if isinstance(self.velocity, SampledForce):
             dt = self.velocity.dt
-            result: np.ndarray = (self.velocity(dt) - self.velocity(0.0)) / dt
-            return result
+            return (self.velocity(dt) - self.velocity(0.0)) / dt
         if self.known:
             return np.zeros(self.rows.size)
         d = self.apart
-        result = (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
-        return result
+        return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
 
 
 def motions_of(
@@ -284,7 +280,5 @@ class Obstacles:
             for x in ((t, t + h, t + 2.0 * h) if t < h else (t - h, t + h))
         ]
         if t < h:
-            result: np.ndarray = (4.0 * at[1] - 3.0 * at[0] - at[2]) / (2.0 * h)
-            return result
-        result = (at[1] - at[0]) / (2.0 * h)
-        return result
+            return (4.0 * at[1] - 3.0 * at[0] - at[2]) / (2.0 * h)
+        return (at[1] - at[0]) / (2.0 * h)

@@ -139,8 +139,7 @@ class Study:
         -------
         CaseResult
         """
-        result: CaseResult = for_line(self._line, self._one, case)
-        return result
+        return for_line(self._line, self._one, case)
 
     def _one(self, case: Mapping[str, Any]) -> CaseResult:
         try:
@@ -248,8 +247,7 @@ class Study:
             if not isinstance(coupler, Coupler):
                 raise TypeError(f"make_coupler must return a Coupler, got {coupler!r}")
             _kept.token, _kept.coupler = self._token, coupler
-        result: Coupler = _kept.coupler
-        return result
+        return _kept.coupler
 
 
 def _failed(error: Exception) -> CaseResult:

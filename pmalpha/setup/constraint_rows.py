@@ -105,8 +105,7 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
 def _is_tie(unit: sp.csr_array) -> np.ndarray:
     """Rows of one entry, or of two of the same size: the bound of the pivots holds for them."""
     entries = np.diff(unit.indptr)
-    result: np.ndarray = (entries == 1) | ((entries == 2) & (row_sizes(unit) <= 0.71))
-    return result
+    return (entries == 1) | ((entries == 2) & (row_sizes(unit) <= 0.71))
 
 
 def _dependent_of_few(unit: sp.csr_array) -> np.ndarray:
@@ -118,8 +117,7 @@ def _dependent_of_few(unit: sp.csr_array) -> np.ndarray:
     columns[place.reshape(-1), row_of_entries(unit)] = unit.data
     R, order = qr(columns, mode="r", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(R)) > DEPENDENT))
-    result: np.ndarray = order[rank:]
-    return result
+    return order[rank:]
 
 
 def row_sizes(L: sp.csr_array) -> np.ndarray:
@@ -142,8 +140,7 @@ def _combination(unit: sp.csr_array, independent: np.ndarray, row: int) -> np.nd
     block = unit[independent]
     gram = sp.csc_array(block @ block.T)
     weights = splu(gram).solve((block @ unit[[row]].T).toarray()[:, 0])
-    result: np.ndarray = independent[np.abs(weights) > 1e-6]
-    return result
+    return independent[np.abs(weights) > 1e-6]
 
 
 class CoreRows:
@@ -203,8 +200,7 @@ class CoreRows:
 
 def scale_of_rows(sizes: np.ndarray) -> np.ndarray:
     """The powers of two at or below the largest entries of rows."""
-    result: np.ndarray = np.ldexp(1.0, np.frexp(sizes)[1] - 1)
-    return result
+    return np.ldexp(1.0, np.frexp(sizes)[1] - 1)
 
 
 class ConstraintRows:

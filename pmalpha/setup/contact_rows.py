@@ -75,8 +75,7 @@ class Contacts:
     @property
     def starts(self) -> np.ndarray:
         """The contact row with which each Contact begins, and the number of all."""
-        starts: np.ndarray = np.cumsum([0, *self.counts])
-        return starts
+        return np.cumsum([0, *self.counts])
 
     @property
     def move(self) -> bool:

@@ -34,8 +34,7 @@ class Assembled(NamedTuple):
     @property
     def n(self) -> int:
         """Number of dofs."""
-        result: int = self.K.shape[0]
-        return result
+        return self.K.shape[0]
 
 
 def assembled(

@@ -106,8 +106,7 @@ class Structure:
         assert self.panels is not None
         width, rows = np.diff(self.panels[0]), np.diff(self.panels[1])
         update = np.max(width, initial=0) * np.max(rows, initial=0)
-        result: float = 8.0 * threads * (update + self.panels[4].size)
-        return result
+        return 8.0 * threads * (update + self.panels[4].size)
 
 
 def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
@@ -385,8 +384,7 @@ def _softest(factor: Factor, d: np.ndarray) -> np.ndarray | None:
         x = solve(factor, d * (x / np.max(np.abs(x))))
         if not np.all(np.isfinite(x)):
             return None
-    result: np.ndarray | None = x / np.max(np.abs(x))
-    return result
+    return x / np.max(np.abs(x))
 
 
 def solve(factor: Factor, b: np.ndarray) -> np.ndarray:

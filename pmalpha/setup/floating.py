@@ -126,8 +126,7 @@ def _translations(K: Matrix, n: int) -> np.ndarray:
 
 def _are_free(K: Matrix, size: Matrix, x: np.ndarray) -> np.ndarray:
     """Whether K x is rounding for each column of x, in rows of K; `size` is |K|."""
-    result: np.ndarray = np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
-    return result
+    return np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
 
 
 def _is_singular(K: Matrix, L: np.ndarray | sp.csr_array) -> bool:

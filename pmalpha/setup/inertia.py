@@ -80,5 +80,4 @@ def _pivots(A: sp.csr_array) -> np.ndarray | None:
     natural = np.arange(A.shape[0])
     if not (np.array_equal(lu.perm_r, natural) and np.array_equal(lu.perm_c, natural)):
         return None
-    result: np.ndarray | None = lu.U.diagonal()
-    return result
+    return lu.U.diagonal()

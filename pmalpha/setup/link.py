@@ -88,12 +88,10 @@ class Link:
         """The constraints of `rows` times X, (nb, k), of the last nb dofs."""
         nb = len(X)
         if self.rows.size < self.index.size:
-            result: np.ndarray = self.own(nb) @ X
-            return result
+            return self.own(nb) @ X
         order = np.argsort(self.local)  # one entry in each, as in ties
         values, column = self.values[order], self.columns[order] - (self.n - nb)
-        result = values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
-        return result
+        return values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
 
     def dense(self, nb: int | None = None) -> np.ndarray:
         """The same as an array."""
@@ -231,8 +229,7 @@ def _compliance_of_last(
             X = Y = _solved(R_bb, L)
             if Q_bb is not None:
                 Y = _solved(Q_bb, L)
-            result: np.ndarray = Y.T @ (inverse[:, None] * X)
-            return result
+            return Y.T @ (inverse[:, None] * X)
         root = 1.0 / np.sqrt(inverse)
         G = np.asfortranarray(R_bb * root)
         np.fill_diagonal(G, root)
@@ -247,7 +244,4 @@ def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:
     from scipy.linalg import solve_triangular
 
     right = L.dense(len(R_bb)).T
-    result: np.ndarray = solve_triangular(
-        R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True
-    )
-    return result
+    return solve_triangular(R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True)

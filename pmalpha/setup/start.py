@@ -327,8 +327,7 @@ class _Saddle:
             smallest = lsmr(self.matrix, scaled, **limits)[0]
             if not holds or self._holds(smallest, scaled):
                 x = smallest
-        result: np.ndarray = self.scale * x
-        return result
+        return self.scale * x
 
     def _holds(self, x: np.ndarray, scaled: np.ndarray) -> bool:
         residual = np.max(np.abs(self.matrix @ x - scaled), initial=0.0)

@@ -14,8 +14,7 @@ LARGEST = 1e50
 def is_lumped(mass: Any) -> bool:
     if mass not in ("consistent", "lumped"):
         raise ValueError(f'mass must be "consistent" or "lumped", got {mass!r}')
-    result: bool = mass == "lumped"
-    return result
+    return mass == "lumped"
 
 
 def per_element(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -130,8 +130,7 @@ def sphere_contact(
 def _dimension(structure: Any) -> int:
     if not isinstance(structure, Structure):
         raise TypeError(f"structure must be a Structure, got {structure!r}")
-    result: int = structure.points.shape[1]
-    return result
+    return structure.points.shape[1]
 
 
 class ContactForce(Conservative):
@@ -166,8 +165,7 @@ class ContactForce(Conservative):
     def _at(self, u: np.ndarray) -> np.ndarray:
         """Positions of the nodes."""
         moved = u.reshape(self._assembly.nodes, -1)[self._assembly.elements[:, 0]]
-        result: np.ndarray = self._start + moved[:, : self._start.shape[1]]
-        return result
+        return self._start + moved[:, : self._start.shape[1]]
 
     def _evaluate(
         self, u: np.ndarray, q: np.ndarray, tangent: bool

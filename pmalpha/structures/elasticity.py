@@ -174,11 +174,9 @@ def lumped_shares(kind: str, N: np.ndarray, masses: np.ndarray) -> np.ndarray:
     diagonal scaled to the mass of the element (Hinton, Rock, Zienkiewicz 1976).
     """
     if N.shape[1] == SHAPES[kind].corners:
-        result: np.ndarray = (masses[:, None] @ N)[:, 0]
-        return result
+        return (masses[:, None] @ N)[:, 0]
     diagonal = (masses[:, None] @ N**2)[:, 0]
-    result = diagonal * (masses.sum(axis=1) / diagonal.sum(axis=1))[:, None]
-    return result
+    return diagonal * (masses.sum(axis=1) / diagonal.sum(axis=1))[:, None]
 
 
 def stiffness(
@@ -202,8 +200,7 @@ def _blocks(g: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> Iterator[np.ndarr
 
     def pair(i: int, j: int) -> np.ndarray:
         """The integral of d_i n_a d_j n_b, (e, a, b)."""
-        result: np.ndarray = np.swapaxes(g[i], 1, 2) @ g[j]
-        return result
+        return np.swapaxes(g[i], 1, 2) @ g[j]
 
     shear = mu * sum(pair(k, k) for k in range(d))
     for i, j in upper(d):
@@ -245,8 +242,7 @@ def cofactors_of(J: np.ndarray) -> np.ndarray:
 
 
 def _determinant(J: np.ndarray, cofactors: np.ndarray) -> np.ndarray:
-    result: np.ndarray = np.einsum("jeq,jeq->eq", J[0], cofactors[0])
-    return result
+    return np.einsum("jeq,jeq->eq", J[0], cofactors[0])
 
 
 def _size(J: np.ndarray) -> np.ndarray:

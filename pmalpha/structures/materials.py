@@ -114,8 +114,7 @@ class StVenantKirchhoff(Hyperelastic):
     def _density(self, coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
         strain, S = _green(H), _second_stress(coefficients, H)
         d = len(H)
-        result: np.ndarray = 0.5 * sum(strain[i, j] * S[i, j] for i, j in np.ndindex(d, d))
-        return result
+        return 0.5 * sum(strain[i, j] * S[i, j] for i, j in np.ndindex(d, d))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +180,7 @@ class NeoHookean(Hyperelastic):
         trace = sum(2.0 * H[i, i] for i in range(d)) + sum(h * h for h in H.reshape(d * d, -1))
         with np.errstate(invalid="ignore", divide="ignore"):
             logarithm = np.log1p(_volume_change(H))
-        result: np.ndarray = 0.5 * mu * trace - mu * logarithm + 0.5 * lam * logarithm**2
-        return result
+        return 0.5 * mu * trace - mu * logarithm + 0.5 * lam * logarithm**2
 
 
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -219,24 +217,20 @@ def _second_stress(coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
     S = 2.0 * mu * strain
     for i in range(d):
         S[i, i] += pressure
-    result: np.ndarray = S
-    return result
+    return S
 
 
 def _volume_change(H: np.ndarray) -> np.ndarray:
     """det(1 + H) - 1, without cancellation for small H."""
     if len(H) == 2:
-        result: np.ndarray = H[0, 0] + H[1, 1] + _minor(H, 0, 1)
-        return result
+        return H[0, 0] + H[1, 1] + _minor(H, 0, 1)
     minors = _minor(H, 0, 1) + _minor(H, 0, 2) + _minor(H, 1, 2)
     cofactor = cofactors_of(H)
-    result = H[0, 0] + H[1, 1] + H[2, 2] + minors + sum(H[0, j] * cofactor[0, j] for j in range(3))
-    return result
+    return H[0, 0] + H[1, 1] + H[2, 2] + minors + sum(H[0, j] * cofactor[0, j] for j in range(3))
 
 
 def _minor(H: np.ndarray, i: int, j: int) -> np.ndarray:
-    result: np.ndarray = H[i, i] * H[j, j] - H[i, j] * H[j, i]
-    return result
+    return H[i, i] * H[j, j] - H[i, j] * H[j, i]
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,8 +338,7 @@ def _moduli(
     d = out.shape[1]
 
     def direction(i: int, j: int) -> np.ndarray:
-        result: np.ndarray = n[positions[min(i, j), max(i, j)]]
-        return result
+        return n[positions[min(i, j), max(i, j)]]
 
     for k, (i, j) in enumerate(upper(d)):
         for J, L in np.ndindex(d, d):

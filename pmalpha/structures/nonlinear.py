@@ -308,8 +308,7 @@ class SolidForce(ElementForce):
         moved = np.swapaxes(u.reshape(-1, d)[corners], 1, 2)  # (e, i, a)
         flat = slopes.reshape(len(slopes), -1, slopes.shape[3])  # (e, q J, a)
         H = (moved @ np.swapaxes(flat, 1, 2)).reshape(len(corners), d, -1, d)
-        result: np.ndarray = np.moveaxis(H, (0, 2), (2, 3)).reshape(d, d, -1)
-        return result
+        return np.moveaxis(H, (0, 2), (2, 3)).reshape(d, d, -1)
 
     def _values(self, part: slice, points: int) -> list[Any]:
         """Coefficients of the material at the Gauss points of a chunk."""

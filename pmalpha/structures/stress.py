@@ -43,8 +43,7 @@ def nodal_stress(structure: Any, u: Any, what: str) -> np.ndarray:
         shape=(widths.size, len(structure.points)),
     )
     count = np.bincount(nodes, minlength=len(structure.points))
-    result: np.ndarray = (values @ meet) / np.maximum(count, 1)
-    return result
+    return (values @ meet) / np.maximum(count, 1)
 
 
 def _mises(s: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -56,8 +55,7 @@ def _mises(s: np.ndarray, across: np.ndarray) -> np.ndarray:
     xx, yy, zz = normal
     shear = sum(s[..., i] ** 2 for i in range(d, s.shape[-1]))
     J = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3.0 * shear
-    result: np.ndarray = np.sqrt(J)
-    return result
+    return np.sqrt(J)
 
 
 def line_forces(

@@ -701,8 +701,7 @@ def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:
     idle &= K.diagonal() == 0.0
     for force in forces:
         idle &= np.diff(force.pattern.indptr) == 0
-    result: np.ndarray = idle
-    return result
+    return idle
 
 
 def _named(known: Mapping[str, np.ndarray], name: str, what: str) -> np.ndarray:
