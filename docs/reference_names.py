@@ -3,11 +3,11 @@
 import pmalpha
 
 # what classes have for the program's own use, which the reference leaves out
-SPRING = "core_parameters has_memory initial_tangent largest_tangent law numbers"
+SPRING = "has_memory initial_tangent largest_tangent law numbers"
 ACTUATOR = "facts innermost springs"
 INTERNAL = {
     **dict.fromkeys("CubicSpring Gap Bilinear BoucWen RambergOsgood".split(), SPRING),
-    "Multilinear": "core_parameters has_memory initial_tangent largest_tangent numbers",
+    "Multilinear": "has_memory initial_tangent largest_tangent numbers",
     "Subdomain": "has_feedback has_functions has_symmetric_steps implicit_damping iterates springs"
     " implicit_stiffness initial_tangent largest_tangent massless restoring_springs is_linear",
     "BaseAcceleration": "hold",

@@ -44,10 +44,8 @@ def library(name: str, use: str, install: str) -> Any:
 def checked_path(
     path: str | os.PathLike[str], name: str = "path", suffixes: Sequence[str] = ()
 ) -> Path:
-    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off.
-
-    With `suffixes` ValueError for another one; none is right too.
-    """
+    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off. With
+    `suffixes` ValueError for another one; none is right too."""
     try:
         whole = Path(os.fsdecode(path))
     except TypeError:
@@ -65,8 +63,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
     Written atomically: after an exception an existing file is unchanged, and the temporary file is
     removed.
-
-    Raises OSError when it cannot be written.
     """
     whole = checked_path(path)
     target = Path(os.path.realpath(whole))  # of a link the target is replaced
@@ -108,8 +104,6 @@ def reading(path: str | os.PathLike[str]) -> BinaryIO:
     """An open file to read from. Devices and pipes, which may block or never end, raise OSError.
 
     It is the context: one made of a generator could be left open by Ctrl-C.
-
-    Raises OSError when there is no such file.
     """
     whole = checked_path(path)
     if whole.exists() and not whole.is_file() and not whole.is_dir():
@@ -120,11 +114,9 @@ def reading(path: str | os.PathLike[str]) -> BinaryIO:
 def write_npz(
     path: str | os.PathLike[str], header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """Write arrays of numbers, with a header of JSON that names format and version.
-
-    The header also names the version of the package. No suffix is added to the path. The file
-    contains numbers and text only, no pickle.
-    """
+    """Write arrays of numbers, with a header of JSON that names format and version. The header also
+    names the version of the package. No suffix is added to the path. The file contains numbers and
+    text only, no pickle."""
     header = {**header, "pmalpha_version": package_version()}
     with replacing(path) as file:
         np.savez(file, **{HEADER: np.array(json.dumps(header))}, **arrays)  # type: ignore[arg-type]
@@ -133,11 +125,7 @@ def write_npz(
 def read_npz(
     path: str | os.PathLike[str], format: str, version: int
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of a file that `write_npz` wrote with this format and version.
-
-    Raises OSError when there is no such file.
-    Raises ValueError for any other file, with the reason.
-    """
+    """Header and arrays of a file that `write_npz` wrote with this format and version."""
     name = str(checked_path(path))
     with reading(path) as file:
         reason, header, arrays = _contents(file, format, version)

@@ -73,10 +73,10 @@ def _largest(blocks: Blocks) -> np.ndarray:
 
 def _of_lumped(K: np.ndarray, mass: np.ndarray) -> np.ndarray:
     loaded = np.abs(K).max(axis=2) > 0.0
-    held = (loaded & ~(mass > 0.0)).any(axis=1)
+    massless = (loaded & ~(mass > 0.0)).any(axis=1)
     root = np.where(mass > 0.0, mass, np.inf) ** -0.5
     values = _bound(root[:, :, None] * K * root[:, None, :])
-    values[held] = np.inf
+    values[massless] = np.inf
     return values
 
 
@@ -91,10 +91,7 @@ def _bound(B: np.ndarray) -> np.ndarray:
 
 
 def levels_of(omega: np.ndarray, dt: float, scheme: Scheme, *, check: bool = True) -> np.ndarray:
-    """The smallest levels l >= 0 with dt / 2^l up to 0.95 times the critical step.
-
-    Raises ValueError for a macro step more than 2^20 times as long, with `check`.
-    """
+    """The smallest levels l >= 0 with dt / 2^l up to 0.95 times the critical step."""
     limit = critical_product(scheme)
     if not np.isfinite(limit):
         return np.zeros(omega.shape, dtype=np.int64)
@@ -169,11 +166,7 @@ def _connected(whole: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def partition(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
-    """(elements,): labels 0 .. parts - 1 of nearly equal sums of costs, none without an element.
-
-    Raises TypeError, ValueError for more parts than elements, and where there is neither METIS nor
-        coordinates.
-    """
+    """(elements,): labels 0 .. parts - 1 of nearly equal sums of costs, none without an element."""
     k = whole_number(parts, "parts", low=1)
     if k > whole.count:
         raise ValueError(f"parts must be at most the number of elements, {whole.count}, got {k}")

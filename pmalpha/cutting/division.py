@@ -18,7 +18,6 @@ ROUNDING = 1e-12
 class Division:
     """The dofs of an uncut structure in the subdomains.
 
-    n: number of dofs of the uncut structure.
     dofs: sequence of (n_i,) arrays, uncut dofs of each subdomain, in rising order.
     weights: sequence of (n_i,) arrays, of each dof of a subdomain, not negative: a load on a dof of
         several subdomains is divided in proportion. Equal shares where all are zero.
@@ -53,9 +52,7 @@ class Division:
 
     def ties(self) -> list[sp.csr_array]:
         """L_i (p, n_i): +1 on the first subdomain of a dof and -1 on each other one, a row each.
-
-        Rows are ordered by dof, then by subdomain; p = 0 without shared dofs.
-        """
+        Rows are ordered by dof, then by subdomain; p = 0 without shared dofs."""
         hub = np.repeat(self._first, self.multiplicity)
         other = np.flatnonzero(hub != np.arange(hub.size))
         p = other.size
@@ -129,10 +126,8 @@ def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
 
 
 class DividedForce:
-    """The part of a callable load on the dofs of one subdomain.
-
-    The load is evaluated for each subdomain separately, at the ends of its own substeps.
-    """
+    """The part of a callable load on the dofs of one subdomain. The load is evaluated for each
+    subdomain separately, at the ends of its own substeps."""
 
     def __init__(self, force: Any, dofs: np.ndarray, share: np.ndarray):
         self._force, self._dofs, self._share = force, dofs, share

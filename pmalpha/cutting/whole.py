@@ -22,11 +22,9 @@ NODE_SIZES = (6, 3, 2)
 
 
 def assembled(dofs: np.ndarray, values: np.ndarray, n: int) -> sp.csr_array:
-    """The (n, n) matrix of element matrices (e or 1, k, k); negative dofs are left out.
-
-    Where dofs come in nodes, the pairs of nodes are sorted instead of the pairs of dofs, of which
-    there are up to 36 times as many.
-    """
+    """The (n, n) matrix of element matrices (e or 1, k, k); negative dofs are left out. Where dofs
+    come in nodes, the pairs of nodes are sorted instead of the pairs of dofs, of which there are up
+    to 36 times as many."""
     e, k = dofs.shape
     b = _node_size(dofs, n)
     if b > 1:
@@ -135,7 +133,6 @@ class Whole:
     """What is cut.
 
     n: number of dofs, the fixed ones included.
-    free: (n,) array of bool.
     linear: without internal forces.
     links: list of (e, a) arrays of int, of each group of elements what connects them: nodes of a
         mesh or dofs, -1 for none.
@@ -177,7 +174,6 @@ class Whole:
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         """The matrices of some elements.
 
-        chosen: (elements,) array of bool.
         owned: array of bool, of what `links` numbers: whose forces that belong to no element, such
             as contact, this portion has.
         """

@@ -152,10 +152,7 @@ class Adjoint:
     ) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray], np.ndarray]:
         """The adjoint of macro steps first + 1 to last.
 
-        sources: dict of Sources, by name.
         of_lam: (interface levels, p) array or None, dJ/dlam from t = 0 on.
-        first, last: the block.
-        handed: from the block after it.
         Returns mu: list of (levels, n), dJ/dF at the levels after the first, of each subdomain; at
             the last one without eta.
         Returns nu: (interface levels, p), dJ/dg.

@@ -41,7 +41,6 @@ def by_differences(
 
     make: makes a coupler, with the arguments of `Coupler`.
     of: sequence of (Parameters, name of their subdomain).
-    record: as for `Coupler.run`.
     differences: by which each parameter is changed to both sides.
     reporting: makes the report of a number of runs.
     """

@@ -94,12 +94,7 @@ class Misfit(Frozen):
         }
 
     def _placed(self, subdomains: Mapping[str, Subdomain], p: int) -> Misfit:
-        """The same with numbers of dofs that fit the subdomains of a coupler.
-
-        subdomains: by name.
-        Raises KeyError, ValueError for a subdomain that is not there, or dofs and weights that do
-            not fit.
-        """
+        """The same with numbers of dofs that fit the subdomains of a coupler."""
         placed = copy(self)
         measured = {
             name: [_placed(name, of, subdomains, p) for of in several]

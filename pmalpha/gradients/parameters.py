@@ -120,7 +120,6 @@ class Parameters(Frozen):
     def _products(self, mu: np.ndarray, motion: dict[str, np.ndarray]) -> np.ndarray:
         """- sum_k mu_k . (dM w_k + dC v_k + dK u_k) for each parameter, (A9).
 
-        mu: (levels, n) array.
         motion: what stands beside "M", "C" and "K": w, v and u (levels, n); of an explicit scheme
             the predictor for u.
         """

@@ -33,12 +33,7 @@ def damping_matrix(
 ) -> Matrix:
     """C + c_m M + c_k K in inner form.
 
-    rayleigh: (float, float) or None, c_m and c_k.
     given: K as given by the user.
-    symmetric: whether C has to be symmetric.
-    Raises TypeError, ValueError for a C that `canonical` refuses, or that is c_m M + c_k K with M
-        added to every row.
-    PerformanceWarning for a dense C beside a sparse or diagonal K.
     """
     if C is not None and not sp.issparse(C):
         _refuse_broadcast(plain_array(C, "C"), M, K, symmetric)

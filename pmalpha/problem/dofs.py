@@ -110,9 +110,6 @@ def dof_array(
 
     Where n is not known, None, they are numbers that are not negative.
 
-    value: int, str, array_like of them, or mask.
-    name: of the argument, for errors.
-    names: of the n dofs.
     Returns ndarray of int, of the shape of the value; of a mask the numbers, (k,).
     """
     dofs = plain_array(numbers_of(value, name, names), name)

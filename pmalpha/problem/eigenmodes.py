@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
@@ -55,53 +55,33 @@ FURTHER = 4
 LARGEST_SHIFT = DENSE_SHIFT * GROWTH**TRIALS
 
 
-class DenseFactors:
-    """LAPACK's Cholesky factor of a dense matrix; RuntimeError for a pivot that is not positive."""
-
-    def __init__(self, S: np.ndarray):
-        from scipy.linalg.lapack import dpotrf
-
-        self._lower, failed = dpotrf(S, lower=True)
-        if failed:
-            raise RuntimeError("a pivot is not positive")
-
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        """S^-1 b for b of shape (n,) or (n, k)."""
-        from scipy.linalg.lapack import dpotrs
-
-        return dpotrs(self._lower, b, lower=True)[0]
+# S^-1 b for b of shape (n,) or (n, k).
+Solve: TypeAlias = Callable[[np.ndarray], np.ndarray]
 
 
-class Factors:
-    """SuperLU's factors in an order of little fill."""
+def positive_definite(S: sp.csc_array | np.ndarray) -> Solve:
+    """Solves with S, pivots on the diagonal; LinAlgError if one is not positive."""
+    from scipy.sparse.linalg import splu
 
-    def __init__(self, S: sp.csc_array, order: np.ndarray):
-        from scipy.sparse.linalg import splu
+    if not sp.issparse(S):
+        factor = scipy.linalg.cho_factor(S, lower=True, check_finite=False)
+        return lambda b: scipy.linalg.cho_solve(factor, b, check_finite=False)
+    graph, none = graph_of([sp.csr_array(S)]), np.empty(0, dtype=np.int64)
+    order = elimination_order(S.shape[0], graph, none)
+    permuted = sp.csc_array(sp.csr_array(S)[order][:, order])
+    try:
+        lu = splu(permuted, "NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:  # exactly singular
+        raise np.linalg.LinAlgError(str(error)) from error
+    if not (np.all(lu.U.diagonal() > 0.0) and np.array_equal(lu.perm_r, lu.perm_c)):
+        raise np.linalg.LinAlgError("a pivot is not positive")
 
-        symmetric = {"SymmetricMode": True}
-        permuted = sp.csc_array(sp.csr_array(S)[order][:, order])
-        self._order = order
-        self._factors = splu(permuted, "NATURAL", diag_pivot_thresh=0.0, options=symmetric)
-        positive = np.all(self._factors.U.diagonal() > 0.0)
-        if not (positive and np.array_equal(self._factors.perm_r, self._factors.perm_c)):
-            raise RuntimeError("a pivot is not positive")
-
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        """S^-1 b for b of shape (n,) or (n, k)."""
+    def solve(b: np.ndarray) -> np.ndarray:
         x = np.empty_like(b)
-        x[self._order] = self._factors.solve(b[self._order])
+        x[order] = lu.solve(b[order])
         return x
 
-
-def positive_definite(S: sp.csc_array | np.ndarray) -> Factors | DenseFactors:
-    """The factors of S, pivots on the diagonal; LinAlgError if one is not positive."""
-    try:
-        if not sp.issparse(S):
-            return DenseFactors(S)
-        graph = graph_of([sp.csr_array(S)])
-        return Factors(S, elimination_order(S.shape[0], graph, np.empty(0, dtype=np.int64)))
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(str(error)) from error
+    return solve
 
 
 def scale_to_one(K: sp.csc_array) -> sp.dia_array:
@@ -115,16 +95,16 @@ def scales_to_one(diagonal: np.ndarray) -> np.ndarray:
     return 2.0 ** np.round(-0.5 * np.log2(d))
 
 
-def softest(G: sp.csc_array | np.ndarray, factors: Factors | DenseFactors | None = None) -> float:
+def softest(G: sp.csc_array | np.ndarray, solve: Solve | None = None) -> float:
     """The smallest eigenvalue of G, approximately, or zero when a pivot is not positive."""
-    if factors is None:
+    if solve is None:
         try:
-            factors = positive_definite(G)
+            solve = positive_definite(G)
         except np.linalg.LinAlgError:
             return 0.0
     x = np.cos(np.arange(G.shape[0]))
     for _ in range(4):
-        x = factors.solve(x / np.abs(x).max())
+        x = solve(x / np.abs(x).max())
         if not np.isfinite(x).all():
             return 0.0
     x /= np.abs(x).max()
@@ -300,7 +280,7 @@ def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
     n, shift = B.shape[0], ARPACK_SHIFT * scale
     shifted: Any = combination([(1.0, A), (shift, B)])
     S, mass = (sp.csc_array(sparse(x, n)) for x in (shifted, B))
-    solve = positive_definite(S).solve
+    solve = positive_definite(S)
     start = np.random.default_rng(0).standard_normal(n)  # reproducible
 
     def lowest(

@@ -20,11 +20,7 @@ Values = tuple[np.ndarray, Tangent, Tangent, np.ndarray]
 def evaluated(
     force: Any, what: str, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
 ) -> Values:
-    """One evaluation with copies of u, v (n,) and q (m,), checked but for values not finite.
-
-    Raises TypeError, ValueError for values of the wrong kind or shape; the message begins with
-        `what`.
-    """
+    """One evaluation with copies of u, v (n,) and q (m,), checked but for values not finite."""
     value = force(u.copy(), v.copy(), t, q.copy())
     try:
         return _checked(value, u.size, q.size)
@@ -62,8 +58,6 @@ class CheckedInternal:
 
     damped: whether a first tangent C_t was returned; later ones are refused otherwise.
     labels: what the forces are called in messages. Default: by their number.
-    symmetric: whether the sums of the tangents have to be symmetric.
-    history: (m,) array, the histories at t = 0, of one force after the other.
     """
 
     def __init__(
@@ -88,14 +82,11 @@ class CheckedInternal:
     ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray]:
         """The sum of the forces, of their tangents, and their histories.
 
-        u, v: (n,) array.
         q: (m,) array, history at the beginning of the substep.
         wanted: whether the tangents are. Without them a force that has no history is evaluated by
             its `residual`, if it has one.
-        Returns f: (n,) array.
         Returns K, C: (nnz,) array or None, values of the pattern; None where they are not wanted. C
             is None where no force is `damped`.
-        Returns q1: (m,) array.
         """
         f, q1 = np.zeros(self.n), np.empty_like(self.history)
         K = np.zeros(self.slots.nnz) if wanted else None
@@ -187,13 +178,7 @@ def first_tangent(
     Each force is evaluated once. The pattern is the union of those of the forces (`pattern`, or
     their first tangents) made symmetric, with the diagonal.
 
-    u0, v0: (n,) array, initial values, in the user's order of dofs.
-    q0: (m,) array, the histories at t = 0, of one force after the other.
-    labels, symmetric: as for `CheckedInternal`.
-    Returns pattern: (n, n) csr_array.
     Returns K, C: (nnz,) array, values of the pattern; C is None where no force returned a C_t.
-    Raises TypeError, ValueError as `CheckedInternal`, and for values that are not finite or not
-        symmetric.
     """
     own = histories(forces)[1]
     what = names(forces, name, labels)

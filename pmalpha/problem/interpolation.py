@@ -116,12 +116,8 @@ def _measure(J: np.ndarray) -> np.ndarray:
     """Length, signed area or volume (m,), or the normals (m, 3) of a surface in space."""
     dimension, d = J.shape[1:]
     if d == 1:
-        result: np.ndarray = np.linalg.norm(J[:, :, 0], axis=-1)
-    elif d == dimension:
-        result = np.linalg.det(J)
-    else:
-        result = np.cross(J[:, :, 0], J[:, :, 1])
-    return result
+        return np.linalg.norm(J[:, :, 0], axis=-1)
+    return np.linalg.det(J) if d == dimension else np.cross(J[:, :, 0], J[:, :, 1])
 
 
 def interpolate(
@@ -275,11 +271,9 @@ def _candidates(
 def _projected(
     cell: Shape, points: np.ndarray, targets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """xi (q, d) of the point of each element nearest to its target, and the distance (q,).
-
-    By Gauss-Newton iteration; zero up to rounding for a target in the element. Coordinates relative
-    to the first node of the element avoid rounding errors far from the origin.
-    """
+    """xi (q, d) of the point of each element nearest to its target, and the distance (q,). By
+    Gauss-Newton iteration; zero up to rounding for a target in the element. Coordinates relative to
+    the first node of the element avoid rounding errors far from the origin."""
     origin = points[:, :1]
     points, targets = points - origin, targets - origin[:, 0]
     xi = np.tile(cell.nodes.mean(axis=0), (len(targets), 1))
@@ -287,9 +281,9 @@ def _projected(
     for _ in range(50):
         at = xi[active]
         J = jacobian(cell, at, points[active])
-        gap = targets[active] - _mapped(cell, at, points[active])
+        left = targets[active] - _mapped(cell, at, points[active])
         transposed = J.transpose(0, 2, 1)
-        step = np.linalg.solve(transposed @ J, transposed @ gap[:, :, None])[:, :, 0]
+        step = np.linalg.solve(transposed @ J, transposed @ left[:, :, None])[:, :, 0]
         xi[active] = inside(cell, at + step)
         # quadratic convergence: after an increment of 1e-9 the next one is below rounding
         active = active[np.abs(xi[active] - at).max(axis=1) > 1e-9]

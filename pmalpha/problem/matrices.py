@@ -79,8 +79,6 @@ def canonical(
         can say it, the error names it. One that is symmetric up to rounding becomes exactly
         symmetric in any case.
     Returns the matrix is read-only, since factors that are made of it must remain valid.
-    Raises TypeError for complex or other non-real entries.
-    Raises ValueError for a wrong shape, an entry that is not finite, or an unsymmetric matrix.
     """
     value = plain_matrix(value)
     A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (0, 1, 2))
@@ -153,8 +151,6 @@ def rectangular(
     value: (rows, columns) array, or scipy.sparse matrix or array, a (columns,) array is one row, if
         `ndim` has 1; likewise a number for one column.
     columns: None where any number is right.
-    ndim: allowed dimensions of an array.
-    Raises TypeError, ValueError for entries that are not real and finite, and for a wrong shape.
     """
     value = plain_matrix(value)
     if sp.issparse(value):
@@ -238,9 +234,7 @@ def diagonal(A: Any) -> np.ndarray:
 
 def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
     """The diagonal matrix of d, which multiplies and adds as a matrix does; a 1-D array does not.
-
-    c_m * d + c_k * K would add d to every row of K.
-    """
+    c_m * d + c_k * K would add d to every row of K."""
     d = np.asarray(d, dtype=np.float64)
     own = np.flatnonzero(d).astype(np.int32)
     ptr = np.concatenate([[0], np.cumsum(d != 0.0)]).astype(np.int32)

@@ -16,10 +16,7 @@ LONGEST = np.iinfo(np.int32).max
 
 
 def check_arrays(value: Any, name: str) -> None:
-    """ValueError for a sparse matrix whose arrays do not fit each other or its shape.
-
-    value: scipy.sparse matrix or array.
-    """
+    """ValueError for a sparse matrix whose arrays do not fit each other or its shape."""
     if value.ndim != 2:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
     check = _CHECKS.get(value.format)
@@ -31,25 +28,16 @@ def check_arrays(value: Any, name: str) -> None:
         raise ValueError(f"{error}, in a damaged {value.format} matrix") from None
 
 
-def _by_rows(value: Any, name: str) -> None:
-    rows, columns = value.shape
-    _compressed(value, rows, columns, 1, name)
-
-
-def _by_columns(value: Any, name: str) -> None:
-    rows, columns = value.shape
-    _compressed(value, columns, rows, 1, name)
-
-
 def _by_blocks(value: Any, name: str) -> None:
     shape, blocks = value.shape, np.shape(value.data)
     if len(blocks) != 3 or 0 in blocks[1:] or any(n % b for n, b in zip(shape, blocks[1:])):
         raise ValueError(f"{name} must have blocks that divide {shape}, got data of shape {blocks}")
-    _compressed(value, shape[0] // blocks[1], shape[1] // blocks[2], 3, name)
+    _compressed(value, (shape[0] // blocks[1], shape[1] // blocks[2]), 3, name)
 
 
-def _compressed(value: Any, major: int, minor: int, ndim: int, name: str) -> None:
+def _compressed(value: Any, shape: tuple[int, int], ndim: int, name: str) -> None:
     """indptr, indices and data of a matrix by rows, columns or blocks."""
+    major, minor = shape
     start = _whole(value.indptr, f"{name} must have an indptr", major + 1)
     if start[0] != 0:
         raise ValueError(f"{name} must have an indptr that begins with 0, got {start[0]}")
@@ -135,8 +123,8 @@ def _within(index: np.ndarray, low: int, high: int, rule: str) -> None:
 
 
 _CHECKS: dict[str, Callable[[Any, str], None]] = {
-    "csr": _by_rows,
-    "csc": _by_columns,
+    "csr": lambda value, name: _compressed(value, value.shape, 1, name),
+    "csc": lambda value, name: _compressed(value, value.shape[::-1], 1, name),
     "bsr": _by_blocks,
     "coo": _by_entries,
     "dia": _by_diagonals,

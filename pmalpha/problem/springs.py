@@ -129,14 +129,8 @@ class Spring(Frozen):
         """Dofs and parameters, a row for each spring; equal for equal springs of the same law."""
         return np.column_stack([self.dofs, *self.parameters])
 
-    def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """Parameters of the law in the form of the core.
-
-        Returns
-        -------
-        tuple of (springs,) arrays
-            In the order of the law in the core.
-        """
+    def _for_core(self) -> tuple[np.ndarray, ...]:
+        """The parameters in the order of the law in the core, (springs,) arrays."""
         return self.parameters
 
     def _require(self, holds: np.ndarray, name: str, rule: str) -> None:
@@ -256,14 +250,8 @@ class Bilinear(Spring):
         super().__init__(dofs, k=k, fy=fy, hardening=hardening)
         _check_yield(self)
 
-    def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """Both stiffnesses of the two springs in parallel, and the deformation at first yield.
-
-        Returns
-        -------
-        tuple of (springs,) arrays
-            The elastic one, that of the elastic-plastic one, fy / k.
-        """
+    def _for_core(self) -> tuple[np.ndarray, ...]:
+        """Stiffnesses of two springs in parallel, elastic and elastic-plastic, and fy / k."""
         return (self.hardening * self.k, (1.0 - self.hardening) * self.k, self.fy / self.k)
 
 
@@ -330,14 +318,8 @@ class BoucWen(Spring):
         steepest = np.maximum(1.0, 2.0 * self.beta / (self.beta + self.gamma))
         return self.k * (self.hardening + (1.0 - self.hardening) * steepest)
 
-    def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """Parameters of (H4) for the core, with the largest rate of z.
-
-        Returns
-        -------
-        tuple of (springs,) arrays
-            Hardening k, (1 - hardening) fy, k / fy, n, beta, gamma, rate.
-        """
+    def _for_core(self) -> tuple[np.ndarray, ...]:
+        """Hardening k, (1 - hardening) fy, k / fy, n, beta, gamma, largest rate of z, (H4)."""
         n, beta, gamma = self.n, self.beta, self.gamma
         limit = (beta + gamma) ** (-1.0 / n)  # of |z|
         rate = n * (beta + np.abs(gamma)) * limit ** (n - 1.0)
@@ -396,14 +378,8 @@ class RambergOsgood(Spring):
         """Stiffness of each spring at zero deformation."""
         return np.where(self.n > 1.0, self.k, self.k / (1.0 + self.alpha))
 
-    def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """Parameters of (H11) for the core.
-
-        Returns
-        -------
-        tuple of (springs,) arrays
-            The elastic deformation fy / k at the force fy, then fy, n and alpha.
-        """
+    def _for_core(self) -> tuple[np.ndarray, ...]:
+        """The elastic deformation fy / k at the force fy, then fy, n and alpha, (H11)."""
         return self.fy / self.k, self.fy, self.n, self.alpha
 
 
@@ -473,14 +449,8 @@ class Multilinear(Spring):
         own = np.append(self.points.ravel(), float(self.rule == "elastic"))
         return np.column_stack([self.dofs, np.tile(own, (len(self), 1))])
 
-    def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """Parameters of the elements in parallel for the core.
-
-        Returns
-        -------
-        tuple of (springs,) arrays
-            The stiffness beyond the last point, and that of each element with its limit.
-        """
+    def _for_core(self) -> tuple[np.ndarray, ...]:
+        """The stiffness beyond the last point, and that of each element with its limit."""
         slopes = self._slopes()
         elements = np.column_stack([-np.diff(slopes), self.points[:-1, 0]]).ravel()
         return tuple(np.full(len(self), x) for x in [slopes[-1], *elements])
@@ -556,7 +526,7 @@ def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple[Any
             _core.SPRING_LAWS[spring.law],
             np.ascontiguousarray(with_ground[spring.dofs[:, 0]]),
             np.ascontiguousarray(with_ground[spring.dofs[:, 1]]),
-            tuple(np.ascontiguousarray(x) for x in spring.core_parameters()),
+            tuple(np.ascontiguousarray(x) for x in spring._for_core()),
         )
         for spring in springs
     )

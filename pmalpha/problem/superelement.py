@@ -215,8 +215,8 @@ def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:
     scale = scale_to_one(inner)
     inner = sp.csc_array(scale @ inner @ scale)
     try:
-        factors = positive_definite(inner)
-        if softest(inner, factors) <= FLOATING:
+        solve = positive_definite(inner)
+        if softest(inner, solve) <= FLOATING:
             raise np.linalg.LinAlgError("singular up to rounding")
     except np.linalg.LinAlgError:
         raise ValueError(
@@ -226,7 +226,7 @@ def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:
     Psi = np.empty((others.size, kept.size))
     for first in range(0, kept.size, COLUMNS):
         part = slice(first, first + COLUMNS)
-        Psi[:, part] = scale @ factors.solve(scale @ -right[:, part].toarray())
+        Psi[:, part] = scale @ solve(scale @ -right[:, part].toarray())
     return Psi
 
 

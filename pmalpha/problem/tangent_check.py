@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .evaluation import evaluated
+from .matrices import sparse
 from .tangents import Tangent
 
 __all__ = ["TangentCheck"]
@@ -74,45 +75,31 @@ def _worst(
     """The entry of A that differs most from differences of f, column by column."""
     h = step * (float(np.max(np.abs(x))) or 1.0)
     worst, scale = (-1.0, 0, 0, 0.0, 0.0), 0.0
-    for j, given in enumerate(_columns(A, x.size)):
+    columns = sp.csc_array(sparse(A, x.size))
+    for j in range(x.size):
+        given = columns[:, [j]].toarray().ravel()
         difference, doubt = _difference(f, x, j, h)
         with np.errstate(invalid="ignore"):
-            gap = np.abs(difference - given) - doubt
-        gap[np.isnan(gap)] = np.inf
-        i = int(np.argmax(gap))
-        if gap[i] > worst[0]:
-            worst = (max(0.0, float(gap[i])), i, j, float(given[i]), float(difference[i]))
+            apart = np.abs(difference - given) - doubt
+        apart[np.isnan(apart)] = np.inf
+        i = int(np.argmax(apart))
+        if apart[i] > worst[0]:
+            worst = (max(0.0, float(apart[i])), i, j, float(given[i]), float(difference[i]))
         scale = float(max(scale, np.max(np.abs(given)), np.max(np.abs(difference))))
-    gap, i, j, one, other = worst
-    error = np.inf if not np.isfinite(gap) else gap / scale if scale else 0.0
+    most, i, j, one, other = worst
+    error = np.inf if not np.isfinite(most) else most / scale if scale else 0.0
     return TangentCheck(error, name, i, j, one, other, scale)
 
 
 def _difference(
     f: Callable[..., Any], x: np.ndarray, j: int, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """df/dx_j by (f(x + h) - f(x - h)) / 2 h, and by how much twice the h changes it.
-
-    The latter bounds the truncation error of laws such as abs(v) v at v = 0, where all entries are
-    zero and those of a difference only small.
-    """
+    """df/dx_j by (f(x + h) - f(x - h)) / 2 h, and by how much twice the h changes it. The latter
+    bounds the truncation error of laws such as abs(v) v at v = 0, where all entries are zero and
+    those of a difference only small."""
     slopes = []
     for distance in (h, 2.0 * h):
         up, down = x.copy(), x.copy()
         up[j], down[j] = x[j] + distance, x[j] - distance
         slopes.append((f(up) - f(down)) / (up[j] - down[j]))
     return slopes[0], np.abs(slopes[1] - slopes[0])
-
-
-def _columns(A: Tangent, n: int) -> Any:
-    """The columns of a tangent, each as (n,) array."""
-    by_columns = sp.csc_array(A) if sp.issparse(A) else None
-    for j in range(n):
-        column = np.zeros(n)
-        if by_columns is not None:
-            column = by_columns[:, [j]].toarray().ravel()
-        elif A is not None and A.ndim == 1:
-            column[j] = A[j]
-        elif A is not None:
-            column = A[:, j]
-        yield column

@@ -23,11 +23,8 @@ SYMMETRY = 1e-9
 
 
 def checked_tangent(value: Any, name: str, n: int) -> Tangent:
-    """A user's tangent, checked for kind and shape; not copied, and it may have infinite entries.
-
-    Raises TypeError, ValueError for complex and other entries that are not real, and for wrong
-        shapes.
-    """
+    """A user's tangent, checked for kind and shape; not copied, and it may have infinite
+    entries."""
     if value is None:
         return None
     A: Any = value if sp.issparse(value) else plain_array(value, name)
@@ -128,11 +125,9 @@ class Slots:
 
 
 class Placement:
-    """Adds one tangent of one force, evaluation after evaluation, to the values of a pattern.
-
-    The index arrays of a matrix by rows are compared with those of the evaluation before; where
-    they are equal, the places of the entries are known.
-    """
+    """Adds one tangent of one force, evaluation after evaluation, to the values of a pattern. The
+    index arrays of a matrix by rows are compared with those of the evaluation before; where they
+    are equal, the places of the entries are known."""
 
     def __init__(self, slots: Slots, name: str):
         self.slots, self.name = slots, name

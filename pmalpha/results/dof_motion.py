@@ -107,13 +107,8 @@ def columns_of(
 ) -> list[int]:
     """The columns of dofs among the recorded ones.
 
-    given: dofs of the subdomain.
-    dofs: (k,) array of int, those of the columns.
     n: number of dofs of the subdomain; None in files of older versions.
-    names: of the columns.
-    what: of the argument, for errors.
     one: whether it must be a single dof.
-    Raises TypeError, ValueError for what is not a dof, or was not recorded.
     """
     if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
         raise TypeError(

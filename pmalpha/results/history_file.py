@@ -49,10 +49,7 @@ STATES = {name for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items() if x.is_stat
 
 
 def describe(whole: Any, header: Mapping[str, Any]) -> None:
-    """Write the attributes of a file whose datasets exist.
-
-    header: from `contents_of`.
-    """
+    """Write the attributes of a file whose datasets exist."""
     whole.attrs.update(
         {
             "format": header["format"],
@@ -86,10 +83,8 @@ def storable(name: str) -> str:
 
 def row_count(begin: int, end: int, every: int, levels: int) -> int:
     """Number of rows from macro step `begin` to `end`, with `levels` time levels per macro step.
-
     The first row is at `begin`. If `every` is not zero, the others are the macro time levels whose
-    number is a multiple of it.
-    """
+    number is a multiple of it."""
     if every == 0:
         return 1 + (end - begin) * levels
     return 1 + end // every - begin // every
@@ -102,10 +97,7 @@ class HistoryFile:
     header: from `contents_of`, with "begin" and "every" of the run, and "nodes", the number of time
         levels per macro step of each growing array.
     arrays: the rows of the growing arrays up to `start`, and all rows of the others.
-    end: the macro step at which the run ends.
     start: the macro step up to which the arrays are complete. Default: "begin".
-    Raises ImportError if h5py is missing.
-    Raises OSError when the file cannot be written.
     """
 
     def __init__(
@@ -176,10 +168,8 @@ class HistoryFile:
         return row_count(header["begin"], end, header["every"], header["nodes"][name])
 
     def write(self, arrays: Mapping[str, np.ndarray], begin: int, end: int) -> None:
-        """Write the rows after macro step `begin` up to `end`.
-
-        The first row of each array is at `begin` and already written: it is skipped.
-        """
+        """Write the rows after macro step `begin` up to `end`. The first row of each array is at
+        `begin` and already written: it is skipped."""
         try:
             later = {name: x[1:] for name, x in arrays.items()}
             self._write_rows(later, lambda name: self.rows(name, begin))
@@ -215,10 +205,8 @@ class HistoryFile:
 
 
 class Layout:
-    """A sparse file in memory, in which HDF5 allocates the arrays.
-
-    On a full disk HDF5 would crash when it closes a file; here it never writes to the disk.
-    """
+    """A sparse file in memory, in which HDF5 allocates the arrays. On a full disk HDF5 would crash
+    when it closes a file; here it never writes to the disk."""
 
     def __init__(self) -> None:
         self.pieces: list[tuple[int, bytes]] = []  # (offset, bytes), later ones overwrite
@@ -323,14 +311,9 @@ def is_hdf5(path: str | os.PathLike[str]) -> bool:
 def read(
     path: str | os.PathLike[str], *, may_lead: bool = True
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of a file, up to the last complete macro step.
-
-    That is "step_count" in the header. The growing arrays are mapped and read on access. With
-    `may_lead` it may be a file of `write_master`, which leads to others in its folder.
-
-    Raises ImportError if h5py is missing.
-    Raises ValueError for any other file, or a damaged one; the message has the reason.
-    """
+    """Header and arrays of a file, up to the last complete macro step. That is "step_count" in the
+    header. The growing arrays are mapped and read on access. With `may_lead` it may be a file of
+    `write_master`, which leads to others in its folder."""
     h5py, name = hdf5_library(), str(checked_path(path))
     try:
         with _opened(h5py, name) as whole:
@@ -350,10 +333,8 @@ def read(
 
 
 def _opened(h5py: ModuleType, name: str) -> Any:
-    """The file, without a lock unless this process has it open with one.
-
-    HDF5 opens no file twice in one process with different flags of locking.
-    """
+    """The file, without a lock unless this process has it open with one. HDF5 opens no file twice
+    in one process with different flags of locking."""
     try:
         return h5py.File(name, "r", locking=False)
     except OSError:
@@ -373,9 +354,7 @@ def write_master(
 ) -> None:
     """Write the file that reads as one History of the files of several ranks beside it.
 
-    files: their names, by rank.
     first: the number of the first subdomain of each rank, and the number of all.
-    names: of all subdomains.
     """
     h5py, groups = hdf5_library(), group_names(names)
     content = io.BytesIO()
@@ -502,11 +481,9 @@ def whole_numbers(arrays: Mapping[str, np.ndarray], name: str) -> np.ndarray:
 
 
 def own_array(whole: Any, name: str) -> Any:
-    """A dataset that is in this file, and not larger than what the file holds of it.
-
-    A link or storage could lead to any other file, a dataset that was never written could be of any
-    size, and HDF5 never returns from some damaged texts of variable length.
-    """
+    """A dataset that is in this file, and not larger than what the file holds of it. A link or
+    storage could lead to any other file, a dataset that was never written could be of any size, and
+    HDF5 never returns from some damaged texts of variable length."""
     h5py, found = hdf5_library(), whole
     for part in name.split("/"):
         if not isinstance(found.get(part, getlink=True), h5py.HardLink):

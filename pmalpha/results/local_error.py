@@ -2,55 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
 from .._core import step_errors
 
 
-class Recorded(Protocol):
-    """What is needed of a `SubdomainHistory`."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def t(self) -> np.ndarray: ...
-
-    @property
-    def u(self) -> np.ndarray: ...
-
-    @property
-    def v(self) -> np.ndarray: ...
-
-    @property
-    def a(self) -> np.ndarray: ...
-
-    @property
-    def dofs(self) -> np.ndarray: ...
-
-    @property
-    def substep(self) -> float | None: ...
-
-    @property
-    def double_after(self) -> float | None: ...
-
-
-def is_complete(history: Recorded) -> bool:
+def is_complete(history: Any) -> bool:
     """Whether every time level of the subdomain was recorded."""
     t, h = history.t, history.substep
     return h is not None and (t.size < 2 or abs(t[1] - t[0] - h) <= 1e-6 * h)
 
 
-def previous_level(history: Recorded, steps: np.ndarray) -> np.ndarray:
+def previous_level(history: Any, steps: np.ndarray) -> np.ndarray:
     """The level at which the step to level ``steps + 1`` began; -1 where it was not recorded."""
     if history.double_after is None or history.substep is None:
         return steps
     return steps - (history.t[steps + 1] > history.double_after + 0.5 * history.substep)
 
 
-def local_error(history: Recorded) -> np.ndarray:
+def local_error(history: Any) -> np.ndarray:
     """The estimate (D1) for each step and recorded dof, (k - 1, dofs)."""
     if history.substep is None:
         raise ValueError(
@@ -68,7 +40,7 @@ def local_error(history: Recorded) -> np.ndarray:
     return errors
 
 
-def errors_of(history: Recorded, steps: np.ndarray) -> np.ndarray:
+def errors_of(history: Any, steps: np.ndarray) -> np.ndarray:
     """e of some of the steps of a subdomain, (D1), (dofs, steps)."""
     begin, end, h = previous_level(history, steps), steps + 1, history.substep or 0.0
     return step_errors((history.u, history.v, history.a), begin, end, h)

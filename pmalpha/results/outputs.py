@@ -54,12 +54,7 @@ class Outputs:
 def chosen_outputs(
     outputs: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Subdomain]]
 ) -> list[Outputs | None]:
-    """The outputs of each subdomain, None for a subdomain without.
-
-    outputs: dict or None, as for `Coupler.run`.
-    Raises TypeError, ValueError for anything but dicts of matrices with n columns, and for names
-        that are taken.
-    """
+    """The outputs of each subdomain, None for a subdomain without."""
     chosen: list[Outputs | None] = [None] * len(keys)
     for i, given in by_index(outputs, keys, "outputs").items():
         name, subdomain = keys[i]

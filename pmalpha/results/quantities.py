@@ -141,10 +141,8 @@ def growing(record: Any) -> dict[str, np.ndarray]:
 
 
 def with_rows(record: Record, change: Callable[..., np.ndarray], *others: Record) -> Record:
-    """The record with ``change(x, ...)`` for each array x with rows and those of the others.
-
-    An array that one of them lacks is None.
-    """
+    """The record with ``change(x, ...)`` for each array x with rows and those of the others. An
+    array that one of them lacks is None."""
     several = [growing(one) for one in (record, *others)]
     fields: dict[str, Any] = {
         name: change(*(own[name] for own in several)) if all(name in x for x in several) else None
@@ -220,15 +218,13 @@ def _content(piece: Any) -> list[Any]:
 
 
 def _check_times(first: np.ndarray, second: np.ndarray, i: int) -> None:
-    """ValueError unless the second begins where the first ends.
-
-    With ``every`` the end of a run is recorded only if it is a multiple: then the second begins
-    within less than a recorded interval after the last row.
-    """
-    gap = second[0] - first[-1]
+    """ValueError unless the second begins where the first ends. With ``every`` the end of a run is
+    recorded only if it is a multiple: then the second begins within less than a recorded interval
+    after the last row."""
+    later = second[0] - first[-1]
     largest = max(np.max(np.diff(t), initial=0.0) for t in (first, second))
     rounding = ROUNDING * abs(first[-1])
-    if gap < -rounding or (gap > rounding and not gap < (1.0 - 1e-6) * largest):
+    if later < -rounding or (later > rounding and not later < (1.0 - 1e-6) * largest):
         raise ValueError(
             f"pieces must be consecutive, piece {i} begins at t = {second[0]:g} where the one "
             f"before ends at t = {first[-1]:g}"

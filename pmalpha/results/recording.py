@@ -55,10 +55,6 @@ class Recorded:
 
     rows: the constraints as the core has them.
     fine: interface problems per macro step.
-    record: dict or None, dofs, or None for all, by subdomain; None records all dofs of all
-        subdomains.
-    record_springs: dict or None, springs, or None for all, by subdomain.
-    outputs: dict or None, as for `Coupler.run`.
     """
 
     def __init__(
@@ -147,7 +143,6 @@ class Recording:
 
     wanted: what the History has of it; all without.
     coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
-    begin, end: macro steps.
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     """
 
@@ -374,11 +369,9 @@ class Recording:
 
 
 class FiledRecording(Recording):
-    """The record of a run that is written to an HDF5 file interval by interval.
-
-    Memory is allocated for one interval. Row 0 of the arrays is the beginning of the interval and
-    already written. With `append` the rows of an existing file come first.
-    """
+    """The record of a run that is written to an HDF5 file interval by interval. Memory is allocated
+    for one interval. Row 0 of the arrays is the beginning of the interval and already written. With
+    `append` the rows of an existing file come first."""
 
     def __init__(
         self,

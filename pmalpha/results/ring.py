@@ -34,8 +34,6 @@ class RingRecording(FiledRecording):
     The core records into `ring`, a second set of the arrays whose rows are used in turn; a thread
     copies what is complete from there to the arrays of this one and writes it. What finds no free
     rows is lost, and NaN in the file.
-
-    path, append, overwrite, and others: as for `FiledRecording`.
     """
 
     def __init__(self, core: _core.Coupler, *args: Any, **options: Any):

@@ -31,11 +31,7 @@ def write_history(path: str | PathLike[str], history: Any) -> None:
 
 
 def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The contents of a file of a History.
-
-    Returns header: dict, format, version, names and steps.
-    Returns arrays: dict of arrays, by name.
-    """
+    """The contents of a file of a History."""
     header = {
         "format": FORMAT,
         "version": VERSION,
@@ -145,8 +141,6 @@ class EarlierRows:
 
     present: the macro step at which the run continues. Rows after it are left out: those that were
         written after the checkpoint from which the run continues.
-    Raises ValueError for any other file; for a file that ends before the present or begins at it or
-        after it.
     """
 
     def __init__(self, path: Path, present: int):

@@ -67,10 +67,7 @@ class Sizes(NamedTuple):
 
 
 def sizes_of(head: bytes, peer: str) -> Sizes:
-    """The first message in the byte order in which it makes sense.
-
-    Raises ConnectionError for one that makes sense in neither.
-    """
+    """The first message in the byte order in which it makes sense."""
     found = []
     for order in BYTE_ORDERS.values():
         numbers = struct.unpack(f"{order}{HEAD}i", head)
@@ -192,10 +189,7 @@ def _digest(secret: bytes, *parts: bytes) -> bytes:
 
 
 def prove(wire: Wire, secret: bytes, *, server: bool) -> None:
-    """Both sides show that they know the secret, without sending it.
-
-    Raises ConnectionError when the other side does not.
-    """
+    """Both sides show that they know the secret, without sending it."""
     own = os.urandom(NONCE)
     wire.send(own)
     other = wire.receive(NONCE, "the proof of the secret")

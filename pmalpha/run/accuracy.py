@@ -18,7 +18,8 @@ from ..errors import AccuracyWarning, warn
 from ..problem.matrices import product
 from ..problem.restoring import devices_of, functions_of, is_compiled
 from ..problem.schemes import Scheme
-from ..results.local_error import Recorded, is_complete
+from ..results.local_error import is_complete
+from ..results.subdomain_history import SubdomainHistory
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.member import Member
 from ..setup.ranks import Ranks, joined
@@ -50,44 +51,28 @@ WORST = 64
 
 @dataclass(frozen=True)
 class Estimate:
-    """The error of a run (D3), and where it comes from.
+    """The error of a run (D3), and where it comes from."""
 
-    Attributes
-    ----------
-    size : float
-        Largest displacement error of any dof, divided by the largest displacement.
-    lasting : float
-        The same without the modes that the steps do not resolve.
-    expected : float
-        What it would be if the error did not end at the size of the motion; it goes with dt^2.
-    place : (str, int)
-        The subdomain and the dof of the largest error.
-    omega : float
-        Circular frequency of the mode that contributes most to it.
-    shares : list of (str, float, bool, float, float)
-        Of each subdomain, of any process: name, step, whether it is double, substep, and the error
-        that its steps add in this mode per unit of time.
-    """
-
-    size: float
-    lasting: float
+    size: float  # largest displacement error of any dof, divided by the largest displacement
+    lasting: float  # the same without the modes that the steps do not resolve
+    # what it would be if the error did not end at the size of the motion; it goes with dt^2
     expected: float
-    place: tuple[str, int]
-    omega: float
+    place: tuple[str, int]  # the subdomain and the dof of the largest error
+    omega: float  # circular frequency of the mode that contributes most to it
+    # of each subdomain, of any process: name, step, whether it is double, substep, and the error
+    # that its steps add in this mode per unit of time
     shares: list[tuple[str, float, bool, float, float]]
 
 
 def estimated_error(
-    histories: Sequence[Recorded | None],
+    histories: Sequence[SubdomainHistory | None],
     members: Sequence[Member],
     rows: ConstraintRows,
     motions: Sequence[Motion],
 ) -> Estimate | None:
-    """The error of a run (D3), None where its records do not suffice.
-
-    They do with eight time levels that all subdomains have in common, the displacements of all
-    dofs and steps up to the critical ones. All processes of `rows` call it.
-    """
+    """The error of a run (D3), None where its records do not suffice. They do with eight time
+    levels that all subdomains have in common, the displacements of all dofs and steps up to the
+    critical ones. All processes of `rows` call it."""
     ranks = rows.ranks
     own = [_levels(history, member) for history, member in zip(histories, members)]
     found = joined(ranks, own)
@@ -107,7 +92,7 @@ def estimated_error(
         return _judged(reduced, records, count + 1, members, ranks, step, largest, complete)
 
 
-def _levels(history: Recorded | None, member: Member) -> int:
+def _levels(history: SubdomainHistory | None, member: Member) -> int:
     """Intervals of the record of a subdomain; 0 if it is not judged."""
     if member.step_ratio is not None and not member.step_ratio.is_judged:
         return 0  # unstable, which has a warning of its own
@@ -133,18 +118,9 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Reduced:
-    """The structure in the shapes of its motion, M = 1 and K diagonal but for rounding.
+    """The structure in r shapes of its motion, M = 1 and K diagonal but for rounding."""
 
-    Attributes
-    ----------
-    shapes : list of (n_i, r) arrays
-        Phi by subdomain.
-    masses, forces : list of (n_i, r) arrays
-        M Phi, and what gives Phi . M w without the lag of explicit steps.
-    K, C : (r, r) arrays
-    omega : (r,) array
-    """
-
+    # Phi, M Phi, and what gives Phi . M w without the lag of explicit steps, (n_i, r) by subdomain
     shapes: list[np.ndarray]
     masses: list[np.ndarray]
     forces: list[np.ndarray]
@@ -176,14 +152,14 @@ def _reduced(
     T = T @ _at_rest(ranks, [x @ T for x in U], T.shape[1], rows, motions)
 
     # and its modes
-    terms = [_stiffness(member, x @ T) for member, x in zip(members, U)]
+    terms = [_force(member, "K", x @ T) for member, x in zip(members, U)]
     r = T.shape[1]
     K = _total(ranks, [T.T @ (x.T @ Kx) for x, Kx in zip(U, terms)], (r, r))
     if not r or not np.all(np.isfinite(K)):
         return None
     squares, X = np.linalg.eigh(0.5 * (K + K.T))
     T, shapes = T @ X, [x @ (T @ X) for x in U]
-    damped = [_damping(member, x) for member, x in zip(members, shapes)]
+    damped = [_force(member, "C", x) for member, x in zip(members, shapes)]
     C = _total(ranks, [x.T @ Cx for x, Cx in zip(shapes, damped)], (r, r))
     masses = [x @ T for x in MU]
     forces = [
@@ -224,17 +200,12 @@ def _at_rest(
     return vectors[sizes <= 1e-12 * np.sum(size**2)].T
 
 
-def _stiffness(member: Member, x: np.ndarray) -> np.ndarray:
-    """K x, with the estimates of restoring forces and the tangents of internal ones at t = 0."""
-    s, internal = member.subdomain, member.internal
-    Kx = product(s.K, x) + product(s.restoring_stiffness, x)
-    return Kx if internal is None else Kx + product(internal.K, x)
-
-
-def _damping(member: Member, x: np.ndarray) -> np.ndarray:
-    s, internal = member.subdomain, member.internal
-    Cx = product(s.C, x) + product(s.restoring_damping, x)
-    return Cx if internal is None else Cx + product(internal.C, x)
+def _force(member: Member, kind: str, x: np.ndarray) -> np.ndarray:
+    """K x or C x, with estimates of restoring forces and tangents of internal ones at t = 0."""
+    s = member.subdomain
+    estimate = s.restoring_stiffness if kind == "K" else s.restoring_damping
+    Ax = product(getattr(s, kind), x) + product(estimate, x)
+    return Ax if member.internal is None else Ax + product(getattr(member.internal, kind), x)
 
 
 def _without_lag(member: Member, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> np.ndarray:

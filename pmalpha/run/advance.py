@@ -50,12 +50,7 @@ def advance(
     report: Report | None = None,
     ranks: Ranks | None = None,
 ) -> None:
-    """Advance to macro step `end`.
-
-    record: from `Recording.core_record`.
-    Raises InstabilityError, ConvergenceError, CallbackError, and any exception of a callable: the
-        core is then at the last completed macro step.
-    """
+    """Advance to macro step `end`."""
     iterates = loads.iterates or ranks is not None  # subdomains of any process
     with one_thread() if iterates else nullcontext():  # the core calls BLAS
         _advance(core, loads, end, record, report, ranks)
@@ -99,10 +94,8 @@ def _ready_on_all(
 
 
 def _chunks(core: _core.Coupler, loads: Loads, end: int) -> Iterator[int]:
-    """Last macro steps of the chunks; one without callables.
-
-    The load values of a chunk take at most `AHEAD` bytes.
-    """
+    """Last macro steps of the chunks; one without callables. The load values of a chunk take at
+    most `AHEAD` bytes."""
     size = loads.bytes_per_macro_step
     most = end if core.paced else CHUNK  # nothing is evaluated between two paced steps
     steps = max(1, min(most, AHEAD // size)) if size else end
@@ -189,10 +182,8 @@ def checked_steps(session: Session, dt: Any, substeps: Any) -> tuple[float, tupl
 def change(
     session: Session, dt: float, substeps: tuple[int, ...], clock: Clock | None = None
 ) -> None:
-    """Change to these steps at the present; nothing has changed after an error.
-
-    With a clock, that of the present, time is counted on (without double steps).
-    """
+    """Change to these steps at the present; nothing has changed after an error. With a clock, that
+    of the present, time is counted on (without double steps)."""
     layout = layout_of(session.everything, session.coupling, dt, substeps)
     step = session.done
     if layout == session.steps.layout:

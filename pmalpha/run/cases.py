@@ -69,10 +69,8 @@ def fits(forces: Sequence[Force]) -> bool:
 
 
 class Lanes:
-    """`LANES` cases of one coupled problem.
-
-    Number i of lane l is at ``i * LANES + l`` of every array of the core.
-    """
+    """`LANES` cases of one coupled problem. Number i of lane l is at ``i * LANES + l`` of every
+    array of the core."""
 
     def __init__(self, core: _core.Coupler, members: Sequence[Member]):
         self.members = members
@@ -98,11 +96,9 @@ class Lanes:
     def advance(
         self, recordings: Sequence[Recording], end: int, report: Callable[[int], None] | None
     ) -> bool:
-        """Run to macro step `end` and fill the recordings, one for each case.
-
-        False when a value of any case is not finite, or its steps have added energy that is to be
-        reported; the recordings are then not filled, and what it was is found by each case alone.
-        """
+        """Run to macro step `end` and fill the recordings, one for each case. False when a value of
+        any case is not finite, or its steps have added energy that is to be reported; the
+        recordings are then not filled, and what it was is found by each case alone."""
         records = [recording.core_record() for recording in recordings]
         begin, every = records[0][:2]
         selections = tuple(
@@ -129,7 +125,6 @@ class Lanes:
 class Group:
     """Cases that advance side by side, in a thread of their own or in that of the caller.
 
-    recordings: one for each case.
     steps: macro steps done, of all cases together.
     is_sound: False where a value of one of the cases was not finite, or steps added energy.
     """
@@ -329,9 +324,7 @@ class Plan:
 
     def finish(self, count: int) -> None:
         self.done += count * self.end
-        if self.report is not None:
-            self.report.begin = 0
-            self.report.if_due(self.done)
+        self.tell(0)
 
 
 def run_each(

@@ -76,8 +76,6 @@ def constants(
 
     names: of the subdomains of all processes.
     members: of this process.
-    matrices: sequence of (p, n_i) csc_array, L_i, in the user's order.
-    iterates: whether some subdomain has internal forces.
     """
     same = {name for name, x in Options._field_defaults.items() if getattr(options, name) == x}
     same = same - {"newton"} if iterates else same | {"newton"}  # which nothing uses
@@ -179,20 +177,16 @@ def differences(
 
 
 def order_of(member: Member, name: str, x: np.ndarray) -> np.ndarray:
-    """Order of the entries of x, those of the last eliminated dofs, by the user's numbers.
-
-    What springs and internal forces remember is in the user's order already.
-    """
+    """Order of the entries of x, those of the last eliminated dofs, by the user's numbers. What
+    springs and internal forces remember is in the user's order already."""
     if name.endswith(("springs", "history")):
         return np.arange(x.size)
     return np.argsort(member.order[member.n - x.size :])
 
 
 def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[str, np.ndarray]:
-    """The state of a coupler with these options, by name, in the user's order.
-
-    Subdomains have their numbers among those of all processes.
-    """
+    """The state of a coupler with these options, by name, in the user's order. Subdomains have
+    their numbers among those of all processes."""
     arrays, p, core = {}, rows.p, assembly.core
     for i, member in enumerate(assembly.members, assembly.first):
         for name, x in zip(names(member), member.core.levels()):
@@ -307,11 +301,8 @@ def places_of(member: Member) -> np.ndarray:
 
 def reordered(shooting: np.ndarray, rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """What shooting continues with, with the constraints in another order and times `scale`, so
-    that multipliers are divided by it.
-
-    Its first numbers are a scale and the increment of the multipliers. Up to 500 constraints a
-    matrix follows, for more a number and pairs of vectors.
-    """
+    that multipliers are divided by it. Its first numbers are a scale and the increment of the
+    multipliers. Up to 500 constraints a matrix follows, for more a number and pairs of vectors."""
     p = rows.size
     head, rest = shooting[:1], shooting[1 + p :]
     if rest.size == p * p:
@@ -334,10 +325,7 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
 def restore(
     state: CoreState, members: Sequence[Member], core: _core.Coupler, clock: Clock, step: int
 ) -> None:
-    """Set a state in the core, at this macro step of the clock.
-
-    Raises ValueError for a kept tangent that is singular; the state is then unchanged.
-    """
+    """Set a state in the core, at this macro step of the clock."""
     set_iterations(state.iterations, members)
     for member, levels in zip(members, state.levels):
         member.core.set_levels(levels)
@@ -381,7 +369,6 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
 
     Those to which the file led before are removed, and what is left of a save that was interrupted.
 
-    files: their names beside it, by rank.
     first: the number of the first subdomain of each rank, and the number of all.
     """
     own = re.escape(path.name) + OF_A_RANK
@@ -400,12 +387,7 @@ def read(
 ) -> tuple[int, dict[str, np.ndarray], dict[str, Any] | None]:
     """Macro step, arrays and changed steps of a file that was written for the same problem.
 
-    path: of a file of `write`, or of `write_master`.
-    problem: the facts of the problem here, from `constants` and `loads`.
     own: the numbers of the subdomains of this process among all: the others are not read.
-    Raises OSError when there is no such file.
-    Raises ValueError for any other file, a damaged one, or another problem; the message lists what
-        differs.
     """
     header, arrays = read_npz(path, FORMAT, VERSION)
     if "files" in header:

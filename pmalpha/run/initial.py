@@ -17,7 +17,7 @@ from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.member import Member
 from ..setup.start import InitialAccelerations
 from .loads import Loads, force_at
-from .motion import Motion, all_known, slopes_at_start, values_at_start
+from .motion import Motion, all_known, values_at_start
 
 
 class StartValues(NamedTuple):
@@ -54,14 +54,8 @@ class InitialValues:
         self.values = list(zip(u, v))
 
     def check(self, motions: Sequence[Motion], *, tied: bool = False) -> None:
-        """Check against the constraints, except those with a callable velocity.
-
-        With `tied` the displacements are constrained too.
-
-        Raises ConstraintError when the velocities violate a constraint, or the displacements where
-            they are tied; for a gap of a contact that is negative.
-        ConstraintWarning when the displacements violate a constraint.
-        """
+        """Check against the constraints, except those with a callable velocity. With `tied` the
+        displacements are constrained too."""
         if all_known(motions):
             self._check_velocities(motions)
         displacements = [u for u, _ in self.values]
@@ -123,7 +117,7 @@ class InitialValues:
         forces = [loads.at_start(i) for i in range(len(members))]
         terms = [[F, *own] for F, own in zip(forces, loads.terms_of_motion(states))]
         g = rows.jumps_in_core(values_at_start(loads.motions, rows.p))
-        slope = rows.jumps_in_core(slopes_at_start(loads.motions, rows.p))
+        slope = rows.jumps_in_core(values_at_start(loads.motions, rows.p, slopes=True))
         if not all_known(loads.motions):
             self._check_velocities(loads.motions)
         if self.rows.ranks is not None:
@@ -172,7 +166,7 @@ def consistent_in_lanes(
         F = columns([force_at(own[i], member, 0.0) for own in forces])
         terms.append([F, *map(columns, each)])
     g = rows.jumps_in_core(values_at_start(loads.motions, p))
-    slope = rows.jumps_in_core(slopes_at_start(loads.motions, p))
+    slope = rows.jumps_in_core(values_at_start(loads.motions, p, slopes=True))
     w, lam = solver.solve_columns(terms, slope)
     for member, own in zip(members, w):
         if not np.all(np.isfinite(own)):

@@ -22,10 +22,7 @@ SHARE = 0.01
 class CallbackLoad:
     """A Python callable, evaluated ahead of the core: once per substep, in the order of time.
 
-    force: f(t) -> (n,).
     what: its name in messages, such as "force of subdomain 'rig'".
-    order: (n,) array, elimination order.
-    substeps: evaluations per macro step.
     """
 
     def __init__(
@@ -67,11 +64,9 @@ class CallbackLoad:
         return self.near_start[t]
 
     def value_at(self, level: int) -> np.ndarray:
-        """f at a time level of the subdomain, counted from the origin, in elimination order.
-
-        The value of the substep that ended there; evaluated again if it is not stored, as after
-        `Coupler.load`.
-        """
+        """f at a time level of the subdomain, counted from the origin, in elimination order. The
+        value of the substep that ended there; evaluated again if it is not stored, as after
+        `Coupler.load`."""
         row = level - 1 - self.first
         if 0 <= row < len(self.rows):
             return self.rows[row].copy()
@@ -115,9 +110,7 @@ class CallbackLoad:
 class Motion:
     """The prescribed velocity of one constraint.
 
-    velocity: array, SampledForce or callable.
     what: its name in messages, such as "velocity of constraint 0".
-    rows: array of int, its rows among all constraints.
     scale: array, of these rows, by which the core has them divided.
     fine: interface problems per macro step.
     apart: time between the values of a callable of which g'(0) is made. Default: 1/16 of a fine
@@ -173,10 +166,6 @@ class Motion:
         assert isinstance(self.velocity, SampledForce)
         return self.velocity(t)
 
-    def value(self) -> np.ndarray:
-        """g(0)"""
-        return self.at(0.0)
-
     def slope(self) -> np.ndarray:
         """g'(0)"""
         if isinstance(self.velocity, SampledForce):
@@ -204,26 +193,17 @@ def all_known(motions: Sequence[Motion]) -> bool:
     return all(motion.known for motion in motions)
 
 
-def values_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
-    """g(0), (p,), in the user's order of rows; 0 in rows without prescribed velocity."""
+def values_at_start(motions: Sequence[Motion], p: int, *, slopes: bool = False) -> np.ndarray:
+    """g(0) or g'(0), (p,), in the user's order; 0 in rows without prescribed velocity."""
     g = np.zeros(p)
     for motion in motions:
-        g[motion.rows] = motion.value()
+        g[motion.rows] = motion.slope() if slopes else motion.at(0.0)
     return g
-
-
-def slopes_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
-    """g'(0), (p,), in the same order."""
-    slopes = np.zeros(p)
-    for motion in motions:
-        slopes[motion.rows] = motion.slope()
-    return slopes
 
 
 class Obstacles:
     """d and d' of all contact rows at fine steps, evaluated ahead of the core.
 
-    fine: fine steps per macro step.
     apart: time over which differences are taken. Default: a hundredth of a fine step.
     """
 
@@ -250,11 +230,9 @@ class Obstacles:
 
     def start(self) -> np.ndarray:
         """No impulses, and the obstacles at t = 0: contacts of the core at the start."""
-        at = (
-            np.zeros(2 * self.count)
-            if self.callback is None
-            else (self.callback.near_start_value(0.0))
-        )
+        at = np.zeros(2 * self.count)
+        if self.callback is not None:
+            at = self.callback.near_start_value(0.0)
         return np.concatenate([np.zeros(self.contacts.rows), at])
 
     def _values(self, t: float) -> np.ndarray:
@@ -275,10 +253,8 @@ class Obstacles:
     def _slope(self, motion: Any, t: float, rows: int, what: str) -> np.ndarray:
         """Difference of order 2; at t = 0 forward, before which a motion need not be defined."""
         h = self.apart
-        at = [
-            on_rows(motion(x), rows, what)
-            for x in ((t, t + h, t + 2.0 * h) if t < h else (t - h, t + h))
-        ]
-        if t < h:
-            return (4.0 * at[1] - 3.0 * at[0] - at[2]) / (2.0 * h)
-        return (at[1] - at[0]) / (2.0 * h)
+        times = (t, t + h, t + 2.0 * h) if t < h else (t - h, t + h)
+        first, second, *third = (on_rows(motion(x), rows, what) for x in times)
+        if third:
+            return (4.0 * second - 3.0 * first - third[0]) / (2.0 * h)
+        return (second - first) / (2.0 * h)

@@ -44,12 +44,8 @@ LONGEST = 1e18
 
 @contextmanager
 def on_time(priority: int | None, lock_memory: bool) -> Iterator[None]:
-    """SCHED_FIFO and the shortest timer slack for this thread, memory of the process locked.
-
-    All is as before afterwards. Threads made meanwhile do not inherit the priority.
-
-    Raises OSError where the system does not allow it, with what it needs; nothing is changed then.
-    """
+    """SCHED_FIFO and the shortest timer slack for this thread, memory of the process locked. All is
+    as before afterwards. Threads made meanwhile do not inherit the priority."""
     with _locked(lock_memory), _scheduled(priority), _without_slack():
         yield
 
@@ -132,10 +128,8 @@ def _without_slack() -> Iterator[None]:
 
 @contextmanager
 def signals_written() -> Iterator[int]:
-    """A file to which signals are written, so that they are seen without the GIL.
-
-    -1 where this thread runs no handlers of signals.
-    """
+    """A file to which signals are written, so that they are seen without the GIL. -1 where this
+    thread runs no handlers of signals."""
     if threading.current_thread() is not threading.main_thread():
         yield -1
         return

@@ -78,8 +78,6 @@ class Assemblies:
     """A coupled problem, ordered once, and its assemblies for the layouts that were asked for.
 
     links: L_i, independent rows, in the user's order.
-    layout: of the first assembly.
-    prescribed: sequence of arrays of int, the rows of each prescribed velocity.
     threads: (int, bool), maximum number of threads, and whether to use fewer where more are not
         faster.
     ranks: the processes, of which each has the subdomains in `keys`, and in other arguments.

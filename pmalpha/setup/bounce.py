@@ -25,8 +25,6 @@ def warn_of_bounces(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) ->
 
     Closed contact is stable up to the critical step, with an estimate K_r up to that of (C4) or at
     any step; but a stop that opens within a step goes on to push.
-
-    steps: iterable of (name, subdomain, length of the step that it takes, ratio of `step_ratio`).
     """
     for name, subdomain, step, ratio in steps:
         gain, Omega = bounce_of(subdomain, step)

@@ -48,9 +48,7 @@ def require_sizes(L: sp.csc_array, name: Callable[[int], str]) -> None:
 
 def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
     """ConstraintError unless L has full row rank, determined from L alone with rows of length 1.
-
-    `name` returns the name of a row in messages.
-    """
+    `name` returns the name of a row in messages."""
     p = L.shape[0]
     unit = rows_of_size_one(L)
     shared = np.bincount(L.indices, minlength=L.shape[1]).astype(float)
@@ -153,9 +151,7 @@ class CoreRows:
     With L = s * (row of the core), a jump is s times that of the core, and a multiplier is that of
     the core divided by s.
 
-    position: (p,) array of int, position of each constraint in the core's order.
     scale: (p,) array, s of each constraint.
-    contacts: beside them, in the user's order.
     """
 
     def __init__(self, position: np.ndarray, scale: np.ndarray, contacts: Contacts | None = None):
@@ -206,13 +202,9 @@ def scale_of_rows(sizes: np.ndarray) -> np.ndarray:
 class ConstraintRows:
     """The stacked constraints of a coupler, equation (2), in the user's order of rows and dofs.
 
-    subdomains: of all processes.
-    own: those of this process. Default: all.
-    contacts: beside them.
     scale: (p,) array, what each row is divided by for the core.
     links: L_i of every subdomain of this process, with the rows divided by `scale`.
     matrices: list of (p, n_i) csc_array, L_i as given, for products.
-    Raises ConstraintError when the rows are linearly dependent.
     """
 
     def __init__(
@@ -316,10 +308,8 @@ class ConstraintRows:
         self, values: Sequence[np.ndarray], g: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:
         """The rows in which sum L_i x_i differs from g by more than rounding, and the differences.
-
         Each row is scaled by its largest entry, since the multiple of a constraint is the same
-        constraint.
-        """
+        constraint."""
         terms = joined(
             self.ranks,
             [

@@ -45,10 +45,6 @@ def assembled(
     """M, C and K on the motions that satisfy the constraints.
 
     matrices: sequence of (M, C, K) in inner form, (n_i, n_i) each.
-    constraints: sequence of (p, n_i) csc_array, L_i, with independent rows.
-    Raises ValueError when the constraints leave no motion.
-    Raises MemoryError when rows that are not ties and share dofs are too many for a dense
-        factorization.
     """
     sizes = [L.shape[1] for L in constraints]
     T = kernel(sp.csr_array(sp.hstack(constraints)))

@@ -41,12 +41,7 @@ def static_displacements(
     constraints: Sequence[sp.csr_array],
     forces: Sequence[np.ndarray],
 ) -> list[np.ndarray]:
-    """The displacements u_i, (n_i,) each.
-
-    stiffnesses: sequence of (n_i, n_i) matrices in inner form.
-    constraints: sequence of (p, n_i) csr_array, L_i, with independent rows.
-    Raises FactorizationError when the structure is floating or its stiffness indefinite.
-    """
+    """The displacements u_i, (n_i,) each."""
     from scipy.sparse.linalg import splu
 
     sizes = [f.size for f in forces]
@@ -115,8 +110,6 @@ class _Trial:
 class Equilibrium:
     """Newton's method for the static equilibrium of tied subdomains.
 
-    constraints: sequence of (p, n_i) csr_array, L_i, with independent rows.
-    newton: tolerance, and iterations in a load step.
     ranks: the subdomains are those of this process: all of them solve for the whole structure, each
         evaluates the forces of its own.
     """
@@ -140,15 +133,9 @@ class Equilibrium:
         self.iterations, self.worst = 0, self.names[0]
 
     def solve(self, begin: Sequence[np.ndarray], steps: int) -> list[np.ndarray]:
-        """The displacements u_i of these subdomains, (n_i,) each.
-
-        The residual of `begin` and its jump are removed in load steps, `steps` equal ones at first;
-        one that does not converge is halved, and the step after one that converges is doubled.
-
-        Raises FactorizationError when the structure is floating or its tangent indefinite at the
-            solution.
-        Raises ConvergenceError.
-        """
+        """The displacements u_i of these subdomains, (n_i,) each. The residual of `begin` and its
+        jump are removed in load steps, `steps` equal ones at first; one that does not converge is
+        halved, and the step after one that converges is doubled."""
         u, lam = np.concatenate(joined(self.ranks, begin)), np.zeros(self.L.shape[0])
         self.first, self.jump = self._residual(u), self.L @ u
         if not np.all(np.isfinite(self.first)):
@@ -182,11 +169,9 @@ class Equilibrium:
     def _load_step(
         self, u: np.ndarray, lam: np.ndarray, load: float, *, searches: bool
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """u and Lam at this share of the load; None if the iteration does not converge.
-
-        Without a line search it is fast where an element is much stiffer in one direction than in
-        another, in which a search would follow each turn of the path.
-        """
+        """u and Lam at this share of the load; None if the iteration does not converge. Without a
+        line search it is fast where an element is much stiffer in one direction than in another, in
+        which a search would follow each turn of the path."""
         before, self.searches = np.inf, searches
         for iteration in range(self.newton.iterations if searches else self.plain):
             self.iterations = iteration + 1
@@ -265,10 +250,8 @@ class Equilibrium:
         return float(np.sum(left))
 
     def _line_search(self, u: np.ndarray, load: float, trial: _Trial) -> float | None:
-        """The part x of a correction that does not overshoot, as in (N10); None if there is none.
-
-        A jump is removed in proportion to x, so that its work is in the slope.
-        """
+        """The part x of a correction that does not overshoot, as in (N10); None if there is none. A
+        jump is removed in proportion to x, so that its work is in the slope."""
         s0 = trial.slope
         s1 = self._slope(u, load, trial, 1.0)
         if np.isfinite(s1) and s1 >= -0.8 * s0:

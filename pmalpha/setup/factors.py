@@ -75,17 +75,10 @@ class Names:
 
 @dataclass(frozen=True)
 class Structure:
-    """The symbolic factorization of all matrices with entries in one pattern.
+    """The symbolic factorization of all matrices with entries in one pattern."""
 
-    Attributes
-    ----------
-    entries : int
-        Stored entries of R, with the diagonal.
-    panels : tuple or None
-        (first, row_ptr, rows, start, owner); None where sweeps of columns are faster.
-    """
-
-    entries: int
+    entries: int  # of R, with the diagonal
+    # (first, row_ptr, rows, start, owner); None where sweeps of columns are faster
     panels: tuple[Any, ...] | None
 
     @property
@@ -130,14 +123,9 @@ def factorize(
 ) -> Factor:
     """R and the reciprocals of D, in the forms of the core; R and Q of an unsymmetric matrix.
 
-    A: already in elimination order.
     nb: number of interface unknowns, which are last and swept separately.
     structure: of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
     symmetric: A is symmetric, and has to be positive definite. Otherwise pivots have any sign.
-    threads: maximum number of threads that make a factor in panels.
-    Raises FactorizationError when A is not positive definite; if unsymmetric, for pivots that are
-        too small or too large.
-    Raises MemoryError when the factor would not fit, predicted before the factorization.
     """
     if A is None:
         raise names.not_definite(A, 0)
@@ -310,11 +298,9 @@ def sides(factor: Factor) -> list[Factor]:
 
 
 def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
-    """SuperLU's factor, column by column: for chains and other thin patterns.
-
-    Where SuperLU pivots off the diagonal or reports a singular matrix, the matrix is probably not
-    definite: then the supernodal factor decides, and locates the pivot.
-    """
+    """SuperLU's factor, column by column: for chains and other thin patterns. Where SuperLU pivots
+    off the diagonal or reports a singular matrix, the matrix is probably not definite: then the
+    supernodal factor decides, and locates the pivot."""
     from scipy.sparse.linalg import splu
 
     n = A.shape[0]
@@ -467,11 +453,9 @@ class Elimination:
 
 
 class Eliminations:
-    """The eliminations of all subdomains of a coupler.
-
-    Subdomains with the same graph and the same interface dofs, say equal meshes of different
-    materials, have one elimination, which is found once.
-    """
+    """The eliminations of all subdomains of a coupler. Subdomains with the same graph and the same
+    interface dofs, say equal meshes of different materials, have one elimination, which is found
+    once."""
 
     def __init__(self) -> None:
         self._known: dict[bytes, Elimination] = {}
@@ -492,7 +476,6 @@ def elimination(n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
     """The elimination with little fill, the interface dofs last.
 
     graph: of all matrices to factor, from `graph_of`.
-    last: (nb,) sorted array of int, interface dofs.
     """
     order = elimination_order(n, graph, last)
     if graph is None:

@@ -46,7 +46,6 @@ def warn_of_loose(
     function without `restoring_stiffness` are left out, since their stiffness is not known, as are
     those without any stiffness: single masses.
 
-    links: L_i, independent rows.
     contacts: subdomains that have contacts, which may be loose.
     """
     reached = [L.values.size > 0 for L in links]
@@ -150,7 +149,6 @@ def warn_of_growing(
     2, which take a pass over the entries: most sign errors. Where the subdomains have up to `TIED`
     dofs together, the structure with its ties decides.
 
-    links: L_i, independent rows.
     complete: whether these are all subdomains, and not those of one process of several.
     """
     found = {name: rate for name, s in keys if (rate := _rate(s)) > 0.0}

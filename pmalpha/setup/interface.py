@@ -60,10 +60,8 @@ def interface_matrix(
 ) -> Matrix:
     """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); for link responses (M4).
 
-    members: with their factors.
     start: all subdomains take single steps, as in the first macro step.
     mean: for link responses, the mean velocity in the macro step instead of the one at its end.
-    ranks: the sum is over the subdomains of all processes.
     """
     make_diagonal_blocks([p for p in members if p.response_blocks is None], start=start)
     blocks = []

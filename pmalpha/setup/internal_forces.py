@@ -51,11 +51,7 @@ class InternalForces:
 
 
 def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
-    """The internal forces of a subdomain, each evaluated once, at t = 0.
-
-    Raises TypeError, ValueError for a value of a force of the wrong kind or shape, and for a
-        tangent that is not symmetric.
-    """
+    """The internal forces of a subdomain, each evaluated once, at t = 0."""
     if s.internal is None:
         return None
     pairs = list(zip(s.internal.forces, s.internal.labels))
@@ -191,9 +187,7 @@ def _in_order(pattern: sp.csr_array, order: np.ndarray, nb: int) -> TangentPatte
 
 def narrow_order(pattern: sp.csr_array, last: np.ndarray) -> tuple[np.ndarray, int]:
     """The order in the narrowest band found, with the interface dofs last, and its half width.
-
-    Among the natural order, that of Cuthill and McKee, and both reversed.
-    """
+    Among the natural order, that of Cuthill and McKee, and both reversed."""
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     n = pattern.shape[0]
@@ -225,10 +219,7 @@ def numeric(
     symmetric: bool,
     scratch: float = 0.0,
 ) -> tuple[Any, ...]:
-    """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again.
-
-    Raises MemoryError when the factor does not fit.
-    """
+    """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again."""
     from scipy.linalg import cython_blas
 
     panel = 8.0 if symmetric else 16.0
@@ -242,11 +233,9 @@ def numeric(
 def core_internal(
     forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None, symmetric: bool
 ) -> tuple[Any, ...]:
-    """(order, initial, functions) of the core; without tangents in an explicit subdomain.
-
-    If the tangents have to be `symmetric`, the core checks those of compiled functions;
-    `CheckedInternal` checks the others.
-    """
+    """(order, initial, functions) of the core; without tangents in an explicit subdomain. If the
+    tangents have to be `symmetric`, the core checks those of compiled functions; `CheckedInternal`
+    checks the others."""
     functions = tuple(
         (
             function,
@@ -293,12 +282,8 @@ def internal_at(
     *,
     tangent: bool = True,
 ) -> Evaluation:
-    """The functions among the internal forces, at the end of a path from the histories q.
-
-    Without `tangent` K and C are None. What is not finite stays so.
-
-    Raises PmalphaError, and any exception of a function.
-    """
+    """The functions among the internal forces, at the end of a path from the histories q. Without
+    `tangent` K and C are None. What is not finite stays so."""
     f, at = np.zeros(n), 0
     stiff: list[tuple[float, Matrix]] = []
     damped: list[tuple[float, Matrix]] = []
@@ -320,9 +305,7 @@ def springs_at(
     s: Subdomain, u: np.ndarray, remembered: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Force (n,) of all springs of a subdomain that go to u, and the tangents of each object.
-
-    `remembered`, (fields, springs), is what they remember; None for springs never loaded before.
-    """
+    `remembered`, (fields, springs), is what they remember; None for springs never loaded before."""
     ends = np.cumsum([len(spring) for spring in s.springs])
     _, slopes, f = _core.follow_springs(core_springs(s.springs, np.arange(s.n)), u, remembered)
     return f, np.split(slopes, ends[:-1])

@@ -7,7 +7,7 @@ are stored where that is faster than repeating the substeps, (M8).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from .._checks import counted, listing, numbered
 from .._core import LANES
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
-from ..problem.matrices import Matrix, core_matrix
+from ..problem.matrices import Matrix, core_matrix, product
 from ..problem.schemes import explicit_rho
 from .factors import Factor, solve
 from .interface import interface_matrix, is_symmetric_sum, summed
@@ -36,7 +36,7 @@ LONG, ABSURD = 20.0, 86400.0
 RESONANT = 0.05
 # The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
 LEAST_EXPLICIT_RHO = 0.5
-# 2 beta / gamma from which damping feeds the velocity gap; the trapezoidal rule has 1 to rounding.
+# 2 beta / gamma from which damping feeds the velocity jump; the trapezoidal rule has 1 to rounding.
 ABOVE = 1.0 + 1e-9
 
 
@@ -136,9 +136,7 @@ def is_stored(member: Member) -> bool:
 
 def compute_unit_responses(member: Member) -> None:
     """Unit responses of a subdomain; sets its block of H, and the one of the mean velocities.
-
-    Errors as of `unit_responses`.
-    """
+    Errors as of `unit_responses`."""
     rows = member.L.rows
     end, mean, states = unit_responses(member, rows, stored=is_stored(member))
     if states is not None:
@@ -156,8 +154,6 @@ def unit_responses(
     Returns end, mean: (k, k) array, what the core ties at the end of the macro step, and its mean
         over it; a row for each response.
     Returns states: (k, 4, n) array, or None, U, where it is to be stored.
-    Raises MemoryError when the blocks do not fit.
-    Raises ValueError when a response is not finite: the steps are far above the critical one.
     """
     k = rows.size
     threads = max(1, min(member.elimination.threads, int(work(member) // SHARE), -(-k // LANES)))
@@ -193,10 +189,6 @@ def warn_of_resonance(
 ) -> None:
     """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
 
-    H: (p, p) matrix in inner form, (M4).
-    factor: of H.
-    position: (p,) array of int, position of each constraint in the core's order.
-
     The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
     the mean velocities in the macro step; of unsymmetric matrices, by size.
     """
@@ -205,14 +197,14 @@ def warn_of_resonance(
     if not means:
         return
     mean = interface_matrix(members, position.size, start=False, mean=True, ranks=ranks)
-    product = _product(mean)
     x = np.cos(np.arange(position.size))
     for _ in range(8):
-        x = solve(factor, product(x))
+        x = solve(factor, product(mean, x))
         x /= np.max(np.abs(x))
-    ratio = float(x @ _product(H)(x)) / float(x @ product(x))
+    Hx, Px = product(H, x), product(mean, x)
+    ratio = float(x @ Hx) / float(x @ Px)
     if not all(member.symmetric for member in members):
-        ratio = float(np.linalg.norm(_product(H)(x)) / np.linalg.norm(product(x)))
+        ratio = float(np.linalg.norm(Hx) / np.linalg.norm(Px))
     if ratio >= RESONANT:
         return
     shares = {}
@@ -229,10 +221,6 @@ def warn_of_resonance(
         'damping or take rho < 1, or coupling="gc"',
         StabilityWarning,
     )
-
-
-def _product(A: Matrix) -> Callable[[np.ndarray], np.ndarray]:
-    return (lambda x: A * x) if A.ndim == 1 else (lambda x: A @ x)
 
 
 def check_mean(members: Sequence[Member]) -> None:
@@ -265,20 +253,20 @@ def check_mean(members: Sequence[Member]) -> None:
 
 
 def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
-    """Why the velocity gap can grow with damping, (K8)."""
+    """Why the velocity jump can grow with damping, (K8)."""
     own = [member.name for member in members if _grows(member)]
     names = [repr(name) for name in joined(ranks, own)]
     if not names:
         return []
     return [
         'coupling="mean" grows with damping in subdomains with one substep and rho < 1 '
-        f"({listing(names)}): the velocity gap at the interface does; take there the "
+        f"({listing(names)}): the velocity jump at the interface does; take there the "
         'trapezoidal rule or central difference, or coupling="macro"'
     ]
 
 
 def _grows(member: Member) -> bool:
-    """Whether the damping feeds the velocity gap, (K8)."""
+    """Whether the damping feeds the velocity jump, (K8)."""
     scheme = member.subdomain.scheme
     return member.is_damped and member.substeps == 1 and 2.0 * scheme.beta > ABOVE * scheme.gamma
 

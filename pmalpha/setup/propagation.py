@@ -51,10 +51,7 @@ def propagation(
 
 
 class Layout:
-    """The order of the numbers of all subdomains in X.
-
-    size: numbers in X.
-    """
+    """The order of the numbers of all subdomains in X."""
 
     def __init__(
         self, members: Sequence[Member], core: _core.Coupler, coupling: str, rows: CoreRows
@@ -73,10 +70,7 @@ class Layout:
 
     def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:
         """Index of the subdomain, of its array in the core, and dofs in elimination order, as X has
-        them.
-
-        The core has the present time level first, X the one before it.
-        """
+        them. The core has the present time level first, X the one before it."""
         for i, (member, stored) in enumerate(zip(self.members, self.stored)):
             interface = np.arange(member.nb) if stored else np.arange(0)
             for first in (LEVEL_FIELDS, 0) if member.double else (0,):
@@ -133,7 +127,6 @@ def warn_of_growth(
 
     doubts: why a coupling of these schemes can grow.
     otherwise: what to say if it grows and there are none; None where none grows without one.
-    radius: of `cheap_radius`.
     """
     found, texts = "", list(doubts)
     if radius is not None:
@@ -164,10 +157,8 @@ def cheap_radius(
 
 
 def growth_of_structure(members: Sequence[Member]) -> float:
-    """The rate at which the tied structure itself grows, 0 where it does not.
-
-    That is the largest real part of z with (z^2 M + z C + K) u = 0, L u = 0.
-    """
+    """The rate at which the tied structure itself grows, 0 where it does not. That is the largest
+    real part of z with (z^2 M + z C + K) u = 0, L u = 0."""
     from scipy.linalg import eigvals, null_space
 
     M, C, K = (dense_whole([member.subdomain for member in members], name) for name in "MCK")

@@ -54,8 +54,6 @@ class Ranks:
     comm: it is duplicated, so that no message of the user can be taken for one of these.
     first: (size + 1,) array of int, the number of the first subdomain of each rank, from
         `described` on.
-    Raises ImportError, TypeError: without mpi4py, and for anything else than one of its
-        communicators.
     """
 
     def __init__(self, comm: Any):
@@ -303,8 +301,7 @@ def check_stable(
 def remote_of(member: Member, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
     """What other processes have to know of a subdomain: (nb, substeps, h, doubled, continues,
     whether it has internal forces, link, constraints if its steps are iterated). With another link
-    a single step of length h, without others.
-    """
+    a single step of length h, without others."""
     single = L is not None
     h = member.h if h is None else h
     double = not single and member.double

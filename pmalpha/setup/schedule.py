@@ -31,11 +31,7 @@ COUPLINGS: dict[Coupling, str] = {
 def double_steps(
     subdomains: Sequence[Subdomain], coupling: str, substeps: Sequence[int]
 ) -> tuple[bool, ...]:
-    """Whether each subdomain takes double steps, with these numbers of substeps.
-
-    Raises ValueError when all subdomains of the finest step would: odd and even time levels would
-        be two unrelated runs.
-    """
+    """Whether each subdomain takes double steps, with these numbers of substeps."""
     if coupling == "gc" or len(subdomains) == 1:
         return (False,) * len(subdomains)
     if coupling in MACRO:
@@ -169,10 +165,7 @@ def _rows(L: Any, subdomain: Any, s: Any, what: str) -> sp.csr_array:
 
 
 def chosen_coupling(coupling: Any, count: int) -> Any:
-    """The coupling of this number of subdomains: one subdomain needs none.
-
-    Raises TypeError for none with several subdomains.
-    """
+    """The coupling of this number of subdomains: one subdomain needs none."""
     if coupling is not None:
         return coupling
     if count == 1:

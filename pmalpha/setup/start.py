@@ -47,8 +47,6 @@ class InitialAccelerations:
     """Solves (S1) for any right-hand side, with factors made once.
 
     rows: (p,) array of int, numbers of the constraints, in the order of the multipliers.
-    ranks: as for `assemble`.
-    Raises FactorizationError when a mass matrix is singular beyond its zero rows.
     """
 
     def __init__(
@@ -93,10 +91,6 @@ class InitialAccelerations:
         """w_i and Lam for the terms of r_i, in elimination order.
 
         terms: for each subdomain the (n_i,) arrays F(0), -C v, -K u.
-        g: (p,) array, derivative of the prescribed velocities.
-        Returns w: list of (n_i,) arrays.
-        Returns lam: (p,) array.
-        ConstraintWarning when the equation of a dof without mass does not hold at t = 0.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # then w is not finite either
             r: list[Any] = [sum(t) for t in terms]
@@ -155,11 +149,8 @@ class InitialAccelerations:
     def _solve_without_mass(
         self, r: Sequence[np.ndarray], g: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Solves the interface problem extended by the tied massless dofs:
-
-        [H   B] [Lam]   [g - sum L wf]
-        [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs
-        """
+        """Solves the interface problem extended by the tied massless dofs: [H   B] [Lam]   [g - sum
+        L wf] [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs"""
         no_rows = np.empty(0)
         wf, _ = self._step(r, no_rows)
         free = sum(m.tied @ w for m, w in zip(self.masses, wf))
@@ -259,11 +250,9 @@ def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float
 
 
 def _mass_factor(member: Member, M: Matrix) -> Factor:
-    """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding.
-
-    s is the smallest power of ten times the largest entry of M that makes it definite, up to the
-    rounding of exported files. Steps do not need this factor.
-    """
+    """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding. s is the
+    smallest power of ten times the largest entry of M that makes it definite, up to the rounding of
+    exported files. Steps do not need this factor."""
     what = f"M of subdomain {member.name!r}"
     try:
         return member.factor(M, what)

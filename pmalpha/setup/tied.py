@@ -105,10 +105,6 @@ def displacement_factors(
     """The factors L U of S_mu, equation (V4), for the core.
 
     members: with their factors and objects of the core, single steps.
-    ranks: the sums are over the subdomains of all processes.
-    Raises FactorizationError for a singular S_mu.
-    Raises MemoryError, ValueError for matrices that do not fit; for shifts that would take longer
-        than a day.
     """
     if p == 0:
         return lu_factors(np.empty(0), 0)

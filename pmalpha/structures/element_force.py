@@ -239,10 +239,7 @@ class Conservative(ElementForce):
     """An ElementForce that is the gradient of a potential."""
 
     def potential(self, u: Any) -> float:
-        """The energy whose derivative with respect to u is the force, zero without strain.
-
-        u: (n,) array_like.
-        """
+        """The energy whose derivative with respect to u is the force, zero without strain."""
         return self._potential(self._displacements(u))
 
     def _potential(self, u: np.ndarray) -> float:
