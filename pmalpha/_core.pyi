@@ -17,14 +17,7 @@ _Band = tuple[np.ndarray]
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
 _Schedule = Literal[
-    "fine",
-    "iterated",
-    "tied",
-    "macro",
-    "shooting",
-    "mean",
-    "mean shooting",
-    "contact",
+    "fine", "iterated", "tied", "macro", "shooting", "mean", "mean shooting", "contact"
 ]
 _Matrix = np.ndarray | _Band | _Compressed | _Strips | None
 _Operator = tuple[float, np.ndarray, _Matrix | _Panels]  # h, reciprocals of D, R
@@ -48,13 +41,7 @@ _Link = tuple[int, np.ndarray, np.ndarray, np.ndarray]  # rows, and a matrix by 
 _Struck = tuple[np.ndarray, float, float, _Link | None]
 # first row, gap, restitution and friction of each; subdomain and N of each side; dgemm, dtrsm
 _Contact = tuple[
-    np.ndarray,
-    np.ndarray,
-    np.ndarray,
-    np.ndarray,
-    tuple[tuple[int, _Link], ...],
-    Any,
-    Any,
+    np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[tuple[int, _Link], ...], Any, Any
 ]
 
 # function, numbers in its history, where each value of its pattern is in that of the tangent and
@@ -149,13 +136,7 @@ class Subdomain:
     ) -> None: ...
     def watch(self, M: _Matrix, K_r: _Matrix, looks: bool, /) -> None: ...
     def begin_energy(
-        self,
-        M: _Matrix,
-        skew: _Matrix,
-        load: np.ndarray,
-        lam: np.ndarray,
-        weight: float = ...,
-        /,
+        self, M: _Matrix, skew: _Matrix, load: np.ndarray, lam: np.ndarray, weight: float = ..., /
     ) -> None: ...
     def follow_energy(self, other: Subdomain, /) -> None: ...
     def end_energy(self) -> None: ...

@@ -18,6 +18,13 @@ def _libraries() -> Any:
     return ThreadpoolController().select(user_api="blas")
 
 
+def gemm_and_trsm() -> tuple[Any, Any]:
+    """The functions of SciPy's BLAS that the core calls."""
+    from scipy.linalg import cython_blas
+
+    return cython_blas.__pyx_capi__["dgemm"], cython_blas.__pyx_capi__["dtrsm"]
+
+
 class _Users:
     """The threads of the process that are in `one_thread` at present."""
 

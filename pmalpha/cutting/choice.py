@@ -393,10 +393,7 @@ def by_layer(
             f"layer_of must leave elements for the bulk, got all {whole.count} up to depth {depth}"
         )
     if scheme is None:
-        scheme = {
-            "layer": GeneralizedAlpha(RHO, explicit=True),
-            "bulk": GeneralizedAlpha(RHO),
-        }
+        scheme = {"layer": GeneralizedAlpha(RHO, explicit=True), "bulk": GeneralizedAlpha(RHO)}
     choice = by_labels(whole, np.where(chosen, "layer", "bulk"), None, dt, scheme)
     # what contact requires, should the bulk have smaller elements
     bulk, layer = choice.members

@@ -22,7 +22,7 @@ from .choice import Candidates, Choice, Member, automatic, by_labels, by_layer, 
 from .division import Division, checked_motion
 from .elements import Elements
 from .result import Cut
-from .whole import Portion, Whole, whole_of
+from .whole import Whole, whole_of
 
 __all__ = ["cut"]
 
@@ -176,7 +176,7 @@ def _cheapest(structure: Any, whole: Whole, candidates: Candidates, values: Valu
 def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, values: Values) -> Cut:
     labels, members = choice.labels, choice.members
     portions = _portions(whole, labels, members)
-    masses = [_masses(portion) for portion in portions]
+    masses = [np.maximum(diagonal(portion.M), 0.0) for portion in portions]
     division = Division(whole.n, [portion.dofs for portion in portions], masses)
     for member, portion, mass in zip(members, portions, masses):
         if member.scheme.explicit:
@@ -223,10 +223,6 @@ def _portions(whole: Whole, labels: np.ndarray, members: Sequence[Member]) -> li
             left[nodes[nodes >= 0]] = False
         portions.append(portion)
     return portions
-
-
-def _masses(portion: Portion) -> np.ndarray:
-    return np.maximum(diagonal(portion.M), 0.0)
 
 
 def _require_mass(member: Member, dofs: np.ndarray, mass: np.ndarray) -> None:

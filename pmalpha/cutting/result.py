@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from os import PathLike
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._checks import counted, sampling_step
-from .._tables import html_table
+from .._tables import html_table, text_table
 from ..export import write_series
 from ..gradients.parameters import Parameters
 from ..problem.constraints import Constraint
@@ -40,12 +39,6 @@ QUICK = 100_000
 
 
 HEADINGS = ("subdomain", "dofs", "interface dofs", "scheme", "substeps")
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table."""
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    return ["  ".join(x.ljust(w) for x, w in zip(row, widths)).rstrip() for row in rows]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +105,8 @@ class Cut:
             )
             for s, own in zip(self.subdomains, self._division.interface)
         ]
-        lines = aligned(rows[:MOST_ROWS])
+        shown = rows[:MOST_ROWS]
+        lines = text_table(shown[0], shown[1:], left=shown[0]).splitlines()
         if len(rows) > MOST_ROWS:
             lines.append(f"... ({len(rows)} in all)")
         if self._is_quick:

@@ -13,6 +13,7 @@ from .._checks import counted, listing, numbered
 from ..problem.dofs import dof_array
 from ..problem.internal import InternalForce
 from ..problem.matrices import sparse
+from ..structures.element_force import Selected
 from ..structures.pattern import Pattern
 from ..structures.structure import Structure, idle_dofs
 from .elements import Elements
@@ -251,7 +252,7 @@ class WholeStructure(Whole):
         elements = {kind: number[links] for kind, (_, links) in picked.items()}
         numbers = {kind: numbers for kind, (numbers, _) in picked.items()}
         assert self._structure.recipe is not None
-        M, K, internal = self._structure.recipe(numbers, elements, nodes.size)
+        M, K, internal = self._structure.recipe(Selected(numbers, elements, nodes.size))
         further = self._structure.internal[len(internal) :]
         number[~owned] = -1
         forces = [*internal, *_parts_of(further, number, nodes.size)]
@@ -287,7 +288,7 @@ class WholeStructure(Whole):
         numbers = first + np.arange(e)
         apart = np.arange(e * a).reshape(e, a)
         assert self._structure.recipe is not None
-        M, K, internal = self._structure.recipe({kind: numbers}, {kind: apart}, e * a)
+        M, K, internal = self._structure.recipe(Selected({kind: numbers}, {kind: apart}, e * a))
         k = a * self._d
         for force in internal:
             K = K + force(np.zeros(force.n))[1]

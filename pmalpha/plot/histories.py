@@ -108,11 +108,7 @@ def time_histories(
 
 
 def _drawn_into(
-    ax: Axes,
-    curves: Sequence[Curve],
-    quantity: str,
-    unit: Mapping[str, str],
-    title: str | None,
+    ax: Axes, curves: Sequence[Curve], quantity: str, unit: Mapping[str, str], title: str | None
 ) -> Axes:
     """The panel of the dofs, in axes that are given."""
     if not curves:

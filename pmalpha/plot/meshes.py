@@ -9,12 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from .._checks import (
-    positive_number,
-    real_number,
-    require_finite,
-    require_moderate,
-)
+from .._checks import positive_number, real_number, require_finite, require_moderate
 from ..problem.kinds import KINDS
 from ..results.dof_motion import State, on_mesh
 from ..structures.mesh import (

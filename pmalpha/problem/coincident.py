@@ -107,10 +107,14 @@ def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, n
     """Nodes that meet one of another side, and the group of each, sorted by group and node. Nodes
     are numbered consecutively over all sides. Two belong to one group if a chain of nodes of
     alternating sides, at distances up to the tolerance, connects them."""
+    from scipy.sparse.csgraph import connected_components
+
     reach, near = tolerance(tol, sides)
     pairs, distance = _close_pairs(sides, near)
     tied = pairs[distance <= reach]
-    label = _components(tied, _starts(sides)[-1])
+    n = _starts(sides)[-1]
+    graph = sp.coo_array((np.ones(len(tied), dtype=bool), (tied[:, 0], tied[:, 1])), (n, n))
+    label = connected_components(graph, directed=False)[1]
     nodes = np.unique(tied)
     _require_touch(sides, nodes, reach)
     nodes = nodes[np.lexsort((nodes, label[nodes]))]
@@ -153,14 +157,6 @@ def _close_pairs(sides: Sequence[Side], reach: float) -> tuple[np.ndarray, np.nd
 def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The numbers of the points in a box."""
     return np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
-
-
-def _components(pairs: np.ndarray, n: int) -> np.ndarray:
-    """For each of n nodes the number of its connected component."""
-    from scipy.sparse.csgraph import connected_components
-
-    graph = sp.coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
-    return connected_components(graph, directed=False)[1]
 
 
 def _pairwise(

@@ -94,14 +94,13 @@ class Constraint(Frozen):
     def __repr__(self) -> str:
         *others, last = labels_of(self.matrices)
         names = f"{', '.join(others)} and {last}" if others else last
-        motion = "" if self.velocity is None else f", velocity = {_short(self.velocity)}"
+        motion, v = "", self.velocity
+        if isinstance(v, np.ndarray):
+            motion = np.array2string(v, precision=4, threshold=6, separator=", ")
+        elif v is not None:
+            motion = repr(v)
+        motion = motion and f", velocity = {motion}"
         return f"<{counted(self.p, 'constraint')} on {names}{motion}>"
-
-
-def _short(velocity: Any) -> str:
-    if isinstance(velocity, np.ndarray):
-        return np.array2string(velocity, precision=4, threshold=6, separator=", ")
-    return repr(velocity)
 
 
 def name_of(subdomain: Subdomain | str) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -103,7 +103,9 @@ class DiscreteGradient(Frozen):
         """(f, K_t, None, q1): from q, or the forces at u where nothing was evaluated before."""
         d0, f0 = np.split(q[1:], 2)
         d, force, slope = np.empty((3, d0.size))
-        for spring, at in self._slices():
+        ends = np.cumsum([len(spring) for spring in self.springs])
+        for spring, end in zip(self.springs, ends):
+            at = slice(end - len(spring), end)
             d[at] = _deformation(spring, u)
             if q[0] == 0.0:
                 force[at], slope[at] = _force(spring, d[at])
@@ -111,7 +113,9 @@ class DiscreteGradient(Frozen):
                 mean, slope_of_mean = _mean_force(spring, d0[at], d[at])
                 force[at], slope[at] = 2.0 * mean - f0[at], 2.0 * slope_of_mean
         q1 = np.concatenate([[1.0], d, force])
-        return self._scattered(force, u.size), self._tangent(slope, u.size), None, q1
+        ends = np.concatenate([force, -force])[self._tied]
+        f = np.bincount(self._dofs[self._tied], ends, minlength=u.size)
+        return f, self._tangent(slope, u.size), None, q1
 
     def potential(self, u: np.ndarray) -> float:
         """The energy of the springs, (H5).
@@ -132,16 +136,6 @@ class DiscreteGradient(Frozen):
         2.0
         """
         return float(sum(_energy(spring, _deformation(spring, u)) for spring in self.springs))
-
-    def _slices(self) -> Iterator[tuple[Spring, slice]]:
-        begin = 0
-        for spring in self.springs:
-            yield spring, slice(begin, begin + len(spring))
-            begin += len(spring)
-
-    def _scattered(self, force: np.ndarray, n: int) -> np.ndarray:
-        ends = np.concatenate([force, -force])[self._tied]
-        return np.bincount(self._dofs[self._tied], ends, minlength=n)
 
     def _tangent(self, slope: np.ndarray, n: int) -> sp.csr_array:
         values = np.concatenate([slope, slope, -slope, -slope])[self._used]

@@ -13,15 +13,7 @@ from .constraints import Constraint, require_two
 from .dofs import dof_list
 from .kinds import SHAPES, Shape
 from .reduction import Reduction
-from .sides import (
-    ROUNDING,
-    Side,
-    checked_sides,
-    constraint_of,
-    tolerance,
-    tree_of,
-    warn_of_near,
-)
+from .sides import ROUNDING, Side, checked_sides, constraint_of, tolerance, tree_of, warn_of_near
 from .subdomain import Subdomain
 
 __all__ = ["interpolate"]

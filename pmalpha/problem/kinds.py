@@ -199,21 +199,18 @@ def _powers(xi: np.ndarray, exponents: np.ndarray) -> np.ndarray:
     return np.prod(xi[:, None, :] ** exponents, axis=2)
 
 
-def _nodes(kind: Kind, corners: np.ndarray) -> np.ndarray:
-    """The corners, then the middles of the edges, then that of the element."""
-    on_edges = corners[np.array(kind.edges)].mean(axis=1)
-    return np.concatenate([corners, on_edges, [corners.mean(axis=0)]])[: kind.nodes]
-
-
 def _shape(name: str) -> Shape:
     kind = KINDS[name]
-    corners = 1 + max(map(max, kind.edges))
-    nodes = _nodes(kind, np.array(_CORNERS[kind.dimension, corners], dtype=float))
+    count = 1 + max(map(max, kind.edges))
+    corners = np.array(_CORNERS[kind.dimension, count], dtype=float)
+    # the corners, then the middles of the edges, then that of the element
+    on_edges = corners[np.array(kind.edges)].mean(axis=1)
+    nodes = np.concatenate([corners, on_edges, [corners.mean(axis=0)]])[: kind.nodes]
     belongs = _MONOMIALS[name]
     exponents = np.array([e for e in product(range(3), repeat=kind.dimension) if belongs(e)])
     # N_a(node b) = delta_ab; with nodes at 0, 1/2 and 1 the coefficients are whole numbers
     coefficients = np.round(np.linalg.inv(_powers(nodes, exponents)))
-    return Shape(corners, nodes, exponents, coefficients)
+    return Shape(count, nodes, exponents, coefficients)
 
 
 SHAPES = {name: _shape(name) for name in _MONOMIALS}

@@ -187,7 +187,8 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
     if values.size == 0 or values.max() == 0.0:
         return A
     scale = np.sqrt(np.abs(diagonal(A)))
-    largest = np.sqrt(_largest_of_rows(A))
+    of_rows = abs(A).max(axis=1)
+    largest = np.sqrt(of_rows.toarray().ravel() if sp.issparse(A) else of_rows)
     excess = values - SYMMETRY * scale[rows] * scale[columns]
     excess -= SYMMETRY_OF_ROW * largest[rows] * largest[columns]
     worst = int(np.argmax(excess))
@@ -202,11 +203,6 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
         return A
     mean = A * 0.5 + A.T * 0.5
     return sp.csr_array(mean) if sp.issparse(A) else mean
-
-
-def _largest_of_rows(A: Any) -> np.ndarray:
-    largest = abs(A).max(axis=1)
-    return largest.toarray().ravel() if sp.issparse(A) else largest
 
 
 def _simplest(A: Any) -> Matrix | None:

@@ -259,7 +259,8 @@ class Subdomain(Frozen):
         self.limits = self._limits(limits)
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
-        self._check()
+        self._check_lagged()
+        self._check_mass()
         self._freeze()
 
     def __repr__(self) -> str:
@@ -464,11 +465,6 @@ class Subdomain(Frozen):
         if value is None:
             value = np.zeros(self.n)
         return vector(value, self.n, name)
-
-    def _check(self) -> None:
-        """What depends on the scheme."""
-        self._check_lagged()
-        self._check_mass()
 
     def _check_lagged(self) -> None:
         """ValueError for a skew part of C at vs, which no scheme but that of rho_b = 0 bears."""

@@ -157,7 +157,10 @@ def reduced_arguments(
             "K must be symmetric for a reduction, which takes its static shapes and modes, got an "
             "unsymmetric one"
         )
-    _require_few(subdomain, kept)
+    if kept.size == 0:
+        raise ValueError("keep must not be empty")
+    what = f"a basis of {counted(kept.size, 'static shape')}"
+    require(16.0 * kept.size * subdomain.n, what, "keep fewer dofs")
     arguments: dict[str, Any] = _springs(subdomain, kept)
     arguments["symmetric"] = subdomain.symmetric
     with one_thread():
@@ -175,16 +178,6 @@ def reduced_arguments(
         for name in ("u0", "v0"):
             arguments[name] = _coordinates(subdomain, getattr(subdomain, name), basis, name)
     return arguments, basis
-
-
-def _require_few(subdomain: Any, kept: np.ndarray) -> None:
-    if kept.size == 0:
-        raise ValueError("keep must not be empty")
-    require(
-        16.0 * kept.size * subdomain.n,
-        f"a basis of {counted(kept.size, 'static shape')}",
-        "keep fewer dofs",
-    )
 
 
 def _basis(

@@ -158,20 +158,16 @@ class Placement:
         values += inside
 
     def _add_sparse(self, A: Any, values: np.ndarray) -> None:
-        if not self._is_known(A):
+        known = self.known
+        if known is None or not (
+            np.array_equal(A.indptr, known[0]) and np.array_equal(A.indices, known[1])
+        ):
             A = self._learned(A)
         data = A.data[: A.indptr[-1]]
         if self.repeated:
             values += np.bincount(self.where, data, minlength=values.size)
         else:
             values[self.where] += data
-
-    def _is_known(self, A: Any) -> bool:
-        return (
-            self.known is not None
-            and np.array_equal(A.indptr, self.known[0])
-            and np.array_equal(A.indices, self.known[1])
-        )
 
     def _learned(self, A: Any) -> Any:
         """Learn the places of the entries of A; the matrix whose entries have these places."""

@@ -167,13 +167,7 @@ def energy_lines(history: Any) -> list[str]:
 def row_of(s: Any) -> tuple[str, ...]:
     step = "changed" if s.substep is None else f"{s.substep:g}"
     step += "" if s.double_after is None else ", double"
-    return (
-        s.name,
-        str(s.dofs.size),
-        str(s.t.size),
-        step,
-        *(largest(s, name) for name in "uva"),
-    )
+    return (s.name, str(s.dofs.size), str(s.t.size), step, *(largest(s, name) for name in "uva"))
 
 
 def largest(s: Any, quantity: str) -> str:

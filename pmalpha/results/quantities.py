@@ -165,9 +165,7 @@ def with_dofs(s: Record, dofs: np.ndarray) -> Record:
 
 
 def reduced(
-    history: Any,
-    rows: Callable[[np.ndarray], np.ndarray],
-    dofs: Sequence[np.ndarray | None],
+    history: Any, rows: Callable[[np.ndarray], np.ndarray], dofs: Sequence[np.ndarray | None]
 ) -> Any:
     """Some rows of all arrays of a History, with these dofs of each subdomain, None for none."""
     subdomains = tuple(
@@ -187,19 +185,14 @@ def joined(pieces: Sequence[Any]) -> Any:
         raise ValueError(f"pieces must have no energies: {WORKS}")
     whole = pieces[0]
     for i, piece in enumerate(pieces[1:], start=1):
-        _check_same(whole, piece, i)
+        if _content(whole) != _content(piece):
+            raise ValueError(
+                "pieces must have the same subdomains, recorded dofs, springs and outputs, and "
+                f"constraints, piece {i} differs from those before"
+            )
         _check_times(whole.macro_times, piece.macro_times, i)
         whole = stacked([whole, _without_common_row(whole, piece)])
     return whole
-
-
-def _check_same(first: Any, second: Any, i: int) -> None:
-    """ValueError unless the same is recorded in both."""
-    if _content(first) != _content(second):
-        raise ValueError(
-            "pieces must have the same subdomains, recorded dofs, springs and outputs, and "
-            f"constraints, piece {i} differs from those before"
-        )
 
 
 def _content(piece: Any) -> list[Any]:

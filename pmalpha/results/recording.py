@@ -165,7 +165,7 @@ class Recording:
         self.coupling, self.conserved = coupling, conserved
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
-        self.rows_in_memory = {levels: self._rows_in_memory(levels) for levels in of.numbers}
+        self.rows_in_memory = {k: rows_of(self.steps_in_memory, self.every, k) for k in of.numbers}
         self.numbers = self._numbers(self.rows_in_memory.__getitem__)
         require(8.0 * self.numbers, "the History", advice)
         self._make_arrays()
@@ -224,10 +224,6 @@ class Recording:
     def _steps_in_memory(self) -> int:
         """Maximum number of macro steps between two pauses."""
         return self.end - self.begin
-
-    def _rows_in_memory(self, levels: int) -> int:
-        """Rows between two pauses, with `levels` time levels per macro step."""
-        return rows_of(self.steps_in_memory, self.every, levels)
 
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
@@ -308,13 +304,13 @@ class Recording:
         for i, (member, dofs, springs) in enumerate(zip(of.members, of.dofs, of.springs)):
             if dofs is None:
                 continue
-            own = rows[member.substeps]
+            own, outputs, values = rows[member.substeps], of.outputs[i], self.output_values[i]
             subdomains[i] = SubdomainHistory(
                 name=member.name,
                 t=self.times(member.substeps, end),
                 dofs=dofs.copy(),
                 springs=None if springs is None else springs.copy(),
-                outputs=self._output_values(i, own),
+                outputs={} if outputs is None or values is None else outputs.split(values[:own]),
                 substep=member.h,
                 double_after=self._double_after(member),
                 n=member.n,
@@ -344,11 +340,6 @@ class Recording:
         if not member.double:
             return None
         return self.clock.t0 + (self.clock.dt if member.over is None else 0.0)
-
-    def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
-        """The recorded outputs of a subdomain by name."""
-        own, values = self.of.outputs[i], self.output_values[i]
-        return {} if own is None or values is None else own.split(values[:rows])
 
     def _energy_history(self, rows: int, end: int) -> Energy:
         by_kind = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)

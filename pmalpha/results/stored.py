@@ -163,12 +163,6 @@ class EarlierRows:
         levels = self.header["nodes"][name]
         return row_count(self.begin, self.present, self.header["every"], levels)
 
-    @property
-    def has_present(self) -> bool:
-        """Whether the last rows are at the present."""
-        every = self.header["every"]
-        return every == 0 or self.present % every == 0 or self.present == self.begin
-
     def check(self, header: Mapping[str, Any], first: Mapping[str, np.ndarray]) -> None:
         """ValueError unless a run with this header and these first rows continues the file."""
         for name in ("names", "recorded", "every", "fixed", "dt", "outputs", "coupling"):
@@ -189,8 +183,9 @@ class EarlierRows:
                 same = x.shape[1:] == first[name].shape[1:]
             if not same:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
-        if not self.has_present:
-            return
+        every = header["every"]
+        if every and self.present % every and self.present != self.begin:
+            return  # the last rows are not at the present
         motion = tuple(f".{name}" for name in ("t", *IN_SUBDOMAIN["dofs"]))
         states = [x for x in header["nodes"] if x.endswith(motion) or ".outputs." in x]
         if any(not np.array_equal(self.arrays[x][-1], first[x][0]) for x in states):

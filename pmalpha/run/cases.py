@@ -418,7 +418,8 @@ def run_groups(session: Session, groups: Sequence[list[int]], plan: Plan) -> Non
                 finish_group(session, done, plan)
             ready = prepared(session, group, plan)
             if ready is None:
-                run_one_by_one(session, group, plan)
+                for k in group:
+                    run_case(session, k, plan)
             else:
                 crew.begin(group, *ready, session.loads.motions, plan.end)
         for done in crew.rest():
@@ -458,7 +459,8 @@ def prepared(
 
 def finish_group(session: Session, group: Group, plan: Plan) -> None:
     if not group.is_sound:
-        run_one_by_one(session, group.cases, plan)
+        for k in group.cases:
+            run_case(session, k, plan)
         return
     histories = [recording.history(plan.end) for recording in group.recordings]
     for k, history, recording in zip(group.cases, histories, group.recordings):
@@ -468,11 +470,6 @@ def finish_group(session: Session, group: Group, plan: Plan) -> None:
         except Exception as error:  # a warning that is an error
             plan.results.failures[k] = error
     plan.finish(len(group.cases))
-
-
-def run_one_by_one(session: Session, group: Sequence[int], plan: Plan) -> None:
-    for k in group:
-        run_case(session, k, plan)
 
 
 def run_case(session: Session, k: int, plan: Plan) -> None:

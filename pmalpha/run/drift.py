@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import AccuracyWarning, warn
 from ..problem.matrices import product
-from ..results.history import History, SubdomainHistory
+from ..results.history import History
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.member import Member
 from ..setup.ranks import joined
@@ -69,7 +69,11 @@ def drift_shares(
     none = np.zeros(p)
     if p == 0:
         return none
-    known = [(member.n, _is_judged(member, s)) for member, s in zip(members, history.subdomains)]
+    known = []
+    for member, own in zip(members, history.subdomains):
+        sound = member.step_ratio is None or member.step_ratio.is_judged
+        whole = own is not None and np.array_equal(own.dofs, np.arange(member.n))
+        known.append((member.n, sound and whole))
     found = joined(rows.ranks, known)
     if not all(judged for _, judged in found):
         return none
@@ -99,13 +103,6 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
     numbers = numbers[np.diff(numbers, prepend=first - 1) > 0]
     numbers.setflags(write=False)
     return numbers
-
-
-def _is_judged(member: Member, own: SubdomainHistory | None) -> bool:
-    """Whether steps are below the critical one, and all dofs were recorded."""
-    if member.step_ratio is not None and not member.step_ratio.is_judged:
-        return False
-    return own is not None and np.array_equal(own.dofs, np.arange(member.n))
 
 
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:

@@ -106,11 +106,7 @@ class InitialValues:
         return start
 
     def consistent(
-        self,
-        members: Sequence[Member],
-        loads: Loads,
-        rows: CoreRows,
-        solver: InitialAccelerations,
+        self, members: Sequence[Member], loads: Loads, rows: CoreRows, solver: InitialAccelerations
     ) -> StartValues:
         """Consistent initial values (S1), in elimination order."""
         states = self.in_order(members)

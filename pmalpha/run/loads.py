@@ -202,16 +202,14 @@ class Loads:
         self.obstacles = None if obstacles is None else obstacles.renewed(fine, clock)
         self.callbacks = {
             i: CallbackLoad(
-                force,
-                f"force of subdomain {member.name!r}",
-                member.order,
-                member.substeps,
-                clock,
+                force, f"force of subdomain {member.name!r}", member.order, member.substeps, clock
             )
             for i, (member, force) in enumerate(zip(members, forces))
             if is_callback(force)
         }
-        self.stored = self._stored()
+        moved = [motion.callback for motion in self.motions]
+        moved += [] if self.obstacles is None else [self.obstacles.callback]
+        self.stored = [*self.callbacks.values(), *(x for x in moved if x is not None)]
 
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
         """These loads, or others, without stored values of callables."""
@@ -251,11 +249,6 @@ class Loads:
                 member.internal is not None and member.internal.functions for member in self.members
             )
         )
-
-    @property
-    def has_callables(self) -> bool:
-        """Whether values of Python callables are stored."""
-        return bool(self.stored)
 
     @property
     def iterates(self) -> bool:
@@ -315,12 +308,6 @@ class Loads:
             if motion.callback is not None
         ]
         return [values.tobytes() for values in rows]
-
-    def _stored(self) -> list[CallbackLoad]:
-        velocities = [motion.callback for motion in self.motions if motion.callback is not None]
-        obstacles = [] if self.obstacles is None else [self.obstacles.callback]
-        others = [callback for callback in obstacles if callback is not None]
-        return [*self.callbacks.values(), *velocities, *others]
 
     # ---- at one time, in elimination order ----------------------------------------------------
 

@@ -42,14 +42,6 @@ MOST = 8
 LONGEST = 1e18
 
 
-@contextmanager
-def on_time(priority: int | None, lock_memory: bool) -> Iterator[None]:
-    """SCHED_FIFO and the shortest timer slack for this thread, memory of the process locked. All is
-    as before afterwards. Threads made meanwhile do not inherit the priority."""
-    with _locked(lock_memory), _scheduled(priority), _without_slack():
-        yield
-
-
 def check_priority(priority: int | None) -> None:
     """ValueError for a priority that SCHED_FIFO does not have."""
     if priority is None or not hasattr(os, "sched_setscheduler"):
@@ -322,11 +314,15 @@ class Times:
 
     @contextmanager
     def kept(self, session: Session, pace: Pace) -> Iterator[None]:
-        """A context in which the core keeps the pace."""
+        """A context in which the core keeps the pace: SCHED_FIFO and the shortest timer slack for
+        this thread, memory of the process locked. OSError, with what is needed, and nothing is
+        changed, without the right to these; threads made meanwhile do not inherit the priority."""
         watched, stops = self.watched, pace.on_late == "stop"
         with (
             watched.written(),
-            on_time(pace.priority, pace.lock_memory),
+            _locked(pace.lock_memory),
+            _scheduled(pace.priority),
+            _without_slack(),
             signals_written() as signals,
         ):
             given = (self.period, stops, signals, self.state, self.times)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .. import _core
 from .._checks import MOST
 from ..files import NPZ, checked_path
 from ..setup.assembly import Assembly
-from ..setup.member import Member
 from ..setup.ranks import file_of, joined
 from . import checkpoint
 from .advance import steps_facts, steps_of
@@ -92,14 +89,21 @@ def restore(session: Session, snapshot: Snapshot) -> None:
 
 def snapshot_of(session: Session) -> Snapshot:
     begin(session)
-    core, snapshot = session.core, Snapshot()
+    core, members, snapshot = session.core, session.members, Snapshot()
+    state = CoreState(
+        [member.core.levels() for member in members],
+        [member.core.iteration() for member in members],
+        core.multipliers,
+        core.prescribed,
+        {name: core.numbers(name) for name in checkpoint.NUMBERS},
+    )
     snapshot._contents = _Contents(
         session.assemblies,
         core.step_count,
         session.steps,
         session.changed,
         session.assembly,
-        _present(session.members, core),
+        state,
         session.initial,
         session.loads,
     )
@@ -110,7 +114,7 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     kept = snapshot._contents
     assert kept is not None
     loads, assembly = kept.loads, kept.assembly
-    if loads is not session.loads or loads.has_callables:
+    if loads is not session.loads or loads.stored:
         # stored values of callables are of other times
         loads = loads.with_steps(assembly.core, assembly.members, kept.steps.clock)
         loads.to_core()
@@ -119,17 +123,6 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     restore_state(kept.state, assembly.members, assembly.core, kept.steps.clock, kept.step)
     take(session, kept.steps, assembly)
     session.loads, session.changed = loads, kept.changed
-
-
-def _present(members: Sequence[Member], core: _core.Coupler) -> CoreState:
-    """Copies of all that the core continues with."""
-    return CoreState(
-        [member.core.levels() for member in members],
-        [member.core.iteration() for member in members],
-        core.multipliers,
-        core.prescribed,
-        {name: core.numbers(name) for name in checkpoint.NUMBERS},
-    )
 
 
 def save(session: Session, path: str | PathLike[str]) -> None:

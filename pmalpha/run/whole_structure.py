@@ -10,12 +10,11 @@ from .._checks import whole_number
 from ..errors import BucklingError
 from ..problem.eigenmodes import IndefiniteStiffness
 from ..problem.eigenmodes import modes as modes_of
-from ..problem.matrices import Matrix, is_symmetric
+from ..problem.matrices import is_symmetric
 from ..setup.eliminated_rows import Assembled
 from ..setup.eliminated_rows import assembled as assemble
 from ..setup.equilibrium import Equilibrium, static_displacements
 from ..setup.internal_forces import matrices_at
-from ..setup.member import Member
 from ..setup.ranks import joined
 from .session import Session, begin, check_call, require_alone, require_no_contacts, together
 
@@ -70,7 +69,11 @@ def _assembled(session: Session, what: str) -> Assembled:
             )
     begin(session)
     t = session.clock.time(session.core.step_count)
-    matrices = [_present_matrices(member, t) for member in session.members]
+    matrices = []
+    for member in session.members:
+        u, v, *memory = member.present()
+        s, internal = member.subdomain, member.internal
+        matrices.append((s.M, *matrices_at(s, internal, u, v, t, *memory)))
     for member, (_, _, K) in zip(session.members, matrices):
         if what == "modes" and not (member.subdomain.symmetric or is_symmetric(K)):
             raise ValueError(
@@ -90,12 +93,6 @@ def modes(session: Session, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarra
     except IndefiniteStiffness as error:
         raise _buckling(error, whole, t) from None
     return omega, {name: T @ shapes for name, T in whole.map.items()}
-
-
-def _present_matrices(member: Member, t: float) -> tuple[Matrix, Matrix, Matrix]:
-    """M, C and K of a subdomain about its present state."""
-    u, v, *memory = member.present()
-    return member.subdomain.M, *matrices_at(member.subdomain, member.internal, u, v, t, *memory)
 
 
 def _buckling(error: IndefiniteStiffness, whole: Assembled, t: float) -> BucklingError:

@@ -164,12 +164,9 @@ class Assemblies:
             members.append(known)
         return tuple(members)
 
+    @one_thread()  # once, not for each factor
     def _assemble(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
-        with one_thread():  # once, not for each factor
-            return self._factored(layout, members)
-
-    def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
         _check_start(members, self.options)
@@ -181,7 +178,9 @@ class Assemblies:
         new = [member for member in members if member.core is None]
         shared = self._threads_of_tangents(members)
         for member in new:
-            build(member, self._mass(member) if mean else None, member.tangent_threads(shared))
+            if mean and member.name not in self._masses:
+                self._masses[member.name] = member.factor_of_mass()
+            build(member, self._masses.get(member.name), member.tangent_threads(shared))
         if macro:
             prepare(new)  # unit responses
         if mean:
@@ -292,12 +291,6 @@ class Assemblies:
         if not self.tied:
             return others
         return others | {"S_mu": displacement_factors(members, p, self.ranks)}
-
-    def _mass(self, member: Member) -> Factor:
-        """The factor of M for mean coupling."""
-        if member.name not in self._masses:
-            self._masses[member.name] = member.factor_of_mass()
-        return self._masses[member.name]
 
     def _interface_factors(
         self, layout: Layout, members: Sequence[Member]

@@ -194,11 +194,6 @@ class CoreRows:
         return x if self._of_size_one else x / self.scale
 
 
-def scale_of_rows(sizes: np.ndarray) -> np.ndarray:
-    """The powers of two at or below the largest entries of rows."""
-    return np.ldexp(1.0, np.frexp(sizes)[1] - 1)
-
-
 class ConstraintRows:
     """The stacked constraints of a coupler, equation (2), in the user's order of rows and dofs.
 
@@ -225,7 +220,7 @@ class ConstraintRows:
             require_independent(sp.csr_array(whole), self.name)
         self._sizes = np.zeros(self.p)  # the largest entry of each row
         np.maximum.at(self._sizes, whole.indices, np.abs(whole.data))
-        self.scale = scale_of_rows(self._sizes)
+        self.scale = np.ldexp(1.0, np.frexp(self._sizes)[1] - 1)  # powers of two at or below them
         stacked = Link.of(whole)
         self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][own]
         self.links = [link.with_rows_divided(self.scale) for link in self._given]

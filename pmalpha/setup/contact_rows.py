@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from .. import _core
 from .._checks import counted, numbered
+from ..blas import gemm_and_trsm
 from ..errors import ConstraintError, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import diagonal
@@ -227,17 +228,14 @@ class Contacts:
 
     def core(self, members: Sequence[Member]) -> tuple[Any, ...]:
         """The contacts in the form of the core."""
-        from scipy.linalg import cython_blas
-
         require(8.0 * 3.0 * self.rows**2, f"the contacts of {counted(self.rows, 'row')}")
-        capsules = cython_blas.__pyx_capi__
         sides = []
         for i in self.N:
             member = members[i]
             assert member.N is not None
             sides.append((i, member.N.core(member.n - member.nb)))
         numbers = (self.numbers(x) for x in ("gap", "restitution", "friction"))
-        return (self.first, *numbers, tuple(sides), capsules["dgemm"], capsules["dtrsm"])
+        return (self.first, *numbers, tuple(sides), *gemm_and_trsm())
 
     def links(self, count: int) -> list[Link | None]:
         """N of each of the subdomains."""

@@ -37,9 +37,7 @@ ROUNDING = 100.0 * np.finfo(float).eps
 
 
 def static_displacements(
-    stiffnesses: Sequence[Matrix],
-    constraints: Sequence[sp.csr_array],
-    forces: Sequence[np.ndarray],
+    stiffnesses: Sequence[Matrix], constraints: Sequence[sp.csr_array], forces: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
     """The displacements u_i, (n_i,) each."""
     from scipy.sparse.linalg import splu

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
-from ..blas import one_thread
+from ..blas import gemm_and_trsm, one_thread
 from ..errors import FactorizationError
 from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
@@ -167,31 +167,29 @@ def dense_columns(A: np.ndarray, names: Names) -> Factor:
 
 def panels(A: sp.csr_array, names: Names, structure: Structure, threads: int = 1) -> Factor:
     """The supernodal factor of the core: dense panels, 8 bytes per entry."""
-    assert structure.panels is not None
-    first, row_ptr, rows, start, _ = structure.panels
-    threads = structure.threads(threads)
-    require(
-        8.0 * start[-1] + structure.scratch(threads) + 4.0 * rows.size,
-        f"the factor of {names.what} ({A.shape[0]} dofs, {start[-1]} entries)",
-    )
-    values, inverse = np.empty(start[-1]), np.empty(A.shape[0])
-    failed = _factor_panels(core_sparse(A), structure, values, inverse, threads)
+    inverse, R, failed = _in_panels(core_sparse(A), names, structure, threads, symmetric=True)
     if failed is not None:
         raise names.not_definite(A, failed)
-    return inverse, (first, row_ptr, rows, start, values)
+    return inverse, R
 
 
-def _factor_panels(
-    A: tuple[Any, ...], structure: Structure, values: np.ndarray, inverse: np.ndarray, threads: int
-) -> int | None:
-    """Fills values and inverse; the column where it failed, or None."""
-    from scipy.linalg import cython_blas
-
+def _in_panels(
+    A: tuple[Any, ...], names: Names, structure: Structure, threads: int, *, symmetric: bool
+) -> tuple[np.ndarray, tuple[Any, ...], int | None]:
+    """The reciprocals of D, R or R and Q in panels, and the column where it failed, or None."""
     assert structure.panels is not None
-    gemm, trsm = (cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
-    return _core.factor_panels(
-        A, structure.panels, values, inverse, LOST, GROWTH, gemm, trsm, threads
+    n, entries = A[0].size - 1, structure.panels[3][-1]
+    threads = structure.threads(threads)
+    size, count = 8.0 * entries + 4.0 * structure.panels[2].size, f"{entries}"
+    if not symmetric:
+        size, count = 16.0 * entries + 12.0 * A[1].size, f"twice {entries}"
+    what = f"the factor of {names.what} ({n} dofs, {count} entries)"
+    require(size + structure.scratch(threads), what)
+    values, inverse = np.empty(entries if symmetric else (2, entries)), np.empty(n)
+    failed = _core.factor_panels(
+        A, structure.panels, values, inverse, LOST, GROWTH, *gemm_and_trsm(), threads
     )
+    return inverse, (*structure.panels[:4], values), failed
 
 
 # ---- unsymmetric matrices ----------------------------------------------------------------------
@@ -215,20 +213,11 @@ def unsymmetric(
         entries = (np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
         found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
         structure = Structure(n * n, (*found, np.zeros(n, int)))
-    assert structure.panels is not None
-    first, row_ptr, rows, start, _ = structure.panels
-    threads = structure.threads(threads)
-    require(
-        16.0 * start[-1] + structure.scratch(threads) + 12.0 * entries[1].size,
-        f"the factor of {names.what} ({n} dofs, twice {start[-1]} entries)",
-    )
-    values, inverse = np.empty((2, start[-1])), np.empty(n)
-    failed = _factor_panels(entries, structure, values, inverse, threads)
+    inverse, panels, failed = _in_panels(entries, names, structure, threads, symmetric=False)
     if failed is not None:
         raise _refused(names, diagonal(A), inverse, failed)
     if not sparse:
-        return inverse, values.reshape(2, n, n)
-    panels = (first, row_ptr, rows, start, values)
+        return inverse, panels[-1].reshape(2, n, n)
     return inverse, columns_of_panels(panels) if thin else panels
 
 

@@ -118,14 +118,12 @@ def _translations(K: Matrix, n: int) -> np.ndarray:
             continue
         found = np.tile(np.eye(d), (n // d, 1))
         for rows in tried:
-            found = found[:, _are_free(*rows, found)] if found.shape[1] else found
+            if found.shape[1]:  # K x is rounding, in rows of K
+                A, of_A = rows
+                free = np.abs(A @ found) <= ROUNDING * (of_A @ found)
+                found = found[:, np.all(free, axis=0)]
         best = found if found.shape[1] > best.shape[1] else best
     return best
-
-
-def _are_free(K: Matrix, size: Matrix, x: np.ndarray) -> np.ndarray:
-    """Whether K x is rounding for each column of x, in rows of K; `size` is |K|."""
-    return np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
 
 
 def _is_singular(K: Matrix, L: np.ndarray | sp.csr_array) -> bool:

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .. import _core
+from ..blas import gemm_and_trsm
 from ..memory import require
 from ..problem.evaluation import CheckedInternal, first_tangent, histories
 from ..problem.internal import InternalForce
@@ -220,14 +221,11 @@ def numeric(
     scratch: float = 0.0,
 ) -> tuple[Any, ...]:
     """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again."""
-    from scipy.linalg import cython_blas
-
     panel = 8.0 if symmetric else 16.0
     size = 8.0 * pattern.nnz + (0.0 if panels is None else panel * float(panels[3][-1])) + scratch
     require(size, f"the factor of {what} ({pattern.shape[0]} rows)")
-    capsules = cython_blas.__pyx_capi__
     ptr, index, _ = core_sparse(pattern)
-    return ptr, index, panels, capsules["dgemm"], capsules["dtrsm"], not symmetric
+    return ptr, index, panels, *gemm_and_trsm(), not symmetric
 
 
 def core_internal(

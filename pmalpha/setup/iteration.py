@@ -51,7 +51,12 @@ def prepare_iterated(members: Sequence[Member], coupling: str) -> None:
         if coupling == "mean":
             member.blocks = mean_blocks(linear_twin(member))
         elif coupling == "macro":
-            _take_blocks_of(member, linear_twin(member))
+            twin = linear_twin(member)
+            if twin.has_responses and twin.nb:
+                compute_unit_responses(twin)
+            member.response_blocks = twin.response_blocks
+            lengths = (False, True) if member.double else (False,)
+            member.blocks = {twice: twin.block(twice) for twice in lengths}
         elif member.tangent is not None:
             rows = member.L.rows
             size = 8.0 * 4.0 * float(rows.size) ** 2
@@ -60,15 +65,6 @@ def prepare_iterated(members: Sequence[Member], coupling: str) -> None:
             )
             empty = Block(rows, np.zeros((rows.size, rows.size)))
             member.blocks = {False: empty, True: empty}
-
-
-def _take_blocks_of(member: Member, twin: Member) -> None:
-    if twin.has_responses and twin.nb:
-        compute_unit_responses(twin)
-    member.response_blocks = twin.response_blocks
-    member.blocks = {
-        twice: twin.block(twice) for twice in ((False, True) if member.double else (False,))
-    }
 
 
 def linear_twin(member: Member) -> Member:

@@ -254,7 +254,11 @@ def check_mean(members: Sequence[Member]) -> None:
 
 def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
     """Why the velocity jump can grow with damping, (K8)."""
-    own = [member.name for member in members if _grows(member)]
+    own = []
+    for member in members:
+        scheme, damped = member.subdomain.scheme, member.is_damped and member.substeps == 1
+        if damped and 2.0 * scheme.beta > ABOVE * scheme.gamma:
+            own.append(member.name)
     names = [repr(name) for name in joined(ranks, own)]
     if not names:
         return []
@@ -263,12 +267,6 @@ def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> 
         f"({listing(names)}): the velocity jump at the interface does; take there the "
         'trapezoidal rule or central difference, or coupling="macro"'
     ]
-
-
-def _grows(member: Member) -> bool:
-    """Whether the damping feeds the velocity jump, (K8)."""
-    scheme = member.subdomain.scheme
-    return member.is_damped and member.substeps == 1 and 2.0 * scheme.beta > ABOVE * scheme.gamma
 
 
 def prepare_mean(members: Sequence[Member]) -> None:

@@ -448,13 +448,6 @@ def warn_of_order(members: Sequence[Member]) -> None:
     )
 
 
-def watch_of(member: Member) -> StiffnessWatch | None:
-    """What looks at the values of Python functions."""
-    s = member.subdomain
-    free = member.substeps if member.has_responses else 0
-    return None if s.massless.size else StiffnessWatch(s, member.name, member.step, free)
-
-
 def looks_for_contact(s: Subdomain) -> bool:
     """Whether it has functions whose values are seen by the core alone: compiled restoring ones,
     and internal forces of the user that are evaluated once a step."""
@@ -468,7 +461,9 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
     operators = list(map(member.operator, member.lengths))
     member.known = {operator[0]: operator for operator in operators}
-    member.watch = watch_of(member)
+    free = member.substeps if member.has_responses else 0
+    if not member.subdomain.massless.size:
+        member.watch = StiffnessWatch(member.subdomain, member.name, member.step, free)
     member.core = core_of_steps(
         member,
         operators,

@@ -122,10 +122,7 @@ def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tu
 
 
 def looked_up(
-    given: Mapping[Any, Any],
-    subdomains: Sequence[Subdomain],
-    names: Sequence[str],
-    what: str,
+    given: Mapping[Any, Any], subdomains: Sequence[Subdomain], names: Sequence[str], what: str
 ) -> dict[int, sp.csr_array]:
     """Matrices by subdomain or name, by index of the subdomain."""
     known: dict[Any, int] = {s: i for i, s in enumerate(subdomains)}
@@ -193,12 +190,8 @@ class Options(NamedTuple):
 
     def of_core(self, dt: float, threads: int, worthwhile: bool) -> dict[str, Any]:
         """The options of coupler.h by name, with the present macro step."""
-        return {
-            "dt": dt,
-            "rebased": self.start == "rebased",
-            "threads": threads,
-            "worthwhile": worthwhile,
-        }
+        rebased = self.start == "rebased"
+        return dict(dt=dt, rebased=rebased, threads=threads, worthwhile=worthwhile)
 
 
 def checked_options(options: Options, count: int) -> Options:

@@ -316,10 +316,7 @@ def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
 
 
 def step_ratio(
-    subdomain: Subdomain,
-    step: float,
-    internal: Matrix | None = None,
-    closing: Matrix | None = None,
+    subdomain: Subdomain, step: float, internal: Matrix | None = None, closing: Matrix | None = None
 ) -> StepRatio:
     """The step divided by the critical one, as far as it has to be computed. `internal` is a
     tangent of the internal forces, which is added to K, and `closing` what contact adds to it where
@@ -398,15 +395,9 @@ def row_sum_bound(A: Matrix | None, M: Matrix | None) -> float:
         return 0.0
     if M is None or M.ndim != 1 or np.any(M == 0.0):
         return np.inf
-    rows = np.abs(A) if A.ndim == 1 else _absolute(A) @ np.ones(A.shape[0])
+    size = np.abs(A) if isinstance(A, np.ndarray) else with_entries(A, np.abs(A.data))
+    rows = size if A.ndim == 1 else size @ np.ones(A.shape[0])
     return float(np.max(rows / M))
-
-
-def _absolute(A: Matrix) -> Matrix:
-    """|A|, with the pattern of a sparse A shared instead of copied."""
-    if isinstance(A, np.ndarray):
-        return np.abs(A)
-    return with_entries(A, np.abs(A.data))
 
 
 def _largest_modulus(A: Matrix, M: Matrix) -> float:

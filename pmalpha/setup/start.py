@@ -50,11 +50,7 @@ class InitialAccelerations:
     """
 
     def __init__(
-        self,
-        members: Sequence[Member],
-        p: int,
-        rows: np.ndarray,
-        ranks: Ranks | None = None,
+        self, members: Sequence[Member], p: int, rows: np.ndarray, ranks: Ranks | None = None
     ):
         self.members, self.ranks = members, ranks
         self.masses = [_Mass(member) for member in members]

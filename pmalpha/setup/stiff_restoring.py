@@ -105,7 +105,9 @@ class StiffnessWatch:
             omega2, is_resolved = self._estimate()
         self.highest = max(self.highest, omega2)
         is_stiff = omega2 * self.step**2 > EXCESS * self.Omega**2
-        self._keep(omega2 if is_stiff else 0.0 if contact is None else contact[0] ** 2, t)
+        found = omega2 if is_stiff else 0.0 if contact is None else contact[0] ** 2
+        if found > STIFFER * self.stiffest:
+            self.found_at, self.stiffest = t, found
         if self.kinetic > GROWTH * self.impact:
             raise UnboundedMotion(self.name, self.cause)
         size = float(np.max(np.abs(u), initial=0.0))
@@ -114,14 +116,11 @@ class StiffnessWatch:
             if not self.cause and is_stiff:
                 self._warn(np.sqrt(omega2))
             elif not self.cause and contact is not None:
-                self._warn_of_contact(*contact, t)
+                self.cause = cause_of_contact(self.kind, self.name, self.step, *contact, t)
+                warn(self.cause, StabilityWarning)
                 self.impact = self.kinetic
         elif size > GROWTH * self.largest and not is_resolved:
             raise UnboundedMotion(self.name, self.cause)
-
-    def _keep(self, omega2: float, t: float) -> None:
-        if omega2 > STIFFER * self.stiffest:
-            self.found_at, self.stiffest = t, omega2
 
     def _sample(self, u: np.ndarray, v: np.ndarray, r: np.ndarray) -> None:
         if self.count % self.every == 0 and self.most > 1:
@@ -203,10 +202,6 @@ class StiffnessWatch:
     @property
     def kind(self) -> str:
         return "force, a function of the motion," if self.is_load else "restoring function"
-
-    def _warn_of_contact(self, omega: float, gain: float, t: float) -> None:
-        self.cause = cause_of_contact(self.kind, self.name, self.step, omega, gain, t)
-        warn(self.cause, StabilityWarning)
 
     def _warn(self, omega: float) -> None:
         what = "is stiff: its values"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from .._checks import check_word, flag, plain_array, require_moderate
-from .checked import is_lumped, mesh_arguments, per_element, positive
-from .element_force import Chosen, Conservative, Made, of_chosen
+from .._checks import check_word, flag, require_moderate
+from .checked import dimension_of, is_lumped, mesh_arguments, per_element, positive
+from .element_force import Conservative, Made, Selected
 from .frames import subdivide
 from .pattern import Assembly, Pattern, lumped_mass
 from .structure import Structure
@@ -92,10 +92,7 @@ def truss(
     (-0.2891, 0.0, 0.2891, 0.0)
     """
     check_word(strain, "strain", ("engineering", "green"))
-    dim = plain_array(points, "points").shape[-1:]
-    if dim not in ((2,), (3,)):
-        raise ValueError(f"points must have shape (N, 2) or (N, 3), got {np.shape(points)}")
-    ends, bars = mesh_arguments(points, members, "members", *dim, 2)
+    ends, bars = mesh_arguments(points, members, "members", dimension_of(points), 2)
     nodes, lines, member = subdivide(ends, bars, divisions)
     count = (len(bars),)
     stiffness, density = (
@@ -116,16 +113,10 @@ def truss(
 
 
 def _assembled(
-    values: Sequence[np.ndarray],
-    strain: str,
-    slack: bool,
-    lumped: bool,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
+    values: Sequence[np.ndarray], strain: str, slack: bool, lumped: bool, selected: Selected
 ) -> Made:
-    lines, d = elements["line"], values[0].shape[1]
-    X, rest, EA, prestress, m = (of_chosen(array, chosen["line"]) for array in values)
+    lines, nodes, d = selected.elements["line"], selected.nodes, values[0].shape[1]
+    X, rest, EA, prestress, m = selected.rows("line", values)
     force = BarForce(lines, nodes, X, rest, EA, prestress, strain, slack)
     if lumped:
         M = np.repeat(lumped_mass(lines, (m / 2.0)[:, None], nodes), d)

@@ -88,6 +88,14 @@ def mesh_arguments(
     return coordinates, numbers
 
 
+def dimension_of(points: Any) -> int:
+    """2 or 3, of points in the plane or in space."""
+    shape = plain_array(points, "points").shape
+    if shape[-1:] not in ((2,), (3,)):
+        raise ValueError(f"points must have shape (N, 2) or (N, 3), got {shape}")
+    return int(shape[-1])
+
+
 def require_used(points: int, elements: list[np.ndarray], name: str) -> None:
     used = np.zeros(points, dtype=bool)
     for nodes in elements:

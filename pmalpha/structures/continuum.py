@@ -15,7 +15,7 @@ from ..blas import one_thread
 from ..problem.kinds import KINDS, SHAPES
 from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
 from .elasticity import Moduli, mass_matrix, stiffness
-from .element_force import Chosen, Made, of_chosen
+from .element_force import Made, Selected
 from .mesh import Block
 from .pattern import Pattern
 from .structure import Structure
@@ -301,34 +301,23 @@ def elastic_matrices(
     moduli: Mapping[str, Moduli],
     lumped: bool,
     corners: Mapping[str, np.ndarray] | None,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
+    selected: Selected,
 ) -> Made:
     """A `Recipe`: M, K of the chosen ones of the elements `whole`, and no internal forces."""
     M: Any = 0
     K: Any = 0
     with one_thread():
-        for kind, own in elements.items():
-            which, block = chosen[kind], Block(kind, own)
-            lam, mu, density, t, _ = (of_chosen(values, which) for values in moduli[kind])
-            where = points[whole[kind][which]] if corners is None else corners[kind]
-            pattern = Pattern.of(own, nodes)
+        for kind, own in selected.elements.items():
+            block, pattern = Block(kind, own), Pattern.of(own, selected.nodes)
+            lam, mu, density, t, _ = selected.rows(kind, moduli[kind])
+            where = points[whole[kind][selected.chosen[kind]]] if corners is None else corners[kind]
             M = M + mass_matrix(block, pattern, where, t * density, lumped)
             K = K + stiffness(block, pattern, where, t * lam, t * mu)
     return M, K, ()
 
 
 def _on(
-    points: Any,
-    elements: Any,
-    d: int,
-    E: Any,
-    nu: Any,
-    rho: Any,
-    t: Any,
-    plane: str,
-    mass: str,
+    points: Any, elements: Any, d: int, E: Any, nu: Any, rho: Any, t: Any, plane: str, mass: str
 ) -> Structure:
     """On any mesh; arrays of the material have the elements in the order of the kinds."""
     nodes, cells = _checked(points, elements, d)

@@ -5,8 +5,8 @@ How the matrices of a structure are made of its elements, for all or for some of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -16,24 +16,29 @@ from ..problem.dofs import dof_list
 
 __all__ = ["ElementForce"]
 
-# The elements that are meant, by kind: their numbers, or slice(None) for all.
-Chosen = Mapping[str, Any]
 
-# recipe(chosen, elements, nodes) -> (M, K, forces) of the chosen elements: M (n,) or (n, n), K and
-# the internal forces on the dofs of `nodes` nodes, whose numbers are those in `elements`, by kind
-# an array (chosen elements, corners). Numbers of nodes only say which elements are connected: with
-# a node of its own for each corner the matrices consist of those of the single elements.
+class Selected(NamedTuple):
+    """Elements of a structure, all or some, and numbers for their nodes, which only say which
+    elements are connected: with a node of its own for each corner matrices are of single elements.
+    """
+
+    chosen: Mapping[str, Any]  # by kind, the numbers of the elements, or slice(None) for all
+    elements: Mapping[str, np.ndarray]  # by kind, (chosen elements, corners)
+    nodes: int  # how many
+
+    def rows(self, kind: str, values: Iterable[np.ndarray]) -> list[np.ndarray]:
+        """The values of these elements, from those of all."""
+        return [of_chosen(x, self.chosen[kind]) for x in values]
+
+
+# recipe(selected) -> (M, K, forces) of the elements on the dofs of their nodes: M (n,) or (n, n).
 Made: TypeAlias = "tuple[Any, Any, tuple[ElementForce, ...]]"
-Recipe: TypeAlias = Callable[[Chosen, Mapping[str, np.ndarray], int], Made]
+Recipe: TypeAlias = Callable[[Selected], Made]
 
 
 def of_chosen(values: np.ndarray, chosen: Any) -> np.ndarray:
     """The rows of the chosen elements; one row is that of every element."""
     return values if len(values) == 1 else values[chosen]
-
-
-def all_of(elements: Mapping[str, np.ndarray]) -> Chosen:
-    return dict.fromkeys(elements, slice(None))
 
 
 class ElementForce:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import listing, plain_array, real_number
 from .checked import is_lumped, mesh_arguments, positive
-from .element_force import Chosen, Conservative, Made, of_chosen
+from .element_force import Conservative, Made, Selected
 from .lines import SPRING
 from .pattern import Assembly, Pattern, lumped_mass
 from .stress import rotations
@@ -119,15 +119,11 @@ def frame_arguments(
 
 
 def _assembled(
-    beams: Sequence[np.ndarray],
-    lumped: bool,
-    rotary: float,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
+    beams: Sequence[np.ndarray], lumped: bool, rotary: float, selected: Selected
 ) -> Made:
-    x, EA, EI, rhoA = (of_chosen(values, chosen["line"]) for values in beams)
-    return *beam_matrices(elements["line"], x, EA, EI, rhoA, lumped, rotary, nodes), ()
+    lines, nodes = selected.elements["line"], selected.nodes
+    x, EA, EI, rhoA = selected.rows("line", beams)
+    return *beam_matrices(lines, x, EA, EI, rhoA, lumped, rotary, nodes), ()
 
 
 def beam_matrices(
@@ -314,15 +310,11 @@ def corotational_frame(
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
-def _corotational(
-    beams: Sequence[np.ndarray],
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
-) -> Made:
-    along, EA, EI, mass, inertia = (of_chosen(values, chosen["line"]) for values in beams)
-    M = lumped_beams(elements["line"], mass, inertia, nodes)
-    force = BeamForce(elements["line"], nodes, along, EA, EI)
+def _corotational(beams: Sequence[np.ndarray], selected: Selected) -> Made:
+    along, EA, EI, mass, inertia = selected.rows("line", beams)
+    lines = selected.elements["line"]
+    M = lumped_beams(lines, mass, inertia, selected.nodes)
+    force = BeamForce(lines, selected.nodes, along, EA, EI)
     return M, sp.csr_array((M.size, M.size)), (force,)
 
 

@@ -17,7 +17,7 @@ from ..problem.kinds import KINDS, SHAPES
 from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
-from .element_force import Chosen, Made, of_chosen
+from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
 from .mesh_files import FileMesh, read_mesh
 from .pattern import Pattern, lumped_mass
@@ -368,23 +368,22 @@ def _assembled(
     lines: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
     dofs: int,
     lumped: bool,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
+    selected: Selected,
 ) -> Made:
-    d = points.shape[1]
-    solid = {kind: own for kind, own in elements.items() if kind in moduli}
+    d, nodes = points.shape[1], selected.nodes
+    solid = {kind: own for kind, own in selected.elements.items() if kind in moduli}
     M: Any = 0
     K: Any = 0
     if solid:
-        M, K, _ = elastic_matrices(points, whole, moduli, lumped, None, chosen, solid, nodes)
+        of_solid = selected._replace(elements=solid)
+        M, K, _ = elastic_matrices(points, whole, moduli, lumped, None, of_solid)
         M, K = embedded(M, d, dofs), embedded(K, d, dofs)
     for kind, (EA, EI, rhoA) in lines.items():
-        if kind not in elements:
+        if kind not in selected.elements:
             continue
-        own, which = elements[kind], chosen[kind]
-        values = np.column_stack([of_chosen(x, which) for x in (EA, EI, rhoA)])
-        corners = points[whole[kind][which]]
+        own = selected.elements[kind]
+        values = np.column_stack(selected.rows(kind, (EA, EI, rhoA)))
+        corners = points[whole[kind][selected.chosen[kind]]]
         bar = np.isnan(values[:, 1])
         if bar.any():
             EA, _, rhoA = values[bar].T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import real_number, vector, whole_number
 from .checked import is_lumped, measure, not_negative, positive
-from .element_force import Chosen, Made, of_chosen
+from .element_force import Made, Selected, of_chosen
 from .pattern import Pattern, lumped_mass
 from .structure import Structure
 
@@ -73,20 +73,14 @@ def chain(
     return Structure._of(recipe, points, {"line": lines}, ("ux",))
 
 
-def _springs(
-    masses: np.ndarray,
-    k: np.ndarray,
-    ends: np.ndarray,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
-) -> Made:
+def _springs(masses: np.ndarray, k: np.ndarray, ends: np.ndarray, selected: Selected) -> Made:
     """M and K of springs with the masses (E, 2) at their ends; those on the ground have numbers."""
-    path, numbers = elements["line"], np.arange(len(masses))[chosen["line"]]
+    path, nodes = selected.elements["line"], selected.nodes
+    numbers = np.arange(len(masses))[selected.chosen["line"]]
     held = np.zeros(nodes)
     held[path[numbers == 0, 0]] += ends[0]
     held[path[numbers == len(masses) - 1, 1]] += ends[1]
-    springs = of_chosen(k, chosen["line"])[:, None, None] * SPRING
+    springs = of_chosen(k, selected.chosen["line"])[:, None, None] * SPRING
     K = Pattern.of(path, nodes).matrix(springs) + sp.diags_array(held)
     return lumped_mass(path, masses[numbers], nodes), K.tocsr(), ()
 
@@ -147,16 +141,9 @@ def rod(
     return Structure._of(recipe, points, {"line": lines}, ("ux",))
 
 
-def _rods(
-    stiffness: np.ndarray,
-    masses: np.ndarray,
-    lumped: bool,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
-) -> Made:
-    path = elements["line"]
-    k, m = (of_chosen(values, chosen["line"]) for values in (stiffness, masses))
+def _rods(stiffness: np.ndarray, masses: np.ndarray, lumped: bool, selected: Selected) -> Made:
+    path, nodes = selected.elements["line"], selected.nodes
+    k, m = selected.rows("line", (stiffness, masses))
     pattern = Pattern.of(path, nodes)
     if lumped:
         M = lumped_mass(path, (m / 2.0)[:, None], nodes)

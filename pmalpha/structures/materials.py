@@ -43,11 +43,7 @@ class Material:
         raise NotImplementedError
 
     def _evaluate(
-        self,
-        coefficients: Sequence[Any],
-        H: np.ndarray,
-        before: np.ndarray,
-        out: np.ndarray | None,
+        self, coefficients: Sequence[Any], H: np.ndarray, before: np.ndarray, out: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The stress (d, d, m) and the history (variables, m) at the end; A is written to out."""
         raise NotImplementedError

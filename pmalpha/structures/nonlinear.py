@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, overload
 
@@ -10,12 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from .._checks import check_word, plain_array, whole_number
+from .._checks import check_word, whole_number
 from ..errors import warn
-from .checked import is_lumped, mesh_arguments, positive
+from .checked import dimension_of, is_lumped, mesh_arguments, positive
 from .continuum import grid
 from .elasticity import gradients, mass_matrix
-from .element_force import Chosen, Conservative, ElementForce, Made, of_chosen
+from .element_force import Conservative, ElementForce, Made, Selected, of_chosen
 from .materials import Hyperelastic, Material
 from .mesh import Block
 from .pattern import Assembly, Pattern
@@ -195,11 +195,8 @@ def nonlinear_solid_on(
     >>> bool(abs(force).max() < 1e-15)
     True
     """
-    dim = plain_array(points, "points").shape[-1:]
-    if dim not in ((2,), (3,)):
-        raise ValueError(f"points must have shape (N, 2) or (N, 3), got {np.shape(points)}")
-    corners = 4 if dim == (2,) else 8
-    nodes, cells = mesh_arguments(points, elements, "elements", *dim, corners)
+    dim = dimension_of(points)
+    nodes, cells = mesh_arguments(points, elements, "elements", dim, 4 if dim == 2 else 8)
     return _solid(nodes, cells, nodes[cells], material, rho, t, plane, mass)
 
 
@@ -230,18 +227,12 @@ def _solid(
 
 
 def _assembled(
-    name: str,
-    material: Material,
-    values: Sequence[np.ndarray],
-    lumped: bool,
-    chosen: Chosen,
-    elements: Mapping[str, np.ndarray],
-    nodes: int,
+    name: str, material: Material, values: Sequence[np.ndarray], lumped: bool, selected: Selected
 ) -> Made:
-    corners, t, rho, *coefficients = (of_chosen(array, chosen[name]) for array in values)
-    own, n = elements[name], nodes * corners.shape[2]
+    corners, t, rho, *coefficients = selected.rows(name, values)
+    own, n = selected.elements[name], selected.nodes * corners.shape[2]
     volumes, along = gradients(name, corners)
-    pattern = Pattern.of(own, nodes)
+    pattern = Pattern.of(own, selected.nodes)
     M = mass_matrix(Block(name, own), pattern, corners, t * rho, lumped)
     kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
     force = kind(own, pattern, t[:, None] * volumes, along, material, coefficients)

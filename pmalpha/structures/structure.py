@@ -20,7 +20,7 @@ from ..problem.reduction import Reduction, reduce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .elasticity import Moduli, stresses
-from .element_force import ElementForce, Recipe, all_of
+from .element_force import ElementForce, Recipe, Selected
 from .mesh_files import grid_of
 from .stress import BAR, BEAM, base_shear, line_forces, nodal_stress, storey_drifts
 
@@ -95,7 +95,8 @@ class Structure:
         moduli: Mapping[str, Moduli] | None = None,
     ) -> Structure:
         """The structure of all elements of a mesh."""
-        M, K, internal = recipe(all_of(elements), elements, len(points))
+        everything = dict.fromkeys(elements, slice(None))
+        M, K, internal = recipe(Selected(everything, elements, len(points)))
         return cls(M, K, points, elements, components, internal, moduli or {}, recipe)
 
     def __post_init__(self) -> None:
