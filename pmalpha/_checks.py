@@ -35,7 +35,6 @@ def _range(low: float, high: float) -> str:
 
 
 def positive_number(value: Any, name: str) -> float:
-    """A finite float above zero."""
     number = real_number(value, name)
     if not number > 0.0:
         raise ValueError(f"{name} must be positive, got {value!r}")
@@ -82,7 +81,6 @@ def whole_number(value: Any, name: str, *, low: int = 0, high: int = MOST) -> in
 
 
 def flag(value: Any, name: str) -> bool:
-    """True or False; a number raises TypeError."""
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)

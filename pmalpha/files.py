@@ -23,7 +23,6 @@ NO_FILE = "a folder or a device, not a file"
 
 @cache
 def package_version() -> str:
-    """The version of the package that is installed."""
     from importlib.metadata import version
 
     return version("pmalpha")

@@ -43,7 +43,6 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `structures`, where it is now."""
     if name not in structures.__all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     message = f"models.{name} is structures.{name}; the old name ends with version 0.4"

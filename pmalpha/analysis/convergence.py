@@ -238,7 +238,6 @@ def _exact_at(
 
 
 def _errors(coupler: Coupler, solution: Instant) -> dict[str, float]:
-    """Maximum absolute errors of the present state."""
     states, lam = solution
     rows = coupler._session.core_rows
     got = rows.forces(coupler._session.core.multipliers)

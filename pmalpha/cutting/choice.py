@@ -414,7 +414,6 @@ def _named(label: Any) -> Any:
 
 
 def _schemes(scheme: Any, names: Sequence[str]) -> list[Scheme]:
-    """The scheme of each subdomain."""
     if scheme is None:
         scheme = GeneralizedAlpha(RHO)
     if isinstance(scheme, Mapping):

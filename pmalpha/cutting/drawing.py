@@ -18,7 +18,6 @@ LEGEND = 12
 
 
 def drawn(cut: Any, structure: Structure, ax: Axes | None) -> Axes:
-    """The mesh of a Cut in the colours of its subdomains."""
     colours = _colours(np.array([s.substeps for s in cut.subdomains]))
     for i, (s, colour) in enumerate(zip(cut.subdomains, colours)):
         points, elements = _submesh(structure, cut.labels == i)

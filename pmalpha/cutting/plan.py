@@ -174,7 +174,6 @@ class Plan:
 
 
 def plan_of(cut: Any, dt: float) -> Plan:
-    """The Plan of a Cut."""
     ties = cut.constraints[0].matrices if cut.constraints else {}
     p = cut.p
     swept = [_swept(s, _last(ties.get(s))) for s in cut.subdomains]
@@ -257,7 +256,6 @@ def _uncut_entries(cut: Any, scheme: Scheme) -> int:
 
 
 def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Matrix | None:
-    """The pattern of the sum of the matrices of all subdomains."""
     present = [(A, own) for A, own in zip(matrices, dofs) if A is not None]
     if not present:
         return None

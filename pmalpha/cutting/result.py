@@ -411,7 +411,6 @@ class Cut:
         return grid_of(self._mesh("to_pyvista"), whole, t, self._numbers())
 
     def _numbers(self) -> dict[str, np.ndarray]:
-        """Numbers of the elements for files and pictures."""
         substeps = np.array([s.substeps for s in self.subdomains])
         return {"part": self.labels, "substeps": substeps[self.labels]}
 

@@ -373,7 +373,6 @@ class WholeElements(Whole):
 
 
 def whole_of(structure: Any, fixed: Any, points: Any) -> Whole:
-    """The uncut structure, checked."""
     if isinstance(structure, Structure):
         if points is not None:
             raise TypeError("points must not be given for a structure, which has them")
@@ -399,7 +398,6 @@ def _free(fixed: Any, n: int, names: Any = None) -> np.ndarray:
 
 
 def _sum(one: Any, other: Any) -> Any:
-    """The sum of matrices that may be diagonals."""
     if one is None:
         return other
     if one.ndim == other.ndim:

@@ -95,7 +95,6 @@ class AdjointMember:
 
     @property
     def weights(self) -> dict[str, float]:
-        """Those of dM, dC and dK in dMbar."""
         return {"M": 1.0, "C": self.al2, "K": 0.0 if self.scheme.explicit else self.al1}
 
 
@@ -373,7 +372,6 @@ class MeanAdjoint(Adjoint):
     def at_zero(
         self, sources: Mapping[str, Sources], start: list[np.ndarray], of_lam: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-        """mu_0, and the adjoints of u0 and v0."""
         for x, state in zip(self.members, start):
             state[0] += sources[x.name].at(0, x.n)
         handed = self.taking_over(start, of_lam)

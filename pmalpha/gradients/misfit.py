@@ -169,7 +169,6 @@ def _added(
 
 
 def _dofs(of: Mapping[str, Any]) -> np.ndarray:
-    """The dofs that are measured, or that the columns of W belong to."""
     return of["dofs"] if "dofs" in of else of["columns"]
 
 

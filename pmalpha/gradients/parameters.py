@@ -162,7 +162,6 @@ class Parameters(Frozen):
         return total
 
     def _summed(self, of_elements: np.ndarray) -> np.ndarray:
-        """Sums over the elements of each parameter."""
         return np.bincount(self._of, of_elements, self.m)
 
     def _force(self, j: int, motion: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

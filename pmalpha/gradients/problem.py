@@ -167,7 +167,6 @@ class Problem:
 
 
 def subdomain_of(keys: Any, p: Parameters) -> str:
-    """The name of the subdomain of some parameters."""
     for name, s in keys:
         if p.subdomain in (name, s):
             p._check_size(s.n, name)

@@ -147,7 +147,6 @@ def animation(
 
 
 def _require_text(value: Any, name: str) -> None:
-    """An error for what cannot be drawn as text."""
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a str, got {value!r}")
     try:

@@ -66,7 +66,6 @@ def time_histories(
     units: Mapping[str, str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """The implementation of `History.plot`."""
     unit = _units(units)
     require_axes(ax)
     if not isinstance(quantity, str) or quantity not in QUANTITIES:
@@ -248,7 +247,6 @@ def _columns(subdomain: Any, given: Any) -> list[int]:
 
 
 def _rows(history: Any, constraints: Any) -> list[int]:
-    """The constraints to draw."""
     p = history.multipliers.shape[1]
     if p == 0 and constraints is None:
         return []
@@ -310,7 +308,6 @@ def _draw(ax: Axes, curves: Sequence[Curve], first: int = 0) -> None:
 
 
 def _look(i: int) -> dict[str, Any]:
-    """Line and marker of curve i."""
     line, marker = i % DEFAULT_CURVES, MARKERS[i // DEFAULT_CURVES % len(MARKERS)]
     return LINES[::-1][line] | {"marker": marker, "markersize": 3.5}
 
@@ -365,7 +362,6 @@ def _legend(ax: Axes) -> None:
 def gaps_and_forces(
     history: Any, rows: Any = None, *, title: str | None = None, ax: Axes | None = None
 ) -> Axes:
-    """`ContactHistory.plot`."""
     require_axes(ax)
     gap, force = history.gap, history.force
     labels, names = ["smallest gap"], ("smallest gap", "sum of forces")

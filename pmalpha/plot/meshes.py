@@ -454,5 +454,4 @@ def _draw_in_space(ax: Any, x: np.ndarray, faces: list[Block], look: Look) -> li
 
 
 def _means(values: np.ndarray, faces: Block) -> np.ndarray:
-    """The mean at the corners of each face."""
     return values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)

@@ -107,7 +107,6 @@ def shown_style() -> Iterator[None]:
 
 
 def require_axes(ax: Any) -> None:
-    """TypeError unless it is one Axes, or None."""
     if ax is not None and not hasattr(ax, "add_artist"):
         raise TypeError(f"ax must be one Axes of matplotlib, got {type(ax).__name__}")
 

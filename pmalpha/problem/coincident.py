@@ -155,7 +155,6 @@ def _close_pairs(sides: Sequence[Side], reach: float) -> tuple[np.ndarray, np.nd
 
 
 def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The numbers of the points in a box."""
     return np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
 
 

@@ -259,7 +259,6 @@ def pairs(
     entries: tuple[float, float],
     names: tuple[str, str] = ("dofs_a", "dofs_b"),
 ) -> dict[Any, Any]:
-    """Rows with an entry at a dof of each of two subdomains."""
     rows_a, rows_b = map(chosen, (dofs_a, dofs_b), (a, b), entries, names)
     counts = rows_a.shape[0], rows_b.shape[0]
     if counts[0] != counts[1] or counts[0] == 0:
@@ -271,7 +270,6 @@ def pairs(
 
 
 def require_two(a: Any, b: Any) -> None:
-    """ValueError if a and b are one subdomain, or names of it."""
     for s in (a, b):
         if not isinstance(s, (Subdomain, str)):
             raise TypeError(f"a and b must be Subdomains or their names, got {s!r}")

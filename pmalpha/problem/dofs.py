@@ -47,7 +47,6 @@ class NodeNames(Sequence[str]):
         return f"{self.components[component]} {node}"
 
     def index(self, name: Any, *limits: Any) -> int:
-        """The position of a name; ValueError if it is not there."""
         component, _, node = str(name).rpartition(" ")
         if component in self.components and node.isdecimal():
             dof = len(self.components) * int(node) + self.components.index(component)

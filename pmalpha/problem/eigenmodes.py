@@ -216,7 +216,6 @@ def _scale(ratios: np.ndarray) -> float:
 
 
 def block(A: Any, dofs: np.ndarray) -> Any:
-    """Rows and columns of these dofs."""
     if A.ndim == 1:
         return A[dofs]
     return A[dofs][:, dofs]

@@ -140,7 +140,6 @@ class CheckedInternal:
         K: np.ndarray,
         C: np.ndarray | None,
     ) -> None:
-        """K += K_t and C += C_t of one force."""
         try:
             places[0].add(values[1], K)
             if C is not None:

@@ -267,5 +267,4 @@ def is_callback(force: Force) -> TypeGuard[Callable[[float], Any]]:
 
 
 def is_function(force: Force) -> TypeGuard[Callable[..., Any]]:
-    """True for a force that is a Python callable."""
     return callable(force) and not isinstance(force, SampledForce)

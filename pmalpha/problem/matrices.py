@@ -97,7 +97,6 @@ def canonical(
 
 
 def read_only(A: Matrix | None) -> Matrix | None:
-    """A, with entries that cannot be assigned."""
     if A is not None:
         (A if isinstance(A, np.ndarray) else A.data).setflags(write=False)
     return A
@@ -224,7 +223,6 @@ def _simplest(A: Any) -> Matrix | None:
 
 
 def diagonal(A: Any) -> np.ndarray:
-    """The diagonal of a matrix in inner form that is not None."""
     return A if A.ndim == 1 else A.diagonal()
 
 

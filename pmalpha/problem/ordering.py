@@ -229,7 +229,6 @@ def _minimum_degree(graph: Graph) -> np.ndarray:
 
 
 def has_nested_dissection() -> bool:
-    """Whether pymetis is installed."""
     try:
         import pymetis  # noqa: F401
     except ImportError:

@@ -74,7 +74,6 @@ def facts(s: Any) -> Iterator[tuple[str, str]]:
 
 
 def order(scheme: Any) -> int:
-    """2 where gamma = 1/2 - am + af, else 1."""
     return 2 if abs(scheme.gamma - 0.5 + scheme.am - scheme.af) < 1e-12 else 1
 
 
@@ -257,8 +256,7 @@ class Subdomain(Frozen):
         self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.limits = self._limits(limits)
-        self.u0 = self._initial(u0, "u0")
-        self.v0 = self._initial(v0, "v0")
+        self.u0, self.v0 = self._initial(u0, "u0"), self._initial(v0, "v0")
         self._check_lagged()
         self._check_mass()
         self._freeze()

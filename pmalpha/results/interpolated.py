@@ -92,7 +92,6 @@ class Peak:
 
 
 def at(history: Any, t: Any) -> Instant:
-    """The implementation of `History.at`."""
     times = one_time(t, history.macro_times)
     time = float(times[0])
     states = [s and state(s, times) for s in history.subdomains]
@@ -112,7 +111,6 @@ def state(s: Any, times: np.ndarray) -> State:
 
 
 def resampled(history: Any, times: Any) -> Any:
-    """The implementation of `History.resampled`."""
     given, t = rising(times, history.macro_times)
     fine, macro = history.multiplier_times, history.macro_times
     jump_times = fine if len(history.velocity_jump) == len(fine) else macro

@@ -33,7 +33,6 @@ class Outputs:
 
     @property
     def rows(self) -> int:
-        """Number of rows of all outputs."""
         return sum(self.sizes.values())
 
     def split(self, values: np.ndarray) -> dict[str, np.ndarray]:

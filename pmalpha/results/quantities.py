@@ -177,7 +177,6 @@ def reduced(
 
 
 def joined(pieces: Sequence[Any]) -> Any:
-    """The implementation of `History.join`."""
     pieces = tuple(pieces)
     if not pieces:
         raise ValueError("pieces must be at least one History, got none")

@@ -20,7 +20,6 @@ from .quantities import IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN, Quantity, arra
 
 
 def write_history(path: str | PathLike[str], history: Any) -> None:
-    """The implementation of `History.save`."""
     header, arrays = contents_of(history)
     wrong = history_file.not_finite(arrays)
     if wrong is not None:

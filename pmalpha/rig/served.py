@@ -347,7 +347,6 @@ def springs_in(what: Any) -> tuple[Spring, ...]:
 
 
 def check_served(what: Any) -> None:
-    """TypeError unless it can be served."""
     springs = springs_in(what)
     several = len(what) if isinstance(what, (list, tuple)) else 1
     if isinstance(what, (Subdomain, Coupler)) or springs and len(springs) == several:

@@ -198,7 +198,6 @@ class _Session:
         self.trial = Trial(u, v, t, self.fields.get("acceleration"))
 
     def _values(self) -> np.ndarray:
-        """What the client has announced, in its order."""
         r, x = self.element.force(self.trial)
         zero, t = np.zeros(self.sizes.n), self.trial.t
         found = {

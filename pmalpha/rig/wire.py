@@ -47,7 +47,6 @@ class Sizes(NamedTuple):
 
     @property
     def n(self) -> int:
-        """The number of dofs."""
         return max(*self.control[:4], *self.daq[:4])
 
     def bytes(self) -> bytes:

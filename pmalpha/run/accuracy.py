@@ -109,7 +109,6 @@ def _largest(ranks: Ranks | None, arrays: Sequence[np.ndarray]) -> float:
 
 
 def _total(ranks: Ranks | None, terms: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """The sum over all subdomains, of all processes."""
     return sum(joined(ranks, list(terms)), np.zeros(shape))
 
 

@@ -50,7 +50,6 @@ def advance(
     report: Report | None = None,
     ranks: Ranks | None = None,
 ) -> None:
-    """Advance to macro step `end`."""
     iterates = loads.iterates or ranks is not None  # subdomains of any process
     with one_thread() if iterates else nullcontext():  # the core calls BLAS
         _advance(core, loads, end, record, report, ranks)
@@ -161,7 +160,6 @@ def _convergence_error(
 
 
 def change_steps(session: Session, dt: float | None, substeps: Mapping[Any, int] | None) -> None:
-    """`Coupler.change_steps`."""
     with together(session):
         check_call(session, "change_steps", dt)
         change(session, *checked_steps(session, dt, substeps))

@@ -239,7 +239,6 @@ def checked_cases(
     motions: Sequence[Motion],
     tied: bool,
 ) -> list[Case]:
-    """The cases of `Coupler.run_each`; the error of a wrong one names its index."""
     wrong_kind = isinstance(cases, (str, Mapping)) or hasattr(cases, "ndim")  # of arrays
     if wrong_kind or not isinstance(cases, Iterable):
         raise TypeError(f"cases must be a list of dicts, got {cases!r}")

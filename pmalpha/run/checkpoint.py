@@ -148,7 +148,6 @@ def internal(member: Member) -> str:
 
 
 def checksum(A: Any) -> str:
-    """A checksum of shape and entries of a matrix or array."""
     if A is None:
         return "zero"
     arrays = [A]

@@ -167,7 +167,6 @@ class Motion:
         return self.velocity(t)
 
     def slope(self) -> np.ndarray:
-        """g'(0)"""
         if isinstance(self.velocity, SampledForce):
             dt = self.velocity.dt
             return (self.velocity(dt) - self.velocity(0.0)) / dt

@@ -152,7 +152,6 @@ class Monitor:
 def monitor(
     session: Session, path: str | PathLike[str] | None, dofs: Mapping[Any, Any] | None, rows: int
 ) -> None:
-    """`Coupler.monitor`."""
     with session.guard:
         if path is None:
             session.monitor = None
@@ -243,7 +242,6 @@ class Pace(NamedTuple):
 def run_paced(
     session: Session, t_end: float, pace: Pace, record_to: Any, progress: Any, **chosen: Any
 ) -> History:
-    """`Coupler.run_paced`; `chosen` is what is recorded."""
     with session.guard, DeferredSignals(session.guard) as signals:
         pace = checked_pace(session, pace)
         done = session.done

@@ -78,7 +78,6 @@ def warn_of_nothing(
 
 
 def step(session: Session, n: int) -> None:
-    """`Coupler.step`."""
     with together(session):
         n = whole_number(n, "n")
         check_call(session, "step", n)
@@ -198,7 +197,6 @@ def _recorded(
 
 
 def judge(session: Session, history: History) -> None:
-    """The warnings about a result."""
     if not session.judges:
         return
     members, rows, motions = session.members, session.rows, session.loads.motions

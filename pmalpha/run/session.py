@@ -90,7 +90,6 @@ class Session:
 
     @property
     def coupling(self) -> Coupling:
-        """The schedule by which the subdomains advance."""
         return self.options.coupling
 
     @property
@@ -230,13 +229,11 @@ def in_any(session: Session, happened: bool) -> bool:
 
 
 def require_alone(session: Session, what: str) -> None:
-    """ValueError with `comm`."""
     if session.ranks is not None:
         raise ValueError(f"{what} needs a Coupler without comm")
 
 
 def require_no_contacts(session: Session, what: str) -> None:
-    """ValueError with contacts."""
     if session.rows.contacts is not None:
         raise ValueError(f"{what} needs a Coupler without contacts")
 
@@ -325,7 +322,6 @@ def reset(
     v0: Mapping[Any, Any] | None,
     force: Mapping[Any, Any] | None,
 ) -> None:
-    """`Coupler.reset`."""
     with together(session):
         check_call(session, "reset")
         initial = InitialValues(session.keys, session.rows, u0, v0)

@@ -28,8 +28,6 @@ def __dir__() -> list[str]:
 
 
 class _Contents(NamedTuple):
-    """What a snapshot keeps."""
-
     assemblies: Any
     step: int
     steps: Steps
@@ -68,13 +66,11 @@ class Snapshot:
 
 
 def snapshot(session: Session) -> Snapshot:
-    """`Coupler.snapshot`."""
     with session.guard:
         return snapshot_of(session)
 
 
 def restore(session: Session, snapshot: Snapshot) -> None:
-    """`Coupler.restore`."""
     if not isinstance(snapshot, Snapshot):
         raise TypeError(f"snapshot must be a Snapshot, got {snapshot!r}")
     if snapshot._contents is None or snapshot._contents.assemblies is not session.assemblies:
@@ -126,7 +122,6 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
 
 
 def save(session: Session, path: str | PathLike[str]) -> None:
-    """`Coupler.save`."""
     with together(session):
         check_call(session, "save")
         checked_path(path, suffixes=NPZ)
@@ -148,7 +143,6 @@ def save(session: Session, path: str | PathLike[str]) -> None:
 
 
 def load(session: Session, path: str | PathLike[str]) -> None:
-    """`Coupler.load`."""
     with together(session):
         check_call(session, "load")
         first = session.assembly.first

@@ -43,7 +43,6 @@ LEFT = ("subdomain", "scheme", "factor")  # columns of words
 
 
 def state(session: Session, key: str | int | Subdomain) -> State:
-    """`Coupler.state`."""
     i = position(key, session.keys)
     with session.guard:  # another thread may change the steps, and with them the members
         begin(session)
@@ -57,7 +56,6 @@ def state(session: Session, key: str | int | Subdomain) -> State:
 
 
 def springs(session: Session, key: str | int | Subdomain) -> SpringState:
-    """`Coupler.springs`."""
     i = position(key, session.keys)
     with session.guard:
         begin(session)
@@ -88,7 +86,6 @@ def text_of(session: Session) -> str:
 
 
 def html_of(session: Session) -> str:
-    """The same for notebooks."""
     return f"<p>{escape(title(session))}</p>{html_table(HEADINGS, table(session), LEFT)}"
 
 

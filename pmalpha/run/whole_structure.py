@@ -20,7 +20,6 @@ from .session import Session, begin, check_call, require_alone, require_no_conta
 
 
 def static(session: Session, steps: int) -> dict[str, np.ndarray]:
-    """`Coupler.static`."""
     with together(session):
         check_call(session, "static", steps)
         require_no_contacts(session, "static")
@@ -54,7 +53,6 @@ def equilibrium_of(session: Session, forces: list[np.ndarray], steps: int) -> li
 
 
 def assembled(session: Session) -> Assembled:
-    """`Coupler.assembled`."""
     with session.guard:
         return _assembled(session, "assembled")
 
@@ -85,7 +83,6 @@ def _assembled(session: Session, what: str) -> Assembled:
 
 
 def modes(session: Session, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """`Coupler.modes`."""
     with session.guard:
         whole, t = _assembled(session, "modes"), session.clock.time(session.core.step_count)
     try:

@@ -161,7 +161,6 @@ class CoreRows:
 
     @property
     def p(self) -> int:
-        """Number of constraints."""
         return self.position.size
 
     @cached_property
@@ -246,11 +245,9 @@ class ConstraintRows:
 
     @property
     def scaled(self) -> list[sp.csc_array]:
-        """The matrices of `links`."""
         return [link.matrix for link in self.links]
 
     def of(self, i: int) -> np.ndarray:
-        """The rows of constraint i."""
         return np.arange(self.starts[i], self.starts[i + 1])
 
     def name(self, row: int) -> str:

@@ -65,12 +65,10 @@ class Contacts:
 
     @property
     def rows(self) -> int:
-        """Number of rows, with tangents."""
         return int(self.first[-1])
 
     @property
     def count(self) -> int:
-        """Number of contact rows."""
         return self.first.size - 1
 
     @property
@@ -80,7 +78,6 @@ class Contacts:
 
     @property
     def move(self) -> bool:
-        """Whether an obstacle moves."""
         return any(c.motion is not None for c in self.contacts)
 
     def numbers(self, name: str) -> np.ndarray:
@@ -238,7 +235,6 @@ class Contacts:
         return (self.first, *numbers, tuple(sides), *gemm_and_trsm())
 
     def links(self, count: int) -> list[Link | None]:
-        """N of each of the subdomains."""
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]
 
     def check_compliance(self, core: _core.Coupler, members: Sequence[Member]) -> None:

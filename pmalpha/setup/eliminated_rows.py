@@ -33,7 +33,6 @@ class Assembled(NamedTuple):
 
     @property
     def n(self) -> int:
-        """Number of dofs."""
         return self.K.shape[0]
 
 

@@ -285,7 +285,6 @@ class Equilibrium:
         return self._residual(u) - (1.0 - load) * self.first
 
     def _members(self, u: np.ndarray) -> list[np.ndarray]:
-        """The displacements of these subdomains."""
         return np.split(u, self.ends[:-1])[self.own]
 
     def _residual(self, u: np.ndarray) -> np.ndarray:

@@ -127,8 +127,6 @@ def _assembled(
 
 
 class BarForce(Conservative):
-    """The internal force of bars."""
-
     def __init__(
         self,
         lines: np.ndarray,

@@ -134,8 +134,6 @@ def _dimension(structure: Any) -> int:
 
 
 class ContactForce(Conservative):
-    """The penalty force of nodes on an obstacle."""
-
     def __init__(self, structure: Structure, nodes: Any, stiffness: ArrayLike):
         chosen = dof_list(nodes, len(structure.points), "nodes")
         if not chosen.size:
@@ -163,7 +161,6 @@ class ContactForce(Conservative):
         raise NotImplementedError
 
     def _at(self, u: np.ndarray) -> np.ndarray:
-        """Positions of the nodes."""
         moved = u.reshape(self._assembly.nodes, -1)[self._assembly.elements[:, 0]]
         return self._start + moved[:, : self._start.shape[1]]
 

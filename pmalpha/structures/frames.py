@@ -319,8 +319,6 @@ def _corotational(beams: Sequence[np.ndarray], selected: Selected) -> Made:
 
 
 class BeamForce(Conservative):
-    """The internal force of corotational beams."""
-
     def __init__(
         self, lines: np.ndarray, nodes: int, along: np.ndarray, EA: np.ndarray, EI: np.ndarray
     ):

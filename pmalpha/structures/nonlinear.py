@@ -240,8 +240,6 @@ def _assembled(
 
 
 class SolidForce(ElementForce):
-    """The internal force of a solid."""
-
     def __init__(
         self,
         elements: np.ndarray,
@@ -309,8 +307,6 @@ class SolidForce(ElementForce):
 
 
 class ElasticSolidForce(SolidForce, Conservative):
-    """The internal force of a hyperelastic solid."""
-
     _material: Hyperelastic
 
     def _potential(self, u: np.ndarray) -> float:

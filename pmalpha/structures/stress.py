@@ -18,7 +18,6 @@ EQUAL = 1e-9
 
 
 def nodal_stress(structure: Any, u: Any, what: str) -> np.ndarray:
-    """The implementation of `Structure.stress`."""
     u = real_array(u, "u", (1, 2))
     if u.shape[-1] != structure.n:
         raise ValueError(f"u must have {structure.n} in the last dimension, got shape {u.shape}")
@@ -61,7 +60,6 @@ def _mises(s: np.ndarray, across: np.ndarray) -> np.ndarray:
 def line_forces(
     K: sp.csr_array, points: np.ndarray, lines: np.ndarray, components: tuple[str, ...]
 ) -> sp.csr_array:
-    """The implementation of `Structure.element_forces`."""
     if np.unique(np.sort(lines, axis=1), axis=0).shape != lines.shape:
         raise ValueError("element_forces needs one element at most between two nodes")
     first, second = lines.T
@@ -113,7 +111,6 @@ def _placed(rows: np.ndarray, lines: np.ndarray, d: int, n: int) -> sp.csr_array
 
 
 def storey_drifts(structure: Any, component: str) -> sp.csr_array:
-    """The implementation of `Structure.storey_drifts`."""
     if set(structure.elements) != {"line"} or component not in structure.components:
         raise ValueError(
             f"storey_drifts needs elements 'line' with a component {component!r}, got "
@@ -145,7 +142,6 @@ def levels_of(structure: Any) -> list[np.ndarray]:
 
 
 def base_shear(structure: Any, nodes: Any, component: str) -> sp.csr_array:
-    """The implementation of `Structure.base_shear`."""
     K = sp.csr_array(structure.K)
     if nodes is None:
         springs = ground_springs(structure, component)
