@@ -45,7 +45,8 @@ class Report:
             raise
 
     def if_due(self, step: int) -> None:
-        if perf_counter() - self.last >= INTERVAL:
+        """Where it is not the end, which the run reports."""
+        if step - self.begin < self.total and perf_counter() - self.last >= INTERVAL:
             self(step)
 
 
