@@ -115,8 +115,8 @@ def test_the_second_displacement_is_the_mean_of_the_two_sides():
     np.testing.assert_allclose(ours, u, rtol=0.0, atol=1e-15)  # one addition, of numbers up to 1
 
 
-def four_dof_by_reference(chain, implicit, explicit):
-    """50 macro steps of the experiment by the reference, from matrices written out here."""
+def four_dof_by_reference(chain, implicit, explicit, steps=50):
+    """The experiment by the reference, from matrices written out here."""
     k1, k2, k3, k4 = chain.springs
     K = np.array([[k3, -k3, 0.0], [-k3, k3 + k4, -k4], [0.0, -k4, k4]])
     M = np.diag([0.5, 1.0, 1.0])
@@ -124,7 +124,7 @@ def four_dof_by_reference(chain, implicit, explicit):
     K = np.array([[k1 + k2, -k2], [-k2, k2]])
     b = reference.Subdomain(np.diag([1.0, 0.5]), K, **explicit, substeps=20)
     L = [np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, -1.0]])]
-    return reference.run([a, b], L, chain.macro_step, 50)
+    return reference.run([a, b], L, chain.macro_step, steps)
 
 
 PM = ({}, {"beta": 0.0, "explicit": True})  # the reference's default is the trapezoidal rule
