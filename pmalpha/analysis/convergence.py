@@ -64,7 +64,8 @@ def _positive_error(error: Any, dt: float) -> float:
     error = real_number(error, f"what run returns at dt = {dt:g}")
     if not error > 0.0:
         raise ValueError(f"run must return a positive finite error, got {error!r} at dt = {dt:g}")
-    return error
+    result: float = error
+    return result
 
 
 def global_error(
@@ -221,7 +222,8 @@ def _exact_state(
         u, v, w, _ = _exact_at(coupler, member, exact, before)
         # no step reads this free velocity, and there are no springs and internal forces
         arrays += (u, v, w, w, np.zeros(member.nb), np.zeros(0), np.zeros(0))
-    return arrays
+    result: tuple[np.ndarray, ...] = arrays
+    return result
 
 
 def _exact_at(

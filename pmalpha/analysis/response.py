@@ -48,7 +48,8 @@ class ResponseSpectrum:
     @property
     def psv(self) -> np.ndarray:
         """Pseudo-velocity omega sd, (k,); 0 at period 0."""
-        return _frequencies(self.periods) * self.sd
+        result: np.ndarray = _frequencies(self.periods) * self.sd
+        return result
 
     @property
     def psa(self) -> np.ndarray:
@@ -174,7 +175,10 @@ def response_spectrum(
 
 def _frequencies(periods: np.ndarray) -> np.ndarray:
     """Angular frequencies, 0 in the place of infinity."""
-    return np.divide(2.0 * np.pi, periods, out=np.zeros(periods.size), where=periods > 0.0)
+    result: np.ndarray = np.divide(
+        2.0 * np.pi, periods, out=np.zeros(periods.size), where=periods > 0.0
+    )
+    return result
 
 
 def _states(a: np.ndarray, dt: float, omegas: np.ndarray, xi: float) -> np.ndarray:
@@ -265,7 +269,8 @@ class _Waves:
         curvature = np.maximum(begin[2], end[2]) + eighth * abs(self.rate) ** 4 * size
         from_chord = np.maximum(begin[0], end[0]) + eighth * curvature
         linear = np.maximum(np.abs(self.c), np.abs(self.c + self.d * length))
-        return np.minimum(from_chord, size + linear)
+        result: np.ndarray = np.minimum(from_chord, size + linear)
+        return result
 
     def _peak_in(self, j: int, tau: np.ndarray) -> float:
         """The largest |x| in interval j: at the root of x' beside the largest |x| at `tau`."""

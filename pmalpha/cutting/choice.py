@@ -87,7 +87,8 @@ def _bound(B: np.ndarray) -> np.ndarray:
     for _ in range(SQUARINGS):
         S = S @ S
     power = 0.5 / 2**SQUARINGS
-    return size * np.einsum("eij,eij->e", S, S) ** power
+    result: np.ndarray = size * np.einsum("eij,eij->e", S, S) ** power
+    return result
 
 
 def levels_of(omega: np.ndarray, dt: float, scheme: Scheme, *, check: bool = True) -> np.ndarray:

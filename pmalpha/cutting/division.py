@@ -138,7 +138,8 @@ class DividedForce:
             raise ValueError(
                 f"force must return a value for each dof of the uncut structure, got {values.shape}"
             )
-        return self._share * values[self._dofs]
+        result: np.ndarray = self._share * values[self._dofs]
+        return result
 
 
 def checked_motion(value: Any, free: np.ndarray, name: str) -> np.ndarray:

@@ -288,7 +288,8 @@ class Adjoint:
         beyond = lam[:-1].reshape(len(nodes) - 1, q, self.p) - straight  # zero at the nodes
         B = beyond.reshape(len(lam) - 1, self.p)[1:].T @ nu[:-1]
         Y, transposed = member.links
-        return member.al2 * parameters._traces(Y @ B, transposed, member.weights)
+        result: np.ndarray = member.al2 * parameters._traces(Y @ B, transposed, member.weights)
+        return result
 
 
 def reversed_load(

@@ -79,7 +79,8 @@ class Filters:
 
     def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Loads of the reversed run, (A6), for sources (levels, k) in reversed order."""
-        return self._of_u(u) + self._of_v(v) + self._of_w(w)
+        result: np.ndarray = self._of_u(u) + self._of_v(v) + self._of_w(w)
+        return result
 
     def impulses(self, levels: int) -> np.ndarray:
         """Loads for a unit source of u, v, w and a at the first reversed level, (levels, 4)."""
@@ -99,7 +100,8 @@ class MeanFilters:
 
     def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
         """As `Filters.loads`; there are no sources of w."""
-        return self._of_u(u) + self._of_v(v)
+        result: np.ndarray = self._of_u(u) + self._of_v(v)
+        return result
 
     def impulses(self, levels: int) -> np.ndarray:
         """As `Filters.impulses`."""

@@ -169,7 +169,8 @@ def _added(
 
 
 def _dofs(of: Mapping[str, Any]) -> np.ndarray:
-    return of["dofs"] if "dofs" in of else of["columns"]
+    dofs: np.ndarray = of["dofs"] if "dofs" in of else of["columns"]
+    return dofs
 
 
 def places(recorded: np.ndarray, dofs: np.ndarray) -> np.ndarray:

@@ -128,7 +128,8 @@ class Parameters(Frozen):
                 [np.vdot(mu, (D @ motion[kind].T).T) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            return -np.sum(whole, axis=0)
+            sums: np.ndarray = -np.sum(whole, axis=0)
+            return sums
         e, k = self.dofs.shape
         total = np.zeros(e)
         levels = max(NUMBERS // (e * k), 1)
@@ -147,7 +148,8 @@ class Parameters(Frozen):
                 [np.sum(mu * (D @ motion[kind].T).T, axis=1) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            return -np.sum(whole, axis=0).T
+            sums: np.ndarray = -np.sum(whole, axis=0).T
+            return sums
         frequencies, (e, k) = len(mu), self.dofs.shape
         total = np.zeros((frequencies, self.m), complex)
         together = max(NUMBERS // (frequencies * k), 1)

@@ -170,7 +170,8 @@ def subdomain_of(keys: Any, p: Parameters) -> str:
     for name, s in keys:
         if p.subdomain in (name, s):
             p._check_size(s.n, name)
-            return name
+            result: str = name
+            return result
     names = ", ".join(repr(name) for name, _ in keys)
     other = p.name in dict(keys) and "; it is another object of this name: give the name alone"
     raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}{other or ''}")

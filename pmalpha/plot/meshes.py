@@ -195,7 +195,8 @@ def stresses(structure: Any, u: Any, what: str) -> np.ndarray:
         raise TypeError(f"values must be numbers unless a Structure is drawn, got {what!r}")
     u = np.asarray(u)
     by_node = u.shape[-2:] == (len(structure.points), structure.dofs_per_node)
-    return structure.stress(u.reshape(*u.shape[:-2], -1) if by_node else u, what)
+    result: np.ndarray = structure.stress(u.reshape(*u.shape[:-2], -1) if by_node else u, what)
+    return result
 
 
 def stress_label(what: str) -> str:
@@ -227,7 +228,8 @@ def axes_for(mesh: Mesh, ax: Any | None) -> Axes:
         if (ax.name == "3d") != solid:
             needed = 'projection="3d"' if solid else "two dimensions"
             raise ValueError(f"ax must have {needed} for these points, got {ax!r}")
-        return ax
+        result: Axes = ax
+        return result
     figure = shown_figure(figsize=(WIDTH, 4.0), layout="constrained")
     ax = figure.add_subplot(projection="3d" if solid else None)
     if solid:
@@ -288,7 +290,8 @@ def norm_of(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
         ax.figure.colorbar(bar, ax=ax, label=label, shrink=0.8)
     norm: Any = picture.norm
     norm.vmin, norm.vmax = min(low, norm.vmin), max(high, norm.vmax)
-    return norm
+    result: Normalize = norm
+    return result
 
 
 def enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
@@ -378,7 +381,8 @@ def draw_mesh(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
 
 
 def _thinner(lines: int) -> float:
-    return min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
+    result: float = min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
+    return result
 
 
 def _draw_lines(ax: Any, ends: Any, nodes: np.ndarray, look: Look) -> list[Artist]:
@@ -454,4 +458,6 @@ def _draw_in_space(ax: Any, x: np.ndarray, faces: list[Block], look: Look) -> li
 
 
 def _means(values: np.ndarray, faces: Block) -> np.ndarray:
-    return values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)
+    corners = faces.nodes[:, : len(KINDS[faces.kind].edges)]
+    means: np.ndarray = values[corners].mean(axis=1)
+    return means

@@ -100,7 +100,8 @@ def coincident_nodes(sides: Sequence[Side], tol: float | None) -> np.ndarray:
     """Pairs (k, 2) of the coincident nodes of two sides, in rising order of the first."""
     nodes, _ = _coincident(sides, tol)
     pairs = nodes.reshape(-1, 2) - _starts(sides)[:2]
-    return pairs[np.argsort(pairs[:, 0])]
+    ordered: np.ndarray = pairs[np.argsort(pairs[:, 0])]
+    return ordered
 
 
 def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, np.ndarray]:

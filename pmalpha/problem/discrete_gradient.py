@@ -164,7 +164,8 @@ def internal_for(
 def _deformation(spring: Spring, u: np.ndarray) -> np.ndarray:
     extended = np.append(u, 0.0)  # the ground is dof -1
     first, second = spring.dofs.T
-    return extended[first] - extended[second]
+    result: np.ndarray = extended[first] - extended[second]
+    return result
 
 
 def _energy(spring: Any, d: np.ndarray) -> float:

@@ -94,7 +94,8 @@ class SampledForce(Frozen):
     @property
     def n(self) -> int:
         """Number of dofs the force acts on."""
-        return (self.values.T if self.shape is None else self.shape).shape[0]
+        result: int = (self.values.T if self.shape is None else self.shape).shape[0]
+        return result
 
     def __repr__(self) -> str:
         m, k = self.values.shape
@@ -123,7 +124,8 @@ class SampledForce(Frozen):
         else:
             j = int(x)
             sample = (1.0 - (x - j)) * self.values[j] + (x - j) * self.values[j + 1]
-        return sample if self.shape is None else self.shape @ sample
+        result: np.ndarray = sample if self.shape is None else self.shape @ sample
+        return result
 
 
 def _position(x: float) -> float:

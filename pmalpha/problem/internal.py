@@ -281,4 +281,5 @@ def _force(value: Any, label: str, n: int) -> InternalForce:
         raise ValueError(
             f"{label} must have a pattern of shape ({n}, {n}), got {force.pattern.shape}"
         )
-    return force
+    result: InternalForce = force
+    return result

@@ -101,15 +101,21 @@ def _require_proper(cell: Shape, points: np.ndarray, radius: np.ndarray) -> None
 
 def jacobian(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """dx / dxi (m, dimension, d) of the elements, at one xi (d,) or at one for each (m, d)."""
-    return points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
+    result: np.ndarray = points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
+    return result
 
 
 def _measure(J: np.ndarray) -> np.ndarray:
     """Length, signed area or volume (m,), or the normals (m, 3) of a surface in space."""
     dimension, d = J.shape[1:]
+    measure: np.ndarray
     if d == 1:
-        return np.linalg.norm(J[:, :, 0], axis=-1)
-    return np.linalg.det(J) if d == dimension else np.cross(J[:, :, 0], J[:, :, 1])
+        measure = np.linalg.norm(J[:, :, 0], axis=-1)
+    elif d == dimension:
+        measure = np.linalg.det(J)
+    else:
+        measure = np.cross(J[:, :, 0], J[:, :, 1])
+    return measure
 
 
 def interpolate(
@@ -286,7 +292,8 @@ def _projected(
 
 def _mapped(cell: Shape, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """x = sum_j N_j(xi) x_j."""
-    return np.einsum("qk,qkx->qx", cell.values(xi), points)
+    result: np.ndarray = np.einsum("qk,qkx->qx", cell.values(xi), points)
+    return result
 
 
 def _refuse_outside(

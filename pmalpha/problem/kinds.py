@@ -182,7 +182,8 @@ class Shape:
 
     def values(self, xi: np.ndarray) -> np.ndarray:
         """N (q, k) at xi (q, d)."""
-        return _powers(xi, self.exponents) @ self.coefficients
+        result: np.ndarray = _powers(xi, self.exponents) @ self.coefficients
+        return result
 
     def slopes(self, xi: np.ndarray) -> np.ndarray:
         """dN / dxi (q, k, d) at xi (q, d)."""
@@ -196,7 +197,8 @@ class Shape:
 
 def _powers(xi: np.ndarray, exponents: np.ndarray) -> np.ndarray:
     """The monomials at points (q, d), (q, k)."""
-    return np.prod(xi[:, None, :] ** exponents, axis=2)
+    result: np.ndarray = np.prod(xi[:, None, :] ** exponents, axis=2)
+    return result
 
 
 def _shape(name: str) -> Shape:

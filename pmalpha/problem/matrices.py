@@ -223,7 +223,8 @@ def _simplest(A: Any) -> Matrix | None:
 
 
 def diagonal(A: Any) -> np.ndarray:
-    return A if A.ndim == 1 else A.diagonal()
+    d: np.ndarray = A if A.ndim == 1 else A.diagonal()
+    return d
 
 
 def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
@@ -303,7 +304,8 @@ def sparse(A: Matrix | None, n: int) -> sp.csr_array:
 def dense(A: Any) -> np.ndarray:
     """A matrix in inner form as (n, n) array."""
     if sp.issparse(A):
-        return A.toarray()
+        result: np.ndarray = A.toarray()
+        return result
     return np.diag(A) if A.ndim == 1 else A
 
 
@@ -324,15 +326,19 @@ def product(A: Matrix | None, x: np.ndarray) -> np.ndarray:
     if A is None:
         return np.zeros_like(x)
     if A.ndim == 1:
-        return (A * x.T).T
+        result: np.ndarray = (A * x.T).T
+        return result
     if not x.any():
         return np.zeros_like(x)
     if sp.issparse(A):
-        return A @ x
+        result = A @ x
+        return result
     if A.size <= SMALL:
-        return np.einsum("ij,j...->i...", A, x)
+        result = np.einsum("ij,j...->i...", A, x)
+        return result
     with one_thread():
-        return A @ x
+        result = A @ x
+        return result
 
 
 def is_symmetric(A: Matrix | None) -> bool:

@@ -90,7 +90,10 @@ class NodeGraph:
         """The order of the dofs that follows from an order of the nodes."""
         sizes = np.diff(self.start)[order]
         ends = np.cumsum(sizes)
-        return self.dofs[np.arange(ends[-1]) + np.repeat(self.start[order] - ends + sizes, sizes)]
+        result: np.ndarray = self.dofs[
+            np.arange(ends[-1]) + np.repeat(self.start[order] - ends + sizes, sizes)
+        ]
+        return result
 
 
 def node_graph(graph: Graph, last: np.ndarray) -> NodeGraph:

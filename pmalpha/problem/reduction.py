@@ -193,7 +193,8 @@ class Reduction:
                 f"u must be zero at the fixed dofs, got up to {size.max():g} at dofs "
                 f"{listing(self.fixed[moved])}"
             )
-        return u[..., self.free]
+        result: np.ndarray = u[..., self.free]
+        return result
 
 
 def reduce(

@@ -160,7 +160,8 @@ class CheckedRestoring:
             return r
         f = self.feedback(*self._motion(u, v), t)
         self.feedback.last[:] = f
-        return r - f
+        result: np.ndarray = r - f
+        return result
 
     def _motion(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (u.copy(), v.copy()) if self.copies else (u, v)

@@ -316,7 +316,8 @@ class BoucWen(Spring):
         """Largest stiffness of each spring: k, or more on unloading where beta > gamma."""
         # unloading from the limit |z|^n = 1 / (beta + gamma): dz/dx = 2 beta / (beta + gamma)
         steepest = np.maximum(1.0, 2.0 * self.beta / (self.beta + self.gamma))
-        return self.k * (self.hardening + (1.0 - self.hardening) * steepest)
+        result: np.ndarray = self.k * (self.hardening + (1.0 - self.hardening) * steepest)
+        return result
 
     def _for_core(self) -> tuple[np.ndarray, ...]:
         """Hardening k, (1 - hardening) fy, k / fy, n, beta, gamma, largest rate of z, (H4)."""
@@ -432,7 +433,8 @@ class Multilinear(Spring):
 
     def _slopes(self) -> np.ndarray:
         d, f = np.diff(self.points, axis=0, prepend=0.0).T
-        return f / d
+        slopes: np.ndarray = f / d
+        return slopes
 
     def _moved(self, dofs: np.ndarray) -> Multilinear:
         """The same springs between other dofs, (springs, 2)."""

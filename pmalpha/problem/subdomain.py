@@ -106,7 +106,8 @@ def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
 
     squares = eigh(dense(K), dense(s.M), eigvals_only=True)
     oscillating = squares[squares > 1e-10 * np.abs(squares).max()]
-    return 2.0 * np.pi / np.sqrt(oscillating[:count])
+    found: np.ndarray = 2.0 * np.pi / np.sqrt(oscillating[:count])
+    return found
 
 
 class Subdomain(Frozen):
@@ -523,7 +524,8 @@ class Subdomain(Frozen):
 def dense_whole(subdomains: Sequence[Subdomain], name: str) -> np.ndarray:
     """M, C or K of all subdomains, block by block."""
     blocks = [sparse(getattr(s, name), s.n) for s in subdomains]
-    return sp.block_diag(blocks).toarray()
+    whole: np.ndarray = sp.block_diag(blocks).toarray()
+    return whole
 
 
 def _check_kinds(M: Any, scheme: Any, damping: Any, name: Any) -> None:

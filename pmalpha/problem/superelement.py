@@ -107,7 +107,8 @@ class ReducedBasis:
         >>> basis.expand([[3.0], [5.0]]).tolist()
         [[0.0, 0.0, 3.0], [0.0, 0.0, 5.0]]
         """
-        return numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
+        result: np.ndarray = numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
+        return result
 
     def place(self, dofs: Any) -> np.ndarray:
         """Numbers of kept dofs in the reduced subdomain, for `tie`, `record` or springs.
@@ -140,7 +141,8 @@ class ReducedBasis:
             raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
         number = np.zeros(n, dtype=np.int64)
         number[self.keep] = np.arange(self.keep.size)
-        return number[wanted]
+        result: np.ndarray = number[wanted]
+        return result
 
 
 def reduced_arguments(
@@ -296,7 +298,8 @@ class ProjectedForce:
         self.force, self.T = force, T
 
     def __call__(self, t: float) -> np.ndarray:
-        return self.T.T @ vector(self.force(t), len(self.T), "the value of force")
+        result: np.ndarray = self.T.T @ vector(self.force(t), len(self.T), "the value of force")
+        return result
 
 
 def _projected(force: Any, T: np.ndarray) -> Any:

@@ -90,7 +90,8 @@ class SupportMotion:
 
     def __call__(self, t: float) -> np.ndarray:
         """The velocities at time t >= 0, (k,)."""
-        return self._velocity(min(t, self.end))
+        result: np.ndarray = self._velocity(min(t, self.end))
+        return result
 
     def displacement(self, t: float) -> np.ndarray:
         """The displacements of the supports at a time.
@@ -106,7 +107,8 @@ class SupportMotion:
             In the unit of the record.
         """
         later = max(t - self.end, 0.0)
-        return self._displacement(min(t, self.end)) + later * self._velocity(self.end)
+        result: np.ndarray = self._displacement(min(t, self.end)) + later * self._velocity(self.end)
+        return result
 
     def __repr__(self) -> str:
         return f"<SupportMotion of {counted(self.k, 'support')}, {self.end:g} long>"

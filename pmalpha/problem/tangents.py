@@ -88,7 +88,8 @@ def symmetric_union(patterns: Iterable[sp.csr_array], n: int) -> sp.csr_array:
 
 def keys_of(A: Any) -> np.ndarray:
     """n * row + column of each stored entry of a matrix by rows."""
-    return row_of_entries(A) * A.shape[1] + A.indices[: A.indptr[-1]]
+    result: np.ndarray = row_of_entries(A) * A.shape[1] + A.indices[: A.indptr[-1]]
+    return result
 
 
 class Slots:

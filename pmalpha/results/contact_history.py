@@ -71,7 +71,8 @@ class ContactHistory:
     @property
     def closed(self) -> np.ndarray:
         """Whether a row pushed in the step that ends at t, (k, rows) bool."""
-        return self.impulse > 0.0
+        result: np.ndarray = self.impulse > 0.0
+        return result
 
     def plot(self, rows: Any = None, *, title: str | None = None, ax: Axes | None = None) -> Axes:
         """Plot gaps and mean forces of rows, one panel above the other.

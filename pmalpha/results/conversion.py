@@ -77,7 +77,8 @@ def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> p
     ]
     values = np.hstack([values for _, _, values in columns])
     index = pd.MultiIndex.from_tuples(labels, names=names)
-    return pd.DataFrame(values, pd.Index(t, name="time"), index)
+    table: pandas.DataFrame = pd.DataFrame(values, pd.Index(t, name="time"), index)
+    return table
 
 
 def subdomain_dataset(s: Any) -> xarray.Dataset:
@@ -129,7 +130,8 @@ def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _dataset(variables: Any, coordinates: Any, **options: Any) -> xarray.Dataset:
     make = library("xarray", "to_xarray", "'pmalpha[xarray]'").Dataset
-    return make(variables, coordinates, **options)
+    dataset: xarray.Dataset = make(variables, coordinates, **options)
+    return dataset
 
 
 def history_html(history: Any) -> str:

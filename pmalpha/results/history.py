@@ -236,7 +236,8 @@ class History:
         >>> both["A"].u.shape == both["B"].u.shape == (5, 1)
         True
         """
-        return resampled(self, times)
+        result: History = resampled(self, times)
+        return result
 
     def peak(self) -> dict[str, Peak]:
         """The largest absolute values of the recorded subdomains, by name.
@@ -421,7 +422,8 @@ class History:
         >>> whole["A"].u.shape, whole.macro_times.round(2).tolist()[-1]
         ((8, 1), 0.35)
         """
-        return joined(tuple(pieces))
+        result: History = joined(tuple(pieces))
+        return result
 
     def to_pandas(self) -> dict[str, pandas.DataFrame]:
         """The history as pandas.DataFrames by name of the recorded subdomains.

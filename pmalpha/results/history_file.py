@@ -259,7 +259,10 @@ def reserve(
     link = h5py.h5p.create(h5py.h5p.LINK_CREATE)
     link.set_create_intermediate_group(True)
     space = h5py.h5s.create_simple(shape)
-    return h5py.h5d.create(whole.id, name.encode(), kind, space, how, link).get_offset()
+    result: int | None = h5py.h5d.create(
+        whole.id, name.encode(), kind, space, how, link
+    ).get_offset()
+    return result
 
 
 def output_array(i: int, k: int) -> str:
@@ -510,6 +513,7 @@ def _mapped(made: Any, rows: int, content: np.ndarray) -> np.ndarray:
     if not 0 < rows <= made.shape[0]:
         raise ValueError(f"{made.name} has {made.shape[0]} rows, {rows} were counted")
     if offset is None or made.dtype != np.dtype("<f8"):
-        return made[:rows]
+        result: np.ndarray = made[:rows]
+        return result
     size = 8 * int(np.prod(shape))
     return content[offset : offset + size].view("<f8").reshape(shape)

@@ -154,7 +154,8 @@ def within(levels: np.ndarray, times: np.ndarray, name: str) -> np.ndarray:
     outside = times[(times < first - slack) | (times > last + slack)]
     if outside.size:
         raise ValueError(f"{name} must lie in the run, {first:g}..{last:g}, got {outside[0]:g}")
-    return np.clip(times, first, last)
+    inside: np.ndarray = np.clip(times, first, last)
+    return inside
 
 
 def hermite(
@@ -183,7 +184,8 @@ def linear(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
         return np.repeat(x[:1], len(times), axis=0)
     i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
     s = np.clip((times - t[i]) / (t[i + 1] - t[i]), 0.0, 1.0)[:, None]
-    return (1.0 - s) * x[i] + s * x[i + 1]
+    result: np.ndarray = (1.0 - s) * x[i] + s * x[i + 1]
+    return result
 
 
 def peak(s: Any) -> Peak:

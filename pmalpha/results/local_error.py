@@ -19,7 +19,10 @@ def previous_level(history: Any, steps: np.ndarray) -> np.ndarray:
     """The level at which the step to level ``steps + 1`` began; -1 where it was not recorded."""
     if history.double_after is None or history.substep is None:
         return steps
-    return steps - (history.t[steps + 1] > history.double_after + 0.5 * history.substep)
+    result: np.ndarray = steps - (
+        history.t[steps + 1] > history.double_after + 0.5 * history.substep
+    )
+    return result
 
 
 def local_error(history: Any) -> np.ndarray:

@@ -50,12 +50,14 @@ class Pacing:
     @property
     def lateness(self) -> np.ndarray:
         """How late each fine step began, (k,), in s."""
-        return self.begun - self.due
+        late: np.ndarray = self.begun - self.due
+        return late
 
     @property
     def duration(self) -> np.ndarray:
         """How long each fine step took, (k,), in s."""
-        return self.ended - self.begun
+        length: np.ndarray = self.ended - self.begun
+        return length
 
     @property
     def missed(self) -> int:
@@ -134,4 +136,5 @@ class Pacing:
 
 def due_times(period: float, count: int) -> np.ndarray:
     """When the first `count` fine steps are due, in s; `period` in ns. As the core counts them."""
-    return 1e-9 * np.floor(period * np.arange(count))
+    due: np.ndarray = 1e-9 * np.floor(period * np.arange(count))
+    return due

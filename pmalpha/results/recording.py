@@ -135,7 +135,8 @@ class Wanted(NamedTuple):
             return x if self.every is None else x[steps * levels]
 
         found = reduced(whole, rows, self.of.dofs)
-        return with_rows_of_all(np.array, found)  # views would keep the whole record
+        copied: History = with_rows_of_all(np.array, found)  # views would keep the whole record
+        return copied
 
 
 class Recording:

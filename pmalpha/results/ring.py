@@ -172,7 +172,8 @@ class Monitored:
     @property
     def lateness(self) -> np.ndarray:
         """How late each fine step began, (k,), in s."""
-        return self.begun - self.due
+        late: np.ndarray = self.begun - self.due
+        return late
 
 
 class MonitorFile:

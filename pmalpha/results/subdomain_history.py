@@ -123,7 +123,8 @@ class SubdomainHistory:
         SubdomainHistory
             With these times as ``.t``.
         """
-        return resampled_one(self, rising(times, self.t)[1])
+        result: SubdomainHistory = resampled_one(self, rising(times, self.t)[1])
+        return result
 
     def peak(self) -> Peak:
         """The largest absolute values, as `History.peak` has them by subdomain.

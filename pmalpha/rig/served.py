@@ -76,7 +76,8 @@ class Command:
         step = self.t1 - self.t0
         share = (t - self.t0) / step
         bend = self.end - self.begin - step * self.slope
-        return self.begin + share * (step * self.slope + share * bend)
+        result: np.ndarray = self.begin + share * (step * self.slope + share * bend)
+        return result
 
     def __repr__(self) -> str:
         return f"Command({self.p})"
@@ -150,7 +151,8 @@ class Springs:
         slopes = np.split(self.follow(u)[1], ends[:-1]) if self.springs else []
         if initial:
             slopes = [spring.initial_tangent for spring in self.springs]
-        return assembled(self.springs, slopes, self.n).toarray()
+        total: np.ndarray = assembled(self.springs, slopes, self.n).toarray()
+        return total
 
 
 # ---- subdomains ----------------------------------------------------------------------------------
@@ -275,7 +277,8 @@ class CouplerElement:
         """The coupler at the last commit, and the multipliers there."""
         self.coupler.restore(self.present)
         self.last = None
-        return self.coupler.multipliers[self.rows]
+        result: np.ndarray = self.coupler.multipliers[self.rows]
+        return result
 
     def _step(self, trial: Trial) -> np.ndarray:
         if self.last is not None and _same(self.last[0], trial):
@@ -370,4 +373,5 @@ def _square(A: Any, n: int, name: str) -> np.ndarray:
 def _of_size(element: Any, n: int, what: str) -> Element:
     if element.n != n:
         raise ValueError(f"{what} has {element.n} dofs, but the client announces {n}")
-    return element
+    result: Element = element
+    return result

@@ -105,7 +105,10 @@ def _levels(history: SubdomainHistory | None, member: Member) -> int:
 
 
 def _largest(ranks: Ranks | None, arrays: Sequence[np.ndarray]) -> float:
-    return max(joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0]))
+    result: float = max(
+        joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0])
+    )
+    return result
 
 
 def _total(ranks: Ranks | None, terms: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
@@ -196,14 +199,15 @@ def _at_rest(
         (prescribed.size, r),
     )
     _, sizes, vectors = np.linalg.svd(B.T @ B)
-    return vectors[sizes <= 1e-12 * np.sum(size**2)].T
+    result: np.ndarray = vectors[sizes <= 1e-12 * np.sum(size**2)].T
+    return result
 
 
 def _force(member: Member, kind: str, x: np.ndarray) -> np.ndarray:
     """K x or C x, with estimates of restoring forces and tangents of internal ones at t = 0."""
     s = member.subdomain
     estimate = s.restoring_stiffness if kind == "K" else s.restoring_damping
-    Ax = product(getattr(s, kind), x) + product(estimate, x)
+    Ax: np.ndarray = product(getattr(s, kind), x) + product(estimate, x)
     return Ax if member.internal is None else Ax + product(getattr(member.internal, kind), x)
 
 
@@ -335,7 +339,8 @@ def _linear(X: np.ndarray, F: np.ndarray) -> np.ndarray:
     """A of F = A X + constant, by least squares over the columns."""
     X, F = (x - x.mean(axis=1, keepdims=True) for x in (X, F))
     size = np.linalg.norm(X, axis=1, keepdims=True) + 1e-300
-    return (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
+    result: np.ndarray = (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
+    return result
 
 
 def _with_fitted(
@@ -378,7 +383,8 @@ def _around(x: np.ndarray) -> np.ndarray:
     """The largest of each six levels about a step."""
     steps = x.shape[1] - 1
     padded = np.pad(x, ((0, 0), (2, 2)))
-    return np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
+    result: np.ndarray = np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
+    return result
 
 
 def _located(

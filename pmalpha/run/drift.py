@@ -107,4 +107,5 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
 
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:
     """Some of the macro time levels of an array with rows for all its time levels."""
-    return values[some * ((len(values) - 1) // (levels - 1))]
+    result: np.ndarray = values[some * ((len(values) - 1) // (levels - 1))]
+    return result

@@ -66,7 +66,8 @@ def _half_steps(member: Member, levels: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _means(force: SampledForce, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The means of the samples, linear between them, over intervals; (k, series)."""
-    return (_integral(force, end) - _integral(force, begin)) / (end - begin)[:, None]
+    result: np.ndarray = (_integral(force, end) - _integral(force, begin)) / (end - begin)[:, None]
+    return result
 
 
 def _integral(force: SampledForce, t: np.ndarray) -> np.ndarray:
@@ -81,7 +82,8 @@ def _integral(force: SampledForce, t: np.ndarray) -> np.ndarray:
     total = whole[j] + dt * s * (f[j] + 0.5 * s * (f[np.minimum(j + 1, last)] - f[j]))
     if force.hold:
         total += np.maximum(t - last * dt, 0.0)[:, None] * f[last]
-    return total
+    result: np.ndarray = total
+    return result
 
 
 # ---- what steps skip ---------------------------------------------------------------------------
@@ -130,7 +132,8 @@ def _weights(force: SampledForce) -> np.ndarray:
     """How much each series counts: the norm of its distribution over the dofs."""
     if force.shape is None:
         return np.ones(force.values.shape[1])
-    return np.linalg.norm(force.shape / (np.abs(force.shape).max() or 1.0), axis=0)
+    result: np.ndarray = np.linalg.norm(force.shape / (np.abs(force.shape).max() or 1.0), axis=0)
+    return result
 
 
 def skipped(force: SampledForce, step: float, weights: np.ndarray) -> tuple[float, float]:
@@ -327,7 +330,8 @@ class Loads:
         if member.feedback is None or member.feedback.function is None:
             return self.at_start(i, step)
         u, v = motion
-        return member.feedback(u.copy(), v.copy(), 0.0)[member.order]
+        result: np.ndarray = member.feedback(u.copy(), v.copy(), 0.0)[member.order]
+        return result
 
     def at_present(self, i: int) -> np.ndarray:
         """F of a subdomain at the present time."""
@@ -385,4 +389,5 @@ def force_at(force: Force, member: Member, t: float) -> np.ndarray:
     """A force that is no function, at one time in elimination order."""
     if force is None or depends_on_motion(force):
         return np.zeros(member.n)
-    return (force(t) if callable(force) else force)[member.order]
+    result: np.ndarray = (force(t) if callable(force) else force)[member.order]
+    return result

@@ -53,7 +53,8 @@ class CallbackLoad:
         """f(t) in elimination order, checked."""
         value = self.force(t)
         try:
-            return vector(value, self.order.size, "its value")[self.order]
+            result: np.ndarray = vector(value, self.order.size, "its value")[self.order]
+            return result
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
@@ -69,7 +70,8 @@ class CallbackLoad:
         `Coupler.load`."""
         row = level - 1 - self.first
         if 0 <= row < len(self.rows):
-            return self.rows[row].copy()
+            result: np.ndarray = self.rows[row].copy()
+            return result
         return self.evaluate(self.clock.level(level, self.substeps))
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
@@ -169,11 +171,13 @@ class Motion:
     def slope(self) -> np.ndarray:
         if isinstance(self.velocity, SampledForce):
             dt = self.velocity.dt
-            return (self.velocity(dt) - self.velocity(0.0)) / dt
+            result: np.ndarray = (self.velocity(dt) - self.velocity(0.0)) / dt
+            return result
         if self.known:
             return np.zeros(self.rows.size)
         d = self.apart
-        return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
+        result = (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
+        return result
 
 
 def motions_of(
@@ -254,6 +258,7 @@ class Obstacles:
         h = self.apart
         times = (t, t + h, t + 2.0 * h) if t < h else (t - h, t + h)
         first, second, *third = (on_rows(motion(x), rows, what) for x in times)
+        change: np.ndarray = second - first
         if third:
-            return (4.0 * second - 3.0 * first - third[0]) / (2.0 * h)
-        return (second - first) / (2.0 * h)
+            change = 4.0 * second - 3.0 * first - third[0]
+        return change / (2.0 * h)

@@ -139,7 +139,8 @@ class Study:
         -------
         CaseResult
         """
-        return for_line(self._line, self._one, case)
+        result: CaseResult = for_line(self._line, self._one, case)
+        return result
 
     def _one(self, case: Mapping[str, Any]) -> CaseResult:
         try:
@@ -247,7 +248,8 @@ class Study:
             if not isinstance(coupler, Coupler):
                 raise TypeError(f"make_coupler must return a Coupler, got {coupler!r}")
             _kept.token, _kept.coupler = self._token, coupler
-        return _kept.coupler
+        result: Coupler = _kept.coupler
+        return result
 
 
 def _failed(error: Exception) -> CaseResult:

@@ -103,7 +103,8 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
 def _is_tie(unit: sp.csr_array) -> np.ndarray:
     """Rows of one entry, or of two of the same size: the bound of the pivots holds for them."""
     entries = np.diff(unit.indptr)
-    return (entries == 1) | ((entries == 2) & (row_sizes(unit) <= 0.71))
+    result: np.ndarray = (entries == 1) | ((entries == 2) & (row_sizes(unit) <= 0.71))
+    return result
 
 
 def _dependent_of_few(unit: sp.csr_array) -> np.ndarray:
@@ -115,7 +116,8 @@ def _dependent_of_few(unit: sp.csr_array) -> np.ndarray:
     columns[place.reshape(-1), row_of_entries(unit)] = unit.data
     R, order = qr(columns, mode="r", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(R)) > DEPENDENT))
-    return order[rank:]
+    result: np.ndarray = order[rank:]
+    return result
 
 
 def row_sizes(L: sp.csr_array) -> np.ndarray:
@@ -138,7 +140,8 @@ def _combination(unit: sp.csr_array, independent: np.ndarray, row: int) -> np.nd
     block = unit[independent]
     gram = sp.csc_array(block @ block.T)
     weights = splu(gram).solve((block @ unit[[row]].T).toarray()[:, 0])
-    return independent[np.abs(weights) > 1e-6]
+    result: np.ndarray = independent[np.abs(weights) > 1e-6]
+    return result
 
 
 class CoreRows:

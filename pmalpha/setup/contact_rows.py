@@ -74,7 +74,8 @@ class Contacts:
     @property
     def starts(self) -> np.ndarray:
         """The contact row with which each Contact begins, and the number of all."""
-        return np.cumsum([0, *self.counts])
+        starts: np.ndarray = np.cumsum([0, *self.counts])
+        return starts
 
     @property
     def move(self) -> bool:

@@ -33,7 +33,7 @@ class Assembled(NamedTuple):
 
     @property
     def n(self) -> int:
-        return self.K.shape[0]
+        return int(self.K.shape[0])
 
 
 def assembled(

@@ -291,7 +291,8 @@ class Equilibrium:
         """F - K u - f(u)"""
         with np.errstate(all="ignore"):
             internal = [self._force(i, own) for i, own in enumerate(self._members(u))]
-        return self.F - np.concatenate(joined(self.ranks, internal))
+        result: np.ndarray = self.F - np.concatenate(joined(self.ranks, internal))
+        return result
 
     def _force(self, i: int, u: np.ndarray) -> np.ndarray:
         (_, s), internal = self.subdomains[i], self.internal[i]
@@ -299,7 +300,8 @@ class Equilibrium:
         f = internal_at(internal, s.n, u, np.zeros(s.n), 0.0, q, tangent=False).f
         if s.springs:
             f = f + springs_at(s, u)[0]
-        return product(s.K, u) + f
+        result: np.ndarray = product(s.K, u) + f
+        return result
 
     def _tangent(self, u: np.ndarray) -> sp.csc_array:
         own = []

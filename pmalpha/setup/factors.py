@@ -99,7 +99,8 @@ class Structure:
         assert self.panels is not None
         width, rows = np.diff(self.panels[0]), np.diff(self.panels[1])
         update = np.max(width, initial=0) * np.max(rows, initial=0)
-        return 8.0 * threads * (update + self.panels[4].size)
+        result: float = 8.0 * threads * (update + self.panels[4].size)
+        return result
 
 
 def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
@@ -359,7 +360,8 @@ def _softest(factor: Factor, d: np.ndarray) -> np.ndarray | None:
         x = solve(factor, d * (x / np.max(np.abs(x))))
         if not np.all(np.isfinite(x)):
             return None
-    return x / np.max(np.abs(x))
+    result: np.ndarray | None = x / np.max(np.abs(x))
+    return result
 
 
 def solve(factor: Factor, b: np.ndarray) -> np.ndarray:

@@ -80,4 +80,5 @@ def _pivots(A: sp.csr_array) -> np.ndarray | None:
     natural = np.arange(A.shape[0])
     if not (np.array_equal(lu.perm_r, natural) and np.array_equal(lu.perm_c, natural)):
         return None
-    return lu.U.diagonal()
+    result: np.ndarray | None = lu.U.diagonal()
+    return result

@@ -88,10 +88,12 @@ class Link:
         """The constraints of `rows` times X, (nb, k), of the last nb dofs."""
         nb = len(X)
         if self.rows.size < self.index.size:
-            return self.own(nb) @ X
+            result: np.ndarray = self.own(nb) @ X
+            return result
         order = np.argsort(self.local)  # one entry in each, as in ties
         values, column = self.values[order], self.columns[order] - (self.n - nb)
-        return values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
+        result = values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
+        return result
 
     def dense(self, nb: int | None = None) -> np.ndarray:
         """The same as an array."""
@@ -227,7 +229,8 @@ def _compliance_of_last(
             X = Y = _solved(R_bb, L)
             if Q_bb is not None:
                 Y = _solved(Q_bb, L)
-            return Y.T @ (inverse[:, None] * X)
+            result: np.ndarray = Y.T @ (inverse[:, None] * X)
+            return result
         root = 1.0 / np.sqrt(inverse)
         G = np.asfortranarray(R_bb * root)
         np.fill_diagonal(G, root)
@@ -242,4 +245,7 @@ def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:
     from scipy.linalg import solve_triangular
 
     right = L.dense(len(R_bb)).T
-    return solve_triangular(R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True)
+    result: np.ndarray = solve_triangular(
+        R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True
+    )
+    return result

@@ -79,14 +79,16 @@ def critical_product(scheme: Scheme) -> float:
     while high - low > 1e-12 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _are_stable(scheme, [middle])[0] else (low, middle)
-    return low
+    result: float = low
+    return result
 
 
 def _are_stable(scheme: Scheme, Omegas: Iterable[float]) -> np.ndarray:
     # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
     # rounding
     whole = np.array([scheme.amplification(Omega) for Omega in Omegas])
-    return np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
+    result: np.ndarray = np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
+    return result
 
 
 def predicted_product(scheme: Scheme) -> float:
@@ -196,7 +198,8 @@ def _limit_of_matrices(subdomain: Subdomain, internal: Matrix, closed: bool) -> 
     given = [A for A in (stiffness, damping) if A is not None]
     margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in given) else 1.0 + MARGIN
     if not (subdomain.symmetric or is_symmetric(stiffness)):
-        return 1.0 / (margin * np.sqrt(_largest_modulus(stiffness, subdomain.M)))
+        result: float = 1.0 / (margin * np.sqrt(_largest_modulus(stiffness, subdomain.M)))
+        return result
     return _root(stiffness, damping, subdomain.M) / margin
 
 

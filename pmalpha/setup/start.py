@@ -312,7 +312,8 @@ class _Saddle:
             smallest = lsmr(self.matrix, scaled, **limits)[0]
             if not holds or self._holds(smallest, scaled):
                 x = smallest
-        return self.scale * x
+        result: np.ndarray = self.scale * x
+        return result
 
     def _holds(self, x: np.ndarray, scaled: np.ndarray) -> bool:
         residual = np.max(np.abs(self.matrix @ x - scaled), initial=0.0)

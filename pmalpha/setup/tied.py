@@ -138,7 +138,10 @@ def _solution(H: np.ndarray, B: np.ndarray, symmetric: bool) -> np.ndarray:
     from scipy.linalg import solve as dense_solution
 
     s = scales_to_one(np.diagonal(H))[:, None]
-    return s * dense_solution(s * H * s.T, s * B, assume_a="pos" if symmetric else "gen")
+    result: np.ndarray = s * dense_solution(
+        s * H * s.T, s * B, assume_a="pos" if symmetric else "gen"
+    )
+    return result
 
 
 def check_work(members: Sequence[Member]) -> None:

@@ -14,7 +14,8 @@ LARGEST = 1e50
 def is_lumped(mass: Any) -> bool:
     if mass not in ("consistent", "lumped"):
         raise ValueError(f'mass must be "consistent" or "lumped", got {mass!r}')
-    return mass == "lumped"
+    result: bool = mass == "lumped"
+    return result
 
 
 def per_element(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:

@@ -130,7 +130,8 @@ def sphere_contact(
 def _dimension(structure: Any) -> int:
     if not isinstance(structure, Structure):
         raise TypeError(f"structure must be a Structure, got {structure!r}")
-    return structure.points.shape[1]
+    result: int = structure.points.shape[1]
+    return result
 
 
 class ContactForce(Conservative):
@@ -162,7 +163,8 @@ class ContactForce(Conservative):
 
     def _at(self, u: np.ndarray) -> np.ndarray:
         moved = u.reshape(self._assembly.nodes, -1)[self._assembly.elements[:, 0]]
-        return self._start + moved[:, : self._start.shape[1]]
+        result: np.ndarray = self._start + moved[:, : self._start.shape[1]]
+        return result
 
     def _evaluate(
         self, u: np.ndarray, q: np.ndarray, tangent: bool

@@ -170,9 +170,11 @@ def lumped_shares(kind: str, N: np.ndarray, masses: np.ndarray) -> np.ndarray:
     order, where those are not positive, its diagonal scaled to the mass of the element (Hinton,
     Rock, Zienkiewicz 1976)."""
     if N.shape[1] == SHAPES[kind].corners:
-        return (masses[:, None] @ N)[:, 0]
+        result: np.ndarray = (masses[:, None] @ N)[:, 0]
+        return result
     diagonal = (masses[:, None] @ N**2)[:, 0]
-    return diagonal * (masses.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+    result = diagonal * (masses.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+    return result
 
 
 def stiffness(
@@ -196,7 +198,8 @@ def _blocks(g: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> Iterator[np.ndarr
 
     def pair(i: int, j: int) -> np.ndarray:
         """The integral of d_i n_a d_j n_b, (e, a, b)."""
-        return np.swapaxes(g[i], 1, 2) @ g[j]
+        result: np.ndarray = np.swapaxes(g[i], 1, 2) @ g[j]
+        return result
 
     shear = mu * sum(pair(k, k) for k in range(d))
     for i, j in upper(d):
@@ -236,7 +239,8 @@ def cofactors_of(J: np.ndarray) -> np.ndarray:
 
 
 def _determinant(J: np.ndarray, cofactors: np.ndarray) -> np.ndarray:
-    return np.einsum("jeq,jeq->eq", J[0], cofactors[0])
+    result: np.ndarray = np.einsum("jeq,jeq->eq", J[0], cofactors[0])
+    return result
 
 
 def _size(J: np.ndarray) -> np.ndarray:

@@ -160,14 +160,16 @@ def _scaled(factor: np.ndarray, unit: np.ndarray, L: np.ndarray) -> np.ndarray:
     """(E, 6, 6): the matrix of length 1 times a factor, rows and columns of rotations times L."""
     S = np.ones((len(L), 6))
     S[:, [2, 5]] = L[:, None]
-    return factor[:, None, None] * S[:, :, None] * unit * S[:, None, :]
+    result: np.ndarray = factor[:, None, None] * S[:, :, None] * unit * S[:, None, :]
+    return result
 
 
 def _turned(local: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """(E, 2, 3, 2, 3): element matrices (E, 6, 6) in global components."""
     R = rotations(direction)  # local = R global
     blocks = local.reshape(-1, 2, 3, 2, 3)
-    return np.einsum("eki,eakbl,elj->eaibj", R, blocks, R, optimize=True)
+    result: np.ndarray = np.einsum("eki,eakbl,elj->eaibj", R, blocks, R, optimize=True)
+    return result
 
 
 def subdivide(
@@ -392,10 +394,12 @@ def _tangents(
     second[:, 5] += 1.0
 
     def outer(factor: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return factor[:, None, None] * a[:, :, None] * b[:, None, :]
+        result: np.ndarray = factor[:, None, None] * a[:, :, None] * b[:, None, :]
+        return result
 
     K = outer(EA, r, r) + outer(N / length, z, z)
     K += outer(4.0 * EI, first, first) + outer(4.0 * EI, second, second)
     K += outer(2.0 * EI, first, second) + outer(2.0 * EI, second, first)
     K += outer(shear / length, r, z) + outer(shear / length, z, r)
-    return K.reshape(-1, 2, 3, 2, 3)
+    result: np.ndarray = K.reshape(-1, 2, 3, 2, 3)
+    return result

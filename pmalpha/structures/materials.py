@@ -110,7 +110,8 @@ class StVenantKirchhoff(Hyperelastic):
     def _density(self, coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
         strain, S = _green(H), _second_stress(coefficients, H)
         d = len(H)
-        return 0.5 * sum(strain[i, j] * S[i, j] for i, j in np.ndindex(d, d))
+        result: np.ndarray = 0.5 * sum(strain[i, j] * S[i, j] for i, j in np.ndindex(d, d))
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +177,8 @@ class NeoHookean(Hyperelastic):
         trace = sum(2.0 * H[i, i] for i in range(d)) + sum(h * h for h in H.reshape(d * d, -1))
         with np.errstate(invalid="ignore", divide="ignore"):
             logarithm = np.log1p(_volume_change(H))
-        return 0.5 * mu * trace - mu * logarithm + 0.5 * lam * logarithm**2
+        result: np.ndarray = 0.5 * mu * trace - mu * logarithm + 0.5 * lam * logarithm**2
+        return result
 
 
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -213,20 +215,24 @@ def _second_stress(coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
     S = 2.0 * mu * strain
     for i in range(d):
         S[i, i] += pressure
-    return S
+    result: np.ndarray = S
+    return result
 
 
 def _volume_change(H: np.ndarray) -> np.ndarray:
     """det(1 + H) - 1, without cancellation for small H."""
     if len(H) == 2:
-        return H[0, 0] + H[1, 1] + _minor(H, 0, 1)
+        result: np.ndarray = H[0, 0] + H[1, 1] + _minor(H, 0, 1)
+        return result
     minors = _minor(H, 0, 1) + _minor(H, 0, 2) + _minor(H, 1, 2)
     cofactor = cofactors_of(H)
-    return H[0, 0] + H[1, 1] + H[2, 2] + minors + sum(H[0, j] * cofactor[0, j] for j in range(3))
+    result = H[0, 0] + H[1, 1] + H[2, 2] + minors + sum(H[0, j] * cofactor[0, j] for j in range(3))
+    return result
 
 
 def _minor(H: np.ndarray, i: int, j: int) -> np.ndarray:
-    return H[i, i] * H[j, j] - H[i, j] * H[j, i]
+    result: np.ndarray = H[i, i] * H[j, j] - H[i, j] * H[j, i]
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +340,8 @@ def _moduli(
     d = out.shape[1]
 
     def direction(i: int, j: int) -> np.ndarray:
-        return n[positions[min(i, j), max(i, j)]]
+        result: np.ndarray = n[positions[min(i, j), max(i, j)]]
+        return result
 
     for k, (i, j) in enumerate(upper(d)):
         for J, L in np.ndindex(d, d):

@@ -297,7 +297,8 @@ class SolidForce(ElementForce):
         moved = np.swapaxes(u.reshape(-1, d)[corners], 1, 2)  # (e, i, a)
         flat = slopes.reshape(len(slopes), -1, slopes.shape[3])  # (e, q J, a)
         H = (moved @ np.swapaxes(flat, 1, 2)).reshape(len(corners), d, -1, d)
-        return np.moveaxis(H, (0, 2), (2, 3)).reshape(d, d, -1)
+        result: np.ndarray = np.moveaxis(H, (0, 2), (2, 3)).reshape(d, d, -1)
+        return result
 
     def _values(self, part: slice, points: int) -> list[Any]:
         """Coefficients of the material at the Gauss points of a chunk."""

@@ -42,7 +42,8 @@ def nodal_stress(structure: Any, u: Any, what: str) -> np.ndarray:
         shape=(widths.size, len(structure.points)),
     )
     count = np.bincount(nodes, minlength=len(structure.points))
-    return (values @ meet) / np.maximum(count, 1)
+    result: np.ndarray = (values @ meet) / np.maximum(count, 1)
+    return result
 
 
 def _mises(s: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -54,7 +55,8 @@ def _mises(s: np.ndarray, across: np.ndarray) -> np.ndarray:
     xx, yy, zz = normal
     shear = sum(s[..., i] ** 2 for i in range(d, s.shape[-1]))
     J = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) + 3.0 * shear
-    return np.sqrt(J)
+    result: np.ndarray = np.sqrt(J)
+    return result
 
 
 def line_forces(

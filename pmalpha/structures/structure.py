@@ -702,7 +702,8 @@ def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:
     idle &= K.diagonal() == 0.0
     for force in forces:
         idle &= np.diff(force.pattern.indptr) == 0
-    return idle
+    result: np.ndarray = idle
+    return result
 
 
 def _named(known: Mapping[str, np.ndarray], name: str, what: str) -> np.ndarray:
