@@ -32,6 +32,14 @@
 typedef enum { PMA_STATUS_LIST(PMA_STATUS_ENUM) } pma_status;
 #undef PMA_STATUS_ENUM
 
+/* Returns what a call has come back with, unless that is PMA_OK. */
+#define PMA_TRY(call)                    \
+    do {                                 \
+        const pma_status tried = (call); \
+        if (tried != PMA_OK)             \
+            return tried;                \
+    } while (0)
+
 /* The text of a status; never NULL. */
 const char *pma_status_text(pma_status status);
 

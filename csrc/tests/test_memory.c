@@ -126,7 +126,7 @@ static void what_cannot_be_allocated_is_not_made(void)
     list_ascending(&m);
     CHECK_STATUS(pma_tree_create(&m.panels, m.n, m.nb, 0, &tree), PMA_OK);
     for (size_t i = 0; i < sizeof makers / sizeof *makers; i++)
-        CHECK(check_failures(makers[i]) >= 2);
+        CHECK(check_failures(makers[i]) >= 1);
     pma_tree_destroy(tree);
 }
 

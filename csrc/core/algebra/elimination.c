@@ -10,6 +10,7 @@
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
 #include "algebra/symbolic.h"
+#include "object.h"
 
 /* ---- one panel, a dense trapezoid by columns ------------------------------------------------- */
 
@@ -203,7 +204,7 @@ struct pma_elimination {
     pma_blas blas;
     pma_agenda agenda;
     hand *hands;
-    double *block;
+    double *scratch;      /* of all hands */
     atomic_bool *done;    /* supernodes */
     atomic_size_t next;   /* task */
     atomic_size_t failed; /* the first supernode that is known to have, or SIZE_MAX */
@@ -226,28 +227,16 @@ static size_t update_size(const pma_panels *p)
     return (widest * most + LINE) / LINE * LINE;
 }
 
-static pma_status allocate(pma_elimination *e)
-{
-    const size_t update = update_size(e->p), position = (e->n + LINE) / LINE * LINE;
-    e->hands = calloc(e->workers, sizeof *e->hands);
-    e->done = calloc(e->p->count + 1, sizeof *e->done);
-    e->block = calloc(e->workers * (update + position) + LINE, sizeof *e->block);
-    if (!e->hands || !e->done || !e->block)
-        return PMA_NO_MEMORY;
-    double *next = pma_first_line(e->block);
-    for (size_t w = 0; w < e->workers; w++) {
-        e->hands[w].update = next;
-        e->hands[w].position = (int64_t *)(void *)(next + update);
-        next += update + position;
-    }
-    return PMA_OK;
-}
-
 pma_status pma_elimination_create(const pma_panels *p, size_t n, const int64_t *owner,
                                   const pma_blas *blas, size_t workers, pma_elimination **out)
 {
-    *out = NULL;
-    pma_elimination *e = calloc(1, sizeof *e);
+    const size_t update = update_size(p), position = (n + LINE) / LINE * LINE;
+    const pma_array arrays[] = {
+        {offsetof(pma_elimination, scratch), workers, (update + position) * sizeof(double)},
+        PMA_ARRAY(pma_elimination, hands, workers),
+        PMA_ARRAY(pma_elimination, done, p->count),
+        {0}};
+    pma_elimination *e = *out = pma_object_create(sizeof *e, arrays);
     if (!e)
         return PMA_NO_MEMORY;
     e->panels = *p;
@@ -255,24 +244,22 @@ pma_status pma_elimination_create(const pma_panels *p, size_t n, const int64_t *
     e->n = n;
     e->workers = workers;
     e->blas = *blas;
-    pma_status status = pma_agenda_create(p, owner, workers, &e->agenda);
-    if (status == PMA_OK)
-        status = allocate(e);
-    if (status == PMA_OK)
-        *out = e;
-    else
-        pma_elimination_destroy(e);
+    for (size_t w = 0; w < workers; w++) {
+        e->hands[w].update = e->scratch + w * (update + position);
+        e->hands[w].position = (int64_t *)(void *)(e->hands[w].update + update);
+    }
+    const pma_status status = pma_agenda_create(p, owner, workers, &e->agenda);
+    if (status != PMA_OK) {
+        free(e);
+        *out = NULL;
+    }
     return status;
 }
 
 void pma_elimination_destroy(pma_elimination *e)
 {
-    if (!e)
-        return;
-    pma_agenda_destroy(&e->agenda);
-    free(e->hands);
-    free(e->done);
-    free(e->block);
+    if (e)
+        pma_agenda_destroy(&e->agenda);
     free(e);
 }
 

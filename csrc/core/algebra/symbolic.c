@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "algebra/lists.h"
+#include "object.h"
 
 /* ---- the graph of groups -------------------------------------------------------------------- */
 
@@ -433,6 +434,7 @@ typedef struct {
     double *below; /* those of the subtree */
     size_t *low;   /* the first supernode of the subtree */
     size_t *task;  /* that has it */
+    task *list;    /* tasks */
 } survey;
 
 static size_t parent_of(const survey *v, size_t s)
@@ -441,14 +443,13 @@ static size_t parent_of(const survey *v, size_t s)
     return pma_panels_rows(p, s) > 0 ? (size_t)v->owner[p->rows[p->row_ptr[s]]] : p->count;
 }
 
-static double update_cost(const pma_panels *p, const pma_agenda *a, size_t k, size_t s)
+static double update_cost(const survey *v, const pma_agenda *a, size_t k)
 {
-    const size_t d = a->source[k];
-    const int32_t *rows = p->rows + p->row_ptr[d];
-    size_t end = a->row[k];
-    while (end < pma_panels_rows(p, d) && rows[end] < p->first[s + 1])
-        end++;
-    return (double)(end - a->row[k]) * (double)(pma_panels_rows(p, d) - a->row[k]) *
+    const pma_panels *p = v->p;
+    const size_t d = a->source[k], row = a->row[k];
+    size_t target;
+    const size_t end = end_of_update(p, d, row, v->owner, &target);
+    return (double)(end - row) * (double)(pma_panels_rows(p, d) - row) *
            (double)pma_panels_width(p, d);
 }
 
@@ -463,7 +464,7 @@ static double add_up(const survey *v, const pma_agenda *a)
         const double width = (double)pma_panels_width(p, s);
         v->cost[s] = width * width * (double)pma_panels_height(p, s);
         for (size_t k = a->update[s]; k < a->update[s + 1]; k++)
-            v->cost[s] += update_cost(p, a, k, s);
+            v->cost[s] += update_cost(v, a, k);
         v->below[s] += v->cost[s];
         total += v->cost[s];
         const size_t parent = parent_of(v, s);
@@ -516,39 +517,32 @@ static int most_first(const void *a, const void *b)
     return (x->first > y->first) - (x->first < y->first);
 }
 
-static void write_down(const pma_panels *p, size_t count, const task *list, pma_agenda *a)
-{
-    a->tasks = count;
-    a->last = a->first + p->count;
-    for (size_t t = 0; t < count; t++) {
-        a->first[t] = list[t].first;
-        a->last[t] = list[t].last;
-    }
-}
-
 static pma_status list_tasks(const pma_panels *p, const int64_t *owner, size_t workers,
                              pma_agenda *a)
 {
-    survey v = {.p = p, .owner = owner};
-    v.cost = calloc(2 * p->count + 1, sizeof *v.cost);
-    v.low = calloc(2 * p->count + 1, sizeof *v.low);
-    task *list = calloc(p->count + 1, sizeof *list);
+    const pma_array arrays[] = {
+        PMA_ARRAY(survey, cost, p->count), PMA_ARRAY(survey, below, p->count),
+        PMA_ARRAY(survey, low, p->count),  PMA_ARRAY(survey, task, p->count),
+        PMA_ARRAY(survey, list, p->count), {0}};
+    survey *v = pma_object_create(sizeof *v, arrays);
     a->first = calloc(2 * p->count + 1, sizeof *a->first);
-    const bool have = v.cost && v.low && list && a->first;
-    if (have) {
-        v.below = v.cost + p->count;
-        v.task = v.low + p->count;
-        const double total = add_up(&v, a);
-        const double most = workers == 1 ? 2.0 * total : total / (double)(TASKS * workers);
-        const size_t count = cut(&v, most, list);
-        find_rests(&v, a, count, list);
-        qsort(list, count, sizeof *list, most_first);
-        write_down(p, count, list, a);
+    if (!v || !a->first) {
+        free(v);
+        return PMA_NO_MEMORY;
     }
-    free(v.cost);
-    free(v.low);
-    free(list);
-    return have ? PMA_OK : PMA_NO_MEMORY;
+    v->p = p;
+    v->owner = owner;
+    const double total = add_up(v, a);
+    a->tasks = cut(v, workers == 1 ? 2.0 * total : total / (double)(TASKS * workers), v->list);
+    find_rests(v, a, a->tasks, v->list);
+    qsort(v->list, a->tasks, sizeof *v->list, most_first);
+    a->last = a->first + p->count;
+    for (size_t t = 0; t < a->tasks; t++) {
+        a->first[t] = v->list[t].first;
+        a->last[t] = v->list[t].last;
+    }
+    free(v);
+    return PMA_OK;
 }
 
 pma_status pma_agenda_create(const pma_panels *p, const int64_t *owner, size_t workers,

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "algebra/lists.h"
+#include "object.h"
 
 static size_t rows_of(const pma_tree *T, size_t node)
 {
@@ -30,26 +31,31 @@ typedef struct {
     size_t *open;              /* count: supernodes that have no parent yet, ascending */
     size_t *node;              /* count: that each is in */
     size_t *mark;              /* n: 1 + the node whose rows were listed last */
-    size_t *block;
+    size_t *column;            /* count+1: where each node begins */
 } survey;
 
-static pma_status create_survey(const pma_panels *p, size_t n, size_t nb, survey *v)
+static survey *create_survey(const pma_panels *p, size_t n, size_t nb)
 {
     size_t count = 0;
     while (count < p->count && (size_t)p->first[count] < n - nb)
         count++;
-    *v = (survey){.p = p, .n = n, .interior = n - nb, .count = count};
-    v->block = calloc(2 * n + 5 * count + 1, sizeof *v->block);
-    if (!v->block)
-        return PMA_NO_MEMORY;
-    v->owner = v->block;
-    v->mark = v->owner + n;
-    v->parent = v->mark + n;
-    v->low = v->parent + count;
-    v->entries = v->low + count;
-    v->open = v->entries + count;
-    v->node = v->open + count;
-    return PMA_OK;
+    const pma_array arrays[] = {PMA_ARRAY(survey, owner, n),
+                                PMA_ARRAY(survey, parent, count),
+                                PMA_ARRAY(survey, low, count),
+                                PMA_ARRAY(survey, entries, count),
+                                PMA_ARRAY(survey, open, count),
+                                PMA_ARRAY(survey, node, count),
+                                PMA_ARRAY(survey, mark, n),
+                                PMA_ARRAY(survey, column, count + 1),
+                                {0}};
+    survey *v = pma_object_create(sizeof *v, arrays);
+    if (!v)
+        return NULL;
+    v->p = p;
+    v->n = n;
+    v->interior = n - nb;
+    v->count = count;
+    return v;
 }
 
 /* The supernodes that have the rows of s are above it. */
@@ -244,20 +250,17 @@ static void number_rows(const survey *v, pma_tree *T, size_t s)
 
 static pma_tree *allocate(size_t count, const size_t *column)
 {
-    pma_tree *T = calloc(1, sizeof *T);
-    size_t *block = calloc(6 * (count + 1), sizeof *block);
-    if (!T || !block) {
-        free(T);
-        free(block);
+    const pma_array arrays[] = {PMA_ARRAY(pma_tree, column, count + 1),
+                                PMA_ARRAY(pma_tree, parent, count + 1),
+                                PMA_ARRAY(pma_tree, child, count + 1),
+                                PMA_ARRAY(pma_tree, sibling, count + 1),
+                                PMA_ARRAY(pma_tree, entries, count + 1),
+                                PMA_ARRAY(pma_tree, update, count + 1),
+                                {0}};
+    pma_tree *T = pma_object_create(sizeof *T, arrays);
+    if (!T)
         return NULL;
-    }
     T->count = count;
-    T->column = block;
-    T->parent = T->column + count + 1;
-    T->child = T->parent + count + 1;
-    T->sibling = T->child + count + 1;
-    T->update = T->sibling + count + 1;
-    T->entries = T->update + count + 1;
     memcpy(T->column, column, (count + 1) * sizeof *column);
     return T;
 }
@@ -284,24 +287,18 @@ static pma_status fill(const survey *v, pma_tree *T)
 
 pma_status pma_tree_create(const pma_panels *p, size_t n, size_t nb, size_t entries, pma_tree **out)
 {
-    survey v;
+    pma_status status = PMA_OK;
+    survey *v = create_survey(p, n, nb);
     *out = NULL;
-    pma_status status = create_survey(p, n, nb, &v);
-    if (status != PMA_OK)
-        return status;
-    size_t *column = calloc(v.count + 1, sizeof *column);
-    if (!column) {
-        free(v.block);
+    if (!v)
         return PMA_NO_MEMORY;
-    }
-    find_parents(&v);
-    const size_t count = divide(&v, entries, column);
+    find_parents(v);
+    const size_t count = divide(v, entries, v->column);
     if (count > 1) {
-        *out = allocate(count, column);
-        status = *out ? fill(&v, *out) : PMA_NO_MEMORY;
+        *out = allocate(count, v->column);
+        status = *out ? fill(v, *out) : PMA_NO_MEMORY;
     }
-    free(column);
-    free(v.block);
+    free(v);
     if (status != PMA_OK) {
         pma_tree_destroy(*out);
         *out = NULL;
@@ -313,7 +310,6 @@ void pma_tree_destroy(pma_tree *T)
 {
     if (!T)
         return;
-    free(T->column);
     free(T->row);
     free(T->into);
     free(T);
@@ -500,33 +496,37 @@ static void write_down(division *d, pma_branches *out)
 
 pma_status pma_branches_create(const pma_tree *T, size_t workers, pma_branches *out)
 {
-    division d = {.tree = T, .workers = workers};
+    const pma_array arrays[] = {PMA_ARRAY(pma_branches, root, T->count),
+                                PMA_ARRAY(pma_branches, trunk, T->count),
+                                PMA_ARRAY(pma_branches, begin, workers + 1),
+                                {0}};
+    const pma_array scratch[] = {PMA_ARRAY(division, list, T->count),
+                                 PMA_ARRAY(division, weight, T->count + 1),
+                                 PMA_ARRAY(division, load, workers),
+                                 {0}};
+    division *d = pma_object_create(sizeof *d, scratch);
     *out = (pma_branches){.workers = workers};
-    out->root = calloc(2 * T->count + workers + 2, sizeof *out->root);
-    d.list = calloc(T->count + 1, sizeof *d.list);
-    d.weight = calloc(T->count + 1 + workers, sizeof *d.weight);
-    if (!out->root || !d.list || !d.weight) {
-        free(d.list);
-        free(d.weight);
+    out->block = pma_object_fill(out, arrays);
+    if (!d || !out->block) {
+        free(d);
         pma_branches_destroy(out);
         return PMA_NO_MEMORY;
     }
-    d.load = d.weight + T->count + 1;
-    d.trunk = out->trunk = out->root + T->count;
-    out->begin = out->trunk + T->count;
+    d->tree = T;
+    d->workers = workers;
+    d->trunk = out->trunk;
     for (size_t t = 0; t < T->count; t++) {
-        d.weight[t] += T->entries[t];
-        d.weight[T->parent[t]] += d.weight[t];
+        d->weight[t] += T->entries[t];
+        d->weight[T->parent[t]] += d->weight[t];
     }
-    divide_nodes(&d, best_trunk(&d));
-    write_down(&d, out);
-    free(d.list);
-    free(d.weight);
+    divide_nodes(d, best_trunk(d));
+    write_down(d, out);
+    free(d);
     return PMA_OK;
 }
 
 void pma_branches_destroy(pma_branches *b)
 {
-    free(b->root);
+    free(b->block);
     *b = (pma_branches){0};
 }

@@ -68,6 +68,7 @@ typedef struct {
     size_t *trunk; /* trunk_count, ascending */
     size_t trunk_count;
     size_t trunk_entries;
+    void *block;
 } pma_branches;
 
 /* The division with the least entries in the trunk and the fullest worker together. Nothing but

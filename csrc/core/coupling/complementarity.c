@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coupling/cone.h"
+#include "object.h"
 
 /* Columns of the factor made before what is right of them is updated. */
 enum { BLOCK = 48 };
@@ -35,51 +36,44 @@ struct pma_complementarity {
     size_t coned, *seen; /* closed rows of its last problem */
     size_t *at;          /* contacts+1: in the closed rows */
     double *mu, *load;   /* contacts, rows: of the closed ones */
-    double *block;
 };
 
 pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
                                       pma_complementarity **out)
 {
-    *out = NULL;
-    pma_complementarity *x = calloc(1, sizeof *x);
+    const size_t rows = (size_t)parts->first[parts->contacts];
+    const pma_array arrays[] = {PMA_ARRAY(pma_complementarity, factor, rows * rows),
+                                PMA_ARRAY(pma_complementarity, in, rows),
+                                PMA_ARRAY(pma_complementarity, wanted, rows),
+                                PMA_ARRAY(pma_complementarity, active, rows),
+                                PMA_ARRAY(pma_complementarity, top, rows),
+                                PMA_ARRAY(pma_complementarity, bottom, rows),
+                                PMA_ARRAY(pma_complementarity, pushes, rows),
+                                PMA_ARRAY(pma_complementarity, follows, rows),
+                                PMA_ARRAY(pma_complementarity, y, rows),
+                                PMA_ARRAY(pma_complementarity, z, rows),
+                                PMA_ARRAY(pma_complementarity, seen, rows),
+                                PMA_ARRAY(pma_complementarity, at, rows + 1),
+                                PMA_ARRAY(pma_complementarity, mu, rows),
+                                PMA_ARRAY(pma_complementarity, load, rows),
+                                {0}};
+    pma_complementarity *x = *out = pma_object_create(sizeof *x, arrays);
     if (!x)
         return PMA_NO_MEMORY;
-    const size_t rows = (size_t)parts->first[parts->contacts];
     x->parts = *parts;
     x->rows = rows;
-    x->block = calloc(rows * rows + 4 * rows + 1, sizeof(double));
-    x->in = calloc(7 * rows + 2, sizeof *x->in);
-    x->pushes = calloc(2 * rows + 1, sizeof *x->pushes);
-    *out = x;
-    if (!x->block || !x->in || !x->pushes || pma_cone_create(rows, &x->cone) != PMA_OK) {
-        pma_complementarity_destroy(x);
-        *out = NULL;
-        return PMA_NO_MEMORY;
-    }
-    x->wanted = x->in + rows;
-    x->active = x->wanted + rows;
-    x->follows = x->pushes + rows;
-    x->y = x->block;
-    x->z = x->y + rows;
-    x->mu = x->z + rows;
-    x->load = x->mu + rows;
-    x->factor = x->load + rows;
-    x->seen = x->active + rows;
-    x->top = x->seen + rows;
-    x->bottom = x->top + rows;
-    x->at = x->bottom + rows;
-    return PMA_OK;
+    x->cone = pma_cone_create(rows);
+    if (x->cone)
+        return PMA_OK;
+    free(x);
+    *out = NULL;
+    return PMA_NO_MEMORY;
 }
 
 void pma_complementarity_destroy(pma_complementarity *x)
 {
-    if (x) {
-        free(x->block);
-        free(x->in);
-        free(x->pushes);
+    if (x)
         pma_cone_destroy(x->cone);
-    }
     free(x);
 }
 

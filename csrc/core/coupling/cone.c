@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "object.h"
+
 /* Newton's method before the sweeps up to the one number of rows, after them up to the other, where
  * a factor would cost more than all of the sweeps. */
 enum { SMALL = 200, MOST_FACTORED = 1000 };
@@ -39,46 +41,28 @@ struct pma_cone {
     target *target;       /* contacts */
     double *kept, *right;
     double *diagonal, *b; /* rows: of the problem, while others are solved in its place */
-    size_t *numbers;
-    double *block;
 };
 
-pma_status pma_cone_create(size_t rows, pma_cone **out)
+pma_cone *pma_cone_create(size_t rows)
 {
     const size_t factored = rows < MOST_FACTORED ? rows : MOST_FACTORED;
-    *out = NULL;
-    pma_cone *x = calloc(1, sizeof *x);
-    if (!x)
-        return PMA_NO_MEMORY;
-    x->block = calloc(factored * factored + 4 * rows + 1, sizeof(double));
-    x->numbers = calloc(5 * rows + 1, sizeof *x->numbers);
-    x->target = calloc(rows + 1, sizeof *x->target);
-    *out = x;
-    if (!x->block || !x->numbers || !x->target) {
-        pma_cone_destroy(x);
-        *out = NULL;
-        return PMA_NO_MEMORY;
-    }
-    x->kept = x->block;
-    x->right = x->block + rows;
-    x->diagonal = x->right + rows;
-    x->b = x->diagonal + rows;
-    x->J = x->b + rows;
-    x->key = x->numbers;
-    x->wanted = x->key + rows;
-    x->unknown = x->wanted + rows;
-    x->swap = x->unknown + rows;
-    x->pivot = x->swap + rows;
-    return PMA_OK;
+    const pma_array arrays[] = {PMA_ARRAY(pma_cone, J, factored * factored),
+                                PMA_ARRAY(pma_cone, key, rows),
+                                PMA_ARRAY(pma_cone, wanted, rows),
+                                PMA_ARRAY(pma_cone, unknown, rows),
+                                PMA_ARRAY(pma_cone, swap, rows),
+                                PMA_ARRAY(pma_cone, pivot, rows),
+                                PMA_ARRAY(pma_cone, target, rows),
+                                PMA_ARRAY(pma_cone, kept, rows),
+                                PMA_ARRAY(pma_cone, right, rows),
+                                PMA_ARRAY(pma_cone, diagonal, rows),
+                                PMA_ARRAY(pma_cone, b, rows),
+                                {0}};
+    return pma_object_create(sizeof(pma_cone), arrays);
 }
 
 void pma_cone_destroy(pma_cone *x)
 {
-    if (x) {
-        free(x->block);
-        free(x->numbers);
-        free(x->target);
-    }
     free(x);
 }
 

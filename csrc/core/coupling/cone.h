@@ -23,8 +23,8 @@ typedef struct {
 /* What is kept: the factor of Newton's matrix. */
 typedef struct pma_cone pma_cone;
 
-/* For up to `rows` rows: room for a square matrix of them, up to 1000. */
-pma_status pma_cone_create(size_t rows, pma_cone **out);
+/* For up to `rows` rows: room for a square matrix of them, up to 1000. NULL without memory. */
+pma_cone *pma_cone_create(size_t rows);
 void pma_cone_destroy(pma_cone *x); /* NULL is allowed */
 
 /* W is another one. */

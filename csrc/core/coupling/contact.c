@@ -11,6 +11,7 @@
 #include "coupling/complementarity.h"
 #include "coupling/schedule.h"
 #include "member/energy.h"
+#include "object.h"
 
 /* A side, and what it does in the fine step at hand. */
 typedef struct {
@@ -24,7 +25,7 @@ typedef struct {
 
 /* What goes on from one fine step to the next. */
 typedef struct {
-    double *P;        /* rows: the last impulses */
+    double *P;        /* rows: the last impulses; what follows is one array with it */
     double *obstacle; /* 2 contacts: d and d' at the last fine step */
     double *sum;      /* rows: of impulses since the last row of the record */
 } contact_level;
@@ -44,7 +45,7 @@ struct pma_contact {
     size_t *closed;     /* contacts */
     size_t count;       /* of them */
     bool tied;          /* constraints reach members that have contacts: impulses change Lam */
-    double *block;
+    double *values;     /* of all sides */
 };
 
 /* ---- making --------------------------------------------------------------------------------- */
@@ -65,9 +66,7 @@ pma_status pma_contact_check(const pma_contact_parts *parts, size_t count)
             return PMA_BAD_INDEX;
         if (own->N.p != (size_t)parts->first[n])
             return PMA_BAD_SIZE;
-        const pma_status status = pma_link_check(&own->N);
-        if (status != PMA_OK)
-            return status;
+        PMA_TRY(pma_link_check(&own->N));
     }
     return PMA_OK;
 }
@@ -76,48 +75,27 @@ pma_status pma_contact_check(const pma_contact_parts *parts, size_t count)
 static pma_status check(const pma_coupler_parts *parts)
 {
     const size_t fine = pma_fine_instants(parts);
-    pma_status status = pma_fine_check(parts);
-    if (status == PMA_OK)
-        status = pma_contact_check(parts->contact, parts->count);
-    for (size_t i = 0; i < parts->contact->sides && status == PMA_OK; i++) {
+    PMA_TRY(pma_fine_check(parts));
+    PMA_TRY(pma_contact_check(parts->contact, parts->count));
+    for (size_t i = 0; i < parts->contact->sides; i++) {
         const pma_contact_side *own = &parts->contact->side[i];
         const pma_member *m = &parts->members[own->member];
         if (m->substeps != fine || m->doubling != PMA_SINGLE || !m->struck ||
             m->link->nb != own->N.nb)
-            status = PMA_BAD_SIZE;
+            return PMA_BAD_SIZE;
     }
-    return status;
+    return PMA_OK;
 }
 
-static contact_level take_level(const pma_contact *x, double **next)
+static void lay_out_level(const pma_contact *x, contact_level *at)
 {
-    const contact_level at = {
-        .P = *next, .obstacle = *next + x->rows, .sum = *next + x->rows + 2 * x->parts.contacts};
-    *next += x->numbers;
-    return at;
+    at->obstacle = at->P + x->rows;
+    at->sum = at->obstacle + 2 * x->parts.contacts;
 }
 
-static pma_status allocate(pma_contact *x, size_t members, bool twice)
+static void lay_out_sides(pma_contact *x)
 {
-    const size_t q = x->rows, n = x->parts.contacts, matrix = q * q;
-    size_t values = 0;
-    for (size_t i = 0; i < x->parts.sides; i++)
-        values += 4 * x->parts.side[i].N.nb;
-    x->sides = calloc(x->parts.sides + 1, sizeof *x->sides);
-    x->of = (side **)calloc(members + 1, sizeof(side *));
-    x->closed = calloc(n + 1, sizeof *x->closed);
-    x->block =
-        calloc(2 * x->numbers + 3 * q + n + values + (twice ? 2 : 1) * matrix + 1, sizeof(double));
-    if (!x->sides || !x->of || !x->closed || !x->block)
-        return PMA_NO_MEMORY;
-    double *next = x->block;
-    x->present = take_level(x, &next);
-    x->now = take_level(x, &next);
-    x->y0 = next;
-    x->y = next + q;
-    x->b = next + 2 * q;
-    x->gap = next + 3 * q;
-    next += 3 * q + n;
+    double *next = x->values;
     for (size_t i = 0; i < x->parts.sides; i++) {
         const size_t nb = x->parts.side[i].N.nb;
         x->sides[i] = (side){.of = x->parts.side[i],
@@ -128,9 +106,40 @@ static pma_status allocate(pma_contact *x, size_t members, bool twice)
         x->of[x->parts.side[i].member] = &x->sides[i];
         next += 4 * nb;
     }
-    x->W_start = next;
-    x->W = twice ? next + matrix : next;
-    return PMA_OK;
+    x->parts.side = NULL; /* x->sides has them */
+}
+
+static pma_contact *allocate(const pma_contact_parts *parts, size_t members, bool twice)
+{
+    const size_t n = parts->contacts, rows = (size_t)parts->first[n], numbers = 2 * rows + 2 * n;
+    size_t values = 0;
+    for (size_t i = 0; i < parts->sides; i++)
+        values += 4 * parts->side[i].N.nb;
+    const pma_array arrays[] = {PMA_ARRAY(pma_contact, present.P, numbers),
+                                PMA_ARRAY(pma_contact, now.P, numbers),
+                                PMA_ARRAY(pma_contact, y0, rows),
+                                PMA_ARRAY(pma_contact, y, rows),
+                                PMA_ARRAY(pma_contact, b, rows),
+                                PMA_ARRAY(pma_contact, gap, n),
+                                PMA_ARRAY(pma_contact, closed, n),
+                                PMA_ARRAY(pma_contact, sides, parts->sides),
+                                PMA_ARRAY(pma_contact, of, members),
+                                PMA_ARRAY(pma_contact, values, values),
+                                PMA_ARRAY(pma_contact, W_start, rows * rows),
+                                PMA_ARRAY(pma_contact, W, twice ? rows * rows : 0),
+                                {0}};
+    pma_contact *x = pma_object_create(sizeof *x, arrays);
+    if (!x)
+        return NULL;
+    x->parts = *parts;
+    x->rows = rows;
+    x->numbers = numbers;
+    x->reached = -1;
+    x->W = twice ? x->W : x->W_start;
+    lay_out_level(x, &x->present);
+    lay_out_level(x, &x->now);
+    lay_out_sides(x);
+    return x;
 }
 
 static const pma_member *member_of(const pma_coupler *c, const side *s)
@@ -187,19 +196,10 @@ static bool is_tied(const pma_coupler *c, const pma_contact *x)
 static pma_status create(pma_coupler *c, const pma_iteration_parts *parts)
 {
     (void)parts;
-    pma_contact *x = calloc(1, sizeof *x);
-    c->contact = x;
+    const bool twice = pma_coupler_has(c, pma_is_doubled);
+    pma_contact *x = c->contact = allocate(c->parts.contact, c->parts.count, twice);
     if (!x)
         return PMA_NO_MEMORY;
-    x->parts = *c->parts.contact;
-    x->rows = (size_t)x->parts.first[x->parts.contacts];
-    x->numbers = 2 * x->rows + 2 * x->parts.contacts;
-    x->reached = -1;
-    const bool twice = pma_is_any_doubled(c);
-    pma_status status = allocate(x, c->parts.count, twice);
-    if (status != PMA_OK)
-        return status;
-    x->parts.side = NULL; /* x->sides has them */
     x->tied = is_tied(c, x);
     fill(c, x, &c->parts.H_start, x->W_start);
     if (twice)
@@ -213,13 +213,8 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts)
 
 void pma_contact_destroy(pma_contact *x)
 {
-    if (!x)
-        return;
-    pma_complementarity_destroy(x->problem);
-    free(x->sides);
-    free((void *)x->of);
-    free(x->closed);
-    free(x->block);
+    if (x)
+        pma_complementarity_destroy(x->problem);
     free(x);
 }
 
@@ -510,4 +505,5 @@ const pma_schedule pma_contact_schedule = {.check = check,
                                            .duty = duty,
                                            .step = fine_steps,
                                            .prepare = create,
-                                           .record_present = record_present};
+                                           .record_present = record_present,
+                                           .shoots = true};

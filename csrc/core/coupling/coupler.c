@@ -6,7 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lists.h"
 #include "coupling/schedule.h"
+#include "object.h"
 #include "workers/thread.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
@@ -19,16 +21,19 @@ static bool has_step(const pma_member *member, double dt)
 
 static pma_status check_members(const pma_coupler_parts *parts)
 {
+    const pma_schedule *schedule = parts->schedule;
     for (size_t i = 0; i < parts->count; i++) {
-        if (parts->members[i].link->p != parts->p)
+        const pma_member *member = &parts->members[i];
+        if (member->link->p != parts->p || (member->shoots && !schedule->shoots) ||
+            (member->iterated.table && !schedule->iterates))
             return PMA_BAD_SIZE;
     }
-    const pma_status status = parts->schedule->check(parts);
-    for (size_t i = 0; i < parts->count && status == PMA_OK; i++) {
+    PMA_TRY(schedule->check(parts));
+    for (size_t i = 0; i < parts->count; i++) {
         if (!has_step(&parts->members[i], parts->dt))
             return PMA_BAD_STEP;
     }
-    return status;
+    return PMA_OK;
 }
 
 /* PMA_BAD_SIZE when a motion has more rows than p, PMA_BAD_INDEX unless they are in 0..p-1. */
@@ -48,45 +53,51 @@ static pma_status check_motions(size_t count, const pma_motion *motions, size_t 
 
 /* ---- making --------------------------------------------------------------------------------- */
 
-static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
+/* The coupler with its arrays; lam_end, lam_before and lengths follow one another. */
+static pma_coupler *allocate(const pma_coupler_parts *parts)
 {
-    const size_t p = c->parts.p;
-    for (size_t i = 0; i < parts->count; i++) {
-        const pma_member *member = &parts->members[i];
-        const size_t ratio = c->fine / member->substeps;
-        c->coupled[i] = (pma_coupled){
-            .member = *member,
-            .ratio = ratio > 0 ? ratio : 1,
-            .first_double = pma_clock_first_double(member->doubling, member->substeps)};
-        c->evaluates = c->evaluates || member->forces != PMA_NO_FORCES;
-        c->entries += (member->entries + c->coupled[i].ratio - 1) / c->coupled[i].ratio;
-    }
-    double *next = c->block;
-    pma_macro_level *const levels[3] = {&c->present, &c->reached, &c->working};
-    for (size_t i = 0; i < 3; i++, next += 3 * p)
-        *levels[i] = (pma_macro_level){.lam = next, .g = next + p, .d = next + 2 * p};
-    c->scratch = next;
-    c->dlam = next + p;
-    c->lam_end = next + 2 * p;
-    c->lam_before = next + 3 * p;
-    c->lengths = next + 4 * p;
-    c->sums = next + 4 * p + 2;
+    const size_t p = parts->p;
+    const pma_array arrays[] = {PMA_ARRAY(pma_coupler, coupled, parts->count + 1),
+                                PMA_ARRAY(pma_coupler, motions, parts->motion_count),
+                                PMA_ARRAY(pma_coupler, present.lam, p),
+                                PMA_ARRAY(pma_coupler, present.g, p),
+                                PMA_ARRAY(pma_coupler, present.d, p),
+                                PMA_ARRAY(pma_coupler, reached.lam, p),
+                                PMA_ARRAY(pma_coupler, reached.g, p),
+                                PMA_ARRAY(pma_coupler, reached.d, p),
+                                PMA_ARRAY(pma_coupler, working.lam, p),
+                                PMA_ARRAY(pma_coupler, working.g, p),
+                                PMA_ARRAY(pma_coupler, working.d, p),
+                                PMA_ARRAY(pma_coupler, scratch, p),
+                                PMA_ARRAY(pma_coupler, dlam, p),
+                                PMA_ARRAY(pma_coupler, lam_end, p),
+                                PMA_ARRAY(pma_coupler, lam_before, p),
+                                PMA_ARRAY(pma_coupler, lengths, 2),
+                                PMA_ARRAY(pma_coupler, sums, p),
+                                {0}};
+    return pma_object_create(sizeof(pma_coupler), arrays);
 }
 
-static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
+static void take_parts(pma_coupler *c, const pma_coupler_parts *parts)
 {
-    c->coupled = calloc(parts->count + 1, sizeof *c->coupled);
-    c->motions = calloc(parts->motion_count + 1, sizeof *c->motions);
-    c->block = calloc(14 * parts->p + 3, sizeof(double));
-    if (!c->coupled || !c->motions || !c->block)
-        return PMA_NO_MEMORY;
+    c->parts = *parts;
+    c->fine = parts->schedule->instants(parts);
+    for (size_t i = 0; i < parts->count; i++) {
+        const pma_member *member = &parts->members[i];
+        const size_t ratio = pma_most(c->fine / member->substeps, 1);
+        c->coupled[i] = (pma_coupled){
+            .member = *member,
+            .ratio = ratio,
+            .first_double = pma_clock_first_double(member->doubling, member->substeps)};
+        c->evaluates = c->evaluates || member->forces != PMA_NO_FORCES;
+        c->entries += (member->entries + ratio - 1) / ratio;
+    }
     for (size_t i = 0; i < parts->motion_count; i++)
         c->motions[i] = parts->motions[i];
     c->parts.motions = c->motions;
     c->parts.members = NULL; /* c->coupled has them */
     c->own = c->coupled;
     c->end_of_own = c->coupled + parts->count;
-    return PMA_OK;
 }
 
 /* Can every member go on before the macro step is committed? Only then can one be left beside the
@@ -104,7 +115,7 @@ static bool all_look_ahead(const pma_coupler *c)
 static pma_status make_roster(pma_coupler *c)
 {
     const bool ahead = all_look_ahead(c);
-    const size_t most = c->parts.threads < PMA_MOST_WORKERS ? c->parts.threads : PMA_MOST_WORKERS;
+    const size_t workers = pma_most(pma_least(c->parts.threads, PMA_MOST_WORKERS), 1);
     const size_t count = (size_t)(c->end_of_own - c->own);
     pma_duty *duties = calloc(count + 1, sizeof *duties);
     if (!duties)
@@ -114,53 +125,52 @@ static pma_status make_roster(pma_coupler *c)
         duties[i].parallel = duties[i].parallel && ahead;
     }
     const pma_status status =
-        pma_roster_create(count, duties, most > 0 ? most : 1, c->parts.worthwhile, &c->roster);
+        pma_roster_create(count, duties, workers, c->parts.worthwhile, &c->roster);
     free(duties);
-    for (size_t w = 0; status == PMA_OK && w < c->roster.workers; w++) {
+    PMA_TRY(status);
+    for (size_t w = 0; w < c->roster.workers; w++) {
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
             pma_member_of(c, i)->worker = w;
     }
-    if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT) {
+    if (c->roster.split != PMA_NO_SPLIT) {
         c->split = &c->own[c->roster.split];
         c->workers = pma_teamwork_workers(c);
         c->split->workers = &c->workers;
     }
-    return status;
+    return PMA_OK;
 }
 
 /* Room for what the schedule and the roster do with every member. */
 static pma_status prepare_members(pma_coupler *c)
 {
     const bool ahead = pma_look_ahead_is_used(c);
-    pma_status status = PMA_OK;
-    for (pma_coupled *m = c->own; m < c->end_of_own && status == PMA_OK; m++) {
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
         m->ahead = ahead;
         if (ahead || m->workers)
-            status =
-                m->member.table->prepare(m->member.self, ahead, m->workers ? m->workers->count : 1);
+            PMA_TRY(m->member.table->prepare(m->member.self, ahead,
+                                             m->workers ? m->workers->count : 1));
     }
-    return status;
+    return PMA_OK;
 }
 
 static pma_status create_team(pma_coupler *c)
 {
-    pma_status status = make_roster(c);
-    if (status == PMA_OK && pma_look_ahead_is_used(c))
-        status = pma_look_ahead_create(c);
-    if (status == PMA_OK)
-        status = prepare_members(c);
-    if (status != PMA_OK || c->roster.workers == 1)
-        return status;
-    return pma_team_create(c->roster.workers, &c->team);
+    PMA_TRY(make_roster(c));
+    if (pma_look_ahead_is_used(c))
+        PMA_TRY(pma_look_ahead_create(c));
+    PMA_TRY(prepare_members(c));
+    return c->roster.workers > 1 ? pma_team_create(c->roster.workers, &c->team) : PMA_OK;
 }
 
+/* What schedule, exchange and contact need is then theirs. */
 static pma_status prepare(pma_coupler *c, const pma_coupler_parts *parts)
 {
-    c->parts.iteration = NULL; /* c->iteration has it */
-    const pma_status status =
-        parts->schedule->prepare ? parts->schedule->prepare(c, parts->iteration) : PMA_OK;
-    c->parts.contact = NULL; /* c->contact has it */
-    return status;
+    if (parts->schedule->prepare)
+        PMA_TRY(parts->schedule->prepare(c, parts->iteration));
+    c->parts.iteration = NULL;
+    c->parts.contact = NULL;
+    PMA_TRY(pma_exchange_create(c, parts->exchange));
+    return create_team(c);
 }
 
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
@@ -168,32 +178,18 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     *out = NULL;
     if (parts->H_start.p != parts->p || parts->H.p != parts->p)
         return PMA_BAD_SIZE;
-    pma_status status = check_members(parts);
-    if (status == PMA_OK)
-        status = check_motions(parts->motion_count, parts->motions, parts->p);
-    if (status != PMA_OK)
-        return status;
-
-    pma_coupler *c = calloc(1, sizeof *c);
+    PMA_TRY(check_members(parts));
+    PMA_TRY(check_motions(parts->motion_count, parts->motions, parts->p));
+    pma_coupler *c = allocate(parts);
     if (!c)
         return PMA_NO_MEMORY;
-    c->parts = *parts;
-    c->fine = parts->schedule->instants(parts);
-    status = allocate(c, parts);
-    if (status == PMA_OK) {
-        lay_out(c, parts);
-        status = prepare(c, parts);
-    }
+    take_parts(c, parts);
+    const pma_status status = prepare(c, parts);
     if (status == PMA_OK)
-        status = pma_exchange_create(c, parts->exchange);
-    if (status == PMA_OK)
-        status = create_team(c);
-    if (status != PMA_OK) {
+        *out = c;
+    else
         pma_coupler_destroy(c);
-        return status;
-    }
-    *out = c;
-    return PMA_OK;
+    return status;
 }
 
 void pma_coupler_destroy(pma_coupler *c)
@@ -206,9 +202,6 @@ void pma_coupler_destroy(pma_coupler *c)
     pma_exchange_destroy(c->exchange);
     pma_contact_destroy(c->contact);
     free(c->lam_deferred);
-    free(c->coupled);
-    free(c->motions);
-    free(c->block);
     free(c);
 }
 
@@ -342,13 +335,9 @@ static void abandon(pma_coupler *c)
     c->k = 0;
 }
 
-static bool is_any_observed(const pma_coupler *c)
+static bool is_observed(const pma_coupled *m)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (pma_member_is_observed(&c->coupled[i].member))
-            return true;
-    }
-    return false;
+    return pma_member_is_observed(&m->member);
 }
 
 static void begin(pma_coupler *c, int64_t steps, const pma_record *record, const pma_poll *poll)
@@ -356,7 +345,7 @@ static void begin(pma_coupler *c, int64_t steps, const pma_record *record, const
     c->record = record;
     c->poll = poll;
     c->end = c->present.number + steps;
-    c->observed = is_any_observed(c);
+    c->observed = pma_coupler_has(c, is_observed);
     atomic_store(&c->stopped, false);
 }
 

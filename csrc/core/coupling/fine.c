@@ -25,16 +25,6 @@ pma_status pma_fine_check(const pma_coupler_parts *parts)
     return PMA_OK;
 }
 
-/* Members whose steps are iterated need another schedule. */
-static pma_status check(const pma_coupler_parts *parts)
-{
-    for (size_t i = 0; i < parts->count; i++) {
-        if (parts->members[i].iterated.table)
-            return PMA_BAD_SIZE;
-    }
-    return pma_fine_check(parts);
-}
-
 pma_duty pma_fine_duty(const pma_member *member)
 {
     return (pma_duty){.entries = member->entries,
@@ -229,10 +219,11 @@ static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_
     return pma_fine_pieces(m, pieces);
 }
 
-const pma_schedule pma_fine_schedule = {.check = check,
+const pma_schedule pma_fine_schedule = {.check = pma_fine_check,
                                         .instants = pma_fine_instants,
                                         .duty = duty_in_parallel,
                                         .step = fine_steps,
                                         .interface_pieces = interface_pieces,
                                         .move_to = pma_coupler_move_to,
-                                        .rebases = true};
+                                        .rebases = true,
+                                        .shoots = true};

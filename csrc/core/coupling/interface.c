@@ -13,9 +13,7 @@ static pma_status allocate(pma_interface interface, size_t scratch, pma_interfac
 pma_status pma_interface_create(const pma_factor *H, pma_interface *out)
 {
     *out = (pma_interface){.work = NULL};
-    const pma_status status = H->nb == H->n ? pma_factor_check(H) : PMA_BAD_SIZE;
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(H->nb == H->n ? pma_factor_check(H) : PMA_BAD_SIZE);
     const pma_interface interface = {.factor = *H, .p = H->n, .entries = 2 * pma_factor_entries(H)};
     return allocate(interface, pma_factor_scratch(H), out);
 }
@@ -23,9 +21,7 @@ pma_status pma_interface_create(const pma_factor *H, pma_interface *out)
 pma_status pma_interface_create_lu(const pma_lu *S, pma_interface *out)
 {
     *out = (pma_interface){.work = NULL};
-    const pma_status status = pma_lu_check(S);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_lu_check(S));
     const pma_interface interface = {.lu = *S, .p = S->p, .entries = pma_lu_entries(S)};
     return allocate(interface, S->n, out);
 }

@@ -90,9 +90,7 @@ static pma_status open_substeps(pma_coupler *c)
 /* (sum G) Lam = g - sum o                                                                (N12) */
 static pma_status solve_interface(pma_coupler *c)
 {
-    const pma_status status = pma_iteration_factor(c);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_iteration_factor(c));
     pma_fine_right_side(c);
     return pma_coupler_solve(c);
 }
@@ -102,15 +100,6 @@ static pma_status solve_interface(pma_coupler *c)
 static bool is_iterated(const pma_coupled *m)
 {
     return table_of(m) && pma_is_ending(m);
-}
-
-static bool is_any_iterated(const pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (is_iterated(&c->coupled[i]))
-            return true;
-    }
-    return false;
 }
 
 static pma_status evaluate_one(pma_coupler *c, pma_coupled *m)
@@ -206,13 +195,9 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
     return status;
 }
 
-static bool is_any_fixed(const pma_coupler *c)
+static bool is_fixed(const pma_coupled *m)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (!is_iterated(&c->coupled[i]) && c->coupled[i].member.link->nb > 0)
-            return true;
-    }
-    return false;
+    return !is_iterated(m) && m->member.link->nb > 0;
 }
 
 /* A member that is not iterated has the velocities of the whole correction, to its multipliers:
@@ -221,7 +206,7 @@ static void move(void *ctx, double by)
 {
     pma_coupler *c = ctx;
     c->iteration->by = by;
-    c->iteration->parted = c->iteration->pulls && is_any_fixed(c);
+    c->iteration->parted = c->iteration->pulls && pma_coupler_has(c, is_fixed);
     pma_share(c, move_one, is_iterated);
 }
 
@@ -311,7 +296,7 @@ static pma_status fine_step(pma_coupler *c)
     if (status == PMA_OK && c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
     if (status == PMA_OK)
-        status = is_any_iterated(c) ? iterate(c) : solve_interface(c);
+        status = pma_coupler_has(c, is_iterated) ? iterate(c) : solve_interface(c);
     if (status == PMA_OK)
         status = pma_share(c, close, pma_is_ending);
     return status == PMA_OK && c->exchange ? pma_exchange_jumps(c) : status;
@@ -334,4 +319,6 @@ const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,
                                             .prepare = pma_iteration_create_fine,
                                             .interface_pieces = pma_messages_pieces,
                                             .move_to = pma_coupler_move_to,
-                                            .rebases = true};
+                                            .rebases = true,
+                                            .iterates = true,
+                                            .shoots = true};

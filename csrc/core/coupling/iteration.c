@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coupling/schedule.h"
+#include "object.h"
 
 /* ---- making --------------------------------------------------------------------------------- */
 
@@ -13,9 +14,6 @@ void pma_iteration_destroy(pma_iteration *it)
         return;
     pma_interface_destroy(&it->interface);
     pma_numeric_destroy(&it->H);
-    free(it->members);
-    free(it->positions);
-    free(it->block);
     free(it);
 }
 
@@ -25,27 +23,24 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts, size_
                          size_t entries, size_t extra)
 {
     const size_t p = c->parts.p;
-    pma_iteration *it = calloc(1, sizeof *it);
-    if (!it)
+    const pma_array arrays[] = {PMA_ARRAY(pma_iteration, members, c->parts.count),
+                                PMA_ARRAY(pma_iteration, positions, entries),
+                                PMA_ARRAY(pma_iteration, own, own),
+                                PMA_ARRAY(pma_iteration, lam_begin, p),
+                                PMA_ARRAY(pma_iteration, lam_star, p),
+                                PMA_ARRAY(pma_iteration, residual, p),
+                                PMA_ARRAY(pma_iteration, residual_before, p),
+                                PMA_ARRAY(pma_iteration, correction, p),
+                                PMA_ARRAY(pma_iteration, scratch, 3 * p),
+                                PMA_ARRAY(pma_iteration, terms, p),
+                                PMA_ARRAY(pma_iteration, present, extra),
+                                PMA_ARRAY(pma_iteration, working, extra),
+                                {0}};
+    c->iteration = pma_object_create(sizeof *c->iteration, arrays);
+    if (!c->iteration)
         return PMA_NO_MEMORY;
-    c->iteration = it;
-    it->parts = *parts;
-    it->size = extra;
-    it->members = calloc(c->parts.count + 1, sizeof *it->members);
-    it->positions = calloc(entries + 1, sizeof *it->positions);
-    it->block = calloc(own + 9 * p + 2 * it->size, sizeof *it->block);
-    if (!it->members || !it->positions || !it->block)
-        return PMA_NO_MEMORY;
-    double *next = it->block + own;
-    it->lam_begin = next;
-    it->lam_star = next + p;
-    it->residual = next + 2 * p;
-    it->residual_before = next + 3 * p;
-    it->correction = next + 4 * p;
-    it->scratch = next + 5 * p;
-    it->terms = next + 8 * p;
-    it->present = next + 9 * p;
-    it->working = it->present + it->size;
+    c->iteration->parts = *parts;
+    c->iteration->size = extra;
     return PMA_OK;
 }
 
@@ -77,11 +72,8 @@ static pma_status place_blocks(pma_coupler *c)
         const pma_coupled *m = &c->coupled[i];
         if (!m->member.iterated.table)
             continue;
-        it->members[i] =
-            (pma_iteration_member){.where = it->positions + at, .block = it->block + at};
-        const pma_status status = place_block(it, &m->member.iterated, it->members[i].where);
-        if (status != PMA_OK)
-            return status;
+        it->members[i] = (pma_iteration_member){.where = it->positions + at, .block = it->own + at};
+        PMA_TRY(place_block(it, &m->member.iterated, it->members[i].where));
         at += block_size(m);
     }
     return PMA_OK;
@@ -94,13 +86,9 @@ pma_status pma_iteration_create_fine(pma_coupler *c, const pma_iteration_parts *
         return PMA_BAD_SIZE;
     for (size_t i = 0; i < c->parts.count; i++)
         blocks += block_size(&c->coupled[i]);
-    pma_status status = create(c, parts, blocks, blocks, 0);
-    if (status == PMA_OK)
-        status = pma_numeric_create(&parts->H, &c->iteration->H);
-    if (status == PMA_OK)
-        status = pma_interface_create(&c->iteration->H.factor, &c->iteration->interface);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(create(c, parts, blocks, blocks, 0));
+    PMA_TRY(pma_numeric_create(&parts->H, &c->iteration->H));
+    PMA_TRY(pma_interface_create(&c->iteration->H.factor, &c->iteration->interface));
     c->parts.H = c->parts.H_start = c->iteration->interface;
     return place_blocks(c);
 }
@@ -113,14 +101,12 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
     size_t own = c->parts.count * p;
     for (size_t i = 0; i < c->parts.count; i++)
         own += c->coupled[i].member.substeps;
-    const pma_status status = create(c, parts, own, 0, 1 + p + pma_broyden_size(p));
-    if (status != PMA_OK)
-        return status;
-    double *next = c->iteration->block + c->parts.count * p;
+    PMA_TRY(create(c, parts, own, 0, 1 + p + pma_broyden_size(p)));
+    double *next = c->iteration->own + c->parts.count * p;
     c->iteration->dlam = c->iteration->working + 1;
     c->iteration->broyden = (pma_broyden){.p = p, .state = c->iteration->dlam + p};
     for (size_t i = 0; i < c->parts.count; i++) {
-        c->coupled[i].lam = c->iteration->block + i * p;
+        c->coupled[i].lam = c->iteration->own + i * p;
         c->iteration->members[i].corrections = next;
         next += c->coupled[i].member.substeps;
     }
@@ -141,35 +127,18 @@ void pma_iteration_start(pma_iteration *it)
     it->following = -1;
 }
 
-static void forget_blocks(pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->iteration->members[i].known = false;
-}
-
-static void begin(pma_coupler *c)
+pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c))
 {
     pma_iteration *it = c->iteration;
     memcpy(it->working, it->present, it->size * sizeof(double));
     it->stale = true; /* the constant part may be another one */
-    if (it->following != c->present.number)
-        forget_blocks(c);
-}
-
-static void end(pma_coupler *c, pma_status status)
-{
-    pma_iteration *it = c->iteration;
-    it->following = status == PMA_OK ? c->present.number + 1 : -1;
-    if (status == PMA_OK)
-        memcpy(it->present, it->working, it->size * sizeof(double));
-}
-
-pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c))
-{
-    begin(c);
-    const pma_status status = step(c);
-    end(c, status);
-    return status;
+    for (size_t i = 0; i < c->parts.count && it->following != c->present.number; i++)
+        it->members[i].known = false;
+    it->following = -1;
+    PMA_TRY(step(c));
+    it->following = c->present.number + 1;
+    memcpy(it->present, it->working, it->size * sizeof(double));
+    return PMA_OK;
 }
 
 /* ---- H -------------------------------------------------------------------------------------- */

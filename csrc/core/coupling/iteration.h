@@ -75,8 +75,8 @@ typedef struct {
     bool pulls;      /* pm and gc: the last correction has changed multipliers, */
     bool parted;     /* ... and the iterate is where constraints do not hold */
 
-    int64_t *positions;
-    double *block;
+    int64_t *positions; /* of the blocks of all members, or of nothing; */
+    double *own;        /* ... and the blocks; or multipliers and corrections of the members */
 } pma_iteration;
 
 typedef struct pma_coupler pma_coupler;

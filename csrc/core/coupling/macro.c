@@ -24,15 +24,6 @@ pma_status pma_macro_check(const pma_coupler_parts *parts)
     return PMA_OK;
 }
 
-static pma_status check(const pma_coupler_parts *parts)
-{
-    for (size_t i = 0; i < parts->count; i++) {
-        if (parts->members[i].shoots)
-            return PMA_BAD_SIZE;
-    }
-    return pma_macro_check(parts);
-}
-
 size_t pma_macro_instants(const pma_coupler_parts *parts)
 {
     (void)parts;
@@ -218,7 +209,7 @@ static pma_status macro_step(pma_coupler *c)
     return pma_macro_step(c, &STAGES);
 }
 
-const pma_schedule pma_macro_schedule = {.check = check,
+const pma_schedule pma_macro_schedule = {.check = pma_macro_check,
                                          .instants = pma_macro_instants,
                                          .duty = pma_macro_duty,
                                          .step = macro_step,

@@ -24,15 +24,6 @@ pma_status pma_mean_check(const pma_coupler_parts *parts)
     return parts->doubled.n == parts->p ? PMA_OK : PMA_BAD_SIZE;
 }
 
-static pma_status check(const pma_coupler_parts *parts)
-{
-    for (size_t i = 0; i < parts->count; i++) {
-        if (parts->members[i].shoots)
-            return PMA_BAD_SIZE;
-    }
-    return pma_mean_check(parts);
-}
-
 /* ---- accelerations (K5) --------------------------------------------------------------------- */
 
 static bool is_first(const pma_coupler *c)
@@ -254,7 +245,7 @@ void pma_mean_record_present(const pma_coupler *c, const pma_record *record)
     }
 }
 
-const pma_schedule pma_mean_schedule = {.check = check,
+const pma_schedule pma_mean_schedule = {.check = pma_mean_check,
                                         .instants = pma_macro_instants,
                                         .duty = pma_macro_duty,
                                         .step = macro_step,

@@ -136,18 +136,10 @@ static void write_macro_level(const pma_coupler *c, bool deferred)
     pma_coupler_gather(c, PMA_DISPLACEMENT, macro, jump);
 }
 
-static bool is_any_deferred(const pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (pma_look_ahead_is_deferred(&c->coupled[i]))
-            return true;
-    }
-    return false;
-}
-
 void pma_recorder_write(const pma_coupler *c)
 {
-    const bool deferred = pma_look_ahead_is_used(c) && is_any_deferred(c);
+    const bool deferred =
+        pma_look_ahead_is_used(c) && pma_coupler_has(c, pma_look_ahead_is_deferred);
     write_members(c);
     write_interface(c, deferred);
     if (c->k == c->fine || c->k == 2 * c->fine)

@@ -93,7 +93,7 @@ struct pma_coupler {
     double *lam_before; /* ... and those before the last ones */
     double *lengths;    /* 2: ... of the last two macro steps; 0 where there was none */
     double *sums;       /* p: scratch */
-    double *block, *lam_deferred;
+    double *lam_deferred;
 
     pma_exchange *exchange;   /* with members in other processes, else NULL */
     pma_iteration *iteration; /* with members that have internal forces, else NULL */
@@ -137,6 +137,8 @@ struct pma_schedule {
     bool rebases;
     /* In place of velocities, at the end of a macro step? */
     bool ties_displacements;
+    /* May members have steps that are iterated, or in macro steps internal forces at all? */
+    bool iterates, shoots;
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */
@@ -176,8 +178,13 @@ static inline pma_coupled *pma_member_of(const pma_coupler *c, size_t i)
     return &c->own[c->roster.order[i]];
 }
 
-/* Does any member take double steps? */
-bool pma_is_any_doubled(const pma_coupler *c);
+static inline bool pma_is_doubled(const pma_coupled *m)
+{
+    return m->member.doubling != PMA_SINGLE;
+}
+
+/* Is this true of some member, of any process? */
+bool pma_coupler_has(const pma_coupler *c, bool (*is)(const pma_coupled *m));
 
 /* For a task of all members. */
 static inline bool pma_is_any(const pma_coupled *m)

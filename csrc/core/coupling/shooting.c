@@ -299,7 +299,7 @@ static void begin_broyden(pma_coupler *c)
 {
     pma_iteration *it = c->iteration;
     it->broyden.start = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
-    if (c->present.number == 0 || (c->present.number == 1 && pma_is_any_doubled(c)))
+    if (c->present.number == 0 || (c->present.number == 1 && pma_coupler_has(c, pma_is_doubled)))
         pma_broyden_begin(&it->broyden, it->scratch);
 }
 
@@ -379,7 +379,9 @@ const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
                                             .step = macro_step,
                                             .prepare = pma_iteration_create_macro,
                                             .interface_pieces = macro_pieces,
-                                            .move_to = pma_macro_move_to};
+                                            .move_to = pma_macro_move_to,
+                                            .iterates = true,
+                                            .shoots = true};
 
 const pma_schedule pma_mean_shooting_schedule = {.ties_displacements = true,
                                                  .check = pma_mean_check,
@@ -389,4 +391,6 @@ const pma_schedule pma_mean_shooting_schedule = {.ties_displacements = true,
                                                  .prepare = pma_iteration_create_macro,
                                                  .interface_pieces = mean_pieces,
                                                  .move_to = pma_macro_move_to,
-                                                 .record_present = pma_mean_record_present};
+                                                 .record_present = pma_mean_record_present,
+                                                 .iterates = true,
+                                                 .shoots = true};

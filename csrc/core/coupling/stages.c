@@ -15,10 +15,10 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
     }
 }
 
-bool pma_is_any_doubled(const pma_coupler *c)
+bool pma_coupler_has(const pma_coupler *c, bool (*is)(const pma_coupled *m))
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (c->coupled[i].member.doubling != PMA_SINGLE)
+        if (is(&c->coupled[i]))
             return true;
     }
     return false;

@@ -114,4 +114,5 @@ const pma_schedule pma_tied_schedule = {.check = check,
                                         .step = fine_steps,
                                         .interface_pieces = interface_pieces,
                                         .move_to = move_to,
-                                        .more_rounds = 2};
+                                        .more_rounds = 2,
+                                        .shoots = true};

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "object.h"
+
 /* Macro steps over which a gain has to last: at a sudden load all energy of the first steps is that
  * of the scheme. */
 enum { LASTS = 4 };
@@ -64,7 +66,7 @@ struct pma_balance {
     level present;
     level *work; /* time level j > 0 in work[(j - 1) % kept] */
     size_t kept;
-    double *opened[2];         /* 2 n each: ut and r of substeps that are open */
+    double *opened;            /* 2 x 2 n: ut and r of substeps that are open */
     double *product, *scratch; /* n each */
     double *excess;            /* of the springs of each lane, in a substep, */
     double bent;               /* ... and of functions */
@@ -76,92 +78,68 @@ struct pma_balance {
     double largest; /* ... the square of the largest ones so far, */
     int turns;      /* ... and the steps in which they alternated */
     double alternates;
-    double *block;
+    double *numbers; /* of all levels, */
+    sums *sums;      /* ... and their sums */
 };
 
-static size_t spring_numbers(const pma_balance_parts *p)
+/* All arrays of a level but the sums, with forces and stiffness of the functions that are iterated. */
+static size_t level_size(const pma_balance_parts *p)
 {
-    return pma_springs_numbers(p->springs);
+    const size_t functions = p->ptr ? p->n + (size_t)p->ptr[p->n] : 0;
+    return ARRAYS * p->n + pma_springs_numbers(p->springs) + functions;
 }
 
-/* Of the functions that are iterated: forces and stiffness. */
-static size_t function_numbers(const pma_balance_parts *p)
+static level take_level(const pma_balance *b, size_t number)
 {
-    return p->ptr ? p->n + (size_t)p->ptr[p->n] : 0;
-}
-
-static void take_level(double **next, sums **next_sums, const pma_balance_parts *p, level *at)
-{
-    double *x = *next;
-    *at = (level){.ut = x,
-                  .r = x + p->n,
-                  .x = x + 2 * p->n,
-                  .acting = x + 3 * p->n,
-                  .v = x + 4 * p->n,
-                  .vs = x + 5 * p->n,
-                  .springs = x + ARRAYS * p->n,
-                  .sums = *next_sums};
-    at->functions = at->springs + spring_numbers(p);
-    at->stiffness = at->functions + p->n;
-    *next = at->functions + function_numbers(p);
-    *next_sums += p->lanes;
-}
-
-static void lay_out(pma_balance *b)
-{
-    const size_t n = b->parts.n;
-    double *next = b->block;
-    sums *next_sums = (sums *)(b->judged + b->parts.lanes);
-    take_level(&next, &next_sums, &b->parts, &b->present);
-    for (size_t k = 0; k < b->kept; k++)
-        take_level(&next, &next_sums, &b->parts, &b->work[k]);
-    b->opened[0] = next;
-    b->opened[1] = next + 2 * n;
-    b->product = next + 4 * n;
-    b->scratch = next + 5 * n;
-    b->change = next + 6 * n;
-    b->excess = next + 7 * n;
+    const pma_balance_parts *p = &b->parts;
+    double *x = b->numbers + number * level_size(p);
+    double *springs = x + ARRAYS * p->n, *functions = springs + pma_springs_numbers(p->springs);
+    return (level){.ut = x,
+                   .r = x + p->n,
+                   .x = x + 2 * p->n,
+                   .acting = x + 3 * p->n,
+                   .v = x + 4 * p->n,
+                   .vs = x + 5 * p->n,
+                   .springs = springs,
+                   .functions = functions,
+                   .stiffness = functions + p->n,
+                   .sums = b->sums + number * p->lanes};
 }
 
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
-    const size_t n = parts->n, kept = parts->has_responses ? parts->substeps : 1;
-    const size_t size = ARRAYS * n + spring_numbers(parts) + function_numbers(parts);
+    const size_t n = parts->n, lanes = parts->lanes;
+    const size_t kept = parts->has_responses ? parts->substeps : 1;
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_balance, work, kept),
+        PMA_ARRAY(pma_balance, judged, lanes),
+        PMA_ARRAY(pma_balance, sums, (kept + 1) * lanes),
+        PMA_ARRAY(pma_balance, opened, 4 * n),
+        PMA_ARRAY(pma_balance, product, n),
+        PMA_ARRAY(pma_balance, scratch, n),
+        PMA_ARRAY(pma_balance, change, n),
+        PMA_ARRAY(pma_balance, excess, lanes),
+        {offsetof(pma_balance, numbers), kept + 1, level_size(parts) * sizeof(double)},
+        {0}};
     *out = NULL;
-    if (parts->M.n != n)
+    if (parts->M.n != n || (parts->K_r.form != PMA_ZERO && parts->K_r.n != n))
         return PMA_BAD_SIZE;
-    pma_status status = pma_matrix_check(&parts->M);
-    if (status == PMA_OK && parts->K_r.form != PMA_ZERO)
-        status = parts->K_r.n == n ? pma_matrix_check(&parts->K_r) : PMA_BAD_SIZE;
-    if (status != PMA_OK)
-        return status;
-    /* (kept + 1) size + 7 n + lanes doubles: no overflow below this size */
-    if (size > SIZE_MAX / 2 / ((kept + 9) * sizeof(double)))
-        return PMA_NO_MEMORY;
-    pma_balance *b = calloc(1, sizeof *b);
+    PMA_TRY(pma_matrix_check(&parts->M));
+    PMA_TRY(pma_matrix_check(&parts->K_r));
+    pma_balance *b = pma_object_create(sizeof *b, arrays);
     if (!b)
         return PMA_NO_MEMORY;
     b->parts = *parts;
     b->kept = kept;
-    b->work = calloc(kept, sizeof *b->work);
-    b->judged = calloc(parts->lanes, sizeof *b->judged + (kept + 1) * sizeof(sums));
-    b->block = calloc((kept + 1) * size + 7 * n + parts->lanes, sizeof(double));
-    if (!b->work || !b->judged || !b->block) {
-        pma_balance_destroy(b);
-        return PMA_NO_MEMORY;
-    }
-    lay_out(b);
+    b->present = take_level(b, 0);
+    for (size_t k = 0; k < kept; k++)
+        b->work[k] = take_level(b, k + 1);
     *out = b;
     return PMA_OK;
 }
 
 void pma_balance_destroy(pma_balance *b)
 {
-    if (b) {
-        free(b->work);
-        free(b->judged);
-        free(b->block);
-    }
     free(b);
 }
 
@@ -204,7 +182,7 @@ void pma_balance_begin(pma_balance *b, const double *v)
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut)
 {
     const size_t n = b->parts.n;
-    double *opened = b->opened[number & 1];
+    double *opened = b->opened + (number & 1) * 2 * (int64_t)n;
     memcpy(opened, ut, n * sizeof(double));
     memset(opened + n, 0, n * sizeof(double));
     return opened + n;
@@ -379,7 +357,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
 {
     const size_t n = b->parts.n, j = step->j;
     level *to = level_at(b, j + 1);
-    const double *ut = b->opened[step->number & 1], *r = ut + n;
+    const double *ut = b->opened + (step->number & 1) * 2 * (int64_t)n, *r = ut + n;
     if (b->parts.looks && (j > 0 || b->begun))
         look_for_contact(b, level_at(b, j), ut, r, step->t1);
     if (b->parts.functions && (j > 0 || b->begun))
@@ -395,7 +373,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
         correct_forces(b, j > 0 || b->begun ? level_at(b, j)->vs : v, v, to->x);
         sum_up_lanes(b, j, ut, r, v, springs);
     }
-    memcpy(to->springs, springs, spring_numbers(&b->parts) * sizeof(double));
+    memcpy(to->springs, springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     memset(to->vs, 0, n * sizeof(double));
     add_extrapolated(b, v, w, to->vs);
 }

@@ -40,9 +40,7 @@ pma_status pma_division_prepare(pma_subdomain *s, size_t workers)
         return PMA_OK;
     const pma_factor *f = &s->parts.single.factor;
     pma_branches branches;
-    const pma_status status = pma_branches_create(pma_factor_tree(f), workers, &branches);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_branches_create(pma_factor_tree(f), workers, &branches));
     double *fronts = calloc((workers - 1) * pma_factor_front(f) + 1, sizeof *fronts);
     if (!fronts) {
         pma_branches_destroy(&branches);
@@ -133,9 +131,7 @@ static bool open_branches(void *self, size_t worker)
 pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pma_workers *workers)
 {
     const size_t n = s->parts.n;
-    const pma_status status = pma_substep_load(s, step);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_substep_load(s, step));
     s->divided = (pma_divided){.op = pma_operator_of(s, step->twice),
                                .step = step,
                                .from = pma_levels_origin(&s->levels, step),

@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "object.h"
+
 /* A double step ends two time levels after it began. */
 enum { KEPT = 3 };
 
@@ -12,7 +14,9 @@ typedef struct {
     double *u, *load, *damping; /* n each: u, F, C v + r and what else is dissipated */
     double *pull;               /* nb: L_b^T Lam */
     double *springs;            /* what they remember */
-    double dissipated, external, interface, contact;
+    struct {
+        double dissipated, external, interface, contact;
+    } works;
     double potential; /* of internal forces; known at macro time levels */
 } level;
 
@@ -28,75 +32,60 @@ struct pma_energy {
     bool conserves;  /* E* is asked for, */
     double weight;   /* ... with this multiple of K beside M */
     double *product; /* n: scratch */
-    double *block;
+    double *numbers; /* of all levels */
 };
 
 /* ---- making --------------------------------------------------------------------------------- */
 
-static size_t spring_numbers(const pma_energy_parts *parts)
+/* u, load, damping, pull and springs of a level, which are one array */
+static size_t level_size(const pma_energy_parts *parts)
 {
-    return pma_springs_numbers(parts->springs);
+    return 3 * parts->n + parts->nb + pma_springs_numbers(parts->springs);
 }
 
-static level take_level(double **next, const pma_energy_parts *parts)
+static level take_level(const pma_energy *e, size_t number)
 {
-    const size_t n = parts->n;
-    level at = {.u = *next, .load = *next + n, .damping = *next + 2 * n, .pull = *next + 3 * n};
-    at.springs = at.pull + parts->nb;
-    *next = at.springs + spring_numbers(parts);
-    return at;
-}
-
-static void lay_out(pma_energy *e)
-{
-    double *next = e->block;
-    e->present = take_level(&next, &e->parts);
-    e->previous = take_level(&next, &e->parts);
-    for (size_t k = 0; k < e->kept; k++)
-        e->work[k] = take_level(&next, &e->parts);
-    e->start_damping = next;
-    e->start_load = next + e->parts.n;
-    e->product = next + 2 * e->parts.n;
+    const size_t n = e->parts.n;
+    double *x = e->numbers + number * level_size(&e->parts);
+    return (level){.u = x,
+                   .load = x + n,
+                   .damping = x + 2 * n,
+                   .pull = x + 3 * n,
+                   .springs = x + 3 * n + e->parts.nb};
 }
 
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
 {
-    *out = NULL;
-    if (parts->M.n != parts->n || parts->K.n != parts->n || parts->C.n != parts->n ||
-        parts->nb > parts->n || parts->link.nb != parts->nb)
-        return PMA_BAD_SIZE;
-    pma_status status = pma_matrix_check(&parts->M);
-    if (status == PMA_OK && parts->skew.form != PMA_ZERO)
-        status = parts->skew.n == parts->n ? pma_matrix_check(&parts->skew) : PMA_BAD_SIZE;
-    if (status != PMA_OK)
-        return status;
+    const size_t n = parts->n;
     const size_t kept = parts->has_responses && parts->substeps > KEPT ? parts->substeps : KEPT;
-    const size_t size = 3 * parts->n + parts->nb + spring_numbers(parts);
-    /* (kept + 2) size + 3 n doubles: no overflow below this size */
-    if (size > SIZE_MAX / ((kept + 4) * sizeof(double)))
-        return PMA_NO_MEMORY;
-    pma_energy *e = calloc(1, sizeof *e);
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_energy, work, kept),
+        PMA_ARRAY(pma_energy, start_damping, n),
+        PMA_ARRAY(pma_energy, start_load, n),
+        PMA_ARRAY(pma_energy, product, n),
+        {offsetof(pma_energy, numbers), kept + 2, level_size(parts) * sizeof(double)},
+        {0}};
+    *out = NULL;
+    if (parts->M.n != n || parts->K.n != n || parts->C.n != n || parts->nb > n ||
+        parts->link.nb != parts->nb || (parts->skew.form != PMA_ZERO && parts->skew.n != n))
+        return PMA_BAD_SIZE;
+    PMA_TRY(pma_matrix_check(&parts->M));
+    PMA_TRY(pma_matrix_check(&parts->skew));
+    pma_energy *e = pma_object_create(sizeof *e, arrays);
     if (!e)
         return PMA_NO_MEMORY;
     e->parts = *parts;
     e->kept = kept;
-    e->work = calloc(kept, sizeof *e->work);
-    e->block = calloc((kept + 2) * size + 3 * parts->n, sizeof(double));
-    if (!e->work || !e->block) {
-        pma_energy_destroy(e);
-        return PMA_NO_MEMORY;
-    }
-    lay_out(e);
+    e->present = take_level(e, 0);
+    e->previous = take_level(e, 1);
+    for (size_t k = 0; k < kept; k++)
+        e->work[k] = take_level(e, k + 2);
     *out = e;
     return PMA_OK;
 }
 
 void pma_energy_destroy(pma_energy *e)
 {
-    if (e) {
-        free(e->work);
-        free(e->block);
-    }
     free(e);
 }
 
@@ -176,7 +165,7 @@ static void add_damping(pma_energy *e, const pma_state *x, double *q)
 static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *x, level *to)
 {
     memcpy(to->u, x->u, e->parts.n * sizeof(double));
-    memcpy(to->springs, x->springs, spring_numbers(&e->parts) * sizeof(double));
+    memcpy(to->springs, x->springs, pma_springs_numbers(e->parts.springs) * sizeof(double));
     memset(to->load, 0, e->parts.n * sizeof(double));
     memset(to->damping, 0, e->parts.n * sizeof(double));
     pma_load_add(e->parts.load, step->t1, step->number, to->load);
@@ -210,13 +199,14 @@ static double slip(const pma_springs *springs, const double *from, const double 
 static void sum_up(const pma_energy *e, const level *from, level *to)
 {
     const size_t n = e->parts.n, inner = n - e->parts.nb;
-    to->dissipated = from->dissipated + work(n, from->u, to->u, from->damping, to->damping);
+    to->works.dissipated =
+        from->works.dissipated + work(n, from->u, to->u, from->damping, to->damping);
     if (e->parts.springs->total > 0)
-        to->dissipated += slip(e->parts.springs, from->springs, to->springs);
-    to->external = from->external + work(n, from->u, to->u, from->load, to->load);
-    to->interface =
-        from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull, to->pull);
-    to->contact = from->contact;
+        to->works.dissipated += slip(e->parts.springs, from->springs, to->springs);
+    to->works.external = from->works.external + work(n, from->u, to->u, from->load, to->load);
+    to->works.interface = from->works.interface +
+                          work(e->parts.nb, from->u + inner, to->u + inner, from->pull, to->pull);
+    to->works.contact = from->works.contact;
 }
 
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam)
@@ -224,7 +214,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     level *at = &e->present;
     e->begun = false;
     memcpy(at->u, x->u, e->parts.n * sizeof(double));
-    memcpy(at->springs, x->springs, spring_numbers(&e->parts) * sizeof(double));
+    memcpy(at->springs, x->springs, pma_springs_numbers(e->parts.springs) * sizeof(double));
     memcpy(at->load, load, e->parts.n * sizeof(double));
     memset(at->damping, 0, e->parts.n * sizeof(double));
     take_internal(e, at);
@@ -233,10 +223,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     memcpy(e->start_load, load, e->parts.n * sizeof(double));
     e->start_potential = at->potential;
     fill_pull(e, lam, at);
-    at->dissipated = 0.0;
-    at->external = 0.0;
-    at->interface = 0.0;
-    at->contact = 0.0;
+    memset(&at->works, 0, sizeof at->works);
 }
 
 const pma_energy_parts *pma_energy_get_parts(const pma_energy *e)
@@ -246,13 +233,8 @@ const pma_energy_parts *pma_energy_get_parts(const pma_energy *e)
 
 static void copy_level(const pma_energy *e, const level *from, level *to)
 {
-    /* u, load, damping, pull and springs are one array */
-    memcpy(to->u, from->u,
-           (3 * e->parts.n + e->parts.nb + spring_numbers(&e->parts)) * sizeof(double));
-    to->dissipated = from->dissipated;
-    to->external = from->external;
-    to->interface = from->interface;
-    to->contact = from->contact;
+    memcpy(to->u, from->u, level_size(&e->parts) * sizeof(double));
+    to->works = from->works;
     to->potential = from->potential;
 }
 
@@ -302,7 +284,7 @@ void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
 
 void pma_energy_add_work(pma_energy *e, size_t j, double work)
 {
-    level_at(e, j)->contact += work;
+    level_at(e, j)->works.contact += work;
 }
 
 static void swap(level *a, level *b)
@@ -353,10 +335,10 @@ void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
     out[PMA_KINETIC] = 0.5 * pma_matrix_square(&e->parts.M, x->v, e->product); /* (B1) */
     out[PMA_STRAIN] = 0.5 * pma_matrix_square(&e->parts.K, x->u, e->product);
     out[PMA_STRAIN] += pma_springs_energy(e->parts.springs, x->springs) + at->potential;
-    out[PMA_DISSIPATED] = at->dissipated - (at->potential - e->start_potential);
-    out[PMA_EXTERNAL] = at->external;
-    out[PMA_INTERFACE_WORK] = at->interface;
-    out[PMA_CONTACT_WORK] = at->contact;
+    out[PMA_DISSIPATED] = at->works.dissipated - (at->potential - e->start_potential);
+    out[PMA_EXTERNAL] = at->works.external;
+    out[PMA_INTERFACE_WORK] = at->works.interface;
+    out[PMA_CONTACT_WORK] = at->works.contact;
     out[PMA_CONSERVED] = e->conserves
                              ? conserved(e, x)
                              : out[PMA_KINETIC] + out[PMA_STRAIN] - potential_of_load(e, at);

@@ -103,9 +103,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     if (s->balance && pma_balance_is_broken(s->balance))
         return PMA_UNBOUNDED;
-    const pma_status status = pma_substep_load(s, step);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_substep_load(s, step));
     it->step = *step;
     it->corrections = 0;
     if (step->j == 0)
@@ -179,11 +177,9 @@ static pma_status evaluate_forces(pma_iterate *it, const double *u, const double
     memset(it->force, 0, p->n * sizeof(double));
     if (tangent && p->internal.count > 0)
         memset(it->stiffness, 0, pma_iterate_entries(it) * sizeof(double));
-    const pma_status status = pma_internal_evaluate(
-        &p->internal, it->step.t1, u, v, it->history_n, it->force, x->history, op->step.al1,
-        op->step.al2, tangent, it->stiffness, it->scratch, &s->code);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_internal_evaluate(&p->internal, it->step.t1, u, v, it->history_n, it->force,
+                                  x->history, op->step.al1, op->step.al2, tangent, it->stiffness,
+                                  it->scratch, &s->code));
     if (it->parts.springs) {
         pma_springs_subtract(&p->springs, u, it->springs_n, x->springs, it->f);
         if (tangent)
@@ -270,9 +266,7 @@ static pma_status evaluate(void *self, bool tangent, pma_measure *m)
     if (tangent)
         memcpy(entries, it->step.twice ? it->parts.base_twice : it->parts.base,
                (size_t)it->parts.tangent.ptr[n] * sizeof(double));
-    const pma_status status = evaluate_forces(it, it->u, it->v, entries);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(evaluate_forces(it, it->u, it->v, entries));
     for (size_t i = 0; i < n; i++)
         it->R[i] = it->fixed[i] - it->f[i];
     double *R_b = pma_interface_of(s, it->R);

@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "object.h"
+
 /* Commands of the last substeps, and those before a macro step that may be taken again. */
 enum { RING = 4, KEPT = 2, VECTORS = 2 * (RING + KEPT) };
 
@@ -22,29 +24,23 @@ struct pma_limits {
     command *last;
     double t; /* of the last command */
     pma_breach breach;
-    double *block;
+    double *numbers; /* of all commands */
 };
 
 pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
 {
     const size_t n = parts->n;
+    const pma_array arrays[] = {{offsetof(pma_limits, numbers), n, VECTORS * sizeof(double)}, {0}};
     *out = NULL;
     if (!(parts->h > 0.0))
         return PMA_BAD_STEP;
-    if (n > SIZE_MAX / (VECTORS * sizeof(double)))
-        return PMA_NO_MEMORY;
-    pma_limits *l = calloc(1, sizeof *l);
+    pma_limits *l = pma_object_create(sizeof *l, arrays);
     if (!l)
         return PMA_NO_MEMORY;
     l->parts = *parts;
-    l->block = calloc(VECTORS * n + 1, sizeof(double));
-    if (!l->block) {
-        free(l);
-        return PMA_NO_MEMORY;
-    }
     for (size_t i = 0; i < RING + KEPT; i++) {
         command *x = i < RING ? &l->ring[i] : &l->kept[i - RING];
-        x->u = l->block + 2 * i * n;
+        x->u = l->numbers + 2 * i * n;
         x->r = x->u + n;
     }
     pma_limits_begin(l);
@@ -54,8 +50,6 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
 
 void pma_limits_destroy(pma_limits *l)
 {
-    if (l)
-        free(l->block);
     free(l);
 }
 

@@ -3,45 +3,34 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "object.h"
+
 struct pma_remote {
     pma_remote_parts parts;
     double *before, *after;   /* nb: vf at both ends of the substep at hand */
     double *moving;           /* nb: v, or in mid-step what the multipliers add to it */
     double *displaced;        /* nb: u at the end of the macro step, or expected there */
     double *displaced_before; /* nb: ... and at the present */
-    double *block;
 };
 
 pma_status pma_remote_create(const pma_remote_parts *parts, pma_remote **out)
 {
     const size_t nb = parts->link.nb;
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_remote, before, nb),           PMA_ARRAY(pma_remote, after, nb),
+        PMA_ARRAY(pma_remote, moving, nb),           PMA_ARRAY(pma_remote, displaced, nb),
+        PMA_ARRAY(pma_remote, displaced_before, nb), {0}};
     *out = NULL;
-    const pma_status status = pma_link_check(&parts->link);
-    if (status != PMA_OK)
-        return status;
-    pma_remote *r = calloc(1, sizeof *r);
+    PMA_TRY(pma_link_check(&parts->link));
+    pma_remote *r = *out = pma_object_create(sizeof *r, arrays);
     if (!r)
         return PMA_NO_MEMORY;
-    r->block = calloc(5 * nb + 1, sizeof(double));
-    if (!r->block) {
-        free(r);
-        return PMA_NO_MEMORY;
-    }
     r->parts = *parts;
-    r->before = r->block;
-    r->after = r->block + nb;
-    r->moving = r->block + 2 * nb;
-    r->displaced = r->block + 3 * nb;
-    r->displaced_before = r->block + 4 * nb;
-    *out = r;
     return PMA_OK;
 }
 
 void pma_remote_destroy(pma_remote *r)
 {
-    if (!r)
-        return;
-    free(r->block);
     free(r);
 }
 

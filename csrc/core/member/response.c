@@ -5,6 +5,7 @@
 
 #include "algebra/lanes.h"
 #include "member/subdomain_struct.h"
+#include "object.h"
 
 struct pma_response {
     const pma_subdomain *of;
@@ -15,40 +16,32 @@ struct pma_response {
     double *y;    /* n: mean coupling: M^-1 L_b^T lam */
     bool twice;   /* of a double step */
     double *work; /* scratch of the factor */
-    double *block;
 };
 
 /* ---- making --------------------------------------------------------------------------------- */
 
 pma_status pma_response_create(pma_subdomain *s, pma_response **out)
 {
-    const size_t n = s->parts.n, nb = s->parts.nb;
-    const size_t n_y = s->parts.mean ? n : 0;
-    const size_t scratch = pma_parts_scratch(&s->parts);
-    *out = NULL;
-    pma_response *r = calloc(1, sizeof *r);
+    const size_t n = s->parts.n;
+    /* first of all the state: in lanes an unknown has a line */
+    const pma_array arrays[] = {PMA_ARRAY(pma_response, state.u, 4 * n),
+                                PMA_ARRAY(pma_response, vs, n),
+                                PMA_ARRAY(pma_response, y, s->parts.mean ? n : 0),
+                                PMA_ARRAY(pma_response, pull, s->parts.nb),
+                                PMA_ARRAY(pma_response, work, pma_parts_scratch(&s->parts)),
+                                {0}};
+    pma_response *r = *out = pma_object_create(sizeof *r, arrays);
     if (!r)
         return PMA_NO_MEMORY;
     r->of = s;
-    r->block = calloc(5 * n + n_y + nb + scratch + PMA_LANES, sizeof(double));
-    if (!r->block) {
-        free(r);
-        return PMA_NO_MEMORY;
-    }
-    double *x = pma_first_line(r->block); /* in lanes an unknown has a line */
-    r->state = (pma_state){.u = x, .v = x + n, .w = x + 2 * n, .a = x + 3 * n};
-    r->vs = x + 4 * n;
-    r->y = x + 5 * n;
-    r->pull = r->y + n_y;
-    r->work = r->pull + nb;
-    *out = r;
+    r->state.v = r->state.u + n;
+    r->state.w = r->state.u + 2 * n;
+    r->state.a = r->state.u + 3 * n;
     return PMA_OK;
 }
 
 void pma_response_destroy(pma_response *r)
 {
-    if (r)
-        free(r->block);
     free(r);
 }
 

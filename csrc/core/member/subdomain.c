@@ -99,9 +99,7 @@ static pma_status lay_out(pma_subdomain *s)
                              .history = p->internal.history + (s->iterate ? 1 : 0),
                              .substeps = p->substeps,
                              .doubled = p->doubled};
-    const pma_status status = pma_levels_create(&s->levels);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_levels_create(&s->levels));
     const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? 2 * p->n : 0;
     const size_t shift = p->shifts ? 2 * p->n : 0;
     const size_t impulse = p->struck.inverse ? 2 * p->nb : 0;
@@ -158,9 +156,7 @@ static pma_status create_trees(pma_subdomain *s)
 /* Whatever sweeps the factor of a step sweeps that of the last tangent. */
 static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *parts)
 {
-    const pma_status status = pma_iterate_create(s, parts, &s->iterate);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_iterate_create(s, parts, &s->iterate));
     s->parts.iterate = pma_iterate_get_parts(s->iterate);
     s->parts.single.factor = s->parts.twice.factor = *pma_iterate_factor(s->iterate);
     return PMA_OK;
@@ -364,9 +360,7 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
 static pma_status watch(pma_subdomain *s, const pma_balance_parts *parts)
 {
     pma_balance *balance;
-    const pma_status status = pma_balance_create(parts, &balance);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_balance_create(parts, &balance));
     pma_balance_destroy(s->balance);
     s->balance = balance;
     pma_subdomain_watch_again(s);
@@ -525,9 +519,7 @@ static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew
         .internal = internal_force_of(s),
         .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
         .springs = &s->parts.springs};
-    const pma_status status = pma_energy_create(&parts, out);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_energy_create(&parts, out));
     pma_subdomain_end_energy(s);
     s->energy = *out;
     return PMA_OK;

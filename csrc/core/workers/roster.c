@@ -3,6 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "object.h"
+
 /* A subdomain in the order in which they are given to workers. */
 typedef struct {
     pma_duty duty;
@@ -235,30 +237,30 @@ pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t worker
 {
     const size_t candidate = find_candidate(count, duties);
     const size_t most = most_workers(count, duties, candidate, workers);
-    entrant *list = calloc(count + 1, sizeof *list);
-    double *load = calloc(most + 1, sizeof *load);
-    *out = (pma_roster){.order = calloc(count + 1, sizeof *out->order),
-                        .begin = calloc(most + 1, sizeof *out->begin)};
-    if (!list || !load || !out->order || !out->begin) {
-        free(list);
-        free(load);
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_roster, order, count), PMA_ARRAY(pma_roster, begin, most + 1), {0}};
+    const pma_array scratch[] = {
+        PMA_ARRAY(division, list, count), PMA_ARRAY(division, load, most), {0}};
+    division *d = pma_object_create(sizeof *d, scratch);
+    *out = (pma_roster){.workers = 0};
+    out->block = pma_object_fill(out, arrays);
+    if (!d || !out->block) {
+        free(d);
         pma_roster_destroy(out);
         return PMA_NO_MEMORY;
     }
+    d->count = count;
     for (size_t i = 0; i < count; i++)
-        list[i] = (entrant){duties[i], i, 0};
-    qsort(list, count, sizeof *list, by_size);
-    division d = {.count = count, .list = list, .load = load};
-    divide(&d, candidate, most, worthwhile, out);
-    write_down(count, list, out);
-    free(list);
-    free(load);
+        d->list[i] = (entrant){duties[i], i, 0};
+    qsort(d->list, count, sizeof *d->list, by_size);
+    divide(d, candidate, most, worthwhile, out);
+    write_down(count, d->list, out);
+    free(d);
     return PMA_OK;
 }
 
 void pma_roster_destroy(pma_roster *r)
 {
-    free(r->order);
-    free(r->begin);
+    free(r->block);
     *r = (pma_roster){0};
 }

@@ -27,6 +27,7 @@ typedef struct {
     size_t split;  /* done by all workers of the fine steps, in worker 0's list; or PMA_NO_SPLIT */
     size_t *order; /* one for each subdomain */
     size_t *begin; /* workers + 1 */
+    void *block;
 } pma_roster;
 
 /* The cost of posting work and waiting for it in one fine step, as entries that could be read

@@ -4,6 +4,7 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 
+#include "object.h"
 #include "workers/thread.h"
 
 /* How often a waiting thread looks before it sleeps: for some ten microseconds, and then as long
@@ -53,19 +54,14 @@ struct pma_team {
 
 pma_status pma_team_create(size_t workers, pma_team **out)
 {
+    const pma_array arrays[] = {PMA_ARRAY(pma_team, seats, workers), {0}};
     *out = NULL;
     if (workers < 1 || workers > PMA_MOST_WORKERS)
         return PMA_BAD_SIZE;
-    pma_team *t = calloc(1, sizeof *t);
-    if (!t)
+    *out = pma_object_create(sizeof **out, arrays);
+    if (!*out)
         return PMA_NO_MEMORY;
-    t->workers = workers;
-    t->seats = calloc(workers, sizeof *t->seats);
-    if (!t->seats) {
-        free(t);
-        return PMA_NO_MEMORY;
-    }
-    *out = t;
+    (*out)->workers = workers;
     return PMA_OK;
 }
 
@@ -189,10 +185,8 @@ pma_status pma_team_gather(pma_team *t)
 
 void pma_team_destroy(pma_team *t)
 {
-    if (!t)
-        return;
-    dismiss(t);
-    free(t->seats);
+    if (t)
+        dismiss(t);
     free(t);
 }
 
