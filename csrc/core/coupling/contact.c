@@ -464,32 +464,20 @@ static pma_status fine_step(pma_coupler *c)
     begin(c, x);
 
     /* free problems and the interface problem, without impulses */
-    pma_status status = pma_fine_begin(c);
-    if (status == PMA_OK)
-        status = pma_fine_solve(c);
+    PMA_TRY(pma_fine_begin(c));
+    PMA_TRY(pma_fine_solve(c));
 
     /* impulses where a gap is closed, and the interface problem with them */
-    if (status == PMA_OK) {
-        approach(c, x);
-        status = find_impulses(c, x);
-    }
-    if (status == PMA_OK)
-        status = strike(c, x);
+    approach(c, x);
+    PMA_TRY(find_impulses(c, x));
+    PMA_TRY(strike(c, x));
 
     /* link problems that end here, added */
-    if (status == PMA_OK)
-        status = pma_share(c, end_substep, pma_is_ending);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(pma_share(c, end_substep, pma_is_ending));
     if (c->observed)
         add_works(c, x);
     sum_up(c, x);
     return PMA_OK;
-}
-
-static pma_status fine_steps(pma_coupler *c)
-{
-    return pma_fine_steps(c, fine_step);
 }
 
 /* A member has impulses in all rows at once: none is divided among workers. */
@@ -503,7 +491,8 @@ static pma_duty duty(const pma_member *member)
 const pma_schedule pma_contact_schedule = {.check = check,
                                            .instants = pma_fine_instants,
                                            .duty = duty,
-                                           .step = fine_steps,
+                                           .step = pma_fine_steps,
+                                           .fine_step = fine_step,
                                            .prepare = create,
                                            .record_present = record_present,
                                            .shoots = true};

@@ -361,8 +361,8 @@ static pma_status send_blocks(pma_coupler *c)
 
 pma_status pma_messages_begin(pma_coupler *c)
 {
-    const pma_status status = pma_exchange_interface(c);
-    return status == PMA_OK ? send_blocks(c) : status;
+    PMA_TRY(pma_exchange_interface(c));
+    return send_blocks(c);
 }
 
 /* ---- factors -------------------------------------------------------------------------------- */
@@ -485,8 +485,8 @@ static void read_law(pma_coupler *c, const pma_coupled *m, const double *from)
 pma_status pma_messages_laws(pma_coupler *c, pma_status status)
 {
     static const pma_message LAWS = {law_size, write_law, read_law};
-    status = meet(c, &LAWS, status);
-    return status == PMA_OK ? send_blocks(c) : status;
+    PMA_TRY(meet(c, &LAWS, status));
+    return send_blocks(c);
 }
 
 /* ---- runs (N14) ----------------------------------------------------------------------------- */

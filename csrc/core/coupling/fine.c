@@ -58,10 +58,10 @@ pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 pma_status pma_fine_begin(pma_coupler *c)
 {
     c->unpolled += c->entries;
-    const pma_status status = pma_share(c, pma_fine_open, begins);
-    if (status == PMA_OK && pma_look_ahead_is_used(c))
+    PMA_TRY(pma_share(c, pma_fine_open, begins));
+    if (pma_look_ahead_is_used(c))
         pma_look_ahead_open(c);
-    return status;
+    return PMA_OK;
 }
 
 /* ---- interface problem (18) ----------------------------------------------------------------- */
@@ -108,52 +108,37 @@ pma_status pma_fine_end(pma_coupler *c)
 /* ---- the schedule --------------------------------------------------------------------------- */
 
 /* Members beside the fine steps whose substep ends here are awaited. The macro step before is
- * committed as soon as it is known to be finite in all of them. */
+ * committed as soon as it is known to be finite in all of them; several processes have committed it
+ * before. */
 static pma_status complete_deferred(pma_coupler *c)
 {
-    const pma_status status = pma_look_ahead_await(c);
-    if (status != PMA_OK || !pma_is_pending(c) || pma_look_ahead_is_busy(c))
-        return status;
+    PMA_TRY(pma_look_ahead_await(c));
+    if (!pma_is_pending(c) || pma_look_ahead_is_busy(c))
+        return PMA_OK;
     pma_recorder_complete(c);
     pma_coupler_commit(c);
     pma_coupler_move_to(c, c->k);
     return PMA_OK;
 }
 
+/* Several processes meet in between. */
 static pma_status fine_step(pma_coupler *c)
 {
     /* free problems that begin here, up to the free velocity on the interface */
-    pma_status status = pma_fine_begin(c);
+    PMA_TRY(pma_fine_begin(c));
 
     /* interface problem at the end of this fine step */
-    if (status == PMA_OK)
-        status = pma_fine_solve(c);
+    if (c->exchange)
+        PMA_TRY(pma_exchange_interface(c));
+    PMA_TRY(pma_fine_solve(c));
 
     /* what ends here beside the fine steps: awaited, and the macro step before committed */
-    if (status == PMA_OK && pma_look_ahead_is_used(c))
-        status = complete_deferred(c);
+    if (pma_look_ahead_is_used(c))
+        PMA_TRY(complete_deferred(c));
 
     /* link problems that end here, added */
-    if (status == PMA_OK)
-        status = pma_fine_end(c);
-    return status;
-}
-
-/* The same of several processes, which meet in between. Members beside the fine steps
- * (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step before it is
- * committed. */
-static pma_status meeting_step(pma_coupler *c)
-{
-    pma_status status = pma_fine_begin(c);
-    if (status == PMA_OK)
-        status = pma_exchange_interface(c);
-    if (status == PMA_OK)
-        status = pma_fine_solve(c);
-    if (status == PMA_OK && pma_look_ahead_is_used(c))
-        status = pma_look_ahead_await(c);
-    if (status == PMA_OK)
-        status = pma_fine_end(c);
-    return status == PMA_OK ? pma_exchange_jumps(c) : status;
+    PMA_TRY(pma_fine_end(c));
+    return c->exchange ? pma_exchange_jumps(c) : PMA_OK;
 }
 
 /* (S3)  After the first macro step, for the members that take double steps from now on */
@@ -167,21 +152,20 @@ static void rebase(pma_coupler *c)
 }
 
 /* Sleeps until the fine step is due, and takes it. */
-__attribute__((noinline)) static pma_status take_paced(pma_coupler *c,
-                                                       pma_status (*take)(pma_coupler *c))
+__attribute__((noinline)) static pma_status take_paced(pma_coupler *c)
 {
-    while (!pma_pace_wait(c->pace)) {
+    bool is_due;
+    do {
+        is_due = pma_pace_wait(c->pace);
         if (c->poll && pma_coupler_poll(c))
             return PMA_STOPPED;
-    }
-    if (c->poll && pma_coupler_poll(c))
-        return PMA_STOPPED;
+    } while (!is_due);
     pma_pace_begin(c->pace);
-    const pma_status status = take(c);
-    return status == PMA_OK ? pma_pace_end(c->pace) : status;
+    PMA_TRY(c->parts.schedule->fine_step(c));
+    return pma_pace_end(c->pace);
 }
 
-pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
+pma_status pma_fine_steps(pma_coupler *c)
 {
     for (size_t i = 0; i < c->fine; i++) {
         if (i == 0)
@@ -190,20 +174,13 @@ pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
             pma_coupler_move_on(c);
         if (pma_coupler_is_stopped(c))
             return PMA_STOPPED;
-        const pma_status status = c->pace ? take_paced(c, take) : take(c);
-        if (status != PMA_OK)
-            return status;
+        PMA_TRY(c->pace ? take_paced(c) : c->parts.schedule->fine_step(c));
         if (c->record)
             pma_recorder_write(c);
     }
     if (c->present.number == 0 && c->parts.rebased)
         rebase(c);
     return PMA_OK;
-}
-
-static pma_status fine_steps(pma_coupler *c)
-{
-    return pma_fine_steps(c, c->exchange ? meeting_step : fine_step);
 }
 
 size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)
@@ -222,7 +199,8 @@ static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_
 const pma_schedule pma_fine_schedule = {.check = pma_fine_check,
                                         .instants = pma_fine_instants,
                                         .duty = duty_in_parallel,
-                                        .step = fine_steps,
+                                        .step = pma_fine_steps,
+                                        .fine_step = fine_step,
                                         .interface_pieces = interface_pieces,
                                         .move_to = pma_coupler_move_to,
                                         .rebases = true,

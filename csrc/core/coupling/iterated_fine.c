@@ -50,13 +50,9 @@ static pma_status open_long(pma_coupler *c, pma_coupled *m)
     pma_measure measure;
     bool changed;
     pma_stop_context at = {.c = c, .m = m};
-    pma_status status = table->converge(self, newton, lam, pma_macro_stops, &at);
-    if (status == PMA_OK)
-        status = table->evaluate(self, true, &measure);
-    if (status == PMA_OK)
-        status = table->linearize(self, true, lam, &changed);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(table->converge(self, newton, lam, pma_macro_stops, &at));
+    PMA_TRY(table->evaluate(self, true, &measure));
+    PMA_TRY(table->linearize(self, true, lam, &changed));
     table->rebase(self, m->now.j, lam);
     take_block(c, m);
     return PMA_OK;
@@ -66,8 +62,8 @@ static pma_status open(pma_coupler *c, pma_coupled *m)
 {
     if (!table_of(m))
         return pma_fine_open(c, m);
-    const pma_status status = table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin);
-    return status == PMA_OK && m->ratio > 1 ? open_long(c, m) : status;
+    PMA_TRY(table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin));
+    return m->ratio > 1 ? open_long(c, m) : PMA_OK;
 }
 
 static pma_status open_substeps(pma_coupler *c)
@@ -112,11 +108,10 @@ static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
     pma_iteration_member *own = member_in(c, m);
     const pma_iteration *it = c->iteration;
-    const pma_status status =
-        table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &own->changed);
-    if (status == PMA_OK && (own->changed || !own->known))
+    PMA_TRY(table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &own->changed));
+    if (own->changed || !own->known)
         take_block(c, m);
-    return status;
+    return PMA_OK;
 }
 
 static pma_status correct_one(pma_coupler *c, pma_coupled *m)
@@ -181,10 +176,8 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
     pma_status status = pma_share(c, linearize_one, is_iterated);
     if (c->exchange)
         status = pma_messages_laws(c, status);
-    if (status == PMA_OK)
-        status = solve_interface(c);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(status);
+    PMA_TRY(solve_interface(c));
     pma_share(c, correct_one, is_iterated);
     if (c->exchange)
         status = pma_messages_measures(c);
@@ -290,32 +283,26 @@ static pma_status close(pma_coupler *c, pma_coupled *m)
 
 static pma_status fine_step(pma_coupler *c)
 {
-    pma_status status = open_substeps(c);
-    if (status == PMA_OK && c->exchange)
-        status = pma_messages_begin(c);
-    if (status == PMA_OK && c->parts.motion_count > 0)
+    PMA_TRY(open_substeps(c));
+    if (c->exchange)
+        PMA_TRY(pma_messages_begin(c));
+    if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
-    if (status == PMA_OK)
-        status = pma_coupler_has(c, is_iterated) ? iterate(c) : solve_interface(c);
-    if (status == PMA_OK)
-        status = pma_share(c, close, pma_is_ending);
-    return status == PMA_OK && c->exchange ? pma_exchange_jumps(c) : status;
-}
-
-static pma_status fine_steps(pma_coupler *c)
-{
-    return pma_fine_steps(c, fine_step);
+    PMA_TRY(pma_coupler_has(c, is_iterated) ? iterate(c) : solve_interface(c));
+    PMA_TRY(pma_share(c, close, pma_is_ending));
+    return c->exchange ? pma_exchange_jumps(c) : PMA_OK;
 }
 
 static pma_status macro_step(pma_coupler *c)
 {
-    return pma_iteration_step(c, fine_steps);
+    return pma_iteration_step(c, pma_fine_steps);
 }
 
 const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,
                                             .instants = pma_fine_instants,
                                             .duty = pma_fine_duty,
                                             .step = macro_step,
+                                            .fine_step = fine_step,
                                             .prepare = pma_iteration_create_fine,
                                             .interface_pieces = pma_messages_pieces,
                                             .move_to = pma_coupler_move_to,

@@ -73,9 +73,7 @@ pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
     for (size_t j = 0; j < member->substeps; j++) {
         if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        const pma_status status = take(c, m, j);
-        if (status != PMA_OK)
-            return status;
+        PMA_TRY(take(c, m, j));
         if (inner && j + 1 < member->substeps)
             member->table->record(member->self, PMA_MOTION, j + 1, NULL, inner,
                                   pma_recorder_row(c, j + 1, member->substeps));
@@ -95,10 +93,8 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
     const bool defers = is_mean ? member->defers : member->substeps == 1;
     pma_substep step = pma_substep_of(c, m, j);
     step.is_free_run = true;
-    const pma_status status = member->table->advance(member->self, NULL, &step, lam, NULL);
-    if (status != PMA_OK || defers)
-        return status;
-    return member->table->advance(member->self, &step, NULL, lam, NULL);
+    PMA_TRY(member->table->advance(member->self, NULL, &step, lam, NULL));
+    return defers ? PMA_OK : member->table->advance(member->self, &step, NULL, lam, NULL);
 }
 
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)

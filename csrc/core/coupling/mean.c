@@ -217,10 +217,9 @@ static pma_status macro_step(pma_coupler *c)
     static const pma_macro_stages STAGES = {.free_run = pma_mean_free_run,
                                             .solve = solve_interface,
                                             .link_response = pma_mean_link_response};
-    const pma_status status = pma_macro_step(c, &STAGES);
-    if (status == PMA_OK)
-        pma_mean_record(c);
-    return status;
+    PMA_TRY(pma_macro_step(c, &STAGES));
+    pma_mean_record(c);
+    return PMA_OK;
 }
 
 static pma_status prepare(pma_coupler *c, const pma_iteration_parts *parts)

@@ -123,6 +123,8 @@ struct pma_schedule {
     pma_duty (*duty)(const pma_member *member);
     /* A macro step, up to where all have arrived at its end; `working` is then that of its end. */
     pma_status (*step)(pma_coupler *c);
+    /* ... of fine steps (pma_fine_steps): one of them, before it is recorded */
+    pma_status (*fine_step)(pma_coupler *c);
     /* What it needs more, to iterate say; NULL if nothing. */
     pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
     /* Records the accelerations that no state has, of the present; NULL if there are none. */
@@ -375,8 +377,8 @@ pma_status pma_fine_end(pma_coupler *c);
 /* Of a member in the fine steps, none of which is left beside them. */
 pma_duty pma_fine_duty(const pma_member *member);
 
-/* A macro step of fine steps, each taken by `take` and recorded. */
-pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c));
+/* A macro step of fine steps, as the schedule has them. */
+pma_status pma_fine_steps(pma_coupler *c);
 
 /* ---- recorder.c ----------------------------------------------------------------------------- */
 

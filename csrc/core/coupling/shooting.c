@@ -73,20 +73,16 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
     const pma_substep step = pma_substep_of(c, m, j);
     const double *lam = multipliers_at(c, m, j + 1);
     if (!iterated) {
-        const pma_status status = member->table->advance(member->self, NULL, &step, lam, NULL);
-        return status == PMA_OK ? member->table->advance(member->self, &step, NULL, lam, NULL)
-                                : status;
+        PMA_TRY(member->table->advance(member->self, NULL, &step, lam, NULL));
+        return member->table->advance(member->self, &step, NULL, lam, NULL);
     }
     pma_stop_context at = {.c = c, .m = m};
-    pma_status status = iterated->begin(member->self, &step, lam);
-    if (status == PMA_OK)
-        status = iterated->converge(member->self, &c->iteration->parts.newton, lam, pma_macro_stops,
-                                    &at);
-    if (status == PMA_OK)
-        status = iterated->finish(member->self, lam);
-    if (status == PMA_OK)
-        count_corrections(c, m, j);
-    return status;
+    const pma_newton *newton = &c->iteration->parts.newton;
+    PMA_TRY(iterated->begin(member->self, &step, lam));
+    PMA_TRY(iterated->converge(member->self, newton, lam, pma_macro_stops, &at));
+    PMA_TRY(iterated->finish(member->self, lam));
+    count_corrections(c, m, j);
+    return PMA_OK;
 }
 
 /* (K2)  The multipliers that push a member, in a double step the mean of two macro
@@ -276,9 +272,7 @@ static pma_status shoot(pma_coupler *c, const double *known)
     pma_iteration *it = c->iteration;
     forget_corrections(c);
     for (size_t pass = 0; pass < it->parts.newton.iterations; pass++) {
-        const pma_status status = run_members(c, pass == 0);
-        if (status != PMA_OK)
-            return status;
+        PMA_TRY(run_members(c, pass == 0));
         residual(c, known, it->residual);
         const double scale = scale_of_energies(c);
         correct(c, pass == 0);
@@ -346,10 +340,10 @@ static pma_status run_all(pma_coupler *c)
 {
     static const pma_macro_stages STAGES = {
         .free_run = run_free, .solve = solve, .link_response = link_response};
-    const pma_status status = pma_macro_step(c, &STAGES);
-    if (status == PMA_OK && is_mean(c))
+    PMA_TRY(pma_macro_step(c, &STAGES));
+    if (is_mean(c))
         pma_mean_record(c);
-    return status;
+    return PMA_OK;
 }
 
 static pma_status macro_step(pma_coupler *c)

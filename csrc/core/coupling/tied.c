@@ -54,19 +54,19 @@ static void find_shift(pma_coupler *c)
 
 static pma_status solve(pma_coupler *c)
 {
-    const pma_status status = c->exchange ? pma_exchange_interface(c) : PMA_OK;
-    return status == PMA_OK ? pma_fine_solve(c) : status;
+    if (c->exchange)
+        PMA_TRY(pma_exchange_interface(c));
+    return pma_fine_solve(c);
 }
 
 /* (V1), (V2), (V4), and the interface problem once more */
 static pma_status shift_all(pma_coupler *c)
 {
-    pma_status status = c->exchange ? pma_exchange_interface(c) : PMA_OK;
-    if (status != PMA_OK)
-        return status;
+    if (c->exchange)
+        PMA_TRY(pma_exchange_interface(c));
     find_shift(c);
-    status = pma_share(c, shift, pma_is_any);
-    return status == PMA_OK ? solve(c) : status;
+    PMA_TRY(pma_share(c, shift, pma_is_any));
+    return solve(c);
 }
 
 static pma_status fine_step(pma_coupler *c)
@@ -74,20 +74,13 @@ static pma_status fine_step(pma_coupler *c)
     if (c->k == 1)
         memcpy(c->working.d, c->present.d, c->parts.p * sizeof(double));
     memcpy(c->sums, c->k == 1 ? c->present.g : c->working.g, c->parts.p * sizeof(double));
-    pma_status status = pma_fine_begin(c);
-    if (status == PMA_OK)
-        status = solve(c);
+    PMA_TRY(pma_fine_begin(c));
+    PMA_TRY(solve(c));
     move_jump(c, c->sums);
-    if (status == PMA_OK && c->k == c->fine)
-        status = shift_all(c);
-    if (status == PMA_OK)
-        status = pma_fine_end(c);
-    return status == PMA_OK && c->exchange ? pma_exchange_jumps(c) : status;
-}
-
-static pma_status fine_steps(pma_coupler *c)
-{
-    return pma_fine_steps(c, fine_step);
+    if (c->k == c->fine)
+        PMA_TRY(shift_all(c));
+    PMA_TRY(pma_fine_end(c));
+    return c->exchange ? pma_exchange_jumps(c) : PMA_OK;
 }
 
 /* In the last fine step also the displacements that are expected, and the free velocities once they
@@ -111,7 +104,8 @@ static void move_to(pma_coupler *c, size_t k)
 const pma_schedule pma_tied_schedule = {.check = check,
                                         .instants = pma_fine_instants,
                                         .duty = pma_fine_duty,
-                                        .step = fine_steps,
+                                        .step = pma_fine_steps,
+                                        .fine_step = fine_step,
                                         .interface_pieces = interface_pieces,
                                         .move_to = move_to,
                                         .more_rounds = 2,

@@ -5,6 +5,7 @@
 
 #include "algebra/lanes.h"
 #include "member/subdomain_struct.h"
+#include "object.h"
 
 bool pma_cases_are_possible(const pma_subdomain *s)
 {
@@ -113,7 +114,7 @@ pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out)
     }
     (*out)->spread = block;
     if (of->response)
-        pma_response_store((*out)->response, pma_response_units(of->response));
+        (*out)->response->units = of->response->units;
     return pma_subdomain_watch_lanes(*out, of);
 }
 
@@ -127,31 +128,28 @@ struct pma_unit_response {
 
 pma_status pma_unit_response_create(const pma_subdomain *s, pma_unit_response **out)
 {
-    *out = NULL;
-    pma_unit_response *r = calloc(1, sizeof *r);
+    const size_t p = s->parts.link.p * PMA_LANES;
+    const pma_array arrays[] = {PMA_ARRAY(pma_unit_response, lam, p),
+                                PMA_ARRAY(pma_unit_response, end, p),
+                                PMA_ARRAY(pma_unit_response, mean, p),
+                                {0}};
+    pma_unit_response *r = *out = pma_object_create(sizeof *r, arrays);
     if (!r)
         return PMA_NO_MEMORY;
     r->lanes.parts = parts_in_lanes(&s->parts);
     r->lanes.update = s->update;
-    const size_t p = r->lanes.parts.link.p;
     const pma_status status = pma_response_create(&r->lanes, &r->response);
-    r->lam = calloc(3 * p + 1, sizeof *r->lam);
-    if (status != PMA_OK || !r->lam) {
-        pma_unit_response_destroy(r);
-        return PMA_NO_MEMORY;
+    if (status != PMA_OK) {
+        free(r);
+        *out = NULL;
     }
-    r->end = r->lam + p;
-    r->mean = r->end + p;
-    *out = r;
-    return PMA_OK;
+    return status;
 }
 
 void pma_unit_response_destroy(pma_unit_response *r)
 {
-    if (!r)
-        return;
-    pma_response_destroy(r->response);
-    free(r->lam);
+    if (r)
+        pma_response_destroy(r->response);
     free(r);
 }
 
@@ -166,7 +164,7 @@ void pma_unit_response_begin(pma_unit_response *r, bool twice, size_t count, con
 void pma_unit_response_step(pma_unit_response *r, size_t j)
 {
     const pma_parts *p = &r->lanes.parts;
-    const pma_state *x = pma_response_state(r->response);
+    const pma_state *x = &r->response->state;
     const double *v = pma_interface_of(&r->lanes, x->v), *u = pma_interface_of(&r->lanes, x->u);
     pma_response_step(r->response, j, r->lam);
     pma_link_gather(&p->link, 1.0 / (double)p->substeps, v, r->mean);
@@ -188,12 +186,12 @@ double pma_unit_response_mean(const pma_unit_response *r, size_t lane, int64_t r
 
 void pma_unit_response_copy(const pma_unit_response *r, size_t lane, double *out)
 {
-    const double *u = pma_response_state(r->response)->u;
+    const double *u = r->response->state.u;
     for (size_t i = 0; i < 4 * r->lanes.parts.n / PMA_LANES; i++)
         out[i] = u[i * PMA_LANES + lane];
 }
 
 bool pma_unit_response_is_finite(const pma_unit_response *r)
 {
-    return pma_is_finite(4 * r->lanes.parts.n, pma_response_state(r->response)->u);
+    return pma_is_finite(4 * r->lanes.parts.n, r->response->state.u);
 }

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "member/iterated_substep.h"
+#include "object.h"
 
 /* ---- making --------------------------------------------------------------------------------- */
 
@@ -72,78 +73,73 @@ static pma_status find_spring_entries(pma_iterate *it)
     return PMA_OK;
 }
 
-static double *take(double **next, size_t count)
-{
-    double *taken = *next;
-    *next += count;
-    return taken;
-}
-
 static pma_status allocate(pma_iterate *it)
 {
     const pma_parts *p = &it->of->parts;
-    const size_t n = p->n, total = p->springs.total, springs = pma_iterate_spring_numbers(it);
-    const size_t history = p->internal.history, functions = pma_internal_scratch(&p->internal);
-    const size_t kept = it->parts.keeps ? (size_t)it->parts.tangent.ptr[n] : 0;
-    const size_t stiffness = p->internal.count > 0 ? (size_t)it->parts.tangent.ptr[n] : 0;
-    const size_t size = 15 * n + 2 * p->nb + 2 * p->link.p + springs + total + history + functions +
-                        kept + stiffness;
-    it->block = calloc(size + 1, sizeof(double));
-    it->rows = calloc(p->link.p + 1, sizeof *it->rows);
-    it->column = calloc(entries_of_link(&p->link) + 1, sizeof *it->column);
-    it->spring_entries = calloc(4 * total + 1, sizeof *it->spring_entries);
-    it->diagonal = calloc(n + 1, sizeof *it->diagonal);
-    if (!it->block || !it->rows || !it->column || !it->spring_entries || !it->diagonal)
-        return PMA_NO_MEMORY;
-    double *next = it->block;
-    double **const vectors[15] = {&it->u_n,  &it->v_n,     &it->fixed,  &it->guess, &it->u,
-                                  &it->v,    &it->f,       &it->force,  &it->R,     &it->dw,
-                                  &it->size, &it->product, &it->forces, &it->limit, &it->rounding};
-    for (size_t i = 0; i < 15; i++)
-        *vectors[i] = take(&next, n);
-    it->pull = take(&next, p->nb);
-    it->pull_size = take(&next, p->nb);
-    it->lam = take(&next, 2 * p->link.p);
-    it->springs_n = take(&next, springs);
-    it->slopes = take(&next, total);
-    it->history_n = take(&next, history);
-    it->scratch = take(&next, functions);
-    it->entries = take(&next, kept);
-    it->stiffness = take(&next, stiffness);
-    return PMA_OK;
+    const size_t n = p->n, total = p->springs.total, entries = pma_iterate_entries(it);
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_iterate, u_n, n),
+        PMA_ARRAY(pma_iterate, v_n, n),
+        PMA_ARRAY(pma_iterate, fixed, n),
+        PMA_ARRAY(pma_iterate, guess, n),
+        PMA_ARRAY(pma_iterate, u, n),
+        PMA_ARRAY(pma_iterate, v, n),
+        PMA_ARRAY(pma_iterate, f, n),
+        PMA_ARRAY(pma_iterate, force, n),
+        PMA_ARRAY(pma_iterate, R, n),
+        PMA_ARRAY(pma_iterate, dw, n),
+        PMA_ARRAY(pma_iterate, size, n),
+        PMA_ARRAY(pma_iterate, product, n),
+        PMA_ARRAY(pma_iterate, forces, n),
+        PMA_ARRAY(pma_iterate, limit, n),
+        PMA_ARRAY(pma_iterate, rounding, n),
+        PMA_ARRAY(pma_iterate, pull, p->nb),
+        PMA_ARRAY(pma_iterate, pull_size, p->nb),
+        PMA_ARRAY(pma_iterate, lam, 2 * p->link.p),
+        PMA_ARRAY(pma_iterate, springs_n, pma_iterate_spring_numbers(it)),
+        PMA_ARRAY(pma_iterate, slopes, total),
+        PMA_ARRAY(pma_iterate, history_n, p->internal.history),
+        PMA_ARRAY(pma_iterate, scratch, pma_internal_scratch(&p->internal)),
+        PMA_ARRAY(pma_iterate, entries, it->parts.keeps ? entries : 0),
+        PMA_ARRAY(pma_iterate, stiffness, p->internal.count > 0 ? entries : 0),
+        PMA_ARRAY(pma_iterate, rows, p->link.p),
+        PMA_ARRAY(pma_iterate, column, entries_of_link(&p->link)),
+        PMA_ARRAY(pma_iterate, spring_entries, 4 * total),
+        PMA_ARRAY(pma_iterate, diagonal, n),
+        {0}};
+    it->block = pma_object_fill(it, arrays);
+    return it->block ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status fill(pma_iterate *it)
+{
+    const pma_numeric_parts *tangent = &it->parts.tangent;
+    PMA_TRY(pma_numeric_create(tangent, &it->numeric));
+    PMA_TRY(allocate(it));
+    find_rows(it);
+    for (size_t i = 0; i < tangent->n; i++)
+        it->diagonal[i] = (int64_t)pma_numeric_entry(tangent, i, i);
+    PMA_TRY(find_spring_entries(it));
+    const size_t many = pma_numeric_compliance_scratch(&it->numeric, it->count);
+    it->many = calloc(many + 1, sizeof *it->many);
+    return it->many ? PMA_OK : PMA_NO_MEMORY;
 }
 
 pma_status pma_iterate_create(pma_subdomain *s, const pma_iterate_parts *parts, pma_iterate **out)
 {
     *out = NULL;
-    pma_status status = check(&s->parts, parts);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(check(&s->parts, parts));
     pma_iterate *it = calloc(1, sizeof *it);
     if (!it)
         return PMA_NO_MEMORY;
     it->of = s;
     it->parts = *parts;
-    status = pma_numeric_create(&parts->tangent, &it->numeric);
+    const pma_status status = fill(it);
     if (status == PMA_OK)
-        status = allocate(it);
-    if (status == PMA_OK) {
-        find_rows(it);
-        for (size_t i = 0; i < s->parts.n; i++)
-            it->diagonal[i] = (int64_t)pma_numeric_entry(&parts->tangent, i, i);
-        status = find_spring_entries(it);
-    }
-    if (status == PMA_OK) {
-        it->many =
-            calloc(pma_numeric_compliance_scratch(&it->numeric, it->count) + 1, sizeof *it->many);
-        status = it->many ? PMA_OK : PMA_NO_MEMORY;
-    }
-    if (status != PMA_OK) {
+        *out = it;
+    else
         pma_iterate_destroy(it);
-        return status;
-    }
-    *out = it;
-    return PMA_OK;
+    return status;
 }
 
 void pma_iterate_destroy(pma_iterate *it)
@@ -153,10 +149,6 @@ void pma_iterate_destroy(pma_iterate *it)
     pma_numeric_destroy(&it->numeric);
     free(it->block);
     free(it->many);
-    free(it->rows);
-    free(it->column);
-    free(it->spring_entries);
-    free(it->diagonal);
     free(it);
 }
 

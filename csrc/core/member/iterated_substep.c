@@ -38,9 +38,8 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     const pma_parts *p = &s->parts;
     if (p->lagged)
         pma_matrix_subtract(&p->C, s->vs, it->fixed);
-    pma_status status = s->limits || s->stamp ? pma_substep_command(s, &it->step, to) : PMA_OK;
-    if (status != PMA_OK)
-        return status;
+    if (s->limits || s->stamp)
+        PMA_TRY(pma_substep_command(s, &it->step, to));
     if (!it->parts.springs)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->fixed);
     if (p->D_r.form != PMA_ZERO) {
@@ -49,8 +48,8 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
         pma_matrix_subtract(&p->D_r, it->product, it->fixed);
     }
     if (p->restoring.function)
-        status = pma_substep_subtract_restoring(s, &it->step, to, it->fixed);
-    return status == PMA_OK && (s->limits || s->stamp) ? pma_substep_measure(s, to) : status;
+        PMA_TRY(pma_substep_subtract_restoring(s, &it->step, to, it->fixed));
+    return s->limits || s->stamp ? pma_substep_measure(s, to) : PMA_OK;
 }
 
 /* pull := L_b^T Lam, and its size */
@@ -321,9 +320,7 @@ static pma_status linearize(void *self, bool fresh, const double *lam, bool *cha
     *changed = false;
     if (it->linearized)
         return PMA_OK;
-    const pma_status status = fresh ? factor(it, changed) : PMA_OK;
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(fresh ? factor(it, changed) : PMA_OK);
     it->linearized = fresh;
     memcpy(it->dw, it->R, n * sizeof(double));
     pma_factor_open(&it->numeric.factor, it->dw, vf, s->work);
@@ -443,43 +440,26 @@ static bool has_factor(const void *self)
 
 /* ---- a substep that is iterated alone ------------------------------------------------------- */
 
-typedef struct {
-    pma_subdomain *s;
-    const double *lam;
-    bool (*stop)(void *ctx);
-    void *ctx;
-} alone;
+typedef pma_iterated_alone alone;
 
-static pma_status alone_evaluate(void *ctx, bool tangent, pma_measure *m)
+static pma_status alone_evaluate(void *self, bool tangent, pma_measure *m)
 {
-    const alone *own = ctx;
-    return own->stop(own->ctx) ? PMA_STOPPED : evaluate(own->s, tangent, m);
+    const alone *own = &((pma_subdomain *)self)->iterate->alone;
+    return own->stop(own->ctx) ? PMA_STOPPED : evaluate(self, tangent, m);
 }
 
-static pma_status alone_correct(void *ctx, bool fresh, pma_measure *m)
+static pma_status alone_correct(void *self, bool fresh, pma_measure *m)
 {
-    const alone *own = ctx;
+    const alone *own = &((pma_subdomain *)self)->iterate->alone;
     bool changed;
-    const pma_status status = linearize(own->s, fresh, own->lam, &changed);
-    if (status == PMA_OK)
-        correct(own->s, own->lam, m);
-    return status;
+    PMA_TRY(linearize(self, fresh, own->lam, &changed));
+    correct(self, own->lam, m);
+    return PMA_OK;
 }
 
-static void alone_move(void *ctx, double by)
+static void alone_restart(void *self)
 {
-    move(((alone *)ctx)->s, by);
-}
-
-static void alone_restart(void *ctx)
-{
-    const alone *own = ctx;
-    restart(own->s, own->lam);
-}
-
-static void alone_remember_rounding(void *ctx)
-{
-    remember_rounding(((alone *)ctx)->s);
+    restart(self, ((pma_subdomain *)self)->iterate->alone.lam);
 }
 
 static pma_status converge(void *self, const pma_newton *newton, const double *lam,
@@ -487,15 +467,14 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
 {
     static const pma_equations EQUATIONS = {.evaluate = alone_evaluate,
                                             .correct = alone_correct,
-                                            .move = alone_move,
+                                            .move = move,
                                             .restart = alone_restart,
-                                            .remember_rounding = alone_remember_rounding};
-    pma_subdomain *s = self;
-    alone own = {.s = s, .lam = lam, .stop = stop, .ctx = ctx};
-    const pma_status status = pma_newton_solve(newton, &EQUATIONS, &own, has_factor(s));
-    if (status == PMA_OK)
-        s->iterate->scale = s->iterate->motion;
-    return status;
+                                            .remember_rounding = remember_rounding};
+    pma_iterate *it = ((pma_subdomain *)self)->iterate;
+    it->alone = (alone){.lam = lam, .stop = stop, .ctx = ctx};
+    PMA_TRY(pma_newton_solve(newton, &EQUATIONS, self, has_factor(self)));
+    it->scale = it->motion;
+    return PMA_OK;
 }
 
 /* Springs and functions at the end of the substep: they are evaluated at the state itself */
@@ -524,9 +503,7 @@ static pma_status finish(void *self, const double *lam)
         return PMA_NOT_FINITE;
     const bool springs = it->parts.springs && s->parts.springs.total > 0;
     if (!it->evaluated && (s->balance || s->energy || history > 0 || springs)) {
-        const pma_status status = evaluate_forces(it, x->u, x->v, NULL);
-        if (status != PMA_OK)
-            return status;
+        PMA_TRY(evaluate_forces(it, x->u, x->v, NULL));
         if (!pma_is_finite(s->parts.n, it->f))
             return PMA_NOT_FINITE;
     }

@@ -5,6 +5,13 @@
 #include "algebra/numeric.h"
 #include "member/subdomain_struct.h"
 
+/* What a substep is iterated with that is iterated alone. */
+typedef struct {
+    const double *lam;
+    bool (*stop)(void *ctx);
+    void *ctx;
+} pma_iterated_alone;
+
 struct pma_iterate {
     pma_subdomain *of;
     pma_iterate_parts parts;
@@ -14,6 +21,7 @@ struct pma_iterate {
     size_t *column; /* of each entry of the link, the place of its constraint in rows */
 
     /* the substep at hand */
+    pma_iterated_alone alone;
     pma_substep step;
     size_t corrections;
     bool factored, factored_twice; /* there is a factor, and of which step */
@@ -46,7 +54,7 @@ struct pma_iterate {
     double *lam;                        /* 2 p: scratch, the first half zero */
     double *many;                       /* scratch of pma_numeric_compliance */
     double *size, *product;             /* n: scratch */
-    double *block;
+    void *block;
 };
 
 /* What a coupler is given. */

@@ -3,27 +3,21 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "algebra/lanes.h"
+#include "object.h"
 
 /* ---- memory --------------------------------------------------------------------------------- */
 
-static double *take(double **next, size_t count)
+/* A state in a block, and what follows it. */
+static double *take_state(const pma_levels *l, double *x, pma_state *s)
 {
-    double *taken = *next;
-    *next += count;
-    return taken;
-}
-
-static pma_state take_state(double **next, const pma_levels *l)
-{
-    pma_state s;
-    s.u = take(next, l->n);
-    s.v = take(next, l->n);
-    s.w = take(next, l->n);
-    s.a = take(next, l->n);
-    s.springs = take(next, l->springs);
-    s.history = take(next, l->history);
-    return s;
+    const size_t n = l->n;
+    *s = (pma_state){.u = x,
+                     .v = x + n,
+                     .w = x + 2 * n,
+                     .a = x + 3 * n,
+                     .springs = x + 4 * n,
+                     .history = x + 4 * n + l->springs};
+    return s->history + l->history;
 }
 
 static size_t state_size(const pma_levels *l)
@@ -35,24 +29,26 @@ pma_status pma_levels_create(pma_levels *l)
 {
     l->count = l->doubled && l->substeps > 1 ? 2 : 1;
     const size_t states = 1 + l->count + (l->doubled ? 1 : 0);
-    /* at most 4 (4 n + springs + history) + 4 nb doubles: no overflow below these */
+    const pma_array arrays[] = {
+        {offsetof(pma_levels, states), states, state_size(l) * sizeof(double)},
+        PMA_ARRAY(pma_levels, vf_present, l->nb),
+        PMA_ARRAY(pma_levels, vf_work[0], l->nb),
+        PMA_ARRAY(pma_levels, vf_work[1], l->nb),
+        PMA_ARRAY(pma_levels, vf_previous, l->nb),
+        {0}};
+    /* no overflow in the size of a state below these */
     if (l->n > SIZE_MAX / (128 * sizeof(double)) || l->springs > SIZE_MAX / (16 * sizeof(double)) ||
         l->history > SIZE_MAX / (16 * sizeof(double)))
         return PMA_NO_MEMORY;
-    l->block = calloc(states * state_size(l) + 4 * l->nb + PMA_LANES, sizeof(double));
+    l->block = pma_object_fill(l, arrays);
     if (!l->block)
         return PMA_NO_MEMORY;
-    double *next = pma_first_line(l->block);
-    l->present = take_state(&next, l);
+    double *next = take_state(l, l->states, &l->present);
     for (size_t i = 0; i < l->count; i++)
-        l->work[i] = take_state(&next, l);
+        next = take_state(l, next, &l->work[i]);
     if (l->doubled)
-        l->previous = take_state(&next, l);
-    l->vf_present = take(&next, l->nb);
-    l->vf_work[0] = take(&next, l->nb);
-    l->vf_work[1] = take(&next, l->nb);
+        take_state(l, next, &l->previous);
     l->vf_most = 1;
-    l->vf_previous = take(&next, l->nb);
     return PMA_OK;
 }
 
@@ -65,19 +61,20 @@ void pma_levels_destroy(pma_levels *l)
 pma_status pma_levels_extend(pma_levels *l)
 {
     const size_t count = !l->doubled ? 2 : l->substeps > 1 ? 4 : 3;
+    const pma_array arrays[] = {
+        {offsetof(pma_levels, states), count - l->count, state_size(l) * sizeof(double)},
+        PMA_ARRAY(pma_levels, vf_work[2], l->nb),
+        PMA_ARRAY(pma_levels, vf_work[3], l->nb),
+        {0}};
     if (l->block_ahead)
         return PMA_OK;
-    l->block_ahead =
-        calloc((count - l->count) * state_size(l) + 2 * l->nb + PMA_LANES, sizeof(double));
+    l->block_ahead = pma_object_fill(l, arrays);
     if (!l->block_ahead)
         return PMA_NO_MEMORY;
-    double *next = pma_first_line(l->block_ahead);
-    for (size_t i = l->count; i < count; i++)
-        l->work[i] = take_state(&next, l);
-    l->vf_work[2] = take(&next, l->nb);
-    l->vf_work[3] = take(&next, l->nb);
+    double *next = l->states;
+    for (; l->count < count; l->count++)
+        next = take_state(l, next, &l->work[l->count]);
     l->vf_most = 3;
-    l->count = count;
     return PMA_OK;
 }
 

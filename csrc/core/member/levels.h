@@ -26,7 +26,8 @@ typedef struct {
     double *vf_work[PMA_MOST_LEVELS];
     size_t count, first;      /* of `work`: how many there are, and where they begin */
     size_t vf_most, vf_first; /* of `vf_work`: the last of 2 or 4, and where they begin */
-    double *block, *block_ahead;
+    double *states;           /* those that were made last */
+    void *block, *block_ahead;
 } pma_levels;
 
 /* All levels zero, none open. l->n, nb, springs, substeps and doubled are set by the caller. */

@@ -111,7 +111,7 @@ static void record(void *self, pma_recordable what, size_t j, const double *lam,
     if (what == PMA_MOTION) {
         pma_selection_write(selection, pma_levels_at(&s->levels, j), row);
     } else if (what == PMA_RESPONSE) {
-        pma_selection_add(selection, pma_response_state(s->response), row);
+        pma_selection_add(selection, &s->response->state, row);
     } else {
         pma_substep_accelerate(s, lam, s->acceleration);
         pma_selection_accelerate(selection, s->acceleration, row);
@@ -184,11 +184,10 @@ static void advance_response(void *self, size_t j, const double *lam, const doub
     pma_subdomain *s = self;
     pma_response_step(s->response, j, dlam);
     if (s->energy)
-        pma_energy_advance_response(s->energy, j, pma_response_is_twice(s->response),
-                                    pma_response_state(s->response), lam, dlam);
+        pma_energy_advance_response(s->energy, j, s->response->twice, &s->response->state, lam,
+                                    dlam);
     if (s->balance)
-        pma_balance_advance_response(s->balance, j, s->parts.single.step.al1,
-                                     pma_response_state(s->response));
+        pma_balance_advance_response(s->balance, j, s->parts.single.step.al1, &s->response->state);
 }
 
 /* A subdomain that no constraint reaches does not respond. */

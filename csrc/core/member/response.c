@@ -7,17 +7,6 @@
 #include "member/subdomain_struct.h"
 #include "object.h"
 
-struct pma_response {
-    const pma_subdomain *of;
-    pma_state state;
-    pma_unit_responses units;
-    double *vs;   /* n: extrapolated velocity, if C is lagged */
-    double *pull; /* nb: L_b^T lam */
-    double *y;    /* n: mean coupling: M^-1 L_b^T lam */
-    bool twice;   /* of a double step */
-    double *work; /* scratch of the factor */
-};
-
 /* ---- making --------------------------------------------------------------------------------- */
 
 pma_status pma_response_create(pma_subdomain *s, pma_response **out)
@@ -50,19 +39,9 @@ void pma_response_store(pma_response *r, pma_unit_responses units)
     r->units = units;
 }
 
-pma_unit_responses pma_response_units(const pma_response *r)
-{
-    return r->units;
-}
-
 bool pma_response_is_stored(const pma_response *r)
 {
     return r->units.count > 0;
-}
-
-bool pma_response_is_twice(const pma_response *r)
-{
-    return r->twice;
 }
 
 const pma_state *pma_response_state(const pma_response *r)

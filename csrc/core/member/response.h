@@ -23,9 +23,8 @@ typedef struct {
 } pma_unit_responses;
 
 void pma_response_store(pma_response *r, pma_unit_responses units);
-pma_unit_responses pma_response_units(const pma_response *r);
+
 bool pma_response_is_stored(const pma_response *r);
-bool pma_response_is_twice(const pma_response *r);
 
 /* Before the first substep: the response is that of single steps or of a double step. Under mean
  * coupling y (n) := M^-1 L_b^T lam, half of it in a double step.                            (K1) */

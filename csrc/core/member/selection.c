@@ -21,20 +21,30 @@ static void add_product(const pma_combination *A, size_t rows, const double *x, 
     }
 }
 
-static void add_outputs(const pma_selection *selection, const pma_state *state, double *y)
+/* row (count) := or += the numbers of x (n) at the positions selected */
+static void take(const pma_selection *selection, const double *x, bool adds, double *row)
 {
-    add_product(&selection->of_u, selection->outputs, state->u, y);
-    add_product(&selection->of_v, selection->outputs, state->v, y);
-    add_product(&selection->of_w, selection->outputs, state->w, y);
+    for (size_t i = 0; i < selection->count; i++) {
+        const double value = x[selection->position[i]];
+        row[i] = adds ? row[i] + value : value;
+    }
 }
 
-static void write_outputs(const pma_selection *selection, const pma_state *state, size_t row)
+static void take_motion(const pma_selection *selection, const pma_state *state, bool adds,
+                        size_t row)
 {
-    if (selection->outputs == 0)
+    const size_t outputs = selection->outputs, at = row * selection->count;
+    double *y = selection->output + row * outputs;
+    take(selection, state->u, adds, selection->u + at);
+    take(selection, state->v, adds, selection->v + at);
+    take(selection, state->w, adds, selection->w + at);
+    if (outputs == 0)
         return;
-    double *y = selection->output + row * selection->outputs;
-    memset(y, 0, selection->outputs * sizeof(double));
-    add_outputs(selection, state, y);
+    if (!adds)
+        memset(y, 0, outputs * sizeof(double));
+    add_product(&selection->of_u, outputs, state->u, y);
+    add_product(&selection->of_v, outputs, state->v, y);
+    add_product(&selection->of_w, outputs, state->w, y);
 }
 
 static void write_springs(const pma_selection *selection, const pma_state *state, size_t row)
@@ -58,61 +68,27 @@ static void write_history(const pma_selection *selection, const pma_state *state
         selection->corrections[row] = state->history[selection->of_history];
 }
 
-static void write_one(const pma_selection *selection, const pma_state *state, size_t row)
-{
-    double *u = selection->u + row * selection->count;
-    double *v = selection->v + row * selection->count;
-    double *w = selection->w + row * selection->count;
-    for (size_t i = 0; i < selection->count; i++) {
-        const int64_t k = selection->position[i];
-        u[i] = state->u[k];
-        v[i] = state->v[k];
-        w[i] = state->w[k];
-    }
-    write_springs(selection, state, row);
-    write_history(selection, state, row);
-    write_outputs(selection, state, row);
-}
-
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
 {
-    for (; selection; selection = selection->next)
-        write_one(selection, state, row);
-}
-
-static void add_one(const pma_selection *selection, const pma_state *state, size_t row)
-{
-    double *u = selection->u + row * selection->count;
-    double *v = selection->v + row * selection->count;
-    double *w = selection->w + row * selection->count;
-    for (size_t i = 0; i < selection->count; i++) {
-        const int64_t k = selection->position[i];
-        u[i] += state->u[k];
-        v[i] += state->v[k];
-        w[i] += state->w[k];
+    for (; selection; selection = selection->next) {
+        take_motion(selection, state, false, row);
+        write_springs(selection, state, row);
+        write_history(selection, state, row);
     }
-    if (selection->outputs > 0)
-        add_outputs(selection, state, selection->output + row * selection->outputs);
 }
 
 void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row)
 {
     for (; selection; selection = selection->next)
-        add_one(selection, state, row);
-}
-
-static void accelerate_one(const pma_selection *selection, const double *y, size_t row)
-{
-    double *w = selection->w + row * selection->count;
-    for (size_t i = 0; i < selection->count; i++)
-        w[i] += y[selection->position[i]];
-    if (selection->outputs > 0)
-        add_product(&selection->of_w, selection->outputs, y,
-                    selection->output + row * selection->outputs);
+        take_motion(selection, state, true, row);
 }
 
 void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row)
 {
-    for (; selection; selection = selection->next)
-        accelerate_one(selection, y, row);
+    for (; selection; selection = selection->next) {
+        take(selection, y, true, selection->w + row * selection->count);
+        if (selection->outputs > 0)
+            add_product(&selection->of_w, selection->outputs, y,
+                        selection->output + row * selection->outputs);
+    }
 }

@@ -7,6 +7,7 @@
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
 #include "member/subdomain_struct.h"
+#include "object.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
 
@@ -42,9 +43,8 @@ static pma_status check_internal(const pma_parts *parts)
     const pma_iterate_parts *iterate = parts->iterate;
     if (parts->internal.count > 0 && parts->internal.n != parts->n)
         return PMA_BAD_SIZE;
-    const pma_status status = parts->shoots ? pma_matrix_check(&parts->M) : PMA_OK;
-    if (status != PMA_OK)
-        return status;
+    if (parts->shoots)
+        PMA_TRY(pma_matrix_check(&parts->M));
     return pma_internal_check(&parts->internal,
                               iterate ? (size_t)iterate->tangent.ptr[parts->n] : SIZE_MAX);
 }
@@ -60,17 +60,20 @@ static pma_status check_mass(const pma_parts *parts)
 
 static pma_status check_parts(const pma_parts *parts)
 {
-    pma_status status = check_sizes(parts);
-    if (status || (status = pma_matrix_check(&parts->K)) ||
-        (status = pma_matrix_check(&parts->C)) ||
-        (status = pma_restoring_check(&parts->restoring)) ||
-        (status = pma_springs_check(&parts->springs, parts->n)) ||
-        (status = check_internal(parts)) || (status = pma_matrix_check(&parts->D_r)) ||
-        (status = pma_matrix_check(&parts->K_r)) || (status = pma_link_check(&parts->link)) ||
-        (status = check_mass(parts)) ||
-        (status = pma_struck_check(&parts->struck, parts->n, parts->nb)) ||
-        (status = check_operator(parts, &parts->single)) || !parts->doubled)
-        return status;
+    PMA_TRY(check_sizes(parts));
+    PMA_TRY(pma_matrix_check(&parts->K));
+    PMA_TRY(pma_matrix_check(&parts->C));
+    PMA_TRY(pma_restoring_check(&parts->restoring));
+    PMA_TRY(pma_springs_check(&parts->springs, parts->n));
+    PMA_TRY(check_internal(parts));
+    PMA_TRY(pma_matrix_check(&parts->D_r));
+    PMA_TRY(pma_matrix_check(&parts->K_r));
+    PMA_TRY(pma_link_check(&parts->link));
+    PMA_TRY(check_mass(parts));
+    PMA_TRY(pma_struck_check(&parts->struck, parts->n, parts->nb));
+    PMA_TRY(check_operator(parts, &parts->single));
+    if (!parts->doubled)
+        return PMA_OK;
     const double h = parts->single.step.h;
     if (parts->continues ? !(parts->twice.step.h > h) : parts->twice.step.h != 2.0 * h)
         return PMA_BAD_STEP;
@@ -88,43 +91,37 @@ size_t pma_parts_memory(const pma_parts *parts)
 static pma_status lay_out(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
+    const size_t n = p->n, nb = p->nb, history = p->internal.history;
     const size_t scratch = pma_parts_scratch(p);
-    const size_t extrapolated = s->extrapolates ? p->n : 0;
-    const size_t history = p->internal.history;
-    const size_t functions =
-        p->internal.count > 0 ? p->n + pma_internal_scratch(&p->internal) + history : 0;
-    s->levels = (pma_levels){.n = p->n,
-                             .nb = p->nb,
+    const size_t functions = p->internal.count > 0 ? n + pma_internal_scratch(&p->internal) : 0;
+    const bool sweeps = p->struck.ptr && p->single.factor.form != PMA_DIAGONAL;
+    const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
+                                PMA_ARRAY(pma_subdomain, force, functions),
+                                PMA_ARRAY(pma_subdomain, history, history),
+                                PMA_ARRAY(pma_subdomain, product, p->shoots ? n : 0),
+                                PMA_ARRAY(pma_subdomain, acceleration, p->mean ? n : 0),
+                                PMA_ARRAY(pma_subdomain, push, p->mean ? n : 0),
+                                PMA_ARRAY(pma_subdomain, shift, p->shifts ? 2 * n : 0),
+                                PMA_ARRAY(pma_subdomain, impulse, p->struck.inverse ? 2 * nb : 0),
+                                PMA_ARRAY(pma_subdomain, sweep, sweeps ? n : 0),
+                                PMA_ARRAY(pma_subdomain, closing, nb),
+                                PMA_ARRAY(pma_subdomain, link, nb),
+                                PMA_ARRAY(pma_subdomain, work, scratch),
+                                PMA_ARRAY(pma_subdomain, link_work, scratch),
+                                PMA_ARRAY(pma_subdomain, remembered, p->restoring.memory),
+                                {0}};
+    s->levels = (pma_levels){.n = n,
+                             .nb = nb,
                              .springs = pma_parts_memory(p),
-                             .history = p->internal.history + (s->iterate ? 1 : 0),
+                             .history = history + (s->iterate ? 1 : 0),
                              .substeps = p->substeps,
                              .doubled = p->doubled};
     PMA_TRY(pma_levels_create(&s->levels));
-    const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? 2 * p->n : 0;
-    const size_t shift = p->shifts ? 2 * p->n : 0;
-    const size_t impulse = p->struck.inverse ? 2 * p->nb : 0;
-    const bool sweeps = p->struck.ptr && p->single.factor.form != PMA_DIAGONAL;
-    s->block = calloc(extrapolated + functions + product + acceleration + shift + impulse +
-                          (sweeps ? p->n : 0) + 2 * p->nb + 2 * scratch + p->restoring.memory + 1,
-                      sizeof(double));
+    s->block = pma_object_fill(s, arrays);
     if (!s->block)
         return PMA_NO_MEMORY;
-    s->vs = s->block;
-    s->force = s->vs + extrapolated;
-    s->product = s->force + functions;
-    s->history = s->product - history;
     for (size_t i = 0; i < history; i++)
         s->history[i] = p->internal.initial[i];
-    s->acceleration = s->product + product;
-    s->push = s->acceleration + acceleration / 2;
-    s->shift = s->acceleration + acceleration;
-    s->impulse = s->shift + shift;
-    s->sweep = s->impulse + impulse;
-    s->closing = s->sweep + (sweeps ? p->n : 0);
-    s->link = s->closing + p->nb;
-    s->work = s->link + p->nb;
-    s->link_work = s->work + scratch;
-    s->remembered = s->link_work + scratch;
     return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
@@ -143,14 +140,13 @@ static pma_status create_tree(pma_factor *f, pma_tree **out)
 static pma_status create_trees(pma_subdomain *s)
 {
     pma_factor *single = &s->parts.single.factor, *twice = &s->parts.twice.factor;
-    const pma_status status = create_tree(single, &s->tree);
-    if (status != PMA_OK || !s->parts.doubled)
-        return status;
-    if (s->tree && twice->form == PMA_PANELS && twice->panels.rows == single->panels.rows) {
-        twice->tree = s->tree;
+    PMA_TRY(create_tree(single, &s->tree));
+    if (!s->parts.doubled)
         return PMA_OK;
-    }
-    return create_tree(twice, &s->tree_twice);
+    if (!s->tree || twice->form != PMA_PANELS || twice->panels.rows != single->panels.rows)
+        return create_tree(twice, &s->tree_twice);
+    twice->tree = s->tree;
+    return PMA_OK;
 }
 
 /* Whatever sweeps the factor of a step sweeps that of the last tangent. */
@@ -162,37 +158,33 @@ static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *part
     return PMA_OK;
 }
 
-pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
+static pma_status fill(pma_subdomain *s, const pma_parts *parts)
 {
-    *out = NULL;
-    pma_status status = check_parts(parts);
-    if (status != PMA_OK)
-        return status;
-    pma_subdomain *s = calloc(1, sizeof *s);
-    if (!s)
-        return PMA_NO_MEMORY;
     s->parts = *parts;
     s->update = pma_update_best();
     s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO ||
                       (parts->internal.count > 0 && !parts->iterate);
     s->evaluates = s->extrapolates || parts->springs.total > 0;
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
-    if (parts->iterate)
-        status = create_iterate(s, parts->iterate);
-    else
-        status = create_trees(s);
+    PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
+    PMA_TRY(pma_division_find(s));
+    s->table = pma_subdomain_table(s);
+    return lay_out(s);
+}
+
+pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
+{
+    *out = NULL;
+    PMA_TRY(check_parts(parts));
+    pma_subdomain *s = calloc(1, sizeof *s);
+    if (!s)
+        return PMA_NO_MEMORY;
+    const pma_status status = fill(s, parts);
     if (status == PMA_OK)
-        status = pma_division_find(s);
-    if (status == PMA_OK) {
-        s->table = pma_subdomain_table(s);
-        status = lay_out(s);
-    }
-    if (status != PMA_OK) {
+        *out = s;
+    else
         pma_subdomain_destroy(s);
-        return status;
-    }
-    *out = s;
-    return PMA_OK;
+    return status;
 }
 
 static void release_limits(pma_subdomain *s)
@@ -437,30 +429,32 @@ double pma_subdomain_gain(const pma_subdomain *s)
 
 /* ---- a specimen ----------------------------------------------------------------------------- */
 
+static pma_status create_limits(pma_subdomain *s, const pma_limits_parts *parts)
+{
+    const size_t compensators = s->parts.restoring.compensators;
+    PMA_TRY(pma_limits_create(parts, &s->limits));
+    if (compensators == 0)
+        return PMA_OK;
+    s->sent = (pma_limits **)calloc(compensators, sizeof *s->sent);
+    s->given = calloc(2 * parts->n, sizeof *s->given);
+    if (!s->sent || !s->given)
+        return PMA_NO_MEMORY;
+    for (size_t i = 0; i < compensators; i++)
+        PMA_TRY(pma_limits_create(parts, &s->sent[i]));
+    s->parts.restoring.cell->self = s;
+    s->parts.restoring.cell->allows = pma_substep_allows;
+    return PMA_OK;
+}
+
 pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
 {
-    const pma_restoring *restoring = &s->parts.restoring;
-    const size_t compensators = restoring->compensators;
     if (parts->n != s->parts.n)
         return PMA_BAD_SIZE;
     release_limits(s);
-    pma_status status = pma_limits_create(parts, &s->limits);
-    if (status == PMA_OK && compensators > 0) {
-        s->sent = (pma_limits **)calloc(compensators, sizeof *s->sent);
-        s->given = calloc(2 * parts->n, sizeof *s->given);
-        status = s->sent && s->given ? PMA_OK : PMA_NO_MEMORY;
-    }
-    for (size_t i = 0; i < compensators && status == PMA_OK; i++)
-        status = pma_limits_create(parts, &s->sent[i]);
-    if (status != PMA_OK) {
+    const pma_status status = create_limits(s, parts);
+    if (status != PMA_OK)
         release_limits(s);
-        return status;
-    }
-    if (compensators > 0) {
-        restoring->cell->self = s;
-        restoring->cell->allows = pma_substep_allows;
-    }
-    return PMA_OK;
+    return status;
 }
 
 pma_breach pma_subdomain_breach(const pma_subdomain *s)
@@ -500,9 +494,10 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }
 
-/* Works are summed up anew, by *out. */
-static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew, pma_energy **out)
+/* Works are summed up anew. */
+static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew)
 {
+    pma_energy *energy;
     const pma_energy_parts parts = {
         .n = s->parts.n,
         .nb = s->parts.nb,
@@ -519,20 +514,18 @@ static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew
         .internal = internal_force_of(s),
         .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
         .springs = &s->parts.springs};
-    PMA_TRY(pma_energy_create(&parts, out));
+    PMA_TRY(pma_energy_create(&parts, &energy));
     pma_subdomain_end_energy(s);
-    s->energy = *out;
+    s->energy = energy;
     return PMA_OK;
 }
 
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
                                       const double *load, const double *lam)
 {
-    pma_energy *energy;
-    const pma_status status = replace_energy(s, M, skew, &energy);
-    if (status == PMA_OK)
-        pma_energy_begin(energy, &s->levels.present, load, lam);
-    return status;
+    PMA_TRY(replace_energy(s, M, skew));
+    pma_energy_begin(s->energy, &s->levels.present, load, lam);
+    return PMA_OK;
 }
 
 void pma_subdomain_conserve(pma_subdomain *s, double weight)
@@ -545,11 +538,9 @@ pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *fr
     if (!from->energy)
         return PMA_OK;
     const pma_energy_parts *of = pma_energy_get_parts(from->energy);
-    pma_energy *energy;
-    const pma_status status = replace_energy(s, of->M, of->skew, &energy);
-    if (status == PMA_OK)
-        pma_energy_follow(energy, from->energy);
-    return status;
+    PMA_TRY(replace_energy(s, of->M, of->skew));
+    pma_energy_follow(s->energy, from->energy);
+    return PMA_OK;
 }
 
 void pma_subdomain_end_energy(pma_subdomain *s)

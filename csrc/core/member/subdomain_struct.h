@@ -58,8 +58,20 @@ struct pma_subdomain {
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */
     pma_tree *tree, *tree_twice; /* of the factors of both operators; NULL where there is none */
-    double *block;
+    void *block;
     void *spread; /* springs in lanes */
+};
+
+/* Its link response. */
+struct pma_response {
+    const pma_subdomain *of;
+    pma_state state;
+    pma_unit_responses units;
+    double *vs;   /* n: extrapolated velocity, if C is lagged */
+    double *pull; /* nb: L_b^T lam */
+    double *y;    /* n: mean coupling: M^-1 L_b^T lam */
+    bool twice;   /* of a double step */
+    double *work; /* scratch of the factor */
 };
 
 static inline const pma_operator *pma_operator_of(const pma_subdomain *s, bool twice)
