@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "matrices.h"
-#include "parts.h"
+#include "subdomains.h"
 
 /* ---- a full pattern -------------------------------------------------------------------------- */
 
@@ -103,7 +103,8 @@ static int plastic(double t, intptr_t n, double *u, double *v, double *q, double
     return leave(x, n, u, v, f);
 }
 
-void naive_inner(const part *x, double t, const double *u, const double *q, double *f, double *q1)
+void naive_inner(const subdomain *x, double t, const double *u, const double *q, double *f,
+                 double *q1)
 {
     const inner *in = &x->inner;
     memset(f, 0, x->n * sizeof(double));
@@ -116,9 +117,9 @@ void naive_inner(const part *x, double t, const double *u, const double *q, doub
     f[x->n - 1] += in->plastic * (u[x->n - 1] - q1[0]);
 }
 
-/* ---- a part ---------------------------------------------------------------------------------- */
+/* ---- a subdomain ----------------------------------------------------------------------------- */
 
-void share_matrices(part *x)
+void share_matrices(subdomain *x)
 {
     inner *in = &x->inner;
     const size_t n = x->n;
@@ -136,7 +137,7 @@ void share_matrices(part *x)
     }
 }
 
-pma_internal describe_internal(part *x)
+pma_internal describe_internal(subdomain *x)
 {
     inner *in = &x->inner;
     const size_t entries = x->implicit ? x->n * x->n : 0;
@@ -154,7 +155,7 @@ pma_internal describe_internal(part *x)
                           .initial = in->initial};
 }
 
-const pma_iterate_parts *describe_iterate(part *x, const double *al1, const double *al2)
+const pma_iterate_parts *describe_iterate(subdomain *x, const double *al1, const double *al2)
 {
     inner *in = &x->inner;
     const size_t n = x->n;

@@ -10,7 +10,7 @@
 bool has_inner(const model *m)
 {
     for (size_t i = 0; i < m->count; i++) {
-        if (m->parts[i].inner.used)
+        if (m->subdomains[i].inner.used)
             return true;
     }
     return false;
@@ -33,7 +33,7 @@ static const double STIFF[2] = {0.5, 1.0}, NONE[2] = {0.0, 0.0};
 static const pma_spring_set LINEAR_SPRINGS = {
     .law = PMA_CUBIC, .count = 2, .first = ENDS, .second = OTHER_ENDS, .parameters = {STIFF, NONE}};
 
-void fill_inner(part *x, bool used, const chain *chosen)
+void fill_inner(subdomain *x, bool used, const chain *chosen)
 {
     inner *in = &x->inner;
     if (!used)
@@ -57,7 +57,7 @@ static void sum_up(iteration_memory *it, const model *m, bool later)
     memset(it->constant[later], 0, sizeof it->constant[later]);
     memset(it->response[later], 0, sizeof it->response[later]);
     for (size_t i = 0; i < m->count; i++) {
-        const part *x = &m->parts[i];
+        const subdomain *x = &m->subdomains[i];
         if (!x->inner.used || !x->implicit)
             add_interface(m, x, later, it->constant[later]);
         if (!x->inner.used)
@@ -90,7 +90,7 @@ const pma_iteration_parts *describe_iteration(model *m)
 void start_histories(model *m)
 {
     for (size_t i = 0; i < m->count; i++) {
-        part *x = &m->parts[i];
+        subdomain *x = &m->subdomains[i];
         double r[MOST];
         if (x->inner.used)
             CHECK_STATUS(pma_subdomain_evaluate_restoring(x->core, 0.0, x->u0, x->v0, r), PMA_OK);
@@ -108,7 +108,7 @@ size_t copy_iteration(const model *m, double *out)
 {
     size_t count = 0, size;
     for (size_t i = 0; i < m->count; i++) {
-        const part *x = &m->parts[i];
+        const subdomain *x = &m->subdomains[i];
         pma_iterate *it = pma_subdomain_iterate(x->core);
         const double *history = pma_subdomain_present(x->core)->history;
         const double *springs = pma_subdomain_present(x->core)->springs;
@@ -125,7 +125,7 @@ size_t copy_iteration(const model *m, double *out)
     return count;
 }
 
-static void copy_state(const part *x, const pma_state *from, const pma_state *to)
+static void copy_state(const subdomain *x, const pma_state *from, const pma_state *to)
 {
     const size_t history = x->inner.used ? HISTORY + (x->implicit ? 1 : 0) : 0;
     const size_t springs = SPRING_FIELDS * x->springs.total;
@@ -151,9 +151,9 @@ void carry_over(const model *from, model *to)
     for (size_t k = 0; k < size; k++)
         restored[k] = kept[k];
     for (size_t i = 0; i < from->count; i++) {
-        const part *x = &from->parts[i];
+        const subdomain *x = &from->subdomains[i];
         const pma_kept_levels a = pma_subdomain_levels(x->core);
-        const pma_kept_levels b = pma_subdomain_levels(to->parts[i].core);
+        const pma_kept_levels b = pma_subdomain_levels(to->subdomains[i].core);
         copy_state(x, &a.present, &b.present);
         copy_state(x, &a.previous, &b.previous);
         memcpy(b.vf, a.vf, x->nb * sizeof(double));
@@ -162,7 +162,7 @@ void carry_over(const model *from, model *to)
             continue;
         bool twice;
         const double *tangent = pma_iterate_kept(it, &twice);
-        CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(to->parts[i].core),
+        CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(to->subdomains[i].core),
                                          pma_iterate_scale(it), tangent, twice),
                      PMA_OK);
     }

@@ -1,4 +1,5 @@
-/* iterated_models.h - what a coupled model iterates with when parts of it have internal forces. */
+/* iterated_models.h - what a coupled model iterates with when subdomains of it have internal
+ * forces. */
 #ifndef PMA_TEST_ITERATED_MODELS_H
 #define PMA_TEST_ITERATED_MODELS_H
 
@@ -8,7 +9,7 @@
 #include "coupling/coupler.h"
 #include "coupling/iteration.h"
 #include "inner.h"
-#include "parts.h"
+#include "subdomains.h"
 
 typedef struct model model;
 typedef struct chain chain;
@@ -17,7 +18,7 @@ typedef struct chain chain;
 typedef struct {
     pma_iteration_parts parts;
     full_pattern pattern;
-    double constant[2][CONSTRAINTS * CONSTRAINTS]; /* of the parts that are not iterated */
+    double constant[2][CONSTRAINTS * CONSTRAINTS]; /* of the subdomains that are not iterated */
     double response[2][CONSTRAINTS * CONSTRAINTS]; /* of those without internal forces */
     double H_size[CONSTRAINTS * CONSTRAINTS];
 } iteration_memory;
@@ -25,9 +26,9 @@ typedef struct {
 bool has_inner(const model *m);
 
 /* Internal forces of a part of a chain, if `used`, and springs that are iterated with them. */
-void fill_inner(part *x, bool used, const chain *chosen);
+void fill_inner(subdomain *x, bool used, const chain *chosen);
 
-/* NULL where no part has internal forces. */
+/* NULL where no subdomain has internal forces. */
 const pma_iteration_parts *describe_iteration(model *m);
 
 const pma_schedule *schedule_of(const model *m);
@@ -38,7 +39,7 @@ void start_histories(model *m);
 /* What the present consists of besides the states: springs, histories and numbers of iterations,
  * energy scales, and what the coupler keeps. Returns how many numbers. */
 enum {
-    MOST_SPRINGS = 2, /* of a part */
+    MOST_SPRINGS = 2, /* of a subdomain */
     MORE = 3 * (SPRING_FIELDS * MOST_SPRINGS + HISTORY + 2) + 1 + CONSTRAINTS +
            CONSTRAINTS * CONSTRAINTS
 };

@@ -9,11 +9,12 @@
 #include "check.h"
 #include "naive.h"
 
-/* ---- models: coupled parts, for the core and for the naive program -------------------------- */
+/* ---- models: coupled subdomains, for the core and for the naive program ---------------------- */
 
 /* v (n): what a unit multiplier adds to the velocity by the next interface problem; to the
  * displacement under mean coupling */
-static void naive_unit_velocity(const model *m, const part *x, bool twice, size_t row, double *v)
+static void naive_unit_velocity(const model *m, const subdomain *x, bool twice, size_t row,
+                                double *v)
 {
     double unit[CONSTRAINTS] = {0.0};
     unit[row] = 1.0;
@@ -27,7 +28,7 @@ static void naive_unit_velocity(const model *m, const part *x, bool twice, size_
         v[i] *= al2_of(x, twice);
 }
 
-void add_interface(const model *m, const part *x, bool later, double *H)
+void add_interface(const model *m, const subdomain *x, bool later, double *H)
 {
     for (size_t column = 0; column < m->p; column++) {
         double v[MOST];
@@ -37,13 +38,13 @@ void add_interface(const model *m, const part *x, bool later, double *H)
     }
 }
 
-/* H, the doubled parts with 2 h if `later` */
+/* H, the doubled subdomains with 2 h if `later` */
 static pma_interface make_interface(model *m, bool later)
 {
     double *H = m->H[later];
     memset(H, 0, sizeof m->H[later]);
     for (size_t i = 0; i < m->count; i++)
-        add_interface(m, &m->parts[i], later, H);
+        add_interface(m, &m->subdomains[i], later, H);
     if (m->mean)
         return dense_lu_interface(&m->lu[later], m->p, H);
     naive_factor(m->p, H, m->R[later], m->inverse[later]);
@@ -62,8 +63,8 @@ static pma_matrix make_doubled(model *m)
 {
     memset(m->doubled, 0, sizeof m->doubled);
     for (size_t i = 0; i < m->count; i++) {
-        if (m->parts[i].doubled)
-            add_interface(m, &m->parts[i], true, m->doubled);
+        if (m->subdomains[i].doubled)
+            add_interface(m, &m->subdomains[i], true, m->doubled);
     }
     return (pma_matrix){.form = PMA_DENSE, .n = m->p, .values = m->doubled};
 }
@@ -79,7 +80,7 @@ static pma_interface make_S_mu(model *m)
         memset(LZ, 0, sizeof HLZ[column]);
         unit[column] = 1.0;
         for (size_t i = 0; i < m->count; i++) {
-            const part *x = &m->parts[i];
+            const subdomain *x = &m->subdomains[i];
             const double al1 = al1_of(x, false);
             naive_link(x, false, unit, y);
             naive_stiffness_of(x, y, z);
@@ -132,9 +133,9 @@ static void solve_start(model *m)
     double A[LARGEST * LARGEST] = {0.0}, b[LARGEST] = {0.0}, F[MOST];
     size_t size = m->p, first = 0;
     for (size_t i = 0; i < m->count; i++)
-        size += m->parts[i].n;
-    for (size_t q = 0; q < m->count; first += m->parts[q++].n) {
-        const part *x = &m->parts[q];
+        size += m->subdomains[i].n;
+    for (size_t q = 0; q < m->count; first += m->subdomains[q++].n) {
+        const subdomain *x = &m->subdomains[q];
         double r[MOST], f[MOST], q1[HISTORY];
         naive_force(x, 0.0, 0, F);
         naive_pull(x, 0.0, x->u0, x->v0, r);
@@ -155,12 +156,12 @@ static void solve_start(model *m)
     naive_solve(size, A, b);
     memcpy(m->lam0, b + size - m->p, m->p * sizeof(double));
     first = 0;
-    for (size_t q = 0; q < m->count; first += m->parts[q++].n)
-        memcpy(m->levels[q][0].w, b + first, m->parts[q].n * sizeof(double));
+    for (size_t q = 0; q < m->count; first += m->subdomains[q++].n)
+        memcpy(m->levels[q][0].w, b + first, m->subdomains[q].n * sizeof(double));
 }
 
 /* w = M^-1 (F(0) - C v - K u), without multipliers                                             */
-static void start_free(const part *x, level *first)
+static void start_free(const subdomain *x, level *first)
 {
     double F[MOST];
     naive_force(x, 0.0, 0, F);
@@ -176,10 +177,10 @@ void start_model(model *m)
 {
     solve_start(m);
     for (size_t i = 0; i < m->count && m->mean; i++)
-        start_free(&m->parts[i], &m->levels[i][0]);
+        start_free(&m->subdomains[i], &m->levels[i][0]);
     start_histories(m);
     for (size_t i = 0; i < m->count; i++) {
-        part *x = &m->parts[i];
+        subdomain *x = &m->subdomains[i];
         level *first = &m->levels[i][0];
         memcpy(first->u, x->u0, sizeof first->u);
         memcpy(first->v, x->v0, sizeof first->v);
@@ -195,7 +196,7 @@ void start_model(model *m)
         memcpy(pma_coupler_end_multipliers(m->coupler, &size), m->lam0, m->p * sizeof(double));
 }
 
-static bool has_entry(const part *x, size_t row)
+static bool has_entry(const subdomain *x, size_t row)
 {
     for (size_t i = 0; i < x->n; i++) {
         if (x->L[row * x->n + i] != 0.0)
@@ -204,10 +205,10 @@ static bool has_entry(const part *x, size_t row)
     return false;
 }
 
-/* U of every constraint that the part has                                                 (M5) */
+/* U of every constraint that the subdomain has                                              (M5) */
 static void store_response(model *m, size_t i)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     pma_unit_responses units = {.rows = m->unit_rows[i], .values = m->units[i]};
     for (size_t row = 0; row < x->p; row++) {
         double unit[CONSTRAINTS] = {0.0};
@@ -223,7 +224,7 @@ static void store_response(model *m, size_t i)
     pma_response_store(pma_subdomain_response(x->core), units);
 }
 
-static bool is_damped(const part *x)
+static bool is_damped(const subdomain *x)
 {
     double sum = 0.0;
     for (size_t i = 0; i < x->n * x->n; i++)
@@ -233,14 +234,13 @@ static bool is_damped(const part *x)
 
 static pma_member make_member(model *m, size_t i)
 {
-    part *x = &m->parts[i];
+    subdomain *x = &m->subdomains[i];
     x->h = m->dt / (double)x->substeps;
     x->has_responses = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
     x->mean = m->mean;
     x->defers = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
     x->shifts = m->tied;
-    make_part(x);
-    m->subdomains[i] = x->core;
+    make_subdomain(x);
     if (m->stored && x->has_responses)
         store_response(m, i);
     m->wrapped[i] =
@@ -254,7 +254,7 @@ void make_model(model *m)
         m->newton = (pma_newton){.tolerance = TIGHT, .iterations = 40};
     m->fine = 1;
     for (size_t i = 0; i < m->count && !m->macro; i++)
-        m->fine = m->parts[i].substeps > m->fine ? m->parts[i].substeps : m->fine;
+        m->fine = m->subdomains[i].substeps > m->fine ? m->subdomains[i].substeps : m->fine;
     for (size_t i = 0; i < m->count; i++)
         m->members[i] = make_member(m, i);
     const pma_coupler_parts parts = describe_coupler(m);
@@ -266,7 +266,7 @@ void destroy_model(model *m)
 {
     pma_coupler_destroy(m->coupler);
     for (size_t i = 0; i < m->count; i++)
-        pma_subdomain_destroy(m->parts[i].core);
+        pma_subdomain_destroy(m->subdomains[i].core);
     pma_interface_destroy(&m->interfaces[0]);
     pma_interface_destroy(&m->interfaces[1]);
     pma_interface_destroy(&m->lu[0].S_mu);
@@ -274,11 +274,41 @@ void destroy_model(model *m)
     pma_interface_destroy(&m->S_mu.S_mu);
 }
 
+pma_status coupler_status(const pma_coupler_parts *parts)
+{
+    pma_coupler *made = (pma_coupler *)&made;
+    const pma_status status = pma_coupler_create(parts, &made);
+    CHECK((made != NULL) == (status == PMA_OK));
+    pma_coupler_destroy(made);
+    return status;
+}
+
+void check_infinite_load(model *m, size_t i, size_t dof, int64_t after, model *like)
+{
+    double F[MOST] = {0.0};
+    F[dof] = INFINITY;
+    pma_subdomain *s = m->subdomains[i].core;
+    CHECK_STATUS(pma_coupler_advance(m->coupler, after, NULL, NULL), PMA_OK);
+    const snapshot before = present(m);
+    const pma_load good = *pma_subdomain_load(s);
+    pma_subdomain_set_load(s, (pma_load){.kind = PMA_LOAD_CONSTANT, .n = good.n, .values = F});
+    CHECK_STATUS(pma_coupler_advance(m->coupler, STEPS - after, NULL, NULL), PMA_NOT_FINITE);
+    CHECK_INT(pma_coupler_failed(m->coupler), i);
+    CHECK_INT(pma_coupler_step_count(m->coupler), after);
+    check_same_present(m, &before);
+    pma_subdomain_set_load(s, good);
+    CHECK_STATUS(pma_coupler_advance(m->coupler, STEPS - after, NULL, NULL), PMA_OK);
+    CHECK_STATUS(pma_coupler_advance(like->coupler, STEPS, NULL, NULL), PMA_OK);
+    check_same(m, like);
+    destroy_model(m);
+    destroy_model(like);
+}
+
 snapshot present(const model *m)
 {
     snapshot s = {.count = 0};
     for (size_t i = 0; i < m->count; i++)
-        s.count += copy_present(&m->parts[i], s.values + s.count);
+        s.count += copy_present(&m->subdomains[i], s.values + s.count);
     memcpy(s.values + s.count, pma_coupler_multipliers(m->coupler), m->p * sizeof(double));
     s.count += m->p;
     s.count += copy_iteration(m, s.values + s.count);
@@ -292,20 +322,26 @@ void check_same_present(const model *m, const snapshot *expected)
     CHECK_BITS(actual.count, actual.values, expected->values);
 }
 
+void check_same(const model *m, const model *expected)
+{
+    const snapshot s = present(expected);
+    check_same_present(m, &s);
+}
+
 void make_oscillator(model *m, split s)
 {
     *m = (model){.count = 2, .p = 1, .dt = s.dt, .rebased = true};
-    m->parts[0] = one_mass(M_A, K_A, 1.0, s.A, true);
-    m->parts[1] = one_mass(M_B, K_B, -1.0, s.B, s.same);
-    m->parts[0].doubled = s.doubled;
-    m->parts[1].substeps = s.substeps;
-    m->parts[0].u0[0] = m->parts[1].u0[0] = 1.0;
+    m->subdomains[0] = one_mass(M_A, K_A, 1.0, s.A, true);
+    m->subdomains[1] = one_mass(M_B, K_B, -1.0, s.B, s.same);
+    m->subdomains[0].doubled = s.doubled;
+    m->subdomains[1].substeps = s.substeps;
+    m->subdomains[0].u0[0] = m->subdomains[1].u0[0] = 1.0;
     make_model(m);
 }
 
 static void fill_loads(model *m, double scale)
 {
-    part *A = &m->parts[0], *B = &m->parts[1], *C = &m->parts[2];
+    subdomain *A = &m->subdomains[0], *B = &m->subdomains[1], *C = &m->subdomains[2];
     const double shape[6] = {1.0, 0.0, 0.5, 0.0, -1.0, 0.0};
     memcpy(A->shape, shape, sizeof shape);
     uint64_t seed = 7;
@@ -333,14 +369,14 @@ static void fill_loads(model *m, double scale)
 /* Estimates on the implicit A, lagged damping on the explicit B, a force alone on C */
 static void fill_restoring(model *m)
 {
-    part *A = &m->parts[0];
+    subdomain *A = &m->subdomains[0];
     for (size_t i = 0; i < m->count; i++)
-        m->parts[i].restored = true;
+        m->subdomains[i].restored = true;
     for (size_t i = 0; i < A->n; i++) {
         A->K_r[i * A->n + i] = 0.75;
         A->D_r[i * A->n + i] = 0.375;
     }
-    m->parts[1].lagged = true;
+    m->subdomains[1].lagged = true;
 }
 
 /* Between two dofs or a dof and the ground, one law in each set; parameters in its order. */
@@ -366,44 +402,44 @@ static const pma_spring_set SETS[4] = {
 /* A has the first two, B the third one, C the last two. */
 static void fill_springs(model *m)
 {
-    m->parts[0].springs = (pma_springs){2, SETS, 2};
-    m->parts[1].springs = (pma_springs){1, SETS + 2, 1};
-    m->parts[2].springs = (pma_springs){2, SETS + 2, 2};
+    m->subdomains[0].springs = (pma_springs){2, SETS, 2};
+    m->subdomains[1].springs = (pma_springs){1, SETS + 2, 1};
+    m->subdomains[2].springs = (pma_springs){2, SETS + 2, 2};
 }
 
 static void fill_chain(model *m, const plan *chosen, double scale)
 {
-    m->parts[0] = (part){.n = 3,
-                         .nb = 1,
-                         .implicit = true,
-                         .doubled = chosen->A_doubled,
-                         .scheme = generalized_alpha(0.5),
-                         .M = {2, 0, 0, 0, 1.5, 0, 0, 0, 1},
-                         .C = {0.5, -0.25, 0, -0.25, 0.5, -0.25, 0, -0.25, 0.25},
-                         .K = {5, -2, 0, -2, 4, -2, 0, -2, 2},
-                         .L = {0, 0, 1, 0, 0, 0}};
-    m->parts[1] = (part){.n = 2,
-                         .nb = 2,
-                         .scheme = generalized_alpha(0.8),
-                         .M = {1, 0, 0, 1},
-                         .C = {0.25, 0, 0, 0},
-                         .K = {3, -2, -2, 3},
-                         .L = {-1, 0, 0, 1}};
-    m->parts[2] = (part){.n = 2,
-                         .nb = 1,
-                         .implicit = true,
-                         .doubled = chosen->C_doubled,
-                         .scheme = TRAPEZOIDAL,
-                         .M = {1, 0.25, 0.25, 1},
-                         .K = {4, -2, -2, 2},
-                         .L = {0, 0, 0, -1}};
-    const double u0[PARTS][MOST] = {{0.25, -0.5, 1.0}, {1.0, 0.5}, {0.75, 0.5}};
-    for (size_t i = 0; i < PARTS; i++) {
-        m->parts[i].p = 2;
-        m->parts[i].substeps = chosen->substeps[i];
-        for (size_t k = 0; k < m->parts[i].n; k++) {
-            m->parts[i].u0[k] = scale * u0[i][k];
-            m->parts[i].v0[k] = scale;
+    m->subdomains[0] = (subdomain){.n = 3,
+                                   .nb = 1,
+                                   .implicit = true,
+                                   .doubled = chosen->A_doubled,
+                                   .scheme = generalized_alpha(0.5),
+                                   .M = {2, 0, 0, 0, 1.5, 0, 0, 0, 1},
+                                   .C = {0.5, -0.25, 0, -0.25, 0.5, -0.25, 0, -0.25, 0.25},
+                                   .K = {5, -2, 0, -2, 4, -2, 0, -2, 2},
+                                   .L = {0, 0, 1, 0, 0, 0}};
+    m->subdomains[1] = (subdomain){.n = 2,
+                                   .nb = 2,
+                                   .scheme = generalized_alpha(0.8),
+                                   .M = {1, 0, 0, 1},
+                                   .C = {0.25, 0, 0, 0},
+                                   .K = {3, -2, -2, 3},
+                                   .L = {-1, 0, 0, 1}};
+    m->subdomains[2] = (subdomain){.n = 2,
+                                   .nb = 1,
+                                   .implicit = true,
+                                   .doubled = chosen->C_doubled,
+                                   .scheme = TRAPEZOIDAL,
+                                   .M = {1, 0.25, 0.25, 1},
+                                   .K = {4, -2, -2, 2},
+                                   .L = {0, 0, 0, -1}};
+    const double u0[SUBDOMAINS][MOST] = {{0.25, -0.5, 1.0}, {1.0, 0.5}, {0.75, 0.5}};
+    for (size_t i = 0; i < SUBDOMAINS; i++) {
+        m->subdomains[i].p = 2;
+        m->subdomains[i].substeps = chosen->substeps[i];
+        for (size_t k = 0; k < m->subdomains[i].n; k++) {
+            m->subdomains[i].u0[k] = scale * u0[i][k];
+            m->subdomains[i].v0[k] = scale;
         }
     }
 }
@@ -425,13 +461,13 @@ void build_chain(model *m, const chain *chosen)
     memcpy(m->naive, chosen->naive, sizeof m->naive);
     m->newton = chosen->newton;
     fill_chain(m, &chosen->plan, scale);
-    for (size_t i = 0; i < PARTS && chosen->undamped; i++)
-        memset(m->parts[i].C, 0, sizeof m->parts[i].C);
+    for (size_t i = 0; i < SUBDOMAINS && chosen->undamped; i++)
+        memset(m->subdomains[i].C, 0, sizeof m->subdomains[i].C);
     fill_loads(m, scale);
     if (chosen->plan.restored)
         fill_restoring(m);
-    for (size_t i = 0; i < PARTS; i++)
-        fill_inner(&m->parts[i], chosen->inner[i], chosen);
+    for (size_t i = 0; i < SUBDOMAINS; i++)
+        fill_inner(&m->subdomains[i], chosen->inner[i], chosen);
     if (chosen->sprung && (chosen->nonlinear || !has_inner(m)))
         fill_springs(m);
     make_model(m);
@@ -455,7 +491,7 @@ void make_tape(tape *t, const model *m, int64_t begin, int64_t every)
     for (size_t i = 0; i < MOST; i++)
         t->position[i] = (int64_t)i;
     for (size_t i = 0; i < m->count; i++)
-        t->selections[i] = (pma_selection){.count = m->parts[i].n,
+        t->selections[i] = (pma_selection){.count = m->subdomains[i].n,
                                            .position = t->position,
                                            .u = t->u[i],
                                            .v = t->v[i],
@@ -476,7 +512,7 @@ void run_taped(model *m, tape *t, int64_t steps)
 
 void check_tape(const tape *actual, const tape *expected)
 {
-    for (size_t i = 0; i < PARTS; i++) {
+    for (size_t i = 0; i < SUBDOMAINS; i++) {
         CHECK_BITS(LEVELS * MOST, actual->u[i], expected->u[i]);
         CHECK_BITS(LEVELS * MOST, actual->v[i], expected->v[i]);
         CHECK_BITS(LEVELS * MOST, actual->w[i], expected->w[i]);
@@ -486,9 +522,9 @@ void check_tape(const tape *actual, const tape *expected)
     CHECK_BITS(LEVELS * CONSTRAINTS, actual->displacement, expected->displacement);
 }
 
-static void check_part_against_naive(const model *m, size_t i, const tape *t, size_t steps)
+static void check_subdomain_against_naive(const model *m, size_t i, const tape *t, size_t steps)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     for (size_t row = 0; row <= steps * x->substeps; row++) {
         for (size_t k = 0; k < x->n; k++) {
             CHECK_NEAR(t->u[i][row * x->n + k], m->levels[i][row].u[k], AGREE);
@@ -508,7 +544,7 @@ static void check_part_against_naive(const model *m, size_t i, const tape *t, si
 void check_against_naive(const model *m, const tape *t, size_t steps)
 {
     for (size_t i = 0; i < m->count; i++)
-        check_part_against_naive(m, i, t, steps);
+        check_subdomain_against_naive(m, i, t, steps);
     for (size_t k = 0; k <= steps * m->fine; k++) {
         for (size_t row = 0; row < m->p; row++)
             CHECK_NEAR(t->lam[k * m->p + row], m->lam[k][row], AGREE);
@@ -517,8 +553,21 @@ void check_against_naive(const model *m, const tape *t, size_t steps)
         for (size_t row = 0; row < m->p; row++) {
             double jump = 0.0;
             for (size_t i = 0; i < m->count; i++)
-                jump += constrained(&m->parts[i], row, m->levels[i][k * m->parts[i].substeps].u);
+                jump += constrained(&m->subdomains[i], row,
+                                    m->levels[i][k * m->subdomains[i].substeps].u);
             CHECK_NEAR(t->displacement[k * m->p + row], jump, AGREE);
         }
     }
+}
+
+void check_chain(const chain *chosen)
+{
+    static model m;
+    static tape t;
+    build_chain(&m, chosen);
+    make_tape(&t, &m, 0, 0);
+    run_taped(&m, &t, STEPS);
+    naive_run(&m, STEPS);
+    check_against_naive(&m, &t, STEPS);
+    destroy_model(&m);
 }

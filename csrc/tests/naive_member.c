@@ -192,7 +192,7 @@ static const pma_member_table IN_TURN = {
 
 pma_member naive_member_of(naive_member *s)
 {
-    const part *x = s->of;
+    const subdomain *x = s->of;
     s->table = IN_TURN;
     if (s->looks_ahead) {
         s->table.prepare = prepare;

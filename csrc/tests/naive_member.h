@@ -1,4 +1,4 @@
-/* naive_member.h - a part as a member of a coupler: a second implementation of member.h.
+/* naive_member.h - a subdomain as a member of a coupler: a second implementation of member.h.
  *
  * It keeps all time levels of the run and solves dense systems, all by the naive steps; of the core
  * it has nothing but the table. No energy, no workers, and look-ahead only where it is
@@ -10,12 +10,12 @@
 #include <stddef.h>
 
 #include "member/member.h"
-#include "parts.h"
+#include "subdomains.h"
 
 enum { AHEAD = 2 }; /* time levels that may be open beyond the last macro step */
 
 typedef struct {
-    const part *of;
+    const subdomain *of;
     bool looks_ahead;
     size_t present; /* which of the levels */
     size_t opened;

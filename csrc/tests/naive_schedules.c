@@ -6,7 +6,7 @@
 static const level REST = {.u = {0.0}};
 static const double NOTHING[MOST] = {0.0};
 
-level naive_response(const part *x, bool twice, const double *lam)
+level naive_response(const subdomain *x, bool twice, const double *lam)
 {
     level at = REST;
     double y[MOST];
@@ -28,10 +28,10 @@ level naive_response(const part *x, bool twice, const double *lam)
 
 /* ---- the naive coupler: section 5 as written ------------------------------------------------ */
 
-/* From time level k of part i to the next one, the free problem. */
+/* From time level k of subdomain i to the next one, the free problem. */
 static void naive_open(model *m, size_t i, size_t k)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const bool twice = x->doubled && k >= x->substeps;
     const double t = (double)(k + 1) / (double)x->substeps * m->dt;
     level *to = &m->levels[i][k + 1];
@@ -42,16 +42,17 @@ static void naive_open(model *m, size_t i, size_t k)
 
 static void naive_end(model *m, size_t i, size_t k, const double *lam)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const bool twice = x->doubled && k >= x->substeps;
     level *to = &m->levels[i][k + 1];
     naive_close(x, twice, lam, twice ? to - 2 : to - 1, to);
 }
 
-/* L vf of part i at fine step k, in mid-step interpolated; opens the substep that begins there. */
+/* L vf of subdomain i at fine step k, in mid-step interpolated; opens the substep that begins
+ * there. */
 static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const size_t ratio = m->fine / x->substeps, next = (k + ratio - 1) / ratio;
     const level *to = &m->levels[i][next], *last = to - 1;
     if ((k - 1) % ratio == 0)
@@ -62,10 +63,10 @@ static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
             (1.0 - theta) * constrained(x, row, last->vf) + theta * constrained(x, row, to->vf);
 }
 
-/* A part that has a time level at fine step k takes Lam. */
+/* A subdomain that has a time level at fine step k takes Lam. */
 static void naive_arrive(model *m, size_t i, size_t k)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const size_t ratio = m->fine / x->substeps;
     if (k % ratio != 0)
         return;
@@ -96,7 +97,7 @@ static void naive_tie(model *m, size_t k, const double *right)
     memcpy(b, right, p * sizeof(double));
     naive_jump(m, k, b + p);
     for (size_t i = 0; i < m->count; i++) {
-        const part *x = &m->parts[i];
+        const subdomain *x = &m->subdomains[i];
         const double al1 = al1_of(x, false), al2 = al2_of(x, false);
         const level *end = &m->levels[i][k * x->substeps / m->fine];
         for (size_t column = 0; column < p; column++) {
@@ -117,7 +118,8 @@ static void naive_tie(model *m, size_t k, const double *right)
     naive_solve(size, A, b);
     memcpy(m->lam[k], b, p * sizeof(double));
     for (size_t i = 0; i < m->count; i++)
-        naive_shift(&m->parts[i], b + p, &m->levels[i][k * m->parts[i].substeps / m->fine]);
+        naive_shift(&m->subdomains[i], b + p,
+                    &m->levels[i][k * m->subdomains[i].substeps / m->fine]);
 }
 
 static void naive_fine_step(model *m, size_t k)
@@ -141,8 +143,8 @@ static void naive_fine_step(model *m, size_t k)
 /* (M2), with lam held */
 static void naive_free_macro_run(model *m, size_t i, size_t macro)
 {
-    const size_t begin = macro * m->parts[i].substeps;
-    for (size_t k = begin; k < begin + m->parts[i].substeps; k++) {
+    const size_t begin = macro * m->subdomains[i].substeps;
+    for (size_t k = begin; k < begin + m->subdomains[i].substeps; k++) {
         naive_open(m, i, k);
         naive_end(m, i, k, m->lam[macro]);
     }
@@ -151,7 +153,7 @@ static void naive_free_macro_run(model *m, size_t i, size_t macro)
 /* (M3) added to every level of the macro step, (M5) */
 static void naive_add_response(model *m, size_t i, size_t macro, const double *dlam)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const bool twice = x->doubled && macro > 0;
     level at = REST;
     for (size_t j = 1; j <= x->substeps; j++) {
@@ -169,7 +171,7 @@ static void naive_macro_step(model *m, size_t macro)
     double dlam[CONSTRAINTS];
     prescribe(m, macro + 1, dlam);
     for (size_t i = 0; i < m->count; i++) {
-        const part *x = &m->parts[i];
+        const subdomain *x = &m->subdomains[i];
         naive_free_macro_run(m, i, macro);
         for (size_t row = 0; row < m->p; row++)
             dlam[row] -= constrained(x, row, m->levels[i][(macro + 1) * x->substeps].v);
@@ -186,7 +188,7 @@ static void naive_macro_step(model *m, size_t macro)
 /* All substeps of a macro step under lam, in a double step under the mean of both           (K2) */
 static void naive_mean_run(model *m, size_t i, size_t macro, const double *lam)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const bool twice = x->doubled && macro > 0;
     double both[CONSTRAINTS], y[MOST], F[MOST];
     for (size_t row = 0; row < m->p; row++)
@@ -212,7 +214,8 @@ static void naive_target(const model *m, size_t macro, double *target)
     const size_t row = (size_t)m->moved_row;
     target[row] = m->dt * (g0[row] + g1[row]) / 2.0;
     for (size_t i = 0; i < m->count; i++)
-        target[row] += constrained(&m->parts[i], row, m->levels[i][macro * m->parts[i].substeps].u);
+        target[row] +=
+            constrained(&m->subdomains[i], row, m->levels[i][macro * m->subdomains[i].substeps].u);
 }
 
 /* The multiplier at time t of macro step `macro`, in macro steps: on the line through the last two
@@ -230,7 +233,7 @@ static double multiplier_at(const model *m, size_t macro, double t, size_t row)
 
 static void naive_accelerate(model *m, size_t i, size_t macro)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     for (size_t j = 1; j <= x->substeps; j++) {
         const double t = (double)macro + (double)j / (double)x->substeps;
         double lam[CONSTRAINTS];
@@ -247,8 +250,8 @@ static void naive_mean_step(model *m, size_t macro)
     for (size_t i = 0; i < m->count; i++) {
         naive_mean_run(m, i, macro, NOTHING);
         for (size_t row = 0; row < m->p; row++)
-            lam[row] -=
-                constrained(&m->parts[i], row, m->levels[i][(macro + 1) * m->parts[i].substeps].u);
+            lam[row] -= constrained(&m->subdomains[i], row,
+                                    m->levels[i][(macro + 1) * m->subdomains[i].substeps].u);
     }
     naive_solve(m->p, m->H[macro > 0], lam); /* (K4) */
     for (size_t i = 0; i < m->count; i++) {
@@ -262,7 +265,7 @@ static void naive_mean_step(model *m, size_t macro)
 void naive_run(model *m, size_t steps)
 {
     for (size_t i = 0; i < m->count && m->mean; i++)
-        naive_push(&m->parts[i], m->lam0, m->levels[i][0].more);
+        naive_push(&m->subdomains[i], m->lam0, m->levels[i][0].more);
     memcpy(m->lam[0], m->lam0, sizeof m->lam0);
     for (size_t macro = 0; m->macro && macro < steps; macro++)
         (m->mean ? naive_mean_step : naive_macro_step)(m, macro);

@@ -11,7 +11,7 @@
 #include "member/subdomain.h"
 #include "member/subdomain_struct.h"
 #include "naive.h"
-#include "parts.h"
+#include "subdomains.h"
 #include "tests.h"
 
 enum { LONG = 300, WIDTH = 2, SPRINGS = 4, FACE = 3, MACRO_STEPS = 5 };

@@ -79,6 +79,16 @@ static pma_complementarity *create(const problem *x)
     return made;
 }
 
+/* P: the impulses for all contacts of `closed`, from what pushed last; *row where there are none */
+static pma_status solve(const problem *x, size_t count, const size_t *closed, double *P,
+                        size_t *row)
+{
+    pma_complementarity *solver = create(x);
+    const pma_status status = pma_complementarity_solve(solver, count, closed, x->b, P, row);
+    pma_complementarity_destroy(solver);
+    return status;
+}
+
 /* (U5) in every row, from the data alone */
 static void check_frictionless(const problem *x, const double *P, double tolerance)
 {
@@ -129,12 +139,10 @@ static void a_banded_matrix_is_solved(void)
             }
             x.W[i * ROWS + i] += 4.0;
         }
-        pma_complementarity *solver = create(&x);
         double P[ROWS] = {0.0};
         size_t row;
-        CHECK_STATUS(pma_complementarity_solve(solver, ROWS, x.closed, x.b, P, &row), PMA_OK);
+        CHECK_STATUS(solve(&x, ROWS, x.closed, P, &row), PMA_OK);
         check_frictionless(&x, P, SOLVED);
-        pma_complementarity_destroy(solver);
     }
 }
 
@@ -145,13 +153,11 @@ static void rows_that_are_open_have_no_impulse(void)
     const size_t closed[2] = {1, 4};
     make(&x, 6, 0, 0, 0.0, &seed);
     x.b[1] = x.b[4] = -1.0;
-    pma_complementarity *solver = create(&x);
     double P[ROWS] = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
     size_t row;
-    CHECK_STATUS(pma_complementarity_solve(solver, 2, closed, x.b, P, &row), PMA_OK);
+    CHECK_STATUS(solve(&x, 2, closed, P, &row), PMA_OK);
     for (size_t k = 0; k < 6; k++)
         CHECK((P[k] > 0.0) == (k == 1 || k == 4));
-    pma_complementarity_destroy(solver);
 }
 
 static void redundant_rows_have_right_sums(void)
@@ -160,12 +166,10 @@ static void redundant_rows_have_right_sums(void)
     problem x;
     for (size_t rank = 2; rank <= 20; rank += 6) {
         make(&x, 40, 0, rank, 0.0, &seed);
-        pma_complementarity *solver = create(&x);
         double P[ROWS] = {0.0};
         size_t row;
-        CHECK_STATUS(pma_complementarity_solve(solver, 40, x.closed, x.b, P, &row), PMA_OK);
+        CHECK_STATUS(solve(&x, 40, x.closed, P, &row), PMA_OK);
         check_frictionless(&x, P, SOLVED);
-        pma_complementarity_destroy(solver);
     }
 }
 
@@ -200,12 +204,10 @@ static void sweeps_find_friction_on_a_cone(void)
             make(&x, n, tangents, 0, 0.0, &seed);
             for (size_t k = 0; k < n; k++)
                 x.friction[k] = 0.1 + 0.05 * (double)k;
-            pma_complementarity *solver = create(&x);
             double P[ROWS] = {0.0};
             size_t row;
-            CHECK_STATUS(pma_complementarity_solve(solver, n, x.closed, x.b, P, &row), PMA_OK);
+            CHECK_STATUS(solve(&x, n, x.closed, P, &row), PMA_OK);
             check_rough(&x, tangents, P);
-            pma_complementarity_destroy(solver);
         }
     }
 }
@@ -250,12 +252,10 @@ static void what_has_no_solution_names_a_row(void)
     for (size_t k = 0; k < 4; k++)
         x.b[k] = -1.0;
     x.friction[0] = x.friction[1] = 0.5;
-    pma_complementarity *solver = create(&x);
     double P[ROWS] = {0.0};
     size_t row = 99;
-    CHECK_STATUS(pma_complementarity_solve(solver, 2, x.closed, x.b, P, &row), PMA_NO_IMPULSES);
+    CHECK_STATUS(solve(&x, 2, x.closed, P, &row), PMA_NO_IMPULSES);
     CHECK(row == 0 || row == 2);
-    pma_complementarity_destroy(solver);
 }
 
 static void contacts_that_do_not_fit_are_refused(void)

@@ -18,29 +18,20 @@
 
 /* ---- the coupler as an object --------------------------------------------------------------- */
 
-static pma_status status_of(const pma_coupler_parts *parts)
-{
-    pma_coupler *made = (pma_coupler *)&made;
-    const pma_status status = pma_coupler_create(parts, &made);
-    CHECK_INT(made != NULL, status == PMA_OK);
-    pma_coupler_destroy(made);
-    return status;
-}
-
 static void a_coupler_with_sizes_that_do_not_agree_is_refused(void)
 {
     static model m;
     make_chain(&m, MIXED, 1.0);
     const pma_coupler_parts good = describe_coupler(&m);
     pma_coupler_parts bad[5] = {good, good, good, good, good};
-    CHECK_STATUS(status_of(&good), PMA_OK);
+    CHECK_STATUS(coupler_status(&good), PMA_OK);
     bad[0].p = 1;
     bad[1].H_start.p = 1;
     bad[2].H_start.p = 3;
     bad[3].H.p = 3;
     bad[4].H.p = 0;
     for (size_t i = 0; i < 5; i++)
-        CHECK_STATUS(status_of(&bad[i]), PMA_BAD_SIZE);
+        CHECK_STATUS(coupler_status(&bad[i]), PMA_BAD_SIZE);
     destroy_model(&m);
     pma_coupler_destroy(NULL);
 }
@@ -51,15 +42,15 @@ static void a_motion_of_rows_that_do_not_exist_is_refused(void)
     make_chain(&m, MIXED, 1.0);
     const pma_coupler_parts parts = describe_coupler(&m);
     const int64_t many[3] = {0, 1, 0};
-    CHECK_STATUS(status_of(&parts), PMA_OK);
+    CHECK_STATUS(coupler_status(&parts), PMA_OK);
     m.moved_row = 2;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_INDEX);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_INDEX);
     m.moved_row = -1;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_INDEX);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_INDEX);
     m.motion = (pma_motion){many, {.kind = PMA_LOAD_NONE, .n = 2}};
-    CHECK_STATUS(status_of(&parts), PMA_OK);
+    CHECK_STATUS(coupler_status(&parts), PMA_OK);
     m.motion.load.n = 3;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
     destroy_model(&m);
 }
 
@@ -84,16 +75,16 @@ static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
     shifting.shift = shift_nothing;
     for (size_t i = 0; i < m.count; i++)
         m.members[i].table = &shifting;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* no matrix */
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE); /* no matrix */
     parts.S_mu = solved;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* of two constraints, not one */
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE); /* of two constraints, not one */
     parts.S_mu.p = m.p;
-    CHECK_STATUS(status_of(&parts), PMA_OK);
-    m.members[1].table = pma_subdomain_member(m.parts[1].core).table;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
+    CHECK_STATUS(coupler_status(&parts), PMA_OK);
+    m.members[1].table = pma_subdomain_member(m.subdomains[1].core).table;
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
     m.members[1].table = &shifting;
     m.members[0].doubling = PMA_DOUBLED;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
     pma_interface_destroy(&solved);
     destroy_model(&m);
 }
@@ -104,10 +95,10 @@ static void a_coupler_of_a_subdomain_with_other_constraints_is_refused(void)
     make_chain(&m, MIXED, 1.0);
     make_oscillator(&n, (split){0.1, 1, false, false, TRAPEZOIDAL, CENTRAL_DIFFERENCE});
     pma_coupler_parts parts = describe_coupler(&m);
-    m.members[2] = pma_subdomain_member(n.parts[0].core);
-    CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
-    m.members[2] = pma_subdomain_member(m.parts[2].core);
-    CHECK_STATUS(status_of(&parts), PMA_OK);
+    m.members[2] = pma_subdomain_member(n.subdomains[0].core);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
+    m.members[2] = pma_subdomain_member(m.subdomains[2].core);
+    CHECK_STATUS(coupler_status(&parts), PMA_OK);
     destroy_model(&m);
     destroy_model(&n);
 }
@@ -116,14 +107,14 @@ static void a_coupler_of_a_subdomain_with_other_constraints_is_refused(void)
 static pma_status status_of_substeps(size_t first, size_t second)
 {
     const double H = 1.0;
-    part x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true), y = x;
+    subdomain x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true), y = x;
     pma_interface empty;
     x.substeps = first;
     y.substeps = second;
     x.h = 0.1 / (double)first;
     y.h = 0.1 / (double)second;
-    make_part(&x);
-    make_part(&y);
+    make_subdomain(&x);
+    make_subdomain(&y);
     const pma_factor factor = {.form = PMA_DIAGONAL, .inverse = &H};
     CHECK_STATUS(pma_interface_create(&factor, &empty), PMA_OK);
     const pma_member both[2] = {pma_subdomain_member(x.core), pma_subdomain_member(y.core)};
@@ -133,7 +124,7 @@ static pma_status status_of_substeps(size_t first, size_t second)
                                      .H = empty,
                                      .dt = 0.1,
                                      .schedule = &pma_fine_schedule};
-    const pma_status status = status_of(&parts);
+    const pma_status status = coupler_status(&parts);
     pma_subdomain_destroy(x.core);
     pma_subdomain_destroy(y.core);
     pma_interface_destroy(&empty);
@@ -155,22 +146,22 @@ static void check_steps(const chain *chosen)
     build_chain(&m, chosen);
     pma_coupler_parts parts = describe_coupler(&m);
     const double eighth = 0.125, bad[6] = {-1.0, 0.0, 1.0 + 1e-12, 1.0 - 1e-12, INFINITY, NAN};
-    for (size_t i = 0; i < PARTS; i++) {
+    for (size_t i = 0; i < SUBDOMAINS; i++) {
         const double h = m.members[i].h;
         for (size_t k = 0; k < 6; k++) {
             m.members[i].h = bad[k] * h;
-            CHECK_STATUS(status_of(&parts), PMA_BAD_STEP);
+            CHECK_STATUS(coupler_status(&parts), PMA_BAD_STEP);
         }
         m.members[i].h = nextafter(h, 1.0); /* dt / substeps may have been rounded */
-        CHECK_STATUS(status_of(&parts), PMA_OK);
+        CHECK_STATUS(coupler_status(&parts), PMA_OK);
         m.members[i].h = nextafter(h, 0.0);
-        CHECK_STATUS(status_of(&parts), PMA_OK);
+        CHECK_STATUS(coupler_status(&parts), PMA_OK);
         m.members[i].h = h;
     }
     parts.dt *= 1.0 + eighth;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_STEP);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_STEP);
     parts.dt = NAN;
-    CHECK_STATUS(status_of(&parts), PMA_BAD_STEP);
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_STEP);
     destroy_model(&m);
 }
 
@@ -231,14 +222,7 @@ static void macro_steps_can_be_counted_as_long_as_their_substeps_can(void)
 
 static void check_against_naive_coupler(plan chosen)
 {
-    static model m;
-    static tape t;
-    make_chain(&m, chosen, 1.0);
-    make_tape(&t, &m, 0, 0);
-    run_taped(&m, &t, STEPS);
-    naive_run(&m, STEPS);
-    check_against_naive(&m, &t, STEPS);
-    destroy_model(&m);
+    check_chain(&(chain){.plan = chosen});
 }
 
 static void gc_is_the_schedule_as_it_is_written(void)
@@ -279,8 +263,7 @@ static void a_run_of_many_steps_equals_many_runs_of_one(void)
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     for (size_t i = 0; i < STEPS; i++)
         CHECK_STATUS(pma_coupler_advance(n.coupler, 1, &t.record, NULL), PMA_OK);
-    const snapshot expected = present(&m);
-    check_same_present(&n, &expected);
+    check_same(&n, &m);
     CHECK_INT(pma_coupler_step_count(n.coupler), STEPS);
     destroy_model(&m);
     destroy_model(&n);
@@ -340,9 +323,9 @@ static void check_taken_over(plan chosen, int64_t after)
     make_chain(&n, chosen, 1.0);
     CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
     for (size_t i = 0; i < m.count; i++) {
-        const part *x = &m.parts[i];
+        const subdomain *x = &m.subdomains[i];
         const pma_kept_levels from = pma_subdomain_levels(x->core);
-        const pma_kept_levels to = pma_subdomain_levels(n.parts[i].core);
+        const pma_kept_levels to = pma_subdomain_levels(n.subdomains[i].core);
         copy_state(x->n, &from.present, &to.present);
         memcpy(to.vf, from.vf, x->nb * sizeof(double));
         CHECK_INT(from.previous.u != NULL, x->doubled);
@@ -354,8 +337,7 @@ static void check_taken_over(plan chosen, int64_t after)
     pma_coupler_start(n.coupler, after, pma_coupler_multipliers(m.coupler), g);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - after, NULL, NULL), PMA_OK);
     CHECK_STATUS(pma_coupler_advance(n.coupler, STEPS - after, NULL, NULL), PMA_OK);
-    const snapshot expected = present(&m);
-    check_same_present(&n, &expected);
+    check_same(&n, &m);
     CHECK_INT(pma_coupler_step_count(n.coupler), STEPS);
     destroy_model(&m);
     destroy_model(&n);
@@ -378,7 +360,7 @@ static void check_levels(size_t substeps)
     for (size_t macro = 1; macro <= 4; macro++) {
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
         for (size_t i = 0; i < m.count; i++) {
-            const part *x = &m.parts[i];
+            const subdomain *x = &m.subdomains[i];
             const pma_kept_levels kept = pma_subdomain_levels(x->core);
             const level *now = &m.levels[i][macro * x->substeps];
             check_state(x, &kept.present, now);
@@ -414,7 +396,8 @@ static void check_allocations(const chain *chosen)
     build_chain(&m, chosen);
     make_tape(&t, &m, 0, 0);
     const size_t before = allocations_counted();
-    CHECK(before - none >= 2 * PARTS + 2); /* the counter counts: a struct and a block for each */
+    CHECK(before - none >=
+          2 * SUBDOMAINS + 2); /* the counter counts: a struct and a block for each */
     run_taped(&m, &t, 3);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - 3, NULL, &poll), PMA_OK);
     if (!has_inner(&m))
@@ -432,7 +415,7 @@ static void a_step_does_not_allocate(void)
         return;
     }
     check_allocations(&chosen);
-    for (size_t i = 0; i < PARTS; i++)
+    for (size_t i = 0; i < SUBDOMAINS; i++)
         chosen.inner[i] = true;
     chosen.nonlinear = true;
     chosen.newton = (pma_newton){.tolerance = 1e-10, .iterations = 40, .reuse = true};

@@ -11,7 +11,7 @@
 #include "member/subdomain.h"
 #include "member/subdomain_struct.h"
 #include "naive.h"
-#include "parts.h"
+#include "subdomains.h"
 #include "tests.h"
 
 enum { SUBSTEPS = 3, MACROS = 4 };

@@ -165,11 +165,13 @@ static void begin_energy(model *m)
 {
     const double none[MOST] = {0.0};
     for (size_t i = 0; i < m->count; i++) {
-        const pma_matrix M = {.form = PMA_DENSE, .n = m->parts[i].n, .values = m->parts[i].M};
-        CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[i], M, (pma_matrix){.form = PMA_ZERO},
-                                                none, pma_coupler_multipliers(m->coupler)),
+        const pma_matrix M = {
+            .form = PMA_DENSE, .n = m->subdomains[i].n, .values = m->subdomains[i].M};
+        CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[i].core, M,
+                                                (pma_matrix){.form = PMA_ZERO}, none,
+                                                pma_coupler_multipliers(m->coupler)),
                      PMA_OK);
-        CHECK(pma_subdomain_has_energy(m->subdomains[i]));
+        CHECK(pma_subdomain_has_energy(m->subdomains[i].core));
     }
 }
 
@@ -177,7 +179,7 @@ static void a_run_with_energy_is_the_same_run(void)
 {
     static model m, other;
     static tape t;
-    static double energies[(STEPS + 1) * PARTS * PMA_ENERGIES];
+    static double energies[(STEPS + 1) * SUBDOMAINS * PMA_ENERGIES];
     make_chain(&m, MIXED, 1.0);
     make_chain(&other, MIXED, 1.0);
     make_tape(&t, &m, 0, 0);
@@ -185,10 +187,9 @@ static void a_run_with_energy_is_the_same_run(void)
     t.record.energy = energies;
     run_taped(&m, &t, STEPS);
     CHECK_STATUS(pma_coupler_advance(other.coupler, STEPS, NULL, NULL), PMA_OK);
-    const snapshot expected = present(&other);
-    check_same_present(&m, &expected);
+    check_same(&m, &other);
     for (size_t i = 0; i < m.count; i++) {
-        const part *x = &m.parts[i];
+        const subdomain *x = &m.subdomains[i];
         const double *last = energies + (STEPS * m.count + i) * PMA_ENERGIES;
         const pma_state *s = pma_subdomain_present(x->core);
         double twice_T = 0.0;
@@ -199,9 +200,9 @@ static void a_run_with_energy_is_the_same_run(void)
         CHECK_NEAR(last[PMA_KINETIC], 0.5 * twice_T, 100.0 * DBL_EPSILON * twice_T);
         CHECK(energies[i * PMA_ENERGIES + PMA_EXTERNAL] == 0.0);
     }
-    pma_subdomain_end_energy(m.subdomains[0]);
-    CHECK(!pma_subdomain_has_energy(m.subdomains[0]));
-    pma_subdomain_end_energy(m.subdomains[0]); /* once more is allowed */
+    pma_subdomain_end_energy(m.subdomains[0].core);
+    CHECK(!pma_subdomain_has_energy(m.subdomains[0].core));
+    pma_subdomain_end_energy(m.subdomains[0].core); /* once more is allowed */
     destroy_model(&m);
     destroy_model(&other);
 }
@@ -213,10 +214,11 @@ typedef struct {
     double load[MOST], damping[MOST], pull[MOST];
 } forces;
 
-/* Multipliers at time level k of part i: those of its interface problem, or on the line (M1) */
+/* Multipliers at time level k of subdomain i: those of its interface problem, or on the line
+ * (M1) */
 static double multiplier_at(const model *m, size_t i, size_t k, size_t row)
 {
-    const size_t substeps = m->parts[i].substeps, macro = k / substeps;
+    const size_t substeps = m->subdomains[i].substeps, macro = k / substeps;
     if (!m->macro)
         return m->lam[k * (m->fine / substeps)][row];
     const double share = (double)(k % substeps) / (double)substeps;
@@ -227,7 +229,7 @@ static double multiplier_at(const model *m, size_t i, size_t k, size_t row)
 /* (B2): F, C v + r and L^T Lam; at the beginning no load, and r of the first substep */
 static forces forces_at(const model *m, size_t i, size_t k)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     const level *at = &m->levels[i][k];
     forces q = {{0.0}, {0.0}, {0.0}};
     if (k > 0)
@@ -252,10 +254,10 @@ static double quadratic(size_t n, const double *A, const double *x)
     return sum;
 }
 
-/* (B1), (B2), (B3) at all time levels of part i */
+/* (B1), (B2), (B3) at all time levels of subdomain i */
 static void naive_energies(const model *m, size_t i, double (*out)[PMA_ENERGIES])
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     for (size_t k = 0; k <= STEPS * x->substeps; k++) {
         const size_t before = k - (x->doubled && k > x->substeps ? 2 : k > 0);
         const level *from = &m->levels[i][before], *to = &m->levels[i][k];
@@ -282,7 +284,7 @@ static void check_energies(const chain *chosen)
 {
     static model m;
     static tape t;
-    static double energies[STEPS + 1][PARTS][PMA_ENERGIES], expected[LEVELS][PMA_ENERGIES];
+    static double energies[STEPS + 1][SUBDOMAINS][PMA_ENERGIES], expected[LEVELS][PMA_ENERGIES];
     build_chain(&m, chosen);
     make_tape(&t, &m, 0, 0);
     begin_energy(&m);
@@ -293,7 +295,7 @@ static void check_energies(const chain *chosen)
         naive_energies(&m, i, expected);
         for (size_t macro = 0; macro <= STEPS; macro++) {
             for (size_t k = 0; k < PMA_ENERGIES; k++)
-                CHECK_NEAR(energies[macro][i][k], expected[macro * m.parts[i].substeps][k],
+                CHECK_NEAR(energies[macro][i][k], expected[macro * m.subdomains[i].substeps][k],
                            SUMS_AGREE);
         }
     }
@@ -320,7 +322,7 @@ static void energies_are_those_of_all_time_levels_of_the_naive_run(void)
 /* ---- after a stop --------------------------------------------------------------------------- */
 
 typedef struct {
-    double at[STEPS + 1][PARTS][PMA_ENERGIES]; /* macro time level by macro time level */
+    double at[STEPS + 1][SUBDOMAINS][PMA_ENERGIES]; /* macro time level by macro time level */
 } account;
 
 /* Energy from macro step `begun` on; the poll stops the run at its stop_at-th call, and it goes on.
@@ -359,7 +361,7 @@ static void check_stopped(const chain *chosen, int64_t begun)
         stop_at += STRIDE;
     }
     CHECK(stop_at > (size_t)(STEPS - begun));
-    for (size_t i = 0; i < PARTS; i++) {
+    for (size_t i = 0; i < SUBDOMAINS; i++) {
         const double *last = expected.at[STEPS - begun][i];
         CHECK(fabs(last[PMA_EXTERNAL]) > 1e-3 && fabs(last[PMA_INTERFACE_WORK]) > 1e-3);
         for (size_t k = 0; k < PMA_ENERGIES; k++)

@@ -1,6 +1,6 @@
-/* test_iterated.c - coupled parts with internal forces: against the naive program where they are
- * linear, and where they are not against the equations, put together again from what was recorded.
- */
+/* test_iterated.c - coupled subdomains with internal forces: against the naive program where
+ * they are linear, and where they are not against the equations, put together again from what was
+ * recorded. */
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -23,7 +23,7 @@ enum { CASES = 30 };
  * 300 e. */
 static const double BALANCED = 300.0 * 1e-13 * 10.0;
 
-/* Some parts have internal forces, some are naive; B is at the finest step and single. */
+/* Some subdomains have internal forces, some are naive; B is at the finest step and single. */
 static chain draw_chain(bool macro, uint64_t *seed)
 {
     static const size_t divisors[4] = {1, 2, 3, 6};
@@ -31,13 +31,13 @@ static chain draw_chain(bool macro, uint64_t *seed)
     c.plan = (plan){.rebased = true, .moved = draw(seed, 2)};
     c.plan.restored = !macro && draw(seed, 2); /* shooting evaluates r in every run */
     c.sprung = draw(seed, 2);
-    for (size_t i = 0; i < PARTS; i++) {
+    for (size_t i = 0; i < SUBDOMAINS; i++) {
         c.plan.substeps[i] = macro ? 1 + draw(seed, FINE) : divisors[draw(seed, 4)];
         c.inner[i] = draw(seed, 2);
         c.naive[i] = !c.inner[i] && draw(seed, 2);
     }
-    c.inner[draw(seed, PARTS)] = true;
-    for (size_t i = 0; i < PARTS; i++)
+    c.inner[draw(seed, SUBDOMAINS)] = true;
+    for (size_t i = 0; i < SUBDOMAINS; i++)
         c.naive[i] = c.naive[i] && !c.inner[i];
     c.plan.substeps[1] = FINE;
     c.plan.A_doubled = draw(seed, 2) && (!macro || c.plan.substeps[0] == 1);
@@ -46,20 +46,13 @@ static chain draw_chain(bool macro, uint64_t *seed)
     return c;
 }
 
-/* Springs of parts with internal forces alone: the naive program has those in K. */
+/* Springs of subdomains with internal forces alone: the naive program has those in K. */
 static void check_linear(bool macro)
 {
-    static model m;
-    static tape t;
     uint64_t seed = macro ? 31 : 32;
     for (size_t k = 0; k < CASES; k++) {
         const chain c = draw_chain(macro, &seed);
-        build_chain(&m, &c);
-        make_tape(&t, &m, 0, 0);
-        run_taped(&m, &t, STEPS);
-        naive_run(&m, STEPS);
-        check_against_naive(&m, &t, STEPS);
-        destroy_model(&m);
+        check_chain(&c);
     }
 }
 
@@ -77,16 +70,17 @@ typedef struct {
     double history[HISTORY], springs[SPRING_FIELDS * MOST_SPRINGS];
 } known_level;
 
-static void read_level(const part *x, const double *u, const double *v, const double *w, size_t row,
-                       level *out)
+static void read_level(const subdomain *x, const double *u, const double *v, const double *w,
+                       size_t row, level *out)
 {
     memcpy(out->u, u + row * x->n, x->n * sizeof(double));
     memcpy(out->v, v + row * x->n, x->n * sizeof(double));
     memcpy(out->w, w + row * x->n, x->n * sizeof(double));
 }
 
-/* Multipliers at time level k of a part: of that fine step, or linear in the macro step (M1). */
-static void multipliers_at(const model *m, const tape *t, const part *x, size_t k, double *lam)
+/* Multipliers at time level k of a subdomain: of that fine step, or linear in the macro step
+ * (M1). */
+static void multipliers_at(const model *m, const tape *t, const subdomain *x, size_t k, double *lam)
 {
     if (!m->macro) {
         memcpy(lam, t->lam + k * (m->fine / x->substeps) * m->p, m->p * sizeof(double));
@@ -110,7 +104,7 @@ static void add_product(size_t n, const double *A, const double *x, double *y)
 
 /* Equilibrium at the end of a substep (N1), the correctors (8) and the history: every term as the
  * method has it, none as the core computes it. */
-static void check_substep(const part *x, size_t k, double t, const double *lam,
+static void check_substep(const subdomain *x, size_t k, double t, const double *lam,
                           const known_level *from, known_level *to)
 {
     const bool twice = x->doubled && k > x->substeps;
@@ -145,9 +139,9 @@ static void check_substep(const part *x, size_t k, double t, const double *lam,
     }
 }
 
-static void check_part_equations(const model *m, const tape *t, size_t i)
+static void check_subdomain_equations(const model *m, const tape *t, size_t i)
 {
-    const part *x = &m->parts[i];
+    const subdomain *x = &m->subdomains[i];
     known_level levels[LEVELS] = {{.history = {0.0}}};
     double f[MOST], y[MOST] = {0.0};
     levels[0].state = m->levels[i][0];
@@ -181,7 +175,7 @@ static void check_ties(const model *m, const tape *t)
         prescribe(m, step * m->fine, jump);
         for (size_t row = 0; row < m->p; row++) {
             for (size_t i = 0; i < m->count; i++) {
-                const part *x = &m->parts[i];
+                const subdomain *x = &m->subdomains[i];
                 jump[row] -= constrained(x, row, t->v[i] + step * x->substeps * x->n);
             }
             CHECK_NEAR(jump[row], 0.0, AGREE);
@@ -198,7 +192,7 @@ static void check_nonlinear(bool macro)
         chain c = draw_chain(macro, &seed);
         c.nonlinear = true;
         c.plan.restored = draw(&seed, 2);
-        for (size_t i = 0; i < PARTS; i++) {
+        for (size_t i = 0; i < SUBDOMAINS; i++) {
             c.naive[i] = false;
             c.inner[i] = c.inner[i] || c.plan.restored || c.sprung;
         }
@@ -206,7 +200,7 @@ static void check_nonlinear(bool macro)
         make_tape(&t, &m, 0, 0);
         run_taped(&m, &t, STEPS);
         for (size_t i = 0; i < m.count; i++)
-            check_part_equations(&m, &t, i);
+            check_subdomain_equations(&m, &t, i);
         check_ties(&m, &t);
         destroy_model(&m);
     }
@@ -221,7 +215,7 @@ static void every_substep_is_in_equilibrium_and_every_macro_step_tied(void)
 /* ---- what is recorded of iterations ---------------------------------------------------------- */
 
 typedef struct {
-    double history[PARTS][LEVELS * HISTORY], corrections[PARTS][LEVELS];
+    double history[SUBDOMAINS][LEVELS * HISTORY], corrections[SUBDOMAINS][LEVELS];
 } notes;
 
 /* Histories and corrections, or the latter alone. */
@@ -233,12 +227,12 @@ static void select_notes(tape *t, notes *n, const model *m, bool all)
             (pma_selection){.history = all ? HISTORY : 0,
                             .of_history = HISTORY,
                             .q = n->history[i],
-                            .corrections = m->parts[i].implicit ? n->corrections[i] : NULL};
+                            .corrections = m->subdomains[i].implicit ? n->corrections[i] : NULL};
     }
 }
 
 /* Every step counts one more than that in which it begins, the start is the first one. */
-static void check_histories(const part *x, const double *history)
+static void check_histories(const subdomain *x, const double *history)
 {
     double expected[LEVELS] = {1.0};
     for (size_t k = 1; k <= STEPS * x->substeps; k++) {
@@ -249,7 +243,7 @@ static void check_histories(const part *x, const double *history)
 
 /* Where all is linear a correction leaves rounding: both functions are evaluated at the first guess
  * of a substep, in each pass of a macro step, after every correction, and once for the start. */
-static void check_corrections(const part *x, const double *corrections, bool macro)
+static void check_corrections(const subdomain *x, const double *corrections, bool macro)
 {
     const size_t steps = STEPS * x->substeps;
     double sum = 0.0;
@@ -273,7 +267,7 @@ static void histories_and_corrections_are_recorded(void)
         select_notes(&t, &n, &m, k & 2);
         run_taped(&m, &t, STEPS);
         for (size_t i = 0; i < m.count; i++) {
-            const part *x = &m.parts[i];
+            const subdomain *x = &m.subdomains[i];
             if (k & 2)
                 check_histories(x, n.history[i]);
             if (x->implicit && !c.macro)

@@ -52,7 +52,7 @@ static void an_iterated_run_is_bitwise_identical_for_any_number_of_threads(void)
     static model m;
     static tape expected, actual;
     for (int k = 0; k < KINDS; k++) {
-        for (size_t threads = 1; threads <= PARTS; threads++) {
+        for (size_t threads = 1; threads <= SUBDOMAINS; threads++) {
             tape *t = threads == 1 ? &expected : &actual;
             make_kind(&m, k, threads);
             CHECK_INT(pma_coupler_threads(m.coupler), threads);
@@ -67,13 +67,13 @@ static void an_iterated_run_is_bitwise_identical_for_any_number_of_threads(void)
 
 /* ---- a function that fails ------------------------------------------------------------------ */
 
-/* Evaluations of part i in a run from the start on. */
+/* Evaluations of subdomain i in a run from the start on. */
 static size_t count_evaluations(int k, size_t i)
 {
     static model m;
     make_kind(&m, k, 1);
     CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_OK);
-    const size_t count = m.parts[i].inner.evaluated;
+    const size_t count = m.subdomains[i].inner.evaluated;
     destroy_model(&m);
     return count;
 }
@@ -84,10 +84,10 @@ static void check_failure(int k, size_t i, size_t fail_at, size_t threads, const
 {
     static model m;
     make_kind(&m, k, threads);
-    m.parts[i].inner.fail_at = fail_at;
+    m.subdomains[i].inner.fail_at = fail_at;
     CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_INTERNAL_FAILED);
     CHECK_INT(pma_coupler_failed(m.coupler), i);
-    CHECK_INT(pma_subdomain_code(m.parts[i].core), 7);
+    CHECK_INT(pma_subdomain_code(m.subdomains[i].core), 7);
     const int64_t done = pma_coupler_step_count(m.coupler);
     check_same_present(&m, &at_macro[done]);
     CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN - done, NULL, NULL), PMA_OK);
@@ -100,30 +100,30 @@ static void a_function_that_fails_leaves_the_last_whole_macro_step(void)
     snapshot at_macro[SPAN + 1];
     for (int k = 0; k < KINDS; k++) {
         run_whole(k, at_macro);
-        for (size_t i = 0; i < PARTS; i++) {
+        for (size_t i = 0; i < SUBDOMAINS; i++) {
             const size_t count = count_evaluations(k, i);
             CHECK(count > 0);
             for (size_t at = 3; at <= count; at += STRIDE + at / 3) /* 1 and 2: the start's */
-                check_failure(k, i, at, 1 + at % PARTS, at_macro);
+                check_failure(k, i, at, 1 + at % SUBDOMAINS, at_macro);
         }
     }
 }
 
 /* ---- a value that is not finite -------------------------------------------------------------- */
 
-/* From one evaluation on all forces of part i are NaN; then they are not any more. */
+/* From one evaluation on all forces of subdomain i are NaN; then they are not any more. */
 static void check_spoilt(int k, size_t i, size_t from, const snapshot *at_macro)
 {
     static model m;
     make_kind(&m, k, 1);
-    m.parts[i].inner.spoil_from = from;
+    m.subdomains[i].inner.spoil_from = from;
     const pma_status status = pma_coupler_advance(m.coupler, SPAN, NULL, NULL);
     CHECK(status == PMA_NOT_FINITE || status == PMA_NOT_CONVERGED);
     if (status == PMA_NOT_FINITE)
         CHECK_INT(pma_coupler_failed(m.coupler), i);
     const int64_t done = pma_coupler_step_count(m.coupler);
     check_same_present(&m, &at_macro[done]);
-    m.parts[i].inner.spoil_from = 0;
+    m.subdomains[i].inner.spoil_from = 0;
     CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN - done, NULL, NULL), PMA_OK);
     check_same_present(&m, &at_macro[SPAN]);
     destroy_model(&m);
@@ -134,7 +134,7 @@ static void forces_that_are_no_longer_finite_leave_the_last_whole_macro_step(voi
     snapshot at_macro[SPAN + 1];
     for (int k = 0; k < KINDS; k++) {
         run_whole(k, at_macro);
-        for (size_t i = 0; i < PARTS; i++) {
+        for (size_t i = 0; i < SUBDOMAINS; i++) {
             const size_t count = count_evaluations(k, i);
             for (size_t at = 3; at <= count; at += 1 + at / 4)
                 check_spoilt(k, i, at, at_macro);
@@ -153,7 +153,7 @@ static void an_iteration_that_does_not_converge_names_the_subdomain(void)
         build_chain(&m, &c);
         const snapshot before = present(&m);
         CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_NOT_CONVERGED);
-        CHECK(pma_coupler_failed(m.coupler) < PARTS);
+        CHECK(pma_coupler_failed(m.coupler) < SUBDOMAINS);
         CHECK_INT(pma_coupler_step_count(m.coupler), 0);
         check_same_present(&m, &before);
         destroy_model(&m);

@@ -19,7 +19,7 @@ enum { SS = 3 }; /* substeps of B */
 
 /* A, implicit and damped, in one step, and B, explicit, in three; one constraint. */
 typedef struct {
-    part A, B;
+    subdomain A, B;
     double H[2], inverse[2]; /* of the first macro step, of the later ones */
     double U[4 * MOST];      /* response of B to a unit of multiplier, u v w a */
     int64_t row;
@@ -29,7 +29,7 @@ typedef struct {
 } pair;
 
 /* Time levels 1..ss under lam times j/ss from rest, or held from a level; the last one */
-static level naive_substeps(const part *x, bool twice, const double *F, double lam, bool ramp,
+static level naive_substeps(const subdomain *x, bool twice, const double *F, double lam, bool ramp,
                             level from)
 {
     level to;
@@ -97,8 +97,8 @@ static void make_pair(pair *q, bool doubled, bool stored)
                       .C = {0.25, 0, 0, 0},
                       .K = {30, -20, -20, 30},
                       .L = {0, -1}}};
-    make_part(&q->A);
-    make_part(&q->B);
+    make_subdomain(&q->A);
+    make_subdomain(&q->B);
     q->members[0] = pma_subdomain_member(q->A.core);
     q->members[1] = pma_subdomain_member(q->B.core);
     fill_interface(q, false);
@@ -124,7 +124,7 @@ static void destroy_pair(pair *q)
 }
 
 /* known + U dLam                                                                          (M5) */
-static void add_response(const part *x, bool twice, double dlam, level *known)
+static void add_response(const subdomain *x, bool twice, double dlam, level *known)
 {
     const level more = naive_substeps(x, twice, NO_FORCE, dlam, true, REST);
     naive_add(x, &more, known);
@@ -168,7 +168,7 @@ static void macro_steps_are_free_run_plus_link_response(void)
 }
 
 /* All substeps of the responses to unit multipliers. */
-static pma_unit_response *run_units(const part *x, size_t count, const int64_t *rows)
+static pma_unit_response *run_units(const subdomain *x, size_t count, const int64_t *rows)
 {
     pma_unit_response *r;
     CHECK_STATUS(pma_unit_response_create(x->core, &r), PMA_OK);
@@ -199,25 +199,19 @@ static const chain ESTIMATED = {.plan = {{3, 5, 2}, false, false, true, true, tr
 
 static void link_responses_know_lagged_damping_and_estimates(void)
 {
-    static model m;
-    static tape t;
     chain chosen = ESTIMATED;
     for (int stored = 0; stored <= 1; stored++) {
         for (size_t threads = 1; threads <= 3; threads++) {
             chosen.stored = stored;
             chosen.threads = threads;
-            build_chain(&m, &chosen);
-            make_tape(&t, &m, 0, 0);
-            run_taped(&m, &t, STEPS);
-            naive_run(&m, STEPS);
-            check_against_naive(&m, &t, STEPS);
-            destroy_model(&m);
+            check_chain(&chosen);
         }
     }
 }
 
 /* L v of all substeps of the response to one multiplier: the last one, and their mean */
-static void check_unit_response(const part *x, const pma_unit_response *r, size_t lane, size_t unit)
+static void check_unit_response(const subdomain *x, const pma_unit_response *r, size_t lane,
+                                size_t unit)
 {
     double sum[CONSTRAINTS] = {0.0}, state[4 * MOST];
     level at = REST;
@@ -246,13 +240,13 @@ static void unit_responses_are_the_naive_ones_in_every_lane(void)
     const int64_t rows[PMA_LANES] = {1, 0, 0, 1, 0, 1, 1, 0};
     build_chain(&m, &ESTIMATED);
     for (size_t i = 0; i < m.count; i++) {
-        pma_unit_response *r = run_units(&m.parts[i], PMA_LANES, rows);
+        pma_unit_response *r = run_units(&m.subdomains[i], PMA_LANES, rows);
         for (size_t l = 0; l < PMA_LANES; l++)
-            check_unit_response(&m.parts[i], r, l, (size_t)rows[l]);
+            check_unit_response(&m.subdomains[i], r, l, (size_t)rows[l]);
         pma_unit_response_begin(r, false, 1, rows); /* what was there is forgotten */
-        for (size_t j = 1; j <= m.parts[i].substeps; j++)
+        for (size_t j = 1; j <= m.subdomains[i].substeps; j++)
             pma_unit_response_step(r, j);
-        check_unit_response(&m.parts[i], r, 0, 1);
+        check_unit_response(&m.subdomains[i], r, 0, 1);
         pma_unit_response_destroy(r);
     }
     destroy_model(&m);
@@ -268,11 +262,11 @@ static void responses_are_repeated_where_they_have_to_be(void)
         chosen.stored = stored;
         build_chain(&m, &chosen);
         const pma_member *B = &m.members[1];
-        CHECK_INT(pma_response_is_stored(pma_subdomain_response(m.subdomains[1])), stored);
+        CHECK_INT(pma_response_is_stored(pma_subdomain_response(m.subdomains[1].core)), stored);
         CHECK_INT(B->table->repeats(B->self, false), stored ? 0 : 5);
         CHECK_INT(B->table->repeats(B->self, true), stored ? 4 : 5);
         const pma_matrix mass = {.form = PMA_DENSE, .n = 2, .values = M};
-        CHECK_STATUS(pma_subdomain_begin_energy(m.subdomains[1], mass,
+        CHECK_STATUS(pma_subdomain_begin_energy(m.subdomains[1].core, mass,
                                                 (pma_matrix){.form = PMA_ZERO}, none, m.lam0),
                      PMA_OK);
         CHECK_INT(B->table->repeats(B->self, false), 5); /* works want all levels */
@@ -304,7 +298,7 @@ static void a_link_response_that_is_not_finite_is_reported(void)
 
 /* ---- runs that are stopped, and couplers that cannot be ------------------------------------- */
 
-static void check_same_state(const part *actual, const part *expected)
+static void check_same_state(const subdomain *actual, const subdomain *expected)
 {
     double x[4 * MOST], y[4 * MOST];
     const size_t count = copy_present(actual, x);
@@ -343,12 +337,12 @@ static void substeps_need_a_response_and_no_double_step(void)
     CHECK_INT(pma_coupler_instants(q.coupler), 1);
     pma_subdomain_destroy(q.B.core);
     q.B.has_responses = false;
-    make_part(&q.B);
+    make_subdomain(&q.B);
     q.members[1] = pma_subdomain_member(q.B.core);
     CHECK_STATUS(pma_coupler_create(&good, &made), PMA_BAD_SIZE);
     pma_subdomain_destroy(q.B.core);
     q.B.has_responses = q.B.doubled = true;
-    make_part(&q.B);
+    make_subdomain(&q.B);
     q.members[1] = pma_subdomain_member(q.B.core);
     CHECK_STATUS(pma_coupler_create(&good, &made), PMA_BAD_SIZE);
     destroy_pair(&q);

@@ -22,8 +22,8 @@ static void two_trapezoidal_halves_under_gc_are_the_whole_oscillator(void)
         &m, (split){.dt = 0.1, .substeps = 1, .same = true, .A = TRAPEZOIDAL, .B = TRAPEZOIDAL});
     const double q = 2.0 * atan(OMEGA * 0.1 / 2.0), tolerance = 10.0 * SWING_TOLERANCE;
     for (size_t n = 0; n <= SWINGS; n++) {
-        const pma_state *A = pma_subdomain_present(m.parts[0].core);
-        const pma_state *B = pma_subdomain_present(m.parts[1].core);
+        const pma_state *A = pma_subdomain_present(m.subdomains[0].core);
+        const pma_state *B = pma_subdomain_present(m.subdomains[1].core);
         CHECK_NEAR(A->u[0], cos((double)n * q), tolerance);
         CHECK_NEAR(B->u[0], cos((double)n * q), tolerance);
         CHECK_NEAR(A->v[0], -OMEGA * sin((double)n * q), OMEGA * tolerance);
@@ -48,8 +48,8 @@ static void trapezoidal_and_central_difference_under_gc_have_a_closed_form(void)
     const double q = acos(1.0 - h * h * k / (2.0 * mass)), tolerance = 10.0 * SWING_TOLERANCE;
     make_oscillator(&m, (split){.dt = h, .substeps = 1, .A = TRAPEZOIDAL, .B = CENTRAL_DIFFERENCE});
     for (size_t n = 0; n <= SWINGS; n++) {
-        const pma_state *A = pma_subdomain_present(m.parts[0].core);
-        const pma_state *B = pma_subdomain_present(m.parts[1].core);
+        const pma_state *A = pma_subdomain_present(m.subdomains[0].core);
+        const pma_state *B = pma_subdomain_present(m.subdomains[1].core);
         const double cosine = (1.0 - c) * cos((double)n * q), w = -k / mass * cosine;
         CHECK_NEAR(B->u[0], c + cosine, tolerance);
         CHECK_NEAR(A->u[0] - B->u[0], h * h / 4.0 * (w - w0), tolerance);
@@ -62,7 +62,7 @@ static void trapezoidal_and_central_difference_under_gc_have_a_closed_form(void)
 
 /* The same pair under PM, A from n - 1 to n + 1. With v_n = V e^{iqn} the updates give
  *   w_A = i tan(q)/h V,  u_A = h cos(q)/(i sin q) V,  w_B = 2i tan(q/2)/h V,  u_B = h/(i sin q) V
- * and (1), summed over the parts, with c = cos q:
+ * and (1), summed over the subdomains, with c = cos q:
  *   (m_A + 2 m_B + h^2 k_A) c^2 - (2 m_B - h^2 k_B) c - m_A = 0
  * Both roots lie in [-1, 1], near 1 the oscillator, the other the two chains of A. The remaining
  * eigenvalues, 1 and -1, have no part in v. So (E^2 - 2 c_1 E + 1)(E^2 - 2 c_2 E + 1) v = 0. */
@@ -77,7 +77,7 @@ static void trapezoidal_and_central_difference_under_pm_have_a_closed_form(void)
         (split){
             .dt = h, .substeps = 1, .doubled = true, .A = TRAPEZOIDAL, .B = CENTRAL_DIFFERENCE});
     for (size_t n = 0; n <= SWINGS; n++) {
-        v[n] = pma_subdomain_present(m.parts[1].core)->v[0];
+        v[n] = pma_subdomain_present(m.subdomains[1].core)->v[0];
         most = fmax(most, fabs(v[n]));
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
     }
@@ -100,7 +100,7 @@ static double velocity_error(split s, size_t steps)
     make_oscillator(&m, s);
     for (size_t n = 1; n <= steps; n++) {
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
-        const double v = pma_subdomain_present(m.parts[1].core)->v[0] / OMEGA;
+        const double v = pma_subdomain_present(m.subdomains[1].core)->v[0] / OMEGA;
         worst = fmax(worst, fabs(v + sin(2.0 * PI * (double)n / (double)steps)));
     }
     destroy_model(&m);
@@ -170,7 +170,7 @@ static void pm_alpha_dissipates_in_the_long_run(void)
                                 .A = generalized_alpha(0.5),
                                 .B = generalized_alpha(0.5)});
     for (size_t n = 0; n < 2000; n++) {
-        const double v = fabs(pma_subdomain_present(m.parts[1].core)->v[0]);
+        const double v = fabs(pma_subdomain_present(m.subdomains[1].core)->v[0]);
         early = n < 20 ? fmax(early, v) : early;
         late = n >= 1980 ? fmax(late, v) : late;
         CHECK(v < 2.0 * OMEGA);
@@ -191,9 +191,9 @@ static void a_prescribed_velocity_is_followed(void)
     m.motion = (pma_motion){
         &m.moved_row,
         {.kind = PMA_LOAD_SAMPLED, .n = 1, .values = ramp, .samples = 2, .k = 1, .dt = 1.0}};
-    m.parts[0] = one_mass(2.0, 3.0, 1.0, TRAPEZOIDAL, true);
+    m.subdomains[0] = one_mass(2.0, 3.0, 1.0, TRAPEZOIDAL, true);
     make_model(&m);
-    pma_subdomain_start(m.parts[0].core, &zero, &zero, &w0, &lam0);
+    pma_subdomain_start(m.subdomains[0].core, &zero, &zero, &w0, &lam0);
     pma_coupler_start(m.coupler, 0, &lam0, &zero);
     for (int n = 1; n <= 20; n++) {
         if (n == 11)
@@ -202,7 +202,7 @@ static void a_prescribed_velocity_is_followed(void)
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
         const double t = 0.1 * n, u = n <= 10 ? t * t / 2.0 : t / 2.0 + 0.025;
         const double w = n <= 10 ? 1.0 : n % 2 ? -11.0 : 11.0;
-        const pma_state *x = pma_subdomain_present(m.parts[0].core);
+        const pma_state *x = pma_subdomain_present(m.subdomains[0].core);
         /* 20 steps of a few roundings each; in w and Lam times 2/h = 20 and all alternating */
         CHECK_NEAR(x->v[0], n <= 10 ? t : half, 16.0 * EPS);
         CHECK_NEAR(x->u[0], u, 100.0 * EPS);

@@ -64,7 +64,8 @@ static void paced_steps_begin_when_they_are_due_and_are_those_of_any_run(void)
     CHECK_STATUS(pma_coupler_advance(unpaced.coupler, STEPS, NULL, NULL), PMA_OK);
     const snapshot expected = present(&unpaced);
     make_chain(&m, RESTORED, 1.0);
-    pma_subdomain_time(m.parts[1].core, &stamp); /* with as many substeps as there are fine steps */
+    pma_subdomain_time(m.subdomains[1].core,
+                       &stamp); /* with as many substeps as there are fine steps */
     pma_coupler_set_pace(m.coupler, &pace);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     check_same_present(&m, &expected);

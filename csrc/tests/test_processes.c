@@ -24,7 +24,7 @@ typedef struct {
     meeting *place;
     model m;
     tape t;
-    pma_remote *remotes[PARTS];
+    pma_remote *remotes[SUBDOMAINS];
     double all[NUMBERS];
     int counts[RANKS], starts[RANKS];
     pma_exchange_parts exchange;
@@ -62,10 +62,10 @@ static bool is_own(const process *q, size_t i)
 /* The model, coupled anew with the members of the others as remote ones. */
 static void make_process(process *q, const chain *chosen, meeting *place, size_t rank)
 {
-    *q = (process){.rank = rank, .first = {0, 1, PARTS}, .place = place};
+    *q = (process){.rank = rank, .first = {0, 1, SUBDOMAINS}, .place = place};
     build_chain(&q->m, chosen);
-    for (size_t i = 0; i < PARTS; i++) {
-        part *x = &q->m.parts[i];
+    for (size_t i = 0; i < SUBDOMAINS; i++) {
+        subdomain *x = &q->m.subdomains[i];
         const pma_remote_parts parts = {.link = pma_subdomain_parts(x->core)->link,
                                         .substeps = x->substeps,
                                         .h = x->h,
@@ -85,19 +85,19 @@ static void make_process(process *q, const chain *chosen, meeting *place, size_t
                                        .starts = q->starts,
                                        .gather = gather,
                                        .ctx = q};
-    CHECK(pma_exchange_size(RANKS, PARTS, q->m.members) <= NUMBERS);
+    CHECK(pma_exchange_size(RANKS, SUBDOMAINS, q->m.members) <= NUMBERS);
     parts.exchange = &q->exchange;
     CHECK_STATUS(pma_coupler_create(&parts, &q->m.coupler), PMA_OK);
     start_model(&q->m);
     make_tape(&q->t, &q->m, 0, 0);
-    for (size_t i = 0; i < PARTS; i++)
+    for (size_t i = 0; i < SUBDOMAINS; i++)
         q->t.selections[i].count = is_own(q, i) ? q->t.selections[i].count : 0;
 }
 
 static void destroy_process(process *q)
 {
     destroy_model(&q->m);
-    for (size_t i = 0; i < PARTS; i++)
+    for (size_t i = 0; i < SUBDOMAINS; i++)
         pma_remote_destroy(q->remotes[i]);
 }
 

@@ -107,7 +107,7 @@ static void check_rows_alike(const tape *few, const tape *all, const model *m, s
                              size_t macro)
 {
     for (size_t i = 0; i < m->count; i++) {
-        const size_t n = m->parts[i].n, from = macro * m->parts[i].substeps * n;
+        const size_t n = m->subdomains[i].n, from = macro * m->subdomains[i].substeps * n;
         CHECK_BITS(n, few->u[i] + row * n, all->u[i] + from);
         CHECK_BITS(n, few->v[i] + row * n, all->v[i] + from);
         CHECK_BITS(n, few->w[i] + row * n, all->w[i] + from);
@@ -134,7 +134,7 @@ static void check_every_third(int64_t begin, const tape *all, const double *unto
             check_rows_alike(&few, all, &m, row++, macro);
     }
     for (size_t i = 0; i < m.count; i++)
-        CHECK_BITS(m.parts[i].n, few.u[i] + row * m.parts[i].n, untouched);
+        CHECK_BITS(m.subdomains[i].n, few.u[i] + row * m.subdomains[i].n, untouched);
     CHECK_BITS(m.p, few.lam + row * m.p, untouched);
     CHECK_BITS(m.p, few.velocity + row * m.p, untouched);
     CHECK_BITS(m.p, few.displacement + row * m.p, untouched);
@@ -168,8 +168,8 @@ static void a_record_of_all_time_levels_may_begin_in_the_middle(void)
     CHECK_STATUS(pma_coupler_advance(later.coupler, 3, NULL, NULL), PMA_OK);
     run_taped(&later, &late, STEPS - 3);
     for (size_t i = 0; i < m.count; i++) {
-        const size_t n = m.parts[i].n, skipped = 3 * m.parts[i].substeps * n;
-        CHECK_BITS((STEPS - 3) * m.parts[i].substeps * n + n, late.u[i], all.u[i] + skipped);
+        const size_t n = m.subdomains[i].n, skipped = 3 * m.subdomains[i].substeps * n;
+        CHECK_BITS((STEPS - 3) * m.subdomains[i].substeps * n + n, late.u[i], all.u[i] + skipped);
     }
     CHECK_BITS(((STEPS - 3) * FINE + 1) * m.p, late.lam, all.lam + 3 * FINE * m.p);
     CHECK_BITS((STEPS - 3 + 1) * m.p, late.displacement, all.displacement + 3 * m.p);
@@ -186,9 +186,9 @@ static void a_run_without_constraints_leaves_the_interface_arrays_alone(void)
                                    {.count = 0}};
     const pma_record record = {.begin = 0, .every = 1, .selections = selections};
     m = (model){.count = 2, .dt = 0.5};
-    m.parts[0] = one_mass(1.0, 4.0, 0.0, TRAPEZOIDAL, true); /* omega h = 1 */
-    m.parts[1] = one_mass(1.0, 1.0, 0.0, CENTRAL_DIFFERENCE, false);
-    m.parts[0].u0[0] = 1.0;
+    m.subdomains[0] = one_mass(1.0, 4.0, 0.0, TRAPEZOIDAL, true); /* omega h = 1 */
+    m.subdomains[1] = one_mass(1.0, 1.0, 0.0, CENTRAL_DIFFERENCE, false);
+    m.subdomains[0].u0[0] = 1.0;
     make_model(&m);
     pma_coupler_record_present(m.coupler, &record);
     CHECK_STATUS(pma_coupler_advance(m.coupler, 2, &record, NULL), PMA_OK);

@@ -36,7 +36,7 @@ static void a_force_is_evaluated_in_the_users_order_and_a_code_leaves_the_sum_as
 
 static void a_force_that_does_not_fit_the_subdomain_is_refused(void)
 {
-    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.restored = true;
     x.D_r[0] = 1.0;
     const pma_parts good = describe(&x);
@@ -59,7 +59,7 @@ static void a_force_is_evaluated_once_for_each_substep_at_its_end(void)
     make_chain(&m, RESTORED, 1.0);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     for (size_t i = 0; i < m.count; i++) {
-        const part *x = &m.parts[i];
+        const subdomain *x = &m.subdomains[i];
         CHECK_INT(x->pulled.evaluated, STEPS * x->substeps);
         for (size_t k = 0; k < x->pulled.evaluated; k++)
             CHECK(x->pulled.times[k] == (double)(k + 1) / (double)x->substeps * m.dt);
@@ -72,12 +72,12 @@ static void check_continued(size_t i, size_t fail_at, size_t threads, const snap
 {
     static model m;
     make_threaded_chain(&m, RESTORED, threads);
-    diary *d = &m.parts[i].pulled;
+    diary *d = &m.subdomains[i].pulled;
     d->fail_at = fail_at;
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_RESTORING_FAILED);
     CHECK_INT(pma_coupler_failed(m.coupler), i);
-    CHECK_INT(pma_subdomain_code(m.parts[i].core), 7);
-    const size_t whole = (fail_at - 1) / m.parts[i].substeps;
+    CHECK_INT(pma_subdomain_code(m.subdomains[i].core), 7);
+    const size_t whole = (fail_at - 1) / m.subdomains[i].substeps;
     CHECK_INT(pma_coupler_step_count(m.coupler), whole);
     check_same_present(&m, &at_macro[whole]);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - (int64_t)whole, NULL, NULL), PMA_OK);
@@ -96,7 +96,7 @@ static void a_run_whose_force_failed_is_at_a_macro_step_and_goes_on_as_if_it_had
         at_macro[i] = present(&m);
     }
     for (size_t i = 0; i < m.count; i++) {
-        for (size_t fail_at = 1; fail_at <= 3 * m.parts[i].substeps; fail_at++)
+        for (size_t fail_at = 1; fail_at <= 3 * m.subdomains[i].substeps; fail_at++)
             check_continued(i, fail_at, 1 + fail_at % 3, at_macro);
     }
     destroy_model(&m);
@@ -104,15 +104,15 @@ static void a_run_whose_force_failed_is_at_a_macro_step_and_goes_on_as_if_it_had
 
 static void the_force_alone_is_what_a_step_would_evaluate(void)
 {
-    part x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true);
     double r = -1.0;
     const double u = 2.0, v = 3.0, zero = 0.0;
-    make_part(&x);
+    make_subdomain(&x);
     CHECK_STATUS(pma_subdomain_evaluate_restoring(x.core, 8.0, &u, &v, &r), PMA_OK);
     CHECK_BITS(1, &r, &zero);
     pma_subdomain_destroy(x.core);
     x.restored = true;
-    make_part(&x);
+    make_subdomain(&x);
     CHECK_STATUS(pma_subdomain_evaluate_restoring(x.core, 8.0, &u, &v, &r), PMA_OK);
     CHECK(r == 8.0 + 3.0 + 0.75 + 1.0);
     pma_subdomain_destroy(x.core);

@@ -9,14 +9,7 @@
 
 static void check(chain chosen)
 {
-    static model m;
-    static tape t;
-    build_chain(&m, &chosen);
-    make_tape(&t, &m, 0, 0);
-    run_taped(&m, &t, STEPS);
-    naive_run(&m, STEPS);
-    check_against_naive(&m, &t, STEPS);
-    destroy_model(&m);
+    check_chain(&chosen);
 }
 
 static void tied_displacements_are_shifted_as_it_is_written(void)

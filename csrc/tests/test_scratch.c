@@ -8,15 +8,15 @@
 #include "member/response.h"
 #include "member/subdomain.h"
 #include "member/subdomain_struct.h"
-#include "parts.h"
+#include "subdomains.h"
 #include "tests.h"
 #include "workers/team.h"
 
 enum { DOFS = 3, FACE = 2, ROUNDS = 500 };
 
-/* A part whose factors are in panels, 0 | 1 2: sweeps of the first want scratch. */
+/* A subdomain whose factors are in panels, 0 | 1 2: sweeps of the first want scratch. */
 typedef struct {
-    part of;
+    subdomain of;
     double values[2][7];
     pma_subdomain *core;
     pma_member member;
@@ -25,7 +25,7 @@ typedef struct {
 static const int64_t PANEL_FIRST[3] = {0, 1, 3}, ROW_PTR[3] = {0, 2, 2}, START[3] = {0, 3, 7};
 static const int32_t ROWS[2] = {1, 2};
 
-static void put_into_panels(const part *x, bool twice, double *values, pma_factor *f)
+static void put_into_panels(const subdomain *x, bool twice, double *values, pma_factor *f)
 {
     static const size_t places[7] = {0, 1, 2, 4, 5, 7, 8}; /* in R by columns */
     for (size_t k = 0; k < 7; k++)
@@ -34,20 +34,20 @@ static void put_into_panels(const part *x, bool twice, double *values, pma_facto
     f->panels = (pma_panels){2, PANEL_FIRST, ROW_PTR, ROWS, START, values, 0};
 }
 
-static void fill_part(panelled *q)
+static void fill_subdomain(panelled *q)
 {
-    q->of = (part){.n = DOFS,
-                   .nb = FACE,
-                   .p = 2,
-                   .substeps = 2,
-                   .implicit = true,
-                   .doubled = true,
-                   .scheme = generalized_alpha(0.6),
-                   .h = 0.2,
-                   .M = {2, 0, 0, 0, 1, 0, 0, 0, 1.5},
-                   .K = {5, -2, 0, -2, 4, -2, 0, -2, 2},
-                   .L = {0, 1, 0, 0, -1, 1},
-                   .u0 = {1.0, 0.5, -0.5}};
+    q->of = (subdomain){.n = DOFS,
+                        .nb = FACE,
+                        .p = 2,
+                        .substeps = 2,
+                        .implicit = true,
+                        .doubled = true,
+                        .scheme = generalized_alpha(0.6),
+                        .h = 0.2,
+                        .M = {2, 0, 0, 0, 1, 0, 0, 0, 1.5},
+                        .K = {5, -2, 0, -2, 4, -2, 0, -2, 2},
+                        .L = {0, 1, 0, 0, -1, 1},
+                        .u0 = {1.0, 0.5, -0.5}};
 }
 
 static void create_panelled(panelled *q, const pma_parts *parts)
@@ -60,7 +60,7 @@ static void create_panelled(panelled *q, const pma_parts *parts)
 
 static void make_panelled(panelled *q)
 {
-    fill_part(q);
+    fill_subdomain(q);
     pma_parts parts = describe(&q->of);
     put_into_panels(&q->of, false, q->values[0], &parts.single.factor);
     put_into_panels(&q->of, true, q->values[1], &parts.twice.factor);
@@ -150,8 +150,8 @@ static void the_compliance_leaves_the_scratch_of_the_steps_alone(void)
 static void check_one_in_panels(bool twice)
 {
     panelled q, dense;
-    fill_part(&q);
-    fill_part(&dense);
+    fill_subdomain(&q);
+    fill_subdomain(&dense);
     pma_parts parts = describe(&q.of);
     put_into_panels(&q.of, twice, q.values[twice],
                     twice ? &parts.twice.factor : &parts.single.factor);
@@ -190,8 +190,8 @@ static void link_responses_have_scratch_of_their_own(void)
     panelled q, dense;
     const double lam[CONSTRAINTS] = {3.0, -4.0};
     const pma_substep step = {.j = 0};
-    fill_part(&q);
-    fill_part(&dense);
+    fill_subdomain(&q);
+    fill_subdomain(&dense);
     q.of.doubled = dense.of.doubled = false;
     q.of.has_responses = dense.of.has_responses = true;
     pma_parts parts = describe(&q.of);

@@ -74,7 +74,7 @@ static void a_run_polls_about_every_given_number_of_entries(void)
     size_t entries = 0; /* of a macro step */
     make_chain(&m, MIXED, 1.0);
     for (size_t i = 0; i < m.count; i++)
-        entries += m.parts[i].substeps * m.members[i].entries;
+        entries += m.subdomains[i].substeps * m.members[i].entries;
     entries += FINE * 2 * pma_factor_entries(&m.interfaces[1].factor);
     CHECK_INT(count_polls(0), STEPS * FINE);
     CHECK_INT(count_polls(SIZE_MAX), 0);
@@ -91,17 +91,17 @@ static void a_run_polls_about_every_given_number_of_entries(void)
 static void make_unstable(model *m, bool doubled, size_t substeps)
 {
     *m = (model){.count = 2, .p = 1, .dt = 0.1 * (double)substeps, .rebased = true};
-    m->parts[0] = one_mass(1000.0, 1.0, 1.0, TRAPEZOIDAL, true);
-    m->parts[0].doubled = doubled;
-    m->parts[1] = (part){.n = 2,
-                         .nb = 1,
-                         .p = 1,
-                         .substeps = substeps,
-                         .scheme = CENTRAL_DIFFERENCE,
-                         .M = {1.0, 0.0, 0.0, 1.0},
-                         .K = {900.0, -900.0, -900.0, 900.0},
-                         .L = {0.0, -1.0},
-                         .u0 = {1.0}};
+    m->subdomains[0] = one_mass(1000.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    m->subdomains[0].doubled = doubled;
+    m->subdomains[1] = (subdomain){.n = 2,
+                                   .nb = 1,
+                                   .p = 1,
+                                   .substeps = substeps,
+                                   .scheme = CENTRAL_DIFFERENCE,
+                                   .M = {1.0, 0.0, 0.0, 1.0},
+                                   .K = {900.0, -900.0, -900.0, 900.0},
+                                   .L = {0.0, -1.0},
+                                   .u0 = {1.0}};
     make_model(m);
 }
 
@@ -140,39 +140,15 @@ static void an_explicit_subdomain_above_its_limit_is_named_and_the_state_kept(vo
     check_unstable(true, 2);
 }
 
-/* One load that is not finite, at dof `dof` of subdomain i: which is named, and what is left? */
-static void check_infinite_load(size_t i, size_t dof, int64_t after)
-{
-    static model m, n;
-    double F[MOST] = {0.0};
-    F[dof] = INFINITY;
-    make_chain(&m, MIXED, 1.0);
-    make_chain(&n, MIXED, 1.0);
-    CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
-    const snapshot before = present(&m);
-    const pma_load good = *pma_subdomain_load(m.parts[i].core);
-    const pma_load bad = {.kind = PMA_LOAD_CONSTANT, .n = m.parts[i].n, .values = F};
-    pma_subdomain_set_load(m.parts[i].core, bad);
-    CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_NOT_FINITE);
-    CHECK_INT(pma_coupler_failed(m.coupler), i);
-    check_same_present(&m, &before);
-    pma_subdomain_set_load(m.parts[i].core, good);
-    CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - after, NULL, NULL), PMA_OK);
-    CHECK_STATUS(pma_coupler_advance(n.coupler, STEPS, NULL, NULL), PMA_OK);
-    const snapshot expected = present(&n);
-    check_same_present(&m, &expected);
-    destroy_model(&m);
-    destroy_model(&n);
-}
-
 static void after_a_load_that_is_not_finite_the_run_can_go_on_as_if_it_had_not_been(void)
 {
-    for (int64_t after = 0; after <= 3; after++) {
-        check_infinite_load(0, 2, after);
-        check_infinite_load(0, 0, after);
-        check_infinite_load(1, 0, after);
-        check_infinite_load(2, 0, after);
-        check_infinite_load(2, 1, after);
+    static const size_t places[5][2] = {
+        {0, 2}, {0, 0}, {1, 0}, {2, 0}, {2, 1}}; /* subdomain, dof */
+    static model m, n;
+    for (size_t k = 0; k < 20; k++) {
+        make_chain(&m, MIXED, 1.0);
+        make_chain(&n, MIXED, 1.0);
+        check_infinite_load(&m, places[k % 5][0], places[k % 5][1], (int64_t)(k / 5), &n);
     }
 }
 
@@ -181,13 +157,13 @@ static void an_unstable_subdomain_without_an_interface_is_named_too(void)
 {
     static model m;
     m = (model){.count = 2, .dt = 1.0};
-    m.parts[0] = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true);
-    m.parts[1] = one_mass(1.0, 9.0, 0.0, CENTRAL_DIFFERENCE, false); /* omega h = 3 */
-    m.parts[1].u0[0] = 1.0;
+    m.subdomains[0] = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true);
+    m.subdomains[1] = one_mass(1.0, 9.0, 0.0, CENTRAL_DIFFERENCE, false); /* omega h = 3 */
+    m.subdomains[1].u0[0] = 1.0;
     make_model(&m);
     CHECK_STATUS(pma_coupler_advance(m.coupler, 10000, NULL, NULL), PMA_NOT_FINITE);
     CHECK_INT(pma_coupler_failed(m.coupler), 1);
-    CHECK(isfinite(pma_subdomain_present(m.parts[1].core)->u[0]));
+    CHECK(isfinite(pma_subdomain_present(m.subdomains[1].core)->u[0]));
     destroy_model(&m);
 }
 

@@ -18,7 +18,7 @@
 
 static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)
 {
-    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.n = 2, x.M[3] = 1.0;
     const pma_parts good = describe(&x);
     pma_parts bad[11];
@@ -36,9 +36,7 @@ static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)
     bad[9].doubled = true, bad[9].twice.factor.nb = 0;
     bad[10].nb = 0;
     for (size_t i = 0; i < 11; i++) {
-        pma_subdomain *made = (pma_subdomain *)&x;
-        CHECK_STATUS(pma_subdomain_create(&bad[i], &made), PMA_BAD_SIZE);
-        CHECK(made == NULL);
+        CHECK_STATUS(subdomain_status(&bad[i]), PMA_BAD_SIZE);
     }
     pma_subdomain *made = NULL;
     bad[8].doubled = false; /* the second operator is read only if doubled */
@@ -51,7 +49,7 @@ static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)
 
 static void a_subdomain_with_a_bad_index_is_refused(void)
 {
-    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.doubled = true;
     const pma_parts good = describe(&x);
     const int64_t ptr[2] = {0, 1};
@@ -78,44 +76,36 @@ static void a_subdomain_with_a_bad_index_is_refused(void)
 /* Over a change of the step a double step is h_old + h_new. */
 static void a_double_step_that_continues_is_longer_than_a_step(void)
 {
-    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.doubled = true;
     pma_parts parts = describe(&x);
     const double h = parts.single.step.h, good[2] = {1.5 * h, 9.0 * h}, bad[2] = {h, NAN};
-    pma_subdomain *made = NULL;
     parts.continues = true;
     for (size_t i = 0; i < 2; i++) {
         parts.twice.step.h = bad[i];
-        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_BAD_STEP);
+        CHECK_STATUS(subdomain_status(&parts), PMA_BAD_STEP);
         parts.twice.step.h = good[i];
-        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_OK);
-        pma_subdomain_destroy(made);
-        made = NULL;
+        CHECK_STATUS(subdomain_status(&parts), PMA_OK);
     }
 }
 
 static void a_double_step_of_another_length_than_two_steps_is_refused(void)
 {
-    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.doubled = true;
     pma_parts parts = describe(&x);
     const double h = parts.twice.step.h;
     const double bad[4] = {parts.single.step.h, nextafter(h, 1.0), 0.0, NAN};
-    pma_subdomain *made = NULL;
     for (size_t i = 0; i < 4; i++) {
         parts.twice.step.h = bad[i];
         parts.doubled = true;
-        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_BAD_STEP);
-        CHECK(made == NULL);
+        CHECK_STATUS(subdomain_status(&parts), PMA_BAD_STEP);
         parts.doubled = false; /* not read */
-        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_OK);
-        pma_subdomain_destroy(made);
-        made = NULL;
+        CHECK_STATUS(subdomain_status(&parts), PMA_OK);
     }
     parts.twice.step.h = h;
     parts.doubled = true;
-    CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_OK);
-    pma_subdomain_destroy(made);
+    CHECK_STATUS(subdomain_status(&parts), PMA_OK);
 }
 
 /* Without an interface and with diagonal forms no array is read before memory is allocated. */
@@ -130,17 +120,15 @@ static void a_subdomain_beyond_all_memory_is_refused(void)
                              .C = {.form = PMA_ZERO, .n = n},
                              .single = {.factor = {.form = PMA_DIAGONAL, .n = n, .inverse = &one}},
                              .link = {0, 0, &ptr, NULL, NULL, NULL}};
-    pma_subdomain *made = NULL;
-    CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_NO_MEMORY);
-    CHECK(made == NULL);
+    CHECK_STATUS(subdomain_status(&parts), PMA_NO_MEMORY);
 }
 
 /* A substep reads the factor twice, K and C once, and the four vectors a few times. */
 static void a_substep_reads_at_least_what_its_sweeps_and_products_read(void)
 {
-    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.n = 3, x.M[4] = x.M[8] = 1.0, x.L[2] = 1.0, x.L[0] = 0.0;
-    make_part(&x);
+    make_subdomain(&x);
     const size_t least = 2 * 6 + 9 + 9 + 4 * 3;
     CHECK(pma_subdomain_member(x.core).entries >= least);
     CHECK(pma_subdomain_member(x.core).entries < 2 * least);
@@ -148,10 +136,10 @@ static void a_substep_reads_at_least_what_its_sweeps_and_products_read(void)
 }
 
 /* `steps` macro steps of one substep each, nothing tied; u and v at every time level, 0 included */
-static void swing(part *x, double u0, double v0, size_t steps, double *u, double *v)
+static void swing(subdomain *x, double u0, double v0, size_t steps, double *u, double *v)
 {
     const double w0 = -x->K[0] / x->M[0] * u0, lam = 0.0;
-    make_part(x);
+    make_subdomain(x);
     const pma_member m = pma_subdomain_member(x->core);
     pma_subdomain_start(x->core, &u0, &v0, &w0, &lam);
     for (size_t n = 0; n <= steps; n++) {
@@ -169,7 +157,7 @@ static void swing(part *x, double u0, double v0, size_t steps, double *u, double
  * tan(q/2) = omega h/2. */
 static void a_free_oscillator_under_the_trapezoidal_rule_turns_by_its_closed_form(void)
 {
-    part x = one_mass(2.0, 18.0, 0.0, TRAPEZOIDAL, true); /* omega = 3 */
+    subdomain x = one_mass(2.0, 18.0, 0.0, TRAPEZOIDAL, true); /* omega = 3 */
     double u[SWINGS + 1], v[SWINGS + 1];
     swing(&x, 1.0, 1.5, SWINGS, u, v);
     const double q = 2.0 * atan(3.0 * x.h / 2.0);
@@ -184,7 +172,7 @@ static void a_free_oscillator_under_the_trapezoidal_rule_turns_by_its_closed_for
  * v_n = (u_{n+1} - u_{n-1})/(2 h) = -sin(n q) sin(q)/h */
 static void a_free_oscillator_under_the_central_difference_turns_by_its_closed_form(void)
 {
-    part x = one_mass(2.0, 18.0, 0.0, CENTRAL_DIFFERENCE, false);
+    subdomain x = one_mass(2.0, 18.0, 0.0, CENTRAL_DIFFERENCE, false);
     double u[SWINGS + 1], v[SWINGS + 1];
     swing(&x, 1.0, 0.0, SWINGS, u, v);
     const double q = acos(1.0 - 0.5 * 0.3 * 0.3);
@@ -202,7 +190,7 @@ static void the_explicit_scheme_has_three_equal_roots_at_its_bifurcation(void)
 {
     for (double rho = 0.25; rho < 1.0; rho += 0.25) {
         const double omega_h = (1.0 + rho) * sqrt(2.0 - rho);
-        part x = one_mass(1.0, omega_h * omega_h / 0.01, 0.0, generalized_alpha(rho), false);
+        subdomain x = one_mass(1.0, omega_h * omega_h / 0.01, 0.0, generalized_alpha(rho), false);
         double u[11], v[11];
         swing(&x, 1.0, 10.0, 10, u, v);
         for (size_t n = 1; n + 3 <= 10; n++) {
@@ -218,31 +206,31 @@ static void the_explicit_scheme_has_three_equal_roots_at_its_bifurcation(void)
 
 /* Three dofs with a full mass matrix and damping, two of them on the interface with two
  * constraints, under a constant load. */
-static part three_dofs(size_t substeps, bool doubled)
+static subdomain three_dofs(size_t substeps, bool doubled)
 {
-    part x = {.n = 3,
-              .nb = 2,
-              .p = 2,
-              .substeps = substeps,
-              .implicit = true,
-              .doubled = doubled,
-              .scheme = generalized_alpha(0.6),
-              .h = 0.2,
-              .M = {2.0, 0.25, 0.0, 0.25, 1.0, 0.25, 0.0, 0.25, 1.5},
-              .C = {0.5, -0.125, 0.0, -0.125, 0.25, 0.0, 0.0, 0.0, 0.125},
-              .K = {5.0, -2.0, 0.0, -2.0, 4.0, -2.0, 0.0, -2.0, 2.0},
-              .L = {0.0, 1.0, 0.0, 0.0, -1.0, 1.0},
-              .u0 = {1.0, 0.5, -0.5},
-              .v0 = {0.0, -1.0, 0.25},
-              .shape = {0.5, 0.0, -0.25}};
+    subdomain x = {.n = 3,
+                   .nb = 2,
+                   .p = 2,
+                   .substeps = substeps,
+                   .implicit = true,
+                   .doubled = doubled,
+                   .scheme = generalized_alpha(0.6),
+                   .h = 0.2,
+                   .M = {2.0, 0.25, 0.0, 0.25, 1.0, 0.25, 0.0, 0.25, 1.5},
+                   .C = {0.5, -0.125, 0.0, -0.125, 0.25, 0.0, 0.0, 0.0, 0.125},
+                   .K = {5.0, -2.0, 0.0, -2.0, 4.0, -2.0, 0.0, -2.0, 2.0},
+                   .L = {0.0, 1.0, 0.0, 0.0, -1.0, 1.0},
+                   .u0 = {1.0, 0.5, -0.5},
+                   .v0 = {0.0, -1.0, 0.25},
+                   .shape = {0.5, 0.0, -0.25}};
     return x;
 }
 
-static void start_three_dofs(part *x, level *naive)
+static void start_three_dofs(subdomain *x, level *naive)
 {
     const double w0[3] = {0.5, -1.0, 2.0}, lam0[2] = {0.5, -0.25};
     x->load = (pma_load){.kind = PMA_LOAD_CONSTANT, .values = x->shape};
-    make_part(x);
+    make_subdomain(x);
     pma_subdomain_start(x->core, x->u0, x->v0, w0, lam0);
     memcpy(naive->u, x->u0, sizeof naive->u);
     memcpy(naive->v, x->v0, sizeof naive->v);
@@ -252,7 +240,7 @@ static void start_three_dofs(part *x, level *naive)
 }
 
 /* A substep of both, towards time level k of the run; lam is anything but zero. */
-static void step_both(part *x, size_t k, bool twice, level *naive)
+static void step_both(subdomain *x, size_t k, bool twice, level *naive)
 {
     const pma_member m = pma_subdomain_member(x->core);
     const pma_substep step = {.j = (k - 1) % x->substeps, .number = (int64_t)k - 1, .twice = twice};
@@ -276,7 +264,7 @@ static void step_both(part *x, size_t k, bool twice, level *naive)
 /* Naively all time levels are kept; the core has room for two or three, in turn. */
 static void check_against_all_levels(size_t substeps, bool doubled)
 {
-    part x = three_dofs(substeps, doubled);
+    subdomain x = three_dofs(substeps, doubled);
     level naive[LEVELS];
     start_three_dofs(&x, &naive[0]);
     const pma_member m = pma_subdomain_member(x.core);
@@ -310,7 +298,7 @@ static void double_steps_are_those_of_a_program_that_keeps_all_levels(void)
 /* al2 L Mbar^-1 L^T lam, added to what is there, for h and for 2 h */
 static void the_compliance_is_the_dense_product(void)
 {
-    part x = three_dofs(1, true);
+    subdomain x = three_dofs(1, true);
     level naive;
     const double lam[2] = {1.5, -0.5};
     double wl[MOST];
@@ -332,7 +320,7 @@ static void the_compliance_is_the_dense_product(void)
 /* L = [0 1 0; 0 -1 1] and dyadic numbers: no rounding */
 static void velocities_and_displacements_on_the_interface_are_added_to_the_jump(void)
 {
-    part x = three_dofs(1, false);
+    subdomain x = three_dofs(1, false);
     level naive;
     double jump[2] = {8.0, 16.0};
     start_three_dofs(&x, &naive);
@@ -358,7 +346,7 @@ static void walk(const pma_member *m, size_t count, bool twice)
 /* Both walk three macro steps, one of them after `given_up` substeps that it never commits. */
 static void check_given_up(size_t substeps, bool doubled, size_t given_up)
 {
-    part x = three_dofs(substeps, doubled), y = three_dofs(substeps, doubled);
+    subdomain x = three_dofs(substeps, doubled), y = three_dofs(substeps, doubled);
     double before[4 * MOST], after[4 * MOST], jump_x[2] = {0.0}, jump_y[2] = {0.0};
     level naive;
     start_three_dofs(&x, &naive);

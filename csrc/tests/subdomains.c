@@ -1,5 +1,5 @@
-/* parts.c - see parts.h; the naive steps are docs/method.md as written. */
-#include "parts.h"
+/* subdomains.c - see subdomains.h; the naive steps are docs/method.md as written. */
+#include "subdomains.h"
 
 #include <math.h>
 #include <string.h>
@@ -19,16 +19,16 @@ pma_scheme generalized_alpha(double rho)
     return s;
 }
 
-/* ---- parts ---------------------------------------------------------------------------------- */
+/* ---- subdomains ------------------------------------------------------------------------------ */
 
-double al1_of(const part *x, bool twice)
+double al1_of(const subdomain *x, bool twice)
 {
     const pma_scheme s = x->scheme;
     const double h = twice ? 2.0 * x->h : x->h;
     return h * h * s.beta * (1.0 - s.af) / (1.0 - s.am);
 }
 
-double al2_of(const part *x, bool twice)
+double al2_of(const subdomain *x, bool twice)
 {
     const pma_scheme s = x->scheme;
     const double h = twice ? 2.0 * x->h : x->h;
@@ -48,7 +48,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user)
     return d->evaluated == d->fail_at ? 7 : 0;
 }
 
-void naive_pull(const part *x, double t, const double *u, const double *v, double *r)
+void naive_pull(const subdomain *x, double t, const double *u, const double *v, double *r)
 {
     for (size_t i = 0; i < x->n; i++) {
         const double next = v[(i + x->n - 1) % x->n];
@@ -57,7 +57,7 @@ void naive_pull(const part *x, double t, const double *u, const double *v, doubl
 }
 
 /* implicit M + al2 (C + D_r) + al1 (K + K_r), explicit without stiffness; lagged without C */
-static pma_operator make_operator(part *x, bool twice)
+static pma_operator make_operator(subdomain *x, bool twice)
 {
     const double al1 = x->implicit ? al1_of(x, twice) : 0.0, al2 = al2_of(x, twice);
     for (size_t i = 0; i < x->n * x->n; i++) {
@@ -73,7 +73,7 @@ static pma_operator make_operator(part *x, bool twice)
                                      .values = x->R[twice]}};
 }
 
-static pma_link make_link(part *x)
+static pma_link make_link(subdomain *x)
 {
     int64_t k = 0;
     for (size_t j = 0; j < x->nb; j++) {
@@ -89,7 +89,7 @@ static pma_link make_link(part *x)
     return (pma_link){x->p, x->nb, x->ptr, x->constraint, x->sign, NULL};
 }
 
-static pma_restoring make_restoring(part *x)
+static pma_restoring make_restoring(subdomain *x)
 {
     for (size_t i = 0; i < x->n; i++)
         x->order[i] = (int64_t)(x->n - 1 - i);
@@ -110,14 +110,14 @@ static pma_matrix estimate(size_t n, const double *values)
     return (pma_matrix){.form = PMA_ZERO, .n = n};
 }
 
-static pma_factor make_mass(part *x)
+static pma_factor make_mass(subdomain *x)
 {
     naive_factor(x->n, x->M, x->R_mass, x->inverse_mass);
     return (pma_factor){
         .form = PMA_DENSE, .n = x->n, .nb = x->nb, .inverse = x->inverse_mass, .values = x->R_mass};
 }
 
-pma_parts describe(part *x)
+pma_parts describe(subdomain *x)
 {
     const double al1[2] = {al1_of(x, false), al1_of(x, true)};
     const double al2[2] = {al2_of(x, false), al2_of(x, true)};
@@ -147,7 +147,7 @@ pma_parts describe(part *x)
                        .link = make_link(x)};
 }
 
-void make_part(part *x)
+void make_subdomain(subdomain *x)
 {
     const pma_parts parts = describe(x);
     CHECK_STATUS(pma_subdomain_create(&parts, &x->core), PMA_OK);
@@ -155,22 +155,31 @@ void make_part(part *x)
     pma_subdomain_set_load(x->core, x->load);
 }
 
-part one_mass(double m, double k, double L, pma_scheme scheme, bool implicit)
+pma_status subdomain_status(const pma_parts *parts)
 {
-    part x = {.n = 1,
-              .nb = L != 0.0,
-              .p = L != 0.0,
-              .substeps = 1,
-              .implicit = implicit,
-              .scheme = scheme,
-              .h = 0.1,
-              .M = {m},
-              .K = {k},
-              .L = {L}};
+    pma_subdomain *made = (pma_subdomain *)&made;
+    const pma_status status = pma_subdomain_create(parts, &made);
+    CHECK((made != NULL) == (status == PMA_OK));
+    pma_subdomain_destroy(made);
+    return status;
+}
+
+subdomain one_mass(double m, double k, double L, pma_scheme scheme, bool implicit)
+{
+    subdomain x = {.n = 1,
+                   .nb = L != 0.0,
+                   .p = L != 0.0,
+                   .substeps = 1,
+                   .implicit = implicit,
+                   .scheme = scheme,
+                   .h = 0.1,
+                   .M = {m},
+                   .K = {k},
+                   .L = {L}};
     return x;
 }
 
-size_t copy_present(const part *x, double *out)
+size_t copy_present(const subdomain *x, double *out)
 {
     const pma_state *s = pma_subdomain_present(x->core);
     const double *const arrays[4] = {s->u, s->v, s->w, s->a};
@@ -181,7 +190,7 @@ size_t copy_present(const part *x, double *out)
 
 /* ---- the same step, naively: sections 3 and 4 as written ------------------------------------ */
 
-void naive_force(const part *x, double t, size_t substep, double *F)
+void naive_force(const subdomain *x, double t, size_t substep, double *F)
 {
     const pma_load *load = &x->load;
     memset(F, 0, x->n * sizeof(double));
@@ -199,7 +208,8 @@ void naive_force(const part *x, double t, size_t substep, double *F)
     }
 }
 
-void naive_predict(const part *x, bool twice, const level *from, double *ut, double *vt, double *vs)
+void naive_predict(const subdomain *x, bool twice, const level *from, double *ut, double *vt,
+                   double *vs)
 {
     const pma_scheme s = x->scheme;
     const double h = twice ? 2.0 * x->h : x->h, d = 1.0 - s.am;
@@ -222,7 +232,8 @@ static void subtract(size_t n, const double *A, const double *x, double *y)
 }
 
 /* (8) */
-static void naive_correct(const part *x, bool twice, const double *ut, const double *vt, level *to)
+static void naive_correct(const subdomain *x, bool twice, const double *ut, const double *vt,
+                          level *to)
 {
     for (size_t i = 0; i < x->n; i++) {
         to->u[i] = ut[i] + al1_of(x, twice) * to->w[i];
@@ -236,7 +247,7 @@ double naive_recur(pma_scheme s, double w1, double w0, double a0)
 }
 
 /* (5), (6) and (R1) under an acceleration y                                               (K2) */
-static void take_free(const part *x, bool twice, double t, const double *F, const double *y,
+static void take_free(const subdomain *x, bool twice, double t, const double *F, const double *y,
                       const level *from, level *to)
 {
     double ut[MOST], vt[MOST], vs[MOST], late[MOST];
@@ -260,13 +271,14 @@ static void take_free(const part *x, bool twice, double t, const double *F, cons
     memcpy(to->vf, to->v, x->n * sizeof(double));
 }
 
-void naive_free(const part *x, bool twice, double t, const double *F, const level *from, level *to)
+void naive_free(const subdomain *x, bool twice, double t, const double *F, const level *from,
+                level *to)
 {
     const double none[MOST] = {0.0};
     take_free(x, twice, t, F, none, from, to);
 }
 
-void naive_push(const part *x, const double *lam, double *y)
+void naive_push(const subdomain *x, const double *lam, double *y)
 {
     memset(y, 0, x->n * sizeof(double));
     for (size_t row = 0; row < x->p; row++) {
@@ -276,7 +288,7 @@ void naive_push(const part *x, const double *lam, double *y)
     naive_solve(x->n, x->M, y);
 }
 
-void naive_pushed(const part *x, bool twice, double t, const double *F, const double *y,
+void naive_pushed(const subdomain *x, bool twice, double t, const double *F, const double *y,
                   const level *from, level *to)
 {
     take_free(x, twice, t, F, y, from, to);
@@ -284,7 +296,7 @@ void naive_pushed(const part *x, bool twice, double t, const double *F, const do
         to->a[i] = naive_recur(x->scheme, to->w[i], from->w[i], from->a[i]);
 }
 
-void naive_stiffness_of(const part *x, const double *y, double *z)
+void naive_stiffness_of(const subdomain *x, const double *y, double *z)
 {
     for (size_t i = 0; i < x->n; i++) {
         z[i] = 0.0;
@@ -294,7 +306,7 @@ void naive_stiffness_of(const part *x, const double *y, double *z)
     naive_solve(x->n, x->Mbar[0], z);
 }
 
-void naive_shift(const part *x, const double *mu, level *to)
+void naive_shift(const subdomain *x, const double *mu, level *to)
 {
     double y[MOST], z[MOST];
     naive_link(x, false, mu, y);
@@ -307,7 +319,7 @@ void naive_shift(const part *x, const double *mu, level *to)
     }
 }
 
-void naive_link(const part *x, bool twice, const double *lam, double *wl)
+void naive_link(const subdomain *x, bool twice, const double *lam, double *wl)
 {
     memset(wl, 0, x->n * sizeof(double));
     for (size_t row = 0; row < x->p; row++) {
@@ -317,7 +329,7 @@ void naive_link(const part *x, bool twice, const double *lam, double *wl)
     naive_solve(x->n, x->Mbar[twice], wl);
 }
 
-void naive_close(const part *x, bool twice, const double *lam, const level *from, level *to)
+void naive_close(const subdomain *x, bool twice, const double *lam, const level *from, level *to)
 {
     double wl[MOST];
     naive_link(x, twice, lam, wl);
@@ -329,7 +341,7 @@ void naive_close(const part *x, bool twice, const double *lam, const level *from
     }
 }
 
-void naive_store(const part *x, bool twice, const double *lam, level *at)
+void naive_store(const subdomain *x, bool twice, const double *lam, level *at)
 {
     double wl[MOST];
     naive_link(x, twice, lam, wl);
@@ -337,7 +349,8 @@ void naive_store(const part *x, bool twice, const double *lam, level *at)
         at->vf[i] = at->v[i] - al2_of(x, twice) * wl[i];
 }
 
-void naive_link_response(const part *x, bool twice, const double *lam, const level *from, level *to)
+void naive_link_response(const subdomain *x, bool twice, const double *lam, const level *from,
+                         level *to)
 {
     double ut[MOST], vt[MOST], vs[MOST];
     naive_predict(x, twice, from, ut, vt, vs);
@@ -356,7 +369,7 @@ void naive_link_response(const part *x, bool twice, const double *lam, const lev
         to->a[i] = naive_recur(x->scheme, to->w[i], from->w[i], from->a[i]);
 }
 
-void naive_add(const part *x, const level *more, level *to)
+void naive_add(const subdomain *x, const level *more, level *to)
 {
     for (size_t i = 0; i < x->n; i++) {
         to->u[i] += more->u[i];
@@ -366,7 +379,7 @@ void naive_add(const part *x, const level *more, level *to)
     }
 }
 
-double constrained(const part *x, size_t row, const double *values)
+double constrained(const subdomain *x, size_t row, const double *values)
 {
     double sum = 0.0;
     for (size_t i = 0; i < x->n; i++)
@@ -374,7 +387,7 @@ double constrained(const part *x, size_t row, const double *values)
     return sum;
 }
 
-void check_state(const part *x, const pma_state *actual, const level *expected)
+void check_state(const subdomain *x, const pma_state *actual, const level *expected)
 {
     for (size_t i = 0; i < x->n; i++) {
         CHECK_NEAR(actual->u[i], expected->u[i], AGREE);

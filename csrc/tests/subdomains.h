@@ -1,6 +1,7 @@
-/* parts.h - subdomains that know their equations, and their steps as docs/method.md has them. */
-#ifndef PMA_TEST_PARTS_H
-#define PMA_TEST_PARTS_H
+/* subdomains.h - subdomains that know their equations, and their steps as docs/method.md has
+ * them. */
+#ifndef PMA_TEST_SUBDOMAINS_H
+#define PMA_TEST_SUBDOMAINS_H
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -21,7 +22,7 @@ static const pma_scheme CENTRAL_DIFFERENCE = {.beta = 0.0, .gamma = 0.5};
 /* (P1): all four from one number */
 pma_scheme generalized_alpha(double rho);
 
-/* ---- parts ---------------------------------------------------------------------------------- */
+/* ---- subdomains ------------------------------------------------------------------------------ */
 
 enum {
     SPRING_FIELDS = 3, /* deformation, force and an inner variable */
@@ -42,9 +43,9 @@ typedef struct {
  * spoils its copies of u and v. Returns 7 if it fails. */
 int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
 
-/* One subdomain of (1), filled in by a test, and what make_part makes of it. A part is not to be
- * moved afterwards: the core keeps pointers into it. */
-struct part {
+/* One subdomain of (1), filled in by a test, and what make_subdomain makes of it. A subdomain is
+ * not to be moved afterwards: the core keeps pointers into it. */
+struct subdomain {
     size_t n, nb, p, substeps;
     bool implicit, doubled, has_responses;
     bool mean, defers, shifts; /* as those of pma_parts */
@@ -72,18 +73,21 @@ struct part {
 };
 
 /* al1 = h^2 beta (1-af)/(1-am), al2 = h gamma (1-af)/(1-am)                               (P2) */
-double al1_of(const part *x, bool twice);
-double al2_of(const part *x, bool twice);
+double al1_of(const subdomain *x, bool twice);
+double al2_of(const subdomain *x, bool twice);
 
-pma_parts describe(part *x);
+pma_parts describe(subdomain *x);
 
-void make_part(part *x);
+void make_subdomain(subdomain *x);
+
+/* Of a subdomain that is made of these parts, and destroyed; none is made where it is not PMA_OK. */
+pma_status subdomain_status(const pma_parts *parts);
 
 /* m w + k u = 0 with as many constraints as L has entries, one or none */
-part one_mass(double m, double k, double L, pma_scheme scheme, bool implicit);
+subdomain one_mass(double m, double k, double L, pma_scheme scheme, bool implicit);
 
 /* The present of a subdomain, all four arrays. */
-size_t copy_present(const part *x, double *out);
+size_t copy_present(const subdomain *x, double *out);
 
 enum { SWINGS = 400 };
 
@@ -99,55 +103,56 @@ typedef struct {
 } level;
 
 /* F (n) := F(t) at the end of this substep of the run */
-void naive_force(const part *x, double t, size_t substep, double *F);
+void naive_force(const subdomain *x, double t, size_t substep, double *F);
 
 /* r (n) := the restoring force, in elimination order; 0 where there is none */
-void naive_pull(const part *x, double t, const double *u, const double *v, double *r);
+void naive_pull(const subdomain *x, double t, const double *u, const double *v, double *r);
 
 /* (5), (6) and (R1) */
-void naive_predict(const part *x, bool twice, const level *from, double *ut, double *vt,
+void naive_predict(const subdomain *x, bool twice, const level *from, double *ut, double *vt,
                    double *vs);
 
 /* (9) */
 double naive_recur(pma_scheme s, double w1, double w0, double a0);
 
 /* Free problem from one time level to another at t: (5), (6), (R1), (R2) or (R4), (8) */
-void naive_free(const part *x, bool twice, double t, const double *F, const level *from, level *to);
+void naive_free(const subdomain *x, bool twice, double t, const double *F, const level *from,
+                level *to);
 
 /* wl (n) := Mbar^-1 L^T lam */
-void naive_link(const part *x, bool twice, const double *lam, double *wl);
+void naive_link(const subdomain *x, bool twice, const double *lam, double *wl);
 
 /* Link problem added to the free one, and (9) with the total acceleration */
-void naive_close(const part *x, bool twice, const double *lam, const level *from, level *to);
+void naive_close(const subdomain *x, bool twice, const double *lam, const level *from, level *to);
 
 /* vf := v - al2 Mbar^-1 L^T lam, (S2) and (S3) */
-void naive_store(const part *x, bool twice, const double *lam, level *at);
+void naive_store(const subdomain *x, bool twice, const double *lam, level *at);
 
 /* y (n) := M^-1 L^T lam, and a substep that it pushes                               (K1) (K2) */
-void naive_push(const part *x, const double *lam, double *y);
-void naive_pushed(const part *x, bool twice, double t, const double *F, const double *y,
+void naive_push(const subdomain *x, const double *lam, double *y);
+void naive_pushed(const subdomain *x, bool twice, double t, const double *F, const double *y,
                   const level *from, level *to);
 
 /* to := the same with the predictor shifted by Mbar^-1 L^T mu                          (V1) (V2) */
-void naive_shift(const part *x, const double *mu, level *to);
+void naive_shift(const subdomain *x, const double *mu, level *to);
 
 /* z (n) := Mbar^-1 (K + K_r) y with the operator of the single step                         (V2) */
-void naive_stiffness_of(const part *x, const double *y, double *z);
+void naive_stiffness_of(const subdomain *x, const double *y, double *z);
 
 /* A substep of the link response under lam: (M3) with K + K_r, C + D_r, lagged C vs */
-void naive_link_response(const part *x, bool twice, const double *lam, const level *from,
+void naive_link_response(const subdomain *x, bool twice, const double *lam, const level *from,
                          level *to);
 
 /* to += more, but for vf                                                                 (M5) */
-void naive_add(const part *x, const level *more, level *to);
+void naive_add(const subdomain *x, const level *more, level *to);
 
 /* L x for one constraint */
-double constrained(const part *x, size_t row, const double *values);
+double constrained(const subdomain *x, size_t row, const double *values);
 
 /* Some 50 steps of some 50 roundings each, of numbers of order one; a division by h in (18) and
  * matrices of condition 10 make 1e2 of it at most. A term left out shows at 1e-3. */
 static const double AGREE = 1e-11;
 
-void check_state(const part *x, const pma_state *actual, const level *expected);
+void check_state(const subdomain *x, const pma_state *actual, const level *expected);
 
 #endif
