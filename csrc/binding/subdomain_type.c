@@ -470,18 +470,21 @@ static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
 
 static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closure))
 {
-    return PyFloat_FromDouble(pma_subdomain_gain(self->core));
+    const pma_balance *b = pma_subdomain_balance(self->core);
+    return PyFloat_FromDouble(b ? pma_balance_gain(b) : 0.0);
 }
 
 static PyObject *subdomain_get_impact(SubdomainObject *self, void *Py_UNUSED(closure))
 {
-    const pma_impact impact = pma_subdomain_impact(self->core);
+    const pma_balance *b = pma_subdomain_balance(self->core);
+    const pma_impact impact = b ? pma_balance_impact(b) : (pma_impact){0};
     return Py_BuildValue("(ddd)", impact.square, impact.share, impact.t);
 }
 
 static PyObject *subdomain_get_alternates(SubdomainObject *self, void *Py_UNUSED(closure))
 {
-    return PyFloat_FromDouble(pma_subdomain_alternates(self->core));
+    const pma_balance *b = pma_subdomain_balance(self->core);
+    return PyFloat_FromDouble(b ? pma_balance_alternates(b) : 0.0);
 }
 
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))

@@ -1,6 +1,7 @@
 /* test_memory.c - every allocation fails once in what algebra and workers make: PMA_NO_MEMORY, and
  * nothing is left. The other objects are in tests/campaign_memory.py. */
 #include <stdint.h>
+#include <stdlib.h>
 
 #include "algebra/elimination.h"
 #include "algebra/numeric.h"
@@ -10,6 +11,7 @@
 #include "check.h"
 #include "matrices.h"
 #include "naive.h"
+#include "object.h"
 #include "tests.h"
 #include "workers/roster.h"
 #include "workers/team.h"
@@ -130,7 +132,46 @@ static void what_cannot_be_allocated_is_not_made(void)
     pma_tree_destroy(tree);
 }
 
+/* ---- an object and its arrays ---------------------------------------------------------------- */
+
+typedef struct {
+    double *numbers;
+    char *letters;
+    size_t *sizes;
+} three;
+
+static void an_object_has_its_arrays_zeroed_one_after_another(void)
+{
+    const pma_array arrays[] = {PMA_ARRAY(three, numbers, 3),
+                                PMA_ARRAY(three, letters, 5),
+                                PMA_ARRAY(three, sizes, 2),
+                                {0}};
+    three *x = pma_object_create(sizeof *x, arrays), y;
+    void *block = pma_object_fill(&y, arrays);
+    CHECK(x && block);
+    CHECK((uintptr_t)x->numbers % 64 == 0 && (uintptr_t)y.numbers % 64 == 0); /* a line */
+    CHECK(x->letters == (char *)(x->numbers + 3));
+    CHECK(x->sizes == (size_t *)(void *)(x->letters + 8)); /* a word */
+    CHECK(x->numbers[2] == 0.0 && x->letters[4] == 0 && x->sizes[1] == 0);
+    free(x);
+    free(block);
+}
+
+static void arrays_beyond_all_memory_are_not_made(void)
+{
+    three x;
+    for (size_t k = 1; k <= 3; k++) {
+        const pma_array arrays[] = {PMA_ARRAY(three, numbers, SIZE_MAX / (8 * k)),
+                                    PMA_ARRAY(three, sizes, SIZE_MAX / (8 * k)),
+                                    {0}};
+        CHECK(!pma_object_create(sizeof x, arrays));
+        CHECK(!pma_object_fill(&x, arrays));
+    }
+}
+
 const test MEMORY_TESTS[] = {
+    TEST(an_object_has_its_arrays_zeroed_one_after_another),
+    TEST(arrays_beyond_all_memory_are_not_made),
     TEST(what_cannot_be_allocated_is_not_made),
     END_OF_TESTS,
 };

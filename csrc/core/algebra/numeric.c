@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "algebra/lists.h"
+#include "object.h"
 
 /* A pivot below this part of its diagonal entry has lost all digits.                      (F11) */
 #define LOST (64.0 * DBL_EPSILON)
@@ -71,44 +72,25 @@ static pma_status check(const pma_numeric_parts *parts)
     return pma_panels_check(&parts->panels, parts->n, parts->nb);
 }
 
-/* The numbers of a factor of this form, and of a band the limits of its pivots. */
-static void sizes_of(const pma_numeric_parts *parts, pma_form form, size_t *size, size_t *limits)
-{
-    *size = *limits = 0;
-    if (form == PMA_BAND) {
-        *size = parts->n * width_of(parts);
-        *limits = 2 * parts->n;
-    } else if (form == PMA_PANELS) {
-        *size = (size_t)parts->panels.start[parts->panels.count];
-    }
-}
-
-static size_t workers_of(const pma_numeric_parts *parts)
-{
-    return parts->crew.workers > 0 ? parts->crew.workers : 1;
-}
-
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
 {
     *out = (pma_numeric){.values = NULL};
-    pma_status status = check(parts);
-    if (status != PMA_OK)
-        return status;
+    PMA_TRY(check(parts));
     const pma_form form = form_of(parts);
-    const size_t n = parts->n, entries = entries_of(parts);
-    size_t size, limits;
-    sizes_of(parts, form, &size, &limits);
+    const size_t n = parts->n, width = form == PMA_BAND ? width_of(parts) : 0;
+    const size_t size =
+        form == PMA_PANELS ? (size_t)parts->panels.start[parts->panels.count] : n * width;
     const size_t Q = parts->unsymmetric ? size : 0;
-    double *block = calloc(2 * entries + n + size + Q + limits + 1, sizeof *block);
-    if (!block)
+    const pma_array arrays[] = {PMA_ARRAY(pma_numeric, values, entries_of(parts)),
+                                PMA_ARRAY(pma_numeric, factored, entries_of(parts)),
+                                PMA_ARRAY(pma_numeric, inverse, n),
+                                PMA_ARRAY(pma_numeric, numbers, size + Q),
+                                PMA_ARRAY(pma_numeric, limits, form == PMA_BAND ? 2 * n : 0),
+                                {0}};
+    out->block = pma_object_fill(out, arrays);
+    if (!out->block)
         return PMA_NO_MEMORY;
-    *out = (pma_numeric){.parts = *parts,
-                         .values = block,
-                         .factored = block + entries,
-                         .inverse = block + 2 * entries,
-                         .numbers = block + 2 * entries + n,
-                         .limits = block + 2 * entries + n + size + Q,
-                         .block = block};
+    out->parts = *parts;
     for (size_t i = 0; i < n; i++)
         out->inverse[i] = 1.0;
     out->parts.panels.values = out->numbers;
@@ -118,12 +100,14 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
                                .nb = parts->nb,
                                .inverse = out->inverse,
                                .values = out->numbers,
-                               .width = form == PMA_BAND ? width_of(parts) : 0,
+                               .width = width,
                                .Q = Q,
                                .panels = out->parts.panels};
-    if (form == PMA_PANELS)
-        status = pma_elimination_create(&out->parts.panels, n, parts->owner, &parts->blas,
-                                        workers_of(parts), &out->elimination);
+    if (form != PMA_PANELS)
+        return PMA_OK;
+    const pma_status status =
+        pma_elimination_create(&out->parts.panels, n, parts->owner, &parts->blas,
+                               pma_most(parts->crew.workers, 1), &out->elimination);
     if (status != PMA_OK)
         pma_numeric_destroy(out);
     return status;

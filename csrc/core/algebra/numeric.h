@@ -36,9 +36,10 @@ typedef struct {
     double *factored;  /* ptr[n]: the values it is made of, if there is one */
     bool is_factored;
     size_t made; /* how many factors were made */
-    double *inverse, *numbers, *limits;
+    double *inverse, *numbers;
+    double *limits;               /* of a band: of its pivots, and of what may be subtracted */
     pma_elimination *elimination; /* in panels, else NULL */
-    double *block;
+    void *block;
 } pma_numeric;
 
 /* Checks the parts and allocates, all values zero. PMA_BAD_INDEX for a pattern without its diagonal

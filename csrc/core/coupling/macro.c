@@ -137,21 +137,33 @@ static pma_status solve_interface(pma_coupler *c)
 
 /* ---- link response (M3), added (M5) --------------------------------------------------------- */
 
-pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m)
+pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m, const double *lam,
+                             void (*record)(const pma_coupler *c, const pma_coupled *m, size_t j,
+                                            const pma_selection *inner))
 {
     const pma_member *member = &m->member;
     const pma_selection *inner = pma_macro_selection(c, m);
-    if (member->substeps == 1)
-        return member->table->advance(member->self, &m->step, NULL, c->working.lam, NULL);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     for (size_t j = 1; j <= repeats; j++) {
         if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        member->table->advance_response(member->self, j, c->present.lam, c->dlam);
-        if (inner && j < member->substeps)
-            member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
-                                  pma_recorder_row(c, j, member->substeps));
+        member->table->advance_response(member->self, j, lam, c->dlam);
+        if (!inner || j == member->substeps)
+            continue;
+        member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
+                              pma_recorder_row(c, j, member->substeps));
+        if (record)
+            record(c, m, j, inner);
     }
+    return PMA_OK;
+}
+
+pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    if (member->substeps == 1)
+        return member->table->advance(member->self, &m->step, NULL, c->working.lam, NULL);
+    PMA_TRY(pma_macro_respond(c, m, c->present.lam, NULL));
     return member->table->add_response(member->self, c->dlam);
 }
 

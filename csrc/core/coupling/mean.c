@@ -157,21 +157,9 @@ pma_status pma_mean_link_response(pma_coupler *c, pma_coupled *m)
     const pma_member *member = &m->member;
     if (member->defers)
         return close_waiting(c, m);
-    const pma_selection *inner = pma_macro_selection(c, m);
-    const double *lam = multipliers_of(c, m);
-    const size_t repeats = member->table->repeats(member->self, inner != NULL);
-    member->table->begin_response(member->self, m->step.twice, lam);
+    member->table->begin_response(member->self, m->step.twice, multipliers_of(c, m));
     member->table->hold_energy(member->self, m->step.twice, held_multipliers(c, m));
-    for (size_t j = 1; j <= repeats; j++) {
-        if (pma_macro_is_stopped(c, m))
-            return PMA_STOPPED;
-        member->table->advance_response(member->self, j, c->working.lam, c->dlam);
-        if (!inner || j == member->substeps)
-            continue;
-        member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
-                              pma_recorder_row(c, j, member->substeps));
-        accelerate_inner(c, m, j, inner);
-    }
+    PMA_TRY(pma_macro_respond(c, m, c->working.lam, accelerate_inner));
     return member->table->add_response(member->self, multipliers_of(c, m));
 }
 

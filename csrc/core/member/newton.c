@@ -152,9 +152,7 @@ static pma_status evaluate(iteration *it, bool *fresh)
     } else {
         if (it->count == 1)
             return status; /* the ties do not hold before the first correction: nothing to search */
-        status = search(it, status == PMA_OK ? slope : NAN);
-        if (status != PMA_OK)
-            return status;
+        PMA_TRY(search(it, status == PMA_OK ? slope : NAN));
     }
     *fresh = true;
     return eq->evaluate(it->ctx, true, &it->at);

@@ -412,19 +412,9 @@ void pma_subdomain_watch_again(pma_subdomain *s)
         pma_limits_begin(s->sent[i]);
 }
 
-pma_impact pma_subdomain_impact(const pma_subdomain *s)
+const pma_balance *pma_subdomain_balance(const pma_subdomain *s)
 {
-    return s->balance ? pma_balance_impact(s->balance) : (pma_impact){0};
-}
-
-double pma_subdomain_alternates(const pma_subdomain *s)
-{
-    return s->balance ? pma_balance_alternates(s->balance) : 0.0;
-}
-
-double pma_subdomain_gain(const pma_subdomain *s)
-{
-    return s->balance ? pma_balance_gain(s->balance) : 0.0;
+    return s->balance;
 }
 
 /* ---- a specimen ----------------------------------------------------------------------------- */

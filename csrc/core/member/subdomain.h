@@ -148,14 +148,8 @@ pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each
 /* The present was written. */
 void pma_subdomain_watch_again(pma_subdomain *s);
 
-/* The contact that was seen, see pma_balance_impact; 0 where it is not looked for. */
-pma_impact pma_subdomain_impact(const pma_subdomain *s);
-
-/* When its forces were seen to alternate, see pma_balance_alternates. */
-double pma_subdomain_alternates(const pma_subdomain *s);
-
-/* The energy that the scheme has added, see pma_balance_gain; 0 where it is not watched. */
-double pma_subdomain_gain(const pma_subdomain *s);
+/* What was seen so far; NULL where it is not watched. */
+const pma_balance *pma_subdomain_balance(const pma_subdomain *s);
 
 /* ---- a specimen among the restoring forces (limits.h) ---------------------------------------- */
 

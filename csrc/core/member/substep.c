@@ -146,20 +146,18 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
-    const double t1 = step->t1;
-    pma_status status = s->limits || s->stamp ? pma_substep_command(s, step, to) : PMA_OK;
-    if (status == PMA_OK && p->springs.total > 0)
+    if (s->limits || s->stamp)
+        PMA_TRY(pma_substep_command(s, step, to));
+    if (p->springs.total > 0)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
-    if (status == PMA_OK && p->restoring.function)
-        status = pma_substep_subtract_restoring(s, step, to, to->w);
-    if (status == PMA_OK && (s->limits || s->stamp))
-        status = pma_substep_measure(s, to);
-    if (status != PMA_OK || !s->extrapolates)
-        return status;
-    if (p->internal.count > 0)
-        status = subtract_internal(s, from, to, t1);
-    if (status != PMA_OK || p->D_r.form == PMA_ZERO)
-        return status;
+    if (p->restoring.function)
+        PMA_TRY(pma_substep_subtract_restoring(s, step, to, to->w));
+    if (s->limits || s->stamp)
+        PMA_TRY(pma_substep_measure(s, to));
+    if (s->extrapolates && p->internal.count > 0)
+        PMA_TRY(subtract_internal(s, from, to, step->t1));
+    if (!s->extrapolates || p->D_r.form == PMA_ZERO)
+        return PMA_OK;
     for (size_t i = 0; i < p->n; i++)
         s->vs[i] = to->v[i] - s->vs[i];
     pma_matrix_subtract(&p->D_r, s->vs, to->w);
@@ -213,7 +211,6 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
 {
     const size_t n = s->parts.n;
     const pma_state *from = pma_levels_origin(&s->levels, step);
-    pma_status status = PMA_OK;
 
     /* (R1) */
     if (s->extrapolates)
@@ -228,14 +225,13 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
 
     /* (R3) */
     if (s->evaluates)
-        status = subtract_restoring(s, step, from, to);
-    if (s->balance && status == PMA_OK)
+        PMA_TRY(subtract_restoring(s, step, from, to));
+    if (s->balance)
         watch_forces(s, step, to);
 
     /* (F2), (F3) */
-    if (status == PMA_OK)
-        pma_factor_open(&op->factor, to->w, wf_b, s->work);
-    return status;
+    pma_factor_open(&op->factor, to->w, wf_b, s->work);
+    return PMA_OK;
 }
 
 /* (F3)  vf_b = vt_b + al2 wf_b with wf_b in vf: the substep is open */
@@ -262,14 +258,12 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     if (s->balance && pma_balance_is_broken(s->balance))
         return PMA_UNBOUNDED;
-    pma_status status = pma_substep_load(s, step);
-    if (status == PMA_OK)
-        status = solve_free(s, step, op, to, vf);
-    if (status == PMA_OK)
-        find_free_velocity(s, step, op, to, vf);
+    PMA_TRY(pma_substep_load(s, step));
+    PMA_TRY(solve_free(s, step, op, to, vf));
+    find_free_velocity(s, step, op, to, vf);
     if (s->parts.defers)
         s->open = op;
-    return status;
+    return PMA_OK;
 }
 
 /* ---- displacements tied --------------------------------------------------------------------- */
@@ -356,11 +350,8 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
     if (!s->energy)
         return PMA_OK;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    if ((step->j + 1) % s->parts.substeps == 0) { /* energies are those of macro time levels */
-        const pma_status status = pma_substep_evaluate_potential(s, x->u);
-        if (status != PMA_OK)
-            return status;
-    }
+    if ((step->j + 1) % s->parts.substeps == 0) /* energies are those of macro time levels */
+        PMA_TRY(pma_substep_evaluate_potential(s, x->u));
     if (step->is_free_run)
         pma_energy_close_free(s->energy, step, x);
     else
