@@ -78,8 +78,8 @@ void destroy_model(model *m);
 /* Of a coupler that is made of these parts, and destroyed; none is made where it is not PMA_OK. */
 pma_status coupler_status(const pma_coupler_parts *parts);
 
-/* An infinite load at one dof of subdomain i for the next steps: it is named, nothing has changed, and
- * without it a run to the end is that of a model like this one, which takes all its steps. */
+/* An infinite load at one dof of subdomain i after some steps: it is named, nothing has changed,
+ * and without it a run to the end is that of a model like this one, which takes all its steps. */
 void check_infinite_load(model *m, size_t i, size_t dof, int64_t after, model *like);
 
 /* All that can be seen of the present, in a row. */

@@ -80,7 +80,7 @@ pma_parts describe(subdomain *x);
 
 void make_subdomain(subdomain *x);
 
-/* Of a subdomain that is made of these parts, and destroyed; none is made where it is not PMA_OK. */
+/* Of a subdomain that is made of these parts and destroyed; none is made where it is not PMA_OK. */
 pma_status subdomain_status(const pma_parts *parts);
 
 /* m w + k u = 0 with as many constraints as L has entries, one or none */

@@ -186,7 +186,14 @@ static inline bool pma_is_doubled(const pma_coupled *m)
 }
 
 /* Is this true of some member, of any process? */
-bool pma_coupler_has(const pma_coupler *c, bool (*is)(const pma_coupled *m));
+static inline bool pma_coupler_has(const pma_coupler *c, bool (*is)(const pma_coupled *m))
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is(&c->coupled[i]))
+            return true;
+    }
+    return false;
+}
 
 /* For a task of all members. */
 static inline bool pma_is_any(const pma_coupled *m)

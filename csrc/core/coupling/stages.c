@@ -15,15 +15,6 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
     }
 }
 
-bool pma_coupler_has(const pma_coupler *c, bool (*is)(const pma_coupled *m))
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (is(&c->coupled[i]))
-            return true;
-    }
-    return false;
-}
-
 void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;

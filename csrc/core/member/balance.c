@@ -82,7 +82,7 @@ struct pma_balance {
     sums *sums;      /* ... and their sums */
 };
 
-/* All arrays of a level but the sums, with forces and stiffness of the functions that are iterated. */
+/* All arrays of a level but the sums, with force and stiffness of functions that are iterated. */
 static size_t level_size(const pma_balance_parts *p)
 {
     const size_t functions = p->ptr ? p->n + (size_t)p->ptr[p->n] : 0;
