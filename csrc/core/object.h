@@ -8,7 +8,7 @@
 
 #include <stddef.h>
 
-/* `count` elements of `size` bytes, at a pointer that is `at` bytes from where the object begins. */
+/* `count` elements of `size` bytes, at a pointer `at` bytes from where the object begins. */
 typedef struct {
     size_t at, count, size;
 } pma_array;
