@@ -21,23 +21,19 @@ static void add_product(const pma_combination *A, size_t rows, const double *x, 
     }
 }
 
-/* row (count) := or += the numbers of x (n) at the positions selected */
-static void take(const pma_selection *selection, const double *x, bool adds, double *row)
-{
-    for (size_t i = 0; i < selection->count; i++) {
-        const double value = x[selection->position[i]];
-        row[i] = adds ? row[i] + value : value;
-    }
-}
-
+/* A row := or += what the state has at the positions selected, and its outputs. */
 static void take_motion(const pma_selection *selection, const pma_state *state, bool adds,
                         size_t row)
 {
     const size_t outputs = selection->outputs, at = row * selection->count;
+    double *u = selection->u + at, *v = selection->v + at, *w = selection->w + at;
     double *y = selection->output + row * outputs;
-    take(selection, state->u, adds, selection->u + at);
-    take(selection, state->v, adds, selection->v + at);
-    take(selection, state->w, adds, selection->w + at);
+    for (size_t i = 0; i < selection->count; i++) {
+        const int64_t k = selection->position[i];
+        u[i] = adds ? u[i] + state->u[k] : state->u[k];
+        v[i] = adds ? v[i] + state->v[k] : state->v[k];
+        w[i] = adds ? w[i] + state->w[k] : state->w[k];
+    }
     if (outputs == 0)
         return;
     if (!adds)
@@ -86,7 +82,9 @@ void pma_selection_add(const pma_selection *selection, const pma_state *state, s
 void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row)
 {
     for (; selection; selection = selection->next) {
-        take(selection, y, true, selection->w + row * selection->count);
+        double *w = selection->w + row * selection->count;
+        for (size_t i = 0; i < selection->count; i++)
+            w[i] += y[selection->position[i]];
         if (selection->outputs > 0)
             add_product(&selection->of_w, selection->outputs, y,
                         selection->output + row * selection->outputs);
