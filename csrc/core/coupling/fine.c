@@ -108,8 +108,7 @@ pma_status pma_fine_end(pma_coupler *c)
 /* ---- the schedule --------------------------------------------------------------------------- */
 
 /* Members beside the fine steps whose substep ends here are awaited. The macro step before is
- * committed as soon as it is known to be finite in all of them; several processes have committed it
- * before. */
+ * committed as soon as it is known to be finite in all of them. */
 static pma_status complete_deferred(pma_coupler *c)
 {
     PMA_TRY(pma_look_ahead_await(c));
@@ -121,15 +120,28 @@ static pma_status complete_deferred(pma_coupler *c)
     return PMA_OK;
 }
 
-/* Several processes meet in between. */
+/* Several processes meet in between. Members beside the fine steps (look_ahead.c) work on meanwhile,
+ * but all have arrived at the end of a macro step before it is committed. */
+static pma_status meeting_step(pma_coupler *c)
+{
+    PMA_TRY(pma_fine_begin(c));
+    PMA_TRY(pma_exchange_interface(c));
+    PMA_TRY(pma_fine_solve(c));
+    if (pma_look_ahead_is_used(c))
+        PMA_TRY(pma_look_ahead_await(c));
+    PMA_TRY(pma_fine_end(c));
+    return pma_exchange_jumps(c);
+}
+
 static pma_status fine_step(pma_coupler *c)
 {
+    if (c->exchange)
+        return meeting_step(c);
+
     /* free problems that begin here, up to the free velocity on the interface */
     PMA_TRY(pma_fine_begin(c));
 
     /* interface problem at the end of this fine step */
-    if (c->exchange)
-        PMA_TRY(pma_exchange_interface(c));
     PMA_TRY(pma_fine_solve(c));
 
     /* what ends here beside the fine steps: awaited, and the macro step before committed */
@@ -137,8 +149,7 @@ static pma_status fine_step(pma_coupler *c)
         PMA_TRY(complete_deferred(c));
 
     /* link problems that end here, added */
-    PMA_TRY(pma_fine_end(c));
-    return c->exchange ? pma_exchange_jumps(c) : PMA_OK;
+    return pma_fine_end(c);
 }
 
 /* (S3)  After the first macro step, for the members that take double steps from now on */
