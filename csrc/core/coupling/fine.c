@@ -120,8 +120,8 @@ static pma_status complete_deferred(pma_coupler *c)
     return PMA_OK;
 }
 
-/* Several processes meet in between. Members beside the fine steps (look_ahead.c) work on meanwhile,
- * but all have arrived at the end of a macro step before it is committed. */
+/* Several processes meet in between. Members beside the fine steps (look_ahead.c) work on
+ * meanwhile, but all have arrived at the end of a macro step before it is committed. */
 static pma_status meeting_step(pma_coupler *c)
 {
     PMA_TRY(pma_fine_begin(c));
