@@ -439,6 +439,14 @@ def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch)
     assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1, coupling="pm").threads == 1
 
 
+def test_solve_takes_a_number_of_threads_too():
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=IMPLICIT, u0=[1.0])
+    expected = pm.solve(subdomain, 0.1, 1.0)
+    np.testing.assert_array_equal(pm.solve(subdomain, 0.1, 1.0, threads=2).u, expected.u)
+    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+        pm.solve(subdomain, 0.1, 1.0, threads=0)
+
+
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_whether_threads_are_faster_is_timed_and_changes_no_result(coupling):
     # with two processors 20 000 entries a substep promise a gain; a turn takes a millisecond

@@ -100,6 +100,11 @@ def test_points_of_every_dimension_are_accepted(dimension):
     assert tie_coincident({a: points[:2], b: points[1:]}).p == 1
 
 
+def test_points_on_a_line_may_be_1d():
+    a, b = masses(2), masses(2)
+    assert tie_coincident({a: [0.0, 1.0], b: [[1.0], [2.0]]}).p == 1
+
+
 def test_a_frame_and_a_plate_share_the_components_both_have():
     frame, plate = masses(3 * 2, "frame"), masses(2 * 3, "plate")
     points = {frame: [[0.0, 1.0], [0.0, 0.0]], plate: [[1.0, 0.0], [0.0, 0.0], [1.0, 1.0]]}
