@@ -164,9 +164,12 @@ class Assemblies:
             members.append(known)
         return tuple(members)
 
-    @one_thread()  # once, not for each factor
     def _assemble(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
+        with one_thread():  # once, not for each factor
+            return self._factored(layout, members)
+
+    def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
         _check_start(members, self.options)
