@@ -35,8 +35,8 @@ demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
 
 test: $(VENV)/.test
-	@echo "8700 tests of the package and its files on $(JOBS) processors: 400 to 800 s of processor"
-	@echo "time, so 4 to 8 minutes on two. Not among them: make others (10 minutes), make ctest (2 minutes),"
+	@echo "7400 tests of the package and its files on $(JOBS) processors: 200 to 550 s of processor"
+	@echo "time, so 2 to 5 minutes on two. Not among them: make others (3 to 9 minutes), make ctest (1 to 2),"
 	@echo "make campaigns (an hour and a half)."
 	$(PYTEST) -m "not gate and not campaign" $(ARGS)
 

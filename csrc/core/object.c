@@ -23,7 +23,7 @@ static void place(void *object, const pma_array *arrays, char *next)
 {
     next += (LINE - (uintptr_t)next % LINE) % LINE;
     for (; arrays->size > 0; arrays++) {
-        memcpy((char *)object + arrays->at, &next, sizeof next);
+        memcpy((char *)object + arrays->at, (const void *)&next, sizeof next);
         next += (arrays->count * arrays->size + WORD - 1) / WORD * WORD;
     }
 }
