@@ -270,7 +270,7 @@ GROWING += [pm.GeneralizedAlpha(0.5, explicit=True)]
 def test_damping_with_one_substep_and_algorithmic_damping_grows_and_is_warned_of(scheme):
     with pytest.warns(pm.StabilityWarning, match=r"grows with damping in .*\('a'\)"):
         coupler = damped(scheme)
-    # c h / m = 0.05 feeds the velocity gap by (K8): 3e-5 for rho = 0.8, up to 2e-2
+    # c h / m = 0.05 feeds the velocity jump by (K8): 3e-5 for rho = 0.8, up to 2e-2
     assert pm.analysis.spectral_radius(pm.analysis.amplification_matrix(coupler)) > 1.0 + 1e-5
 
 

@@ -48,6 +48,9 @@ def test_the_end_is_reported_once_also_where_a_report_is_due(monkeypatch):
     reports = []
     pair().run(steps=3, progress=lambda *x: reports.append(x))
     assert reports == [(3, 3)]
+    for count in (1, 9):  # on the coupler itself; eight beside each other and one
+        pair().run_each([{}] * count, steps=3, progress=lambda *x: reports.append(x))
+        assert reports.count((3 * count, 3 * count)) == (2 if count == 1 else 1)
 
 
 def test_progress_of_a_short_run_is_reported_at_the_end_only():

@@ -90,7 +90,7 @@ def test_no_digit_depends_on_powers_of_two(coupling, drift, internal):
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 @pytest.mark.parametrize(("coupling", "drift"), COUPLINGS)
 def test_nothing_but_rounding_depends_on_factors_that_are_far_apart(coupling, drift):
-    # rounding, 2e-16, magnified by the condition of H, 1e3 (mean: a velocity gap at -1 keeps it)
+    # rounding, 2e-16, magnified by the condition of H, 1e3 (mean: a velocity jump at -1 keeps it)
     one = coupler(np.ones(ROWS), coupling, drift).run(TIME)
     two = coupler(FAR, coupling, drift).run(TIME)
     jumps = ["velocity_jump", "displacement_jump"]  # rounding themselves

@@ -126,7 +126,7 @@ def test_the_order_is_two_with_any_pattern_of_steps(name, pattern):
     orders = order(lambda dt: pair(dt, **SECOND_ORDER[name]), pattern, steps)
     assert orders[0] > 1.8
     if name.startswith("mean") and pattern != "blocks":
-        assert orders[1] > 0.8  # a change in every step excites the mode -1 of the velocity gap
+        assert orders[1] > 0.8  # a change in every step excites the mode -1 of the velocity jump
     else:
         assert orders[1] > 1.8
 

@@ -237,7 +237,7 @@ def adjacency(whole: Whole) -> sp.csr_array:
     return sp.csr_array((np.ones(index.size, dtype=np.int32), index, ptr), shape=common.shape)
 
 
-class Member(NamedTuple):
+class CutMember(NamedTuple):
     """What one subdomain is made of, its elements apart."""
 
     name: str
@@ -249,7 +249,7 @@ class Choice(NamedTuple):
     """The subdomain of each element, and the subdomains."""
 
     labels: np.ndarray
-    members: list[Member]
+    members: list[CutMember]
 
 
 class Candidates(NamedTuple):
@@ -261,7 +261,9 @@ class Candidates(NamedTuple):
 
 
 def _choice(labels: np.ndarray, names: Any, schemes: Any, substeps: Any) -> Choice:
-    return Choice(labels, [Member(*facts) for facts in zip(names, schemes, substeps, strict=True)])
+    return Choice(
+        labels, [CutMember(*facts) for facts in zip(names, schemes, substeps, strict=True)]
+    )
 
 
 def by_steps(whole: Whole, labels: str, parts: Any, dt: float | None, scheme: Any) -> Choice:

@@ -18,7 +18,7 @@ from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..structures.structure import Structure
-from .choice import Candidates, Choice, Member, automatic, by_labels, by_layer, by_steps
+from .choice import Candidates, Choice, CutMember, automatic, by_labels, by_layer, by_steps
 from .division import Division, checked_motion
 from .elements import Elements
 from .result import Cut
@@ -209,7 +209,7 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
     return Cut(structure, labels, tuple(subdomains), ties, dt, {}, None, division)
 
 
-def _portions(whole: Whole, labels: np.ndarray, members: Sequence[Member]) -> list[Any]:
+def _portions(whole: Whole, labels: np.ndarray, members: Sequence[CutMember]) -> list[Any]:
     """The matrices of each subdomain; contact belongs to the first one that has the node."""
     left = np.ones(whole.link_count, dtype=bool)
     groups = whole.by_group(labels)
@@ -225,7 +225,7 @@ def _portions(whole: Whole, labels: np.ndarray, members: Sequence[Member]) -> li
     return portions
 
 
-def _require_mass(member: Member, dofs: np.ndarray, mass: np.ndarray) -> None:
+def _require_mass(member: CutMember, dofs: np.ndarray, mass: np.ndarray) -> None:
     massless = dofs[mass == 0.0]
     if massless.size:
         raise FactorizationError(

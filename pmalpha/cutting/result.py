@@ -106,7 +106,7 @@ class Cut:
             for s, own in zip(self.subdomains, self._division.interface)
         ]
         shown = rows[:MOST_ROWS]
-        lines = text_table(shown[0], shown[1:], left=shown[0]).splitlines()
+        lines = text_table(shown[0], shown[1:], left=shown[0]).split("\n")
         if len(rows) > MOST_ROWS:
             lines.append(f"... ({len(rows)} in all)")
         if self._is_quick:

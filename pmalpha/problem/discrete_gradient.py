@@ -103,8 +103,8 @@ class DiscreteGradient(Frozen):
         """(f, K_t, None, q1): from q, or the forces at u where nothing was evaluated before."""
         d0, f0 = np.split(q[1:], 2)
         d, force, slope = np.empty((3, d0.size))
-        ends = np.cumsum([len(spring) for spring in self.springs])
-        for spring, end in zip(self.springs, ends):
+        last = np.cumsum([len(spring) for spring in self.springs])
+        for spring, end in zip(self.springs, last):
             at = slice(end - len(spring), end)
             d[at] = _deformation(spring, u)
             if q[0] == 0.0:

@@ -177,6 +177,7 @@ def first_tangent(
     Each force is evaluated once. The pattern is the union of those of the forces (`pattern`, or
     their first tangents) made symmetric, with the diagonal.
 
+    u0, v0: (n,) array, initial values, in the user's order of dofs.
     Returns K, C: (nnz,) array, values of the pattern; C is None where no force returned a C_t.
     """
     own = histories(forces)[1]

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .evaluation import evaluated
-from .matrices import sparse
+from .matrices import dense, sparse
 from .tangents import Tangent
 
 __all__ = ["TangentCheck"]
@@ -75,9 +75,10 @@ def _worst(
     """The entry of A that differs most from differences of f, column by column."""
     h = step * (float(np.max(np.abs(x))) or 1.0)
     worst, scale = (-1.0, 0, 0, 0.0, 0.0), 0.0
-    columns = sp.csc_array(sparse(A, x.size))
+    whole = sparse(A, x.size)
+    columns = sp.csc_array(whole) if sp.issparse(A) else whole.toarray()
     for j in range(x.size):
-        given = columns[:, [j]].toarray().ravel()
+        given = dense(columns[:, [j]]).ravel()
         difference, doubt = _difference(f, x, j, h)
         with np.errstate(invalid="ignore"):
             apart = np.abs(difference - given) - doubt

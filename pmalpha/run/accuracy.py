@@ -126,9 +126,9 @@ class Reduced:
     shapes: list[np.ndarray]
     masses: list[np.ndarray]
     forces: list[np.ndarray]
-    K: np.ndarray
+    K: np.ndarray  # (r, r), as C
     C: np.ndarray
-    omega: np.ndarray
+    omega: np.ndarray  # (r,)
 
 
 def _reduced(
@@ -154,14 +154,14 @@ def _reduced(
     T = T @ _at_rest(ranks, [x @ T for x in U], T.shape[1], rows, motions)
 
     # and its modes
-    terms = [_force(member, "K", x @ T) for member, x in zip(members, U)]
+    terms = [_times(member, "K", x @ T) for member, x in zip(members, U)]
     r = T.shape[1]
     K = _total(ranks, [T.T @ (x.T @ Kx) for x, Kx in zip(U, terms)], (r, r))
     if not r or not np.all(np.isfinite(K)):
         return None
     squares, X = np.linalg.eigh(0.5 * (K + K.T))
     T, shapes = T @ X, [x @ (T @ X) for x in U]
-    damped = [_force(member, "C", x) for member, x in zip(members, shapes)]
+    damped = [_times(member, "C", x) for member, x in zip(members, shapes)]
     C = _total(ranks, [x.T @ Cx for x, Cx in zip(shapes, damped)], (r, r))
     masses = [x @ T for x in MU]
     forces = [
@@ -203,7 +203,7 @@ def _at_rest(
     return result
 
 
-def _force(member: Member, kind: str, x: np.ndarray) -> np.ndarray:
+def _times(member: Member, kind: str, x: np.ndarray) -> np.ndarray:
     """K x or C x, with estimates of restoring forces and tangents of internal ones at t = 0."""
     s = member.subdomain
     estimate = s.restoring_stiffness if kind == "K" else s.restoring_damping

@@ -50,6 +50,7 @@ def advance(
     report: Report | None = None,
     ranks: Ranks | None = None,
 ) -> None:
+    """Advance to macro step `end`; after any exception the core is at the last completed one."""
     iterates = loads.iterates or ranks is not None  # subdomains of any process
     with one_thread() if iterates else nullcontext():  # the core calls BLAS
         _advance(core, loads, end, record, report, ranks)

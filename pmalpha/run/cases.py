@@ -351,7 +351,7 @@ def run_each(
                 plan = Plan(checked, paths, last, chosen, recording, report, results)
                 run_groups(session, groups_of(session, plan), plan)
                 if report is not None:
-                    report(plan.done)
+                    report.end()
         return results.all()
 
 

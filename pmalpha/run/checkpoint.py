@@ -324,7 +324,10 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
 def restore(
     state: CoreState, members: Sequence[Member], core: _core.Coupler, clock: Clock, step: int
 ) -> None:
-    """Set a state in the core, at this macro step of the clock."""
+    """Set a state in the core, at this macro step of the clock.
+
+    Raises ValueError for a kept tangent that is singular; the state is then unchanged.
+    """
     set_iterations(state.iterations, members)
     for member, levels in zip(members, state.levels):
         member.core.set_levels(levels)

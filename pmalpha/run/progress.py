@@ -35,19 +35,25 @@ class Report:
     def __init__(self, progress: Callable[[int, int], Any], begin: int, end: int):
         self.progress, self.begin, self.total = progress, begin, end - begin
         self.last, self.failed = perf_counter(), False
+        self.done = -1  # what was reported last
 
     def __call__(self, step: int) -> None:
-        self.last = perf_counter()
+        self.last, self.done = perf_counter(), step - self.begin
         try:
-            self.progress(step - self.begin, self.total)
+            self.progress(self.done, self.total)
         except BaseException:
             self.failed = True
             raise
 
     def if_due(self, step: int) -> None:
-        """Where it is not the end, which the run reports."""
+        """A report if one is due; that of the end is left to the caller."""
         if step - self.begin < self.total and perf_counter() - self.last >= INTERVAL:
             self(step)
+
+    def end(self) -> None:
+        """That all is done, unless this was reported."""
+        if self.done < self.total:
+            self(self.begin + self.total)
 
 
 def reporting(progress: Any, begin: int, end: int) -> AbstractContextManager[Report | None]:

@@ -166,7 +166,8 @@ class Assemblies:
 
     def _assemble(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
-        with one_thread():  # once, not for each factor
+        # once, not for each factor; of a decorator a frame would be outside the package for `warn`
+        with one_thread():
             return self._factored(layout, members)
 
     def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:

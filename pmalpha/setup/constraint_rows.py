@@ -154,6 +154,7 @@ class CoreRows:
     With L = s * (row of the core), a jump is s times that of the core, and a multiplier is that of
     the core divided by s.
 
+    position: (p,) array of int, position of each constraint in the core's order.
     scale: (p,) array, s of each constraint.
     """
 
@@ -199,6 +200,8 @@ class CoreRows:
 class ConstraintRows:
     """The stacked constraints of a coupler, equation (2), in the user's order of rows and dofs.
 
+    subdomains: of all processes.
+    own: those of this process. Default: all.
     scale: (p,) array, what each row is divided by for the core.
     links: L_i of every subdomain of this process, with the rows divided by `scale`.
     matrices: list of (p, n_i) csc_array, L_i as given, for products.

@@ -33,6 +33,7 @@ class Assembled(NamedTuple):
 
     @property
     def n(self) -> int:
+        """Number of dofs."""
         return int(self.K.shape[0])
 
 

@@ -124,6 +124,7 @@ def factorize(
 ) -> Factor:
     """R and the reciprocals of D, in the forms of the core; R and Q of an unsymmetric matrix.
 
+    A: in elimination order.
     nb: number of interface unknowns, which are last and swept separately.
     structure: of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
     symmetric: A is symmetric, and has to be positive definite. Otherwise pivots have any sign.

@@ -119,8 +119,8 @@ def _translations(K: Matrix, n: int) -> np.ndarray:
         found = np.tile(np.eye(d), (n // d, 1))
         for rows in tried:
             if found.shape[1]:  # K x is rounding, in rows of K
-                A, of_A = rows
-                free = np.abs(A @ found) <= ROUNDING * (of_A @ found)
+                some, sizes = rows
+                free = np.abs(some @ found) <= ROUNDING * (sizes @ found)
                 found = found[:, np.all(free, axis=0)]
         best = found if found.shape[1] > best.shape[1] else best
     return best

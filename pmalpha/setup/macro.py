@@ -154,6 +154,7 @@ def unit_responses(
     Returns end, mean: (k, k) array, what the core ties at the end of the macro step, and its mean
         over it; a row for each response.
     Returns states: (k, 4, n) array, or None, U, where it is to be stored.
+    Raises ValueError when a response is not finite: the steps are far above the critical one.
     """
     k = rows.size
     threads = max(1, min(member.elimination.threads, int(work(member) // SHARE), -(-k // LANES)))
@@ -188,6 +189,9 @@ def warn_of_resonance(
     ranks: Ranks | None = None,
 ) -> None:
     """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
+
+    H: of (M4), in inner form.
+    position: (p,) array of int, position of each constraint in the core's order.
 
     The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
     the mean velocities in the macro step; of unsymmetric matrices, by size.

@@ -145,8 +145,11 @@ class InitialAccelerations:
     def _solve_without_mass(
         self, r: Sequence[np.ndarray], g: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Solves the interface problem extended by the tied massless dofs: [H   B] [Lam]   [g - sum
-        L wf] [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs"""
+        """Solves the interface problem extended by the tied massless dofs:
+
+        [H   B] [Lam]   [g - sum L wf]
+        [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs
+        """
         no_rows = np.empty(0)
         wf, _ = self._step(r, no_rows)
         free = sum(m.tied @ w for m, w in zip(self.masses, wf))

@@ -244,7 +244,7 @@ class Conservative(ElementForce):
     """An ElementForce that is the gradient of a potential."""
 
     def potential(self, u: Any) -> float:
-        """The energy whose derivative with respect to u is the force, zero without strain."""
+        """The energy, zero without strain, whose derivative by u, (n,) array, is the force."""
         return self._potential(self._displacements(u))
 
     def _potential(self, u: np.ndarray) -> float:
