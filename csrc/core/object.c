@@ -7,6 +7,29 @@
 /* Bytes of a line of the cache; every array begins at a multiple of a word. */
 enum { LINE = 64, WORD = 8 };
 
+/* Where a sanitizer looks on, between arrays is memory that nobody may use. */
+#ifdef __SANITIZE_ADDRESS__
+#include <sanitizer/asan_interface.h>
+enum { GAP = 64 };
+
+static void forbid(char *gap)
+{
+    ASAN_POISON_MEMORY_REGION(gap, GAP);
+}
+#else
+enum { GAP = 0 };
+
+static void forbid(char *gap)
+{
+    (void)gap;
+}
+#endif
+
+static size_t rounded(const pma_array *array)
+{
+    return (array->count * array->size + WORD - 1) / WORD * WORD;
+}
+
 /* SIZE_MAX for arrays that are too large together. */
 static size_t bytes_of(const pma_array *arrays)
 {
@@ -14,7 +37,7 @@ static size_t bytes_of(const pma_array *arrays)
     for (; arrays->size > 0; arrays++) {
         if (bytes > SIZE_MAX / 2 || arrays->count > SIZE_MAX / 4 / arrays->size)
             return SIZE_MAX;
-        bytes += (arrays->count * arrays->size + WORD - 1) / WORD * WORD;
+        bytes += rounded(arrays) + GAP;
     }
     return bytes;
 }
@@ -24,7 +47,8 @@ static void place(void *object, const pma_array *arrays, char *next)
     next += (LINE - (uintptr_t)next % LINE) % LINE;
     for (; arrays->size > 0; arrays++) {
         memcpy((char *)object + arrays->at, (const void *)&next, sizeof next);
-        next += (arrays->count * arrays->size + WORD - 1) / WORD * WORD;
+        next += rounded(arrays) + GAP;
+        forbid(next - GAP);
     }
 }
 

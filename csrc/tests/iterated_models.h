@@ -25,7 +25,7 @@ typedef struct {
 
 bool has_inner(const model *m);
 
-/* Internal forces of a part of a chain, if `used`, and springs that are iterated with them. */
+/* Internal forces of a subdomain of a chain, if `used`, and springs that are iterated with them. */
 void fill_inner(subdomain *x, bool used, const chain *chosen);
 
 /* NULL where no subdomain has internal forces. */

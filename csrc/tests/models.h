@@ -52,8 +52,8 @@ struct model {
     size_t motion_count; /* 0 or 1 */
     pma_coupler *coupler;
 
-    level levels[SUBDOMAINS]
-                [LEVELS]; /* naive: of all subdomains, and Lam at every interface problem */
+    /* naive: of all subdomains, and Lam at every interface problem */
+    level levels[SUBDOMAINS][LEVELS];
     double lam[LEVELS][CONSTRAINTS];
 };
 
@@ -79,7 +79,8 @@ void destroy_model(model *m);
 pma_status coupler_status(const pma_coupler_parts *parts);
 
 /* An infinite load at one dof of subdomain i after some steps: it is named, nothing has changed,
- * and without it a run to the end is that of a model like this one, which takes all its steps. */
+ * and without it a run to the end is that of a model like this one, which takes all its steps.
+ * Both models are destroyed. */
 void check_infinite_load(model *m, size_t i, size_t dof, int64_t after, model *like);
 
 /* All that can be seen of the present, in a row. */

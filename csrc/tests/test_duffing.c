@@ -51,9 +51,9 @@ static double integrate(double cubic, double end)
     for (size_t i = 0; i < 4000; i++) {
         double du[4], dv[4];
         for (size_t k = 0; k < 4; k++) {
-            const double subdomain = k == 0 ? 0.0 : k == 3 ? h : 0.5 * h;
-            const double at = u + (k == 0 ? 0.0 : subdomain * du[k - 1]);
-            du[k] = v + (k == 0 ? 0.0 : subdomain * dv[k - 1]);
+            const double share = k == 0 ? 0.0 : k == 3 ? h : 0.5 * h;
+            const double at = u + (k == 0 ? 0.0 : share * du[k - 1]);
+            du[k] = v + (k == 0 ? 0.0 : share * dv[k - 1]);
             dv[k] = -(K * at + cubic * at * at * at) / M;
         }
         u += h / 6.0 * (du[0] + 2.0 * du[1] + 2.0 * du[2] + du[3]);

@@ -197,6 +197,17 @@ static void a_unit_response_gives_the_interface_matrix_and_its_mean(void)
 /* A has both estimates, B lagged damping, and each has restoring forces. */
 static const chain ESTIMATED = {.plan = {{3, 5, 2}, false, false, true, true, true}, .macro = true};
 
+static void internal_forces_are_refused_by_a_schedule_that_does_not_shoot(void)
+{
+    static model m;
+    build_chain(&m, &ESTIMATED);
+    const pma_coupler_parts parts = describe_coupler(&m);
+    CHECK_STATUS(coupler_status(&parts), PMA_OK);
+    m.members[2].shoots = true;
+    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
+    destroy_model(&m);
+}
+
 static void link_responses_know_lagged_damping_and_estimates(void)
 {
     chain chosen = ESTIMATED;
@@ -349,6 +360,7 @@ static void substeps_need_a_response_and_no_double_step(void)
 }
 
 const test MACRO_TESTS[] = {
+    TEST(internal_forces_are_refused_by_a_schedule_that_does_not_shoot),
     TEST(macro_steps_are_free_run_plus_link_response),
     TEST(a_unit_response_gives_the_interface_matrix_and_its_mean),
     TEST(link_responses_know_lagged_damping_and_estimates),

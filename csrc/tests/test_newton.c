@@ -416,7 +416,7 @@ static void they_are_accepted_at_once_where_the_residual_is_rounding_by_rows(voi
 }
 
 /* A wrong tangent departs from the slope over large multiples of a correction too; one that goes to
- * and fro over a leap does not depart from it over a small subdomain. */
+ * and fro over a leap does not depart from it over a small part. */
 static void other_corrections_that_do_not_fall_are_not(void)
 {
     scalar q = equation(linear, far_too_stiff, 7.0);

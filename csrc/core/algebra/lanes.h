@@ -12,7 +12,6 @@
 #define PMA_LANES_H
 
 #include <stddef.h>
-#include <stdint.h>
 
 #include "algebra/processors.h"
 
@@ -88,13 +87,6 @@ PMA_INLINE void pma_scale_eight(double a, const pma_eight *x, pma_eight *y)
         typedef pma_eight number;               \
         __VA_ARGS__                             \
     }
-
-/* The first line of the cache in a block, which is up to PMA_LANES - 1 doubles further on. */
-static inline double *pma_first_line(double *block)
-{
-    const size_t beyond = (uintptr_t)block / sizeof *block % PMA_LANES;
-    return block + (beyond > 0 ? PMA_LANES - beyond : 0);
-}
 
 /* out[l] (n): the vector of lane l, for the first `count` lanes */
 static inline void pma_lanes_split(size_t n, const double *x, size_t count, double *const *out)

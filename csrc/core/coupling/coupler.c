@@ -53,7 +53,7 @@ static pma_status check_motions(size_t count, const pma_motion *motions, size_t 
 
 /* ---- making --------------------------------------------------------------------------------- */
 
-/* The coupler with its arrays; lam_end, lam_before and lengths follow one another. */
+/* The coupler with its arrays. What mean coupling ends with is one, of which others are parts. */
 static pma_coupler *allocate(const pma_coupler_parts *parts)
 {
     const size_t p = parts->p;
@@ -70,12 +70,15 @@ static pma_coupler *allocate(const pma_coupler_parts *parts)
                                 PMA_ARRAY(pma_coupler, working.d, p),
                                 PMA_ARRAY(pma_coupler, scratch, p),
                                 PMA_ARRAY(pma_coupler, dlam, p),
-                                PMA_ARRAY(pma_coupler, lam_end, p),
-                                PMA_ARRAY(pma_coupler, lam_before, p),
-                                PMA_ARRAY(pma_coupler, lengths, 2),
+                                PMA_ARRAY(pma_coupler, lam_end, 2 * p + 2),
                                 PMA_ARRAY(pma_coupler, sums, p),
                                 {0}};
-    return pma_object_create(sizeof(pma_coupler), arrays);
+    pma_coupler *c = pma_object_create(sizeof *c, arrays);
+    if (c) {
+        c->lam_before = c->lam_end + p;
+        c->lengths = c->lam_before + p;
+    }
+    return c;
 }
 
 static void take_parts(pma_coupler *c, const pma_coupler_parts *parts)

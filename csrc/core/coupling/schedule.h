@@ -319,12 +319,14 @@ pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages);
 /* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
  * adds to the velocity on the interface at the end of the free run, added to sum (p). */
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
-/* Its substeps, as many as have to be repeated, each recorded by `record` too, unless NULL. */
+pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m);
+void pma_macro_free_velocity(const pma_coupled *m, double *sum);
+
+/* The substeps of a link response under the multipliers lam (p), as many as have to be repeated,
+ * each recorded by `record` too, unless NULL. */
 pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m, const double *lam,
                              void (*record)(const pma_coupler *c, const pma_coupled *m, size_t j,
                                             const pma_selection *inner));
-pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m);
-void pma_macro_free_velocity(const pma_coupled *m, double *sum);
 
 /* Is the run to be stopped? Before a substep, on any worker. */
 bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m);

@@ -155,7 +155,10 @@ void pma_unit_response_destroy(pma_unit_response *r)
 
 void pma_unit_response_begin(pma_unit_response *r, bool twice, size_t count, const int64_t *rows)
 {
-    memset(r->lam, 0, 3 * r->lanes.parts.link.p * sizeof *r->lam); /* all three */
+    const size_t bytes = r->lanes.parts.link.p * sizeof *r->lam;
+    memset(r->lam, 0, bytes);
+    memset(r->end, 0, bytes);
+    memset(r->mean, 0, bytes);
     for (size_t l = 0; l < count; l++)
         r->lam[(size_t)rows[l] * PMA_LANES + l] = 1.0;
     pma_response_begin(r->response, twice, r->lam);

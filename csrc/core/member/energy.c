@@ -1,6 +1,5 @@
 #include "member/energy.h"
 
-#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
