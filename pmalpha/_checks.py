@@ -119,8 +119,10 @@ def not_real(array: np.ndarray, name: str) -> TypeError:
 
 
 def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.ndarray:
-    """A new C-contiguous float64 array of finite numbers with one of these dimensions. It is
-    read-only, so that it cannot change after the check."""
+    """A new C-contiguous float64 array of finite numbers with one of these dimensions.
+
+    It is read-only, so that it cannot change after the check.
+    """
     array = plain_array(value, name)
     if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 and array.dtype.kind != "f":
         raise not_real(array, name)

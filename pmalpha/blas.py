@@ -79,8 +79,10 @@ def _limited() -> Any:
 
 
 def _allow() -> None:
-    """Let any thread set the number of threads. Some versions of threadpoolctl ignore, without an
-    error, all threads but the first that set it."""
+    """Let any thread set the number of threads.
+
+    Some versions of threadpoolctl ignore, without an error, all threads but the first that set it.
+    """
     for library in _libraries().lib_controllers:
         if hasattr(library, "clear_controlling_thread"):
             library.clear_controlling_thread(force=True)

@@ -284,9 +284,11 @@ def _mixed(mesh: Mesh) -> np.ndarray:
 
 @contextmanager
 def _numbers_beside(path: Path) -> Iterator[Item]:
-    """A function that writes an array beside the file and returns the element with its place. In
-    HDF5, which all readers of XDMF find from any folder, or without h5py as plain numbers, which
-    ParaView reads."""
+    """A function that writes an array beside the file and returns the element with its place.
+
+    In HDF5, which all readers of XDMF find from any folder, or without h5py as plain numbers, which
+    ParaView reads.
+    """
     try:
         import h5py
     except ImportError:

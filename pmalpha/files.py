@@ -43,8 +43,10 @@ def library(name: str, use: str, install: str) -> Any:
 def checked_path(
     path: str | os.PathLike[str], name: str = "path", suffixes: Sequence[str] = ()
 ) -> Path:
-    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off. With
-    `suffixes` ValueError for another one; none is right too."""
+    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off.
+
+    With `suffixes` ValueError for another one; none is right too.
+    """
     try:
         whole = Path(os.fsdecode(path))
     except TypeError:
@@ -113,9 +115,11 @@ def reading(path: str | os.PathLike[str]) -> BinaryIO:
 def write_npz(
     path: str | os.PathLike[str], header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """Write arrays of numbers, with a header of JSON that names format and version. The header also
-    names the version of the package. No suffix is added to the path. The file contains numbers and
-    text only, no pickle."""
+    """Write arrays of numbers, with a header of JSON that names format and version.
+
+    The header also names the version of the package. No suffix is added to the path. The file
+    contains numbers and text only, no pickle.
+    """
     header = {**header, "pmalpha_version": package_version()}
     with replacing(path) as file:
         np.savez(file, **{HEADER: np.array(json.dumps(header))}, **arrays)  # type: ignore[arg-type]

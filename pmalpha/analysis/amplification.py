@@ -26,8 +26,10 @@ def checked_coupler(coupler: Any) -> Coupler:
 
 @contextmanager
 def state_kept(coupler: Coupler) -> Iterator[None]:
-    """Restore the state of the coupler afterwards, bitwise identical. Meanwhile its steps are its
-    present ones as if there had been no others."""
+    """Restore the state of the coupler afterwards, bitwise identical.
+
+    Meanwhile its steps are its present ones as if there had been no others.
+    """
     session = coupler._session
     snapshot = snapshot_of(session)
     try:

@@ -182,8 +182,10 @@ def _frequencies(periods: np.ndarray) -> np.ndarray:
 
 
 def _states(a: np.ndarray, dt: float, omegas: np.ndarray, xi: float) -> np.ndarray:
-    """(omega^2 u, omega v) at the samples for all oscillators, (m, 2, k). One step is the
-    exponential of the matrix of (omega^2 u, omega v, a, dt a'), with a' constant."""
+    """(omega^2 u, omega v) at the samples for all oscillators, (m, 2, k).
+
+    One step is the exponential of the matrix of (omega^2 u, omega v, a, dt a'), with a' constant.
+    """
     from scipy.linalg import expm
 
     A = np.zeros((omegas.size, 4, 4))

@@ -52,7 +52,9 @@ class Division:
 
     def ties(self) -> list[sp.csr_array]:
         """L_i (p, n_i): +1 on the first subdomain of a dof and -1 on each other one, a row each.
-        Rows are ordered by dof, then by subdomain; p = 0 without shared dofs."""
+
+        Rows are ordered by dof, then by subdomain; p = 0 without shared dofs.
+        """
         hub = np.repeat(self._first, self.multiplicity)
         other = np.flatnonzero(hub != np.arange(hub.size))
         p = other.size
@@ -126,8 +128,10 @@ def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
 
 
 class DividedForce:
-    """The part of a callable load on the dofs of one subdomain. The load is evaluated for each
-    subdomain separately, at the ends of its own substeps."""
+    """The part of a callable load on the dofs of one subdomain.
+
+    The load is evaluated for each subdomain separately, at the ends of its own substeps.
+    """
 
     def __init__(self, force: Any, dofs: np.ndarray, share: np.ndarray):
         self._force, self._dofs, self._share = force, dofs, share

@@ -94,7 +94,9 @@ def factors(
     scales: str,
 ) -> Parameters:
     """`element_parameters` for the chosen (elements,) of a structure, with all of its labels.
-    `dofs` are those of the structure that the subdomain has, in its order."""
+
+    `dofs` are those of the structure that the subdomain has, in its order.
+    """
     if not whole.linear:
         raise ValueError("structure must have no internal forces: they have no gradients here")
     check_word(scales, "scales", tuple(SCALED))

@@ -23,9 +23,11 @@ NODE_SIZES = (6, 3, 2)
 
 
 def assembled(dofs: np.ndarray, values: np.ndarray, n: int) -> sp.csr_array:
-    """The (n, n) matrix of element matrices (e or 1, k, k); negative dofs are left out. Where dofs
-    come in nodes, the pairs of nodes are sorted instead of the pairs of dofs, of which there are up
-    to 36 times as many."""
+    """The (n, n) matrix of element matrices (e or 1, k, k); negative dofs are left out.
+
+    Where dofs come in nodes, the pairs of nodes are sorted instead of the pairs of dofs, of which
+    there are up to 36 times as many.
+    """
     e, k = dofs.shape
     b = _node_size(dofs, n)
     if b > 1:

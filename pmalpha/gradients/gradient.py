@@ -136,8 +136,10 @@ def _by_differences(
 
 @contextmanager
 def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
-    """At t = 0 with the present initial values and loads; afterwards as before. Runs in between are
-    not judged by warnings."""
+    """At t = 0 with the present initial values and loads; afterwards as before.
+
+    Runs in between are not judged by warnings.
+    """
     present, last = coupler.snapshot(), session.last_history
     session.changed = False  # steps are not lost: nothing to warn of
     names = [name for name, _ in session.keys]
@@ -188,7 +190,9 @@ class Blocks:
 
     def forward(self, record: Any, names: Sequence[str]) -> tuple[list[Any], list[Any], Any]:
         """Of each block a snapshot at its beginning or its motion, w at all borders, the History.
-        `names` are the subdomains of the parameters."""
+
+        `names` are the subdomains of the parameters.
+        """
         sizes = {x.name: x.n * x.substeps for x in self.single.members}
         kept = 24 * self.steps * sum(sizes[name] for name in set(names)) <= KEPT
         if kept and record is not None:

@@ -47,7 +47,9 @@ class Problem:
 
     def motions(self, run: Any, beginning: Sequence[np.ndarray]) -> dict[str, Any]:
         """What dM, dC and dK are multiplied by in (A9), at all levels of a run from t = 0.
-        `beginning` is w of each subdomain at t = 0."""
+
+        `beginning` is w of each subdomain at t = 0.
+        """
         out = {}
         members = zip(self.single.members, self.steady.members)
         for (first, x), w, own in zip(members, beginning, run.subdomains):

@@ -392,8 +392,10 @@ class CheckedSpecimen:
 
 
 def divided(value: Any, n: int) -> tuple[Any, Any]:
-    """r and x of what a specimen has returned, x None where it is r alone. A tuple of two is (r,
-    x), but for a tuple of two numbers in a subdomain with two dofs."""
+    """r and x of what a specimen has returned, x None where it is r alone.
+
+    A tuple of two is (r, x), but for a tuple of two numbers in a subdomain with two dofs.
+    """
     if isinstance(value, tuple) and len(value) == 2:
         if n != 2 or plain_array(value[0], "r").ndim or plain_array(value[1], "x").ndim:
             return value

@@ -105,9 +105,11 @@ def coincident_nodes(sides: Sequence[Side], tol: float | None) -> np.ndarray:
 
 
 def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that meet one of another side, and the group of each, sorted by group and node. Nodes
-    are numbered consecutively over all sides. Two belong to one group if a chain of nodes of
-    alternating sides, at distances up to the tolerance, connects them."""
+    """Nodes that meet one of another side, and the group of each, sorted by group and node.
+
+    Nodes are numbered consecutively over all sides. Two belong to one group if a chain of nodes of
+    alternating sides, at distances up to the tolerance, connects them.
+    """
     from scipy.sparse.csgraph import connected_components
 
     reach, near = tolerance(tol, sides)

@@ -123,8 +123,10 @@ def labels_of(matrices: Mapping[Any, Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Rows with one entry, in dofs of a subdomain that is given by its name. Their numbers are
-    known where the subdomain is, in the `Coupler`."""
+    """Rows with one entry, in dofs of a subdomain that is given by its name.
+
+    Their numbers are known where the subdomain is, in the `Coupler`.
+    """
 
     dofs: Sequence[Any]  # numbers and names, one a row
     entry: float  # of all rows

@@ -130,7 +130,9 @@ class SampledForce(Frozen):
 
 def _position(x: float) -> float:
     """A time x in samples, moved to the nearest sample within the rounding of three operations.
-    Otherwise a record could end one step early."""
+
+    Otherwise a record could end one step early.
+    """
     nearest = np.rint(x)
     return float(nearest if abs(x - nearest) <= 16.0 * float_info.epsilon * nearest else x)
 
@@ -229,8 +231,10 @@ def checked_force(force: Any, n: int, name: str = "force") -> Force:
 
 
 def required_arguments(function: Callable[..., Any]) -> int:
-    """Positional arguments that a function requires; 1 if it can be called with one. A function
-    without a readable signature, such as a compiled one, is taken as one of t."""
+    """Positional arguments that a function requires; 1 if it can be called with one.
+
+    A function without a readable signature, such as a compiled one, is taken as one of t.
+    """
     try:
         parameters = signature(function).parameters.values()
     except (TypeError, ValueError):

@@ -269,9 +269,11 @@ def _candidates(
 def _projected(
     cell: Shape, points: np.ndarray, targets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """xi (q, d) of the point of each element nearest to its target, and the distance (q,). By
-    Gauss-Newton iteration; zero up to rounding for a target in the element. Coordinates relative to
-    the first node of the element avoid rounding errors far from the origin."""
+    """xi (q, d) of the point of each element nearest to its target, and the distance (q,).
+
+    By Gauss-Newton iteration; zero up to rounding for a target in the element. Coordinates relative
+    to the first node of the element avoid rounding errors far from the origin.
+    """
     origin = points[:, :1]
     points, targets = points - origin, targets - origin[:, 0]
     xi = np.tile(cell.nodes.mean(axis=0), (len(targets), 1))

@@ -30,7 +30,9 @@ PROTOTYPE = ctypes.CFUNCTYPE(
 
 def check_signature(function: LowLevelCallable, name: str, label: str = "") -> None:
     """ValueError unless the function has the signature that an argument of `Subdomain` needs.
-    `label` is the argument in the message, such as "restoring[1]" for an item of a list."""
+
+    `label` is the argument in the message, such as "restoring[1]" for an item of a list.
+    """
     if kinds(function.signature) != kinds(SIGNATURES[name]):
         raise ValueError(
             f"{label or name} must have the signature {SIGNATURES[name]!r}, "
@@ -60,7 +62,9 @@ def evaluate_compiled(
     function: LowLevelCallable, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, nnz: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(f, K, C, q1) with K and C the values of nnz entries; PmalphaError for a code other than 0.
-    f, K, C and q1 are zero on entry."""
+
+    f, K, C and q1 are zero on entry.
+    """
     f, K, C, q1 = (np.zeros(size) for size in (u.size, nnz, nnz, q.size))
     address, user = address_and_user(function)
     arrays = [np.ascontiguousarray(x, dtype=np.float64) for x in (u, v, q)] + [f, K, C, q1]

@@ -229,7 +229,9 @@ def diagonal(A: Any) -> np.ndarray:
 
 def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
     """The diagonal matrix of d, which multiplies and adds as a matrix does; a 1-D array does not.
-    c_m * d + c_k * K would add d to every row of K."""
+
+    c_m * d + c_k * K would add d to every row of K.
+    """
     d = np.asarray(d, dtype=np.float64)
     own = np.flatnonzero(d).astype(np.int32)
     ptr = np.concatenate([[0], np.cumsum(d != 0.0)]).astype(np.int32)

@@ -112,9 +112,11 @@ def node_graph(graph: Graph, last: np.ndarray) -> NodeGraph:
 
 
 def with_full_nodes(graph: Graph, last: np.ndarray) -> Graph:
-    """The graph with edges between the interface dofs of each node, and between its others. On
-    regular meshes some of these couplings vanish. The columns of a node would then be leaves of the
-    elimination tree side by side, and supernodes of one column each."""
+    """The graph with edges between the interface dofs of each node, and between its others.
+
+    On regular meshes some of these couplings vanish. The columns of a node would then be leaves of
+    the elimination tree side by side, and supernodes of one column each.
+    """
     n, size = graph.n, node_size(graph)
     if size == 1:
         return graph
@@ -240,8 +242,10 @@ def has_nested_dissection() -> bool:
 
 
 def _nested_dissection(graph: Graph) -> np.ndarray | None:
-    """Nested dissection by METIS, None where pymetis is not installed. METIS does not return on an
-    unsymmetric graph and crashes on loops and on an empty one."""
+    """Nested dissection by METIS, None where pymetis is not installed.
+
+    METIS does not return on an unsymmetric graph and crashes on loops and on an empty one.
+    """
     if not has_nested_dissection():
         return None
     import pymetis

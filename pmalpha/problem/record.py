@@ -91,8 +91,10 @@ class Record(Frozen):
 
 
 def takes_record(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function with parameters for samples and, next, ``dt`` that takes a Record for both. The
-    arguments after dt may come one place earlier. A dt that is given has to be the Record's."""
+    """A function with parameters for samples and, next, ``dt`` that takes a Record for both.
+
+    The arguments after dt may come one place earlier. A dt that is given has to be the Record's.
+    """
     names = list(signature(function).parameters)
     samples = names.index("dt") - 1
 

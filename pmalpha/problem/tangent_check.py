@@ -95,9 +95,11 @@ def _worst(
 def _difference(
     f: Callable[..., Any], x: np.ndarray, j: int, h: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """df/dx_j by (f(x + h) - f(x - h)) / 2 h, and by how much twice the h changes it. The latter
-    bounds the truncation error of laws such as abs(v) v at v = 0, where all entries are zero and
-    those of a difference only small."""
+    """df/dx_j by (f(x + h) - f(x - h)) / 2 h, and by how much twice the h changes it.
+
+    The latter bounds the truncation error of laws such as abs(v) v at v = 0, where all entries are
+    zero and those of a difference only small.
+    """
     slopes = []
     for distance in (h, 2.0 * h):
         up, down = x.copy(), x.copy()

@@ -126,9 +126,11 @@ class Slots:
 
 
 class Placement:
-    """Adds one tangent of one force, evaluation after evaluation, to the values of a pattern. The
-    index arrays of a matrix by rows are compared with those of the evaluation before; where they
-    are equal, the places of the entries are known."""
+    """Adds one tangent of one force, evaluation after evaluation, to the values of a pattern.
+
+    The index arrays of a matrix by rows are compared with those of the evaluation before; where
+    they are equal, the places of the entries are known.
+    """
 
     def __init__(self, slots: Slots, name: str):
         self.slots, self.name = slots, name

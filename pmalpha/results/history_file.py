@@ -83,8 +83,10 @@ def storable(name: str) -> str:
 
 def row_count(begin: int, end: int, every: int, levels: int) -> int:
     """Number of rows from macro step `begin` to `end`, with `levels` time levels per macro step.
+
     The first row is at `begin`. If `every` is not zero, the others are the macro time levels whose
-    number is a multiple of it."""
+    number is a multiple of it.
+    """
     if every == 0:
         return 1 + (end - begin) * levels
     return 1 + end // every - begin // every
@@ -168,8 +170,10 @@ class HistoryFile:
         return row_count(header["begin"], end, header["every"], header["nodes"][name])
 
     def write(self, arrays: Mapping[str, np.ndarray], begin: int, end: int) -> None:
-        """Write the rows after macro step `begin` up to `end`. The first row of each array is at
-        `begin` and already written: it is skipped."""
+        """Write the rows after macro step `begin` up to `end`.
+
+        The first row of each array is at `begin` and already written: it is skipped.
+        """
         try:
             later = {name: x[1:] for name, x in arrays.items()}
             self._write_rows(later, lambda name: self.rows(name, begin))
@@ -205,8 +209,10 @@ class HistoryFile:
 
 
 class Layout:
-    """A sparse file in memory, in which HDF5 allocates the arrays. On a full disk HDF5 would crash
-    when it closes a file; here it never writes to the disk."""
+    """A sparse file in memory, in which HDF5 allocates the arrays.
+
+    On a full disk HDF5 would crash when it closes a file; here it never writes to the disk.
+    """
 
     def __init__(self) -> None:
         self.pieces: list[tuple[int, bytes]] = []  # (offset, bytes), later ones overwrite
@@ -336,8 +342,10 @@ def read(
 
 
 def _opened(h5py: ModuleType, name: str) -> Any:
-    """The file, without a lock unless this process has it open with one. HDF5 opens no file twice
-    in one process with different flags of locking."""
+    """The file, without a lock unless this process has it open with one.
+
+    HDF5 opens no file twice in one process with different flags of locking.
+    """
     try:
         return h5py.File(name, "r", locking=False)
     except OSError:
@@ -484,9 +492,11 @@ def whole_numbers(arrays: Mapping[str, np.ndarray], name: str) -> np.ndarray:
 
 
 def own_array(whole: Any, name: str) -> Any:
-    """A dataset that is in this file, and not larger than what the file holds of it. A link or
-    storage could lead to any other file, a dataset that was never written could be of any size, and
-    HDF5 never returns from some damaged texts of variable length."""
+    """A dataset that is in this file, and not larger than what the file holds of it.
+
+    A link or storage could lead to any other file, a dataset that was never written could be of any
+    size, and HDF5 never returns from some damaged texts of variable length.
+    """
     h5py, found = hdf5_library(), whole
     for part in name.split("/"):
         if not isinstance(found.get(part, getlink=True), h5py.HardLink):

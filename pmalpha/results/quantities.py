@@ -141,8 +141,10 @@ def growing(record: Any) -> dict[str, np.ndarray]:
 
 
 def with_rows(record: Record, change: Callable[..., np.ndarray], *others: Record) -> Record:
-    """The record with ``change(x, ...)`` for each array x with rows and those of the others. An
-    array that one of them lacks is None."""
+    """The record with ``change(x, ...)`` for each array x with rows and those of the others.
+
+    An array that one of them lacks is None.
+    """
     several = [growing(one) for one in (record, *others)]
     fields: dict[str, Any] = {
         name: change(*(own[name] for own in several)) if all(name in x for x in several) else None
@@ -210,9 +212,11 @@ def _content(piece: Any) -> list[Any]:
 
 
 def _check_times(first: np.ndarray, second: np.ndarray, i: int) -> None:
-    """ValueError unless the second begins where the first ends. With ``every`` the end of a run is
-    recorded only if it is a multiple: then the second begins within less than a recorded interval
-    after the last row."""
+    """ValueError unless the second begins where the first ends.
+
+    With ``every`` the end of a run is recorded only if it is a multiple: then the second begins
+    within less than a recorded interval after the last row.
+    """
     later = second[0] - first[-1]
     largest = max(np.max(np.diff(t), initial=0.0) for t in (first, second))
     rounding = ROUNDING * abs(first[-1])

@@ -361,9 +361,11 @@ class Recording:
 
 
 class FiledRecording(Recording):
-    """The record of a run that is written to an HDF5 file interval by interval. Memory is allocated
-    for one interval. Row 0 of the arrays is the beginning of the interval and already written. With
-    `append` the rows of an existing file come first."""
+    """The record of a run that is written to an HDF5 file interval by interval.
+
+    Memory is allocated for one interval. Row 0 of the arrays is the beginning of the interval and
+    already written. With `append` the rows of an existing file come first.
+    """
 
     def __init__(
         self,

@@ -257,9 +257,11 @@ def started(
 
 
 def _first_line(stream: IO[bytes], seconds: float) -> bytes | None:
-    """The first line of what a process prints, b"" if it ends without; None after this time. Read
-    in a thread, since a pipe has no time-out, and from a descriptor of its own: the stream can be
-    closed although a process that the first one has started keeps the pipe open."""
+    """The first line of what a process prints, b"" if it ends without; None after this time.
+
+    Read in a thread, since a pipe has no time-out, and from a descriptor of its own: the stream can
+    be closed although a process that the first one has started keeps the pipe open.
+    """
     lines, own = SimpleQueue[bytes](), os.dup(stream.fileno())
 
     def read() -> None:

@@ -236,9 +236,11 @@ def of_subdomain(s: Subdomain) -> StructureElement:
 
 
 class CouplerElement:
-    """The interface of a coupler that a `Command` moves: one macro step for each of the client. The
-    force of a trial is the multiplier of the macro step that ends with its velocity. Where the
-    client adds C v, that share is the damping C = dLam/dv and the force the rest."""
+    """The interface of a coupler that a `Command` moves: one macro step for each of the client.
+
+    The force of a trial is the multiplier of the macro step that ends with its velocity. Where the
+    client adds C v, that share is the damping C = dLam/dv and the force the rest.
+    """
 
     def __init__(self, coupler: Coupler, *, splits: bool):
         motions = [(motion.velocity, motion.rows) for motion in coupler._session.loads.motions]

@@ -70,9 +70,11 @@ def estimated_error(
     rows: ConstraintRows,
     motions: Sequence[Motion],
 ) -> Estimate | None:
-    """The error of a run (D3), None where its records do not suffice. They do with eight time
-    levels that all subdomains have in common, the displacements of all dofs and steps up to the
-    critical ones. All processes of `rows` call it."""
+    """The error of a run (D3), None where its records do not suffice.
+
+    They do with eight time levels that all subdomains have in common, the displacements of all
+    dofs and steps up to the critical ones. All processes of `rows` call it.
+    """
     ranks = rows.ranks
     own = [_levels(history, member) for history, member in zip(histories, members)]
     found = joined(ranks, own)

@@ -94,8 +94,10 @@ def _ready_on_all(
 
 
 def _chunks(core: _core.Coupler, loads: Loads, end: int) -> Iterator[int]:
-    """Last macro steps of the chunks; one without callables. The load values of a chunk take at
-    most `AHEAD` bytes."""
+    """Last macro steps of the chunks; one without callables.
+
+    The load values of a chunk take at most `AHEAD` bytes.
+    """
     size = loads.bytes_per_macro_step
     most = end if core.paced else CHUNK  # nothing is evaluated between two paced steps
     steps = max(1, min(most, AHEAD // size)) if size else end
@@ -181,8 +183,10 @@ def checked_steps(session: Session, dt: Any, substeps: Any) -> tuple[float, tupl
 def change(
     session: Session, dt: float, substeps: tuple[int, ...], clock: Clock | None = None
 ) -> None:
-    """Change to these steps at the present; nothing has changed after an error. With a clock, that
-    of the present, time is counted on (without double steps)."""
+    """Change to these steps at the present; nothing has changed after an error.
+
+    With a clock, that of the present, time is counted on (without double steps).
+    """
     layout = layout_of(session.everything, session.coupling, dt, substeps)
     step = session.done
     if layout == session.steps.layout:

@@ -69,8 +69,10 @@ def fits(forces: Sequence[Force]) -> bool:
 
 
 class Lanes:
-    """`LANES` cases of one coupled problem. Number i of lane l is at ``i * LANES + l`` of every
-    array of the core."""
+    """`LANES` cases of one coupled problem.
+
+    Number i of lane l is at ``i * LANES + l`` of every array of the core.
+    """
 
     def __init__(self, core: _core.Coupler, members: Sequence[Member]):
         self.members = members
@@ -96,9 +98,11 @@ class Lanes:
     def advance(
         self, recordings: Sequence[Recording], end: int, report: Callable[[int], None] | None
     ) -> bool:
-        """Run to macro step `end` and fill the recordings, one for each case. False when a value of
-        any case is not finite, or its steps have added energy that is to be reported; the
-        recordings are then not filled, and what it was is found by each case alone."""
+        """Run to macro step `end` and fill the recordings, one for each case.
+
+        False when a value of any case is not finite, or its steps have added energy that is to be
+        reported; the recordings are then not filled, and what it was is found by each case alone.
+        """
         records = [recording.core_record() for recording in recordings]
         begin, every = records[0][:2]
         selections = tuple(

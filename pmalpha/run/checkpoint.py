@@ -176,16 +176,20 @@ def differences(
 
 
 def order_of(member: Member, name: str, x: np.ndarray) -> np.ndarray:
-    """Order of the entries of x, those of the last eliminated dofs, by the user's numbers. What
-    springs and internal forces remember is in the user's order already."""
+    """Order of the entries of x, those of the last eliminated dofs, by the user's numbers.
+
+    What springs and internal forces remember is in the user's order already.
+    """
     if name.endswith(("springs", "history")):
         return np.arange(x.size)
     return np.argsort(member.order[member.n - x.size :])
 
 
 def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[str, np.ndarray]:
-    """The state of a coupler with these options, by name, in the user's order. Subdomains have
-    their numbers among those of all processes."""
+    """The state of a coupler with these options, by name, in the user's order.
+
+    Subdomains have their numbers among those of all processes.
+    """
     arrays, p, core = {}, rows.p, assembly.core
     for i, member in enumerate(assembly.members, assembly.first):
         for name, x in zip(names(member), member.core.levels()):
@@ -300,8 +304,11 @@ def places_of(member: Member) -> np.ndarray:
 
 def reordered(shooting: np.ndarray, rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """What shooting continues with, with the constraints in another order and times `scale`, so
-    that multipliers are divided by it. Its first numbers are a scale and the increment of the
-    multipliers. Up to 500 constraints a matrix follows, for more a number and pairs of vectors."""
+    that multipliers are divided by it.
+
+    Its first numbers are a scale and the increment of the multipliers. Up to 500 constraints a
+    matrix follows, for more a number and pairs of vectors.
+    """
     p = rows.size
     head, rest = shooting[:1], shooting[1 + p :]
     if rest.size == p * p:

@@ -63,8 +63,9 @@ def drift_shares(
     history: History, members: Sequence[Member], rows: ConstraintRows, motions: Sequence[Motion]
 ) -> np.ndarray:
     """The share of each constraint in the measure (D4), (p,); zeros where it cannot be computed.
-    That is with a step above the critical one, and unless all dofs of all subdomains were
-    recorded."""
+
+    That is with a step above the critical one, and unless all dofs of all subdomains were recorded.
+    """
     p, levels = rows.p, history.macro_times.size
     none = np.zeros(p)
     if p == 0:

@@ -161,8 +161,10 @@ def skipped(force: SampledForce, step: float, weights: np.ndarray) -> tuple[floa
 
 
 def _motions(f: np.ndarray, x: float) -> np.ndarray:
-    """The motion of an oscillator under each column of f, from rest; x = omega dt / 2. y'' + 2 zeta
-    omega y' + omega^2 y = f by the trapezoidal rule, without the factor (dt / 2)^2."""
+    """The motion of an oscillator under each column of f, from rest; x = omega dt / 2.
+
+    y'' + 2 zeta omega y' + omega^2 y = f by the trapezoidal rule, without the factor (dt / 2)^2.
+    """
     from scipy.linalg.blas import dtbsv
 
     damping = 2.0 * DAMPING * x
@@ -315,8 +317,10 @@ class Loads:
     # ---- at one time, in elimination order ----------------------------------------------------
 
     def at_start(self, i: int, step: int = 0) -> np.ndarray:
-        """F(0) of a subdomain; `step` is the present macro step, for errors. Without a force that
-        depends on the motion, which is one of the terms of the motion."""
+        """F(0) of a subdomain; `step` is the present macro step, for errors.
+
+        Without a force that depends on the motion, which is one of the terms of the motion.
+        """
         force, member = self.seen[i], self.members[i]
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)

@@ -65,9 +65,11 @@ class CallbackLoad:
         return self.near_start[t]
 
     def value_at(self, level: int) -> np.ndarray:
-        """f at a time level of the subdomain, counted from the origin, in elimination order. The
-        value of the substep that ended there; evaluated again if it is not stored, as after
-        `Coupler.load`."""
+        """f at a time level of the subdomain, counted from the origin, in elimination order.
+
+        The value of the substep that ended there; evaluated again if it is not stored, as after
+        `Coupler.load`.
+        """
         row = level - 1 - self.first
         if 0 <= row < len(self.rows):
             result: np.ndarray = self.rows[row].copy()

@@ -120,8 +120,10 @@ def _without_slack() -> Iterator[None]:
 
 @contextmanager
 def signals_written() -> Iterator[int]:
-    """A file to which signals are written, so that they are seen without the GIL. -1 where this
-    thread runs no handlers of signals."""
+    """A file to which signals are written, so that they are seen without the GIL.
+
+    -1 where this thread runs no handlers of signals.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield -1
         return

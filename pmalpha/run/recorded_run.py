@@ -127,9 +127,11 @@ def recording_of(
 def whole_of(
     session: Session, wanted: Recorded, chosen: Mapping[str, Any], steps: int, every: int | None
 ) -> Recorded | None:
-    """All dofs, if less is wanted and the record of all of them at all time levels is small. None
-    with contacts, whose impulses are summed between the recorded levels, and in several processes,
-    which record the same levels."""
+    """All dofs, if less is wanted and the record of all of them at all time levels is small.
+
+    None with contacts, whose impulses are summed between the recorded levels, and in several
+    processes, which record the same levels.
+    """
     members = session.members
     if steps < FEWEST_LEVELS or session.rows.contacts is not None or session.ranks is not None:
         return None
@@ -164,7 +166,9 @@ def recorded(
     around: AbstractContextManager[None] = nullcontext(),  # noqa: B008  # has no state
 ) -> History:
     """Run through an interval from the present on, the steps in a context, and judge the result.
-    `last_history` is the result too: the caller replaces it when the result is safe."""
+
+    `last_history` is the result too: the caller replaces it when the result is safe.
+    """
     with noted() as messages:
         history = _recorded(session, recording, report, signals, around)
         signals.during(judge, session, recording.judged(history))

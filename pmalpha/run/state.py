@@ -118,7 +118,9 @@ def radius_of(scheme: Scheme) -> str:
 
 def step_ratio(member: Member) -> str:
     """Step divided by critical step; "-" for a restoring function without estimated stiffness.
-    Above `SMALL` dofs it is an upper bound, "<= 0.7", unless set-up needed the exact one."""
+
+    Above `SMALL` dofs it is an upper bound, "<= 0.7", unless set-up needed the exact one.
+    """
     s = member.subdomain
     if member.step_ratio is None or s.has_unknown_stiffness:
         return "-"

@@ -267,8 +267,10 @@ def _failed(error: Exception) -> CaseResult:
 @contextmanager
 def _file(path: Any, count: int) -> Iterator[Callable[[int, CaseResult], CaseResult]]:
     """A function that writes the result of case k to the file, and returns it without its value.
+
     All rows of a dataset exist from the first result on, so that a later one changes no structure
-    of the file: it can be read meanwhile, and after a kill."""
+    of the file: it can be read meanwhile, and after a kill.
+    """
     h5py, whole = hdf5_library(), checked_path(path, "save_to", HDF5)
     try:
         file = h5py.File(whole, "x", locking=False)

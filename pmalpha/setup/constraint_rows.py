@@ -48,7 +48,9 @@ def require_sizes(L: sp.csc_array, name: Callable[[int], str]) -> None:
 
 def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
     """ConstraintError unless L has full row rank, determined from L alone with rows of length 1.
-    `name` returns the name of a row in messages."""
+
+    `name` returns the name of a row in messages.
+    """
     p = L.shape[0]
     unit = rows_of_size_one(L)
     shared = np.bincount(L.indices, minlength=L.shape[1]).astype(float)
@@ -306,8 +308,10 @@ class ConstraintRows:
         self, values: Sequence[np.ndarray], g: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:
         """The rows in which sum L_i x_i differs from g by more than rounding, and the differences.
+
         Each row is scaled by its largest entry, since the multiple of a constraint is the same
-        constraint."""
+        constraint.
+        """
         terms = joined(
             self.ranks,
             [

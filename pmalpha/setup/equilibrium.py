@@ -39,7 +39,7 @@ ROUNDING = 100.0 * np.finfo(float).eps
 def static_displacements(
     stiffnesses: Sequence[Matrix], constraints: Sequence[sp.csr_array], forces: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """The displacements u_i, (n_i,) each."""
+    """The displacements u_i, (n_i,) each; constraints: L_i with independent rows."""
     from scipy.sparse.linalg import splu
 
     sizes = [f.size for f in forces]
@@ -167,9 +167,11 @@ class Equilibrium:
     def _load_step(
         self, u: np.ndarray, lam: np.ndarray, load: float, *, searches: bool
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """u and Lam at this share of the load; None if the iteration does not converge. Without a
-        line search it is fast where an element is much stiffer in one direction than in another, in
-        which a search would follow each turn of the path."""
+        """u and Lam at this share of the load; None if the iteration does not converge.
+
+        Without a line search it is fast where an element is much stiffer in one direction than in
+        another, in which a search would follow each turn of the path.
+        """
         before, self.searches = np.inf, searches
         for iteration in range(self.newton.iterations if searches else self.plain):
             self.iterations = iteration + 1
@@ -248,8 +250,10 @@ class Equilibrium:
         return float(np.sum(left))
 
     def _line_search(self, u: np.ndarray, load: float, trial: _Trial) -> float | None:
-        """The part x of a correction that does not overshoot, as in (N10); None if there is none. A
-        jump is removed in proportion to x, so that its work is in the slope."""
+        """The part x of a correction that does not overshoot, as in (N10); None if there is none.
+
+        A jump is removed in proportion to x, so that its work is in the slope.
+        """
         s0 = trial.slope
         s1 = self._slope(u, load, trial, 1.0)
         if np.isfinite(s1) and s1 >= -0.8 * s0:

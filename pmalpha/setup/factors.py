@@ -289,9 +289,11 @@ def sides(factor: Factor) -> list[Factor]:
 
 
 def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
-    """SuperLU's factor, column by column: for chains and other thin patterns. Where SuperLU pivots
-    off the diagonal or reports a singular matrix, the matrix is probably not definite: then the
-    supernodal factor decides, and locates the pivot."""
+    """SuperLU's factor, column by column: for chains and other thin patterns.
+
+    Where SuperLU pivots off the diagonal or reports a singular matrix, the matrix is probably not
+    definite: then the supernodal factor decides, and locates the pivot.
+    """
     from scipy.sparse.linalg import splu
 
     n = A.shape[0]
@@ -445,9 +447,11 @@ class Elimination:
 
 
 class Eliminations:
-    """The eliminations of all subdomains of a coupler. Subdomains with the same graph and the same
-    interface dofs, say equal meshes of different materials, have one elimination, which is found
-    once."""
+    """The eliminations of all subdomains of a coupler.
+
+    Subdomains with the same graph and the same interface dofs, say equal meshes of different
+    materials, have one elimination, which is found once.
+    """
 
     def __init__(self) -> None:
         self._known: dict[bytes, Elimination] = {}

@@ -188,7 +188,9 @@ def _in_order(pattern: sp.csr_array, order: np.ndarray, nb: int) -> TangentPatte
 
 def narrow_order(pattern: sp.csr_array, last: np.ndarray) -> tuple[np.ndarray, int]:
     """The order in the narrowest band found, with the interface dofs last, and its half width.
-    Among the natural order, that of Cuthill and McKee, and both reversed."""
+
+    Among the natural order, that of Cuthill and McKee, and both reversed.
+    """
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     n = pattern.shape[0]
@@ -231,9 +233,11 @@ def numeric(
 def core_internal(
     forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None, symmetric: bool
 ) -> tuple[Any, ...]:
-    """(order, initial, functions) of the core; without tangents in an explicit subdomain. If the
-    tangents have to be `symmetric`, the core checks those of compiled functions; `CheckedInternal`
-    checks the others."""
+    """(order, initial, functions) of the core; without tangents in an explicit subdomain.
+
+    If the tangents have to be `symmetric`, the core checks those of compiled functions;
+    `CheckedInternal` checks the others.
+    """
     functions = tuple(
         (
             function,
@@ -303,7 +307,9 @@ def springs_at(
     s: Subdomain, u: np.ndarray, remembered: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Force (n,) of all springs of a subdomain that go to u, and the tangents of each object.
-    `remembered`, (fields, springs), is what they remember; None for springs never loaded before."""
+
+    `remembered`, (fields, springs), is what they remember; None for springs never loaded before.
+    """
     ends = np.cumsum([len(spring) for spring in s.springs])
     _, slopes, f = _core.follow_springs(core_springs(s.springs, np.arange(s.n)), u, remembered)
     return f, np.split(slopes, ends[:-1])

@@ -28,9 +28,11 @@ from .ranks import Ranks, joined
 
 
 def prepare_iterated(members: Sequence[Member], coupling: str) -> None:
-    """The blocks of H of the subdomains with internal forces. Under "macro" and "mean" those of
-    their linear twins; else zero, but for explicit subdomains, whose blocks do not change: the core
-    adds the others."""
+    """The blocks of H of the subdomains with internal forces.
+
+    Under "macro" and "mean" those of their linear twins; else zero, but for explicit subdomains,
+    whose blocks do not change: the core adds the others.
+    """
     for member in members:
         if member.internal is None:
             continue

@@ -218,9 +218,11 @@ def compliance(factor: Factor, L: Link, nb: int, name: str) -> Block:
 def _compliance_of_last(
     inverse: np.ndarray, R_bb: np.ndarray, L: Link, Q_bb: np.ndarray | None = None
 ) -> np.ndarray:
-    """L_b S^-1 L_b^T, S = R_bb D_b Q_bb^T, (F6); Q_bb is R_bb if None. The whole inverse S^-1 takes
-    a third of the work of nb solutions, if it is symmetric; few constraints need fewer solutions
-    than that."""
+    """L_b S^-1 L_b^T, S = R_bb D_b Q_bb^T, (F6); Q_bb is R_bb if None.
+
+    The whole inverse S^-1 takes a third of the work of nb solutions, if it is symmetric; few
+    constraints need fewer solutions than that.
+    """
     from scipy.linalg.lapack import dpotri
 
     few = Q_bb is not None or 3 * L.rows.size < inverse.size

@@ -136,7 +136,9 @@ def is_stored(member: Member) -> bool:
 
 def compute_unit_responses(member: Member) -> None:
     """Unit responses of a subdomain; sets its block of H, and the one of the mean velocities.
-    Errors as of `unit_responses`."""
+
+    Errors as of `unit_responses`.
+    """
     rows = member.L.rows
     end, mean, states = unit_responses(member, rows, stored=is_stored(member))
     if states is not None:

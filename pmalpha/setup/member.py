@@ -285,9 +285,11 @@ def make_member(
     N: Link | None = None,
     **does: bool,
 ) -> Member:
-    """Put a subdomain in its elimination order, interface dofs last. `eliminations` are those of
-    all subdomains, `threads` is the maximum number of threads that make a factor, and `does` has
-    the values of `reuses`, `mean` and `shifts`."""
+    """Put a subdomain in its elimination order, interface dofs last.
+
+    `eliminations` are those of all subdomains, `threads` is the maximum number of threads that make
+    a factor, and `does` has the values of `reuses`, `mean` and `shifts`.
+    """
     n, last = subdomain.n, L.dofs
     if N is not None:
         last = np.union1d(last, N.dofs)

@@ -70,7 +70,10 @@ class Layout:
 
     def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:
         """Index of the subdomain, of its array in the core, and dofs in elimination order, as X has
-        them. The core has the present time level first, X the one before it."""
+        them.
+
+        The core has the present time level first, X the one before it.
+        """
         for i, (member, stored) in enumerate(zip(self.members, self.stored)):
             interface = np.arange(member.nb) if stored else np.arange(0)
             for first in (LEVEL_FIELDS, 0) if member.double else (0,):
@@ -157,8 +160,10 @@ def cheap_radius(
 
 
 def growth_of_structure(members: Sequence[Member]) -> float:
-    """The rate at which the tied structure itself grows, 0 where it does not. That is the largest
-    real part of z with (z^2 M + z C + K) u = 0, L u = 0."""
+    """The rate at which the tied structure itself grows, 0 where it does not.
+
+    That is the largest real part of z with (z^2 M + z C + K) u = 0, L u = 0.
+    """
     from scipy.linalg import eigvals, null_space
 
     M, C, K = (dense_whole([member.subdomain for member in members], name) for name in "MCK")

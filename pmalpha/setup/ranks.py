@@ -301,7 +301,8 @@ def check_stable(
 def remote_of(member: Member, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
     """What other processes have to know of a subdomain: (nb, substeps, h, doubled, continues,
     whether it has internal forces, link, constraints if its steps are iterated). With another link
-    a single step of length h, without others."""
+    a single step of length h, without others.
+    """
     single = L is not None
     h = member.h if h is None else h
     double = not single and member.double

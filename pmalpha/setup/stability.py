@@ -68,8 +68,10 @@ class StepRatio:
 
 @lru_cache(maxsize=256)
 def critical_product(scheme: Scheme) -> float:
-    """Largest stable Omega = omega h of an undamped oscillator; inf if there is none. Viscous
-    damping, which is implicit in all schemes, does not lower it."""
+    """Largest stable Omega = omega h of an undamped oscillator; inf if there is none.
+
+    Viscous damping, which is implicit in all schemes, does not lower it.
+    """
     grid = np.geomspace(1e-2, 1e4, 600)
     unstable = grid[~_are_stable(scheme, grid)]
     if not unstable.size:
@@ -204,9 +206,11 @@ def _limit_of_matrices(subdomain: Subdomain, internal: Matrix, closed: bool) -> 
 
 
 def _limit_of_springs(s: Subdomain) -> float:
-    """The critical step of springs at the predictor of an implicit subdomain, equation (C4). Of
-    many dofs, or where some have no mass, that of the dofs of the springs with all others held: not
-    too short."""
+    """The critical step of springs at the predictor of an implicit subdomain, equation (C4).
+
+    Of many dofs, or where some have no mass, that of the dofs of the springs with all others held:
+    not too short.
+    """
     if s.scheme.explicit or not s.restoring_springs:
         return np.inf
     Omega2 = predicted_product(s.scheme) ** 2
@@ -243,8 +247,10 @@ def limiting_terms(
     subdomain: Subdomain, internal: Matrix | None = None, *, closed: bool = True
 ) -> list[tuple[float, Matrix]]:
     """A = (K + K_r + K_t) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
+
     Each is a factor and a matrix, which saves a copy of a large matrix. Springs count with their
-    largest tangents, unless `closed` is False."""
+    largest tangents, unless `closed` is False.
+    """
     Omega = critical_product(subdomain.scheme)
     A = None
     if np.isfinite(Omega):
@@ -321,9 +327,11 @@ def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
 def step_ratio(
     subdomain: Subdomain, step: float, internal: Matrix | None = None, closing: Matrix | None = None
 ) -> StepRatio:
-    """The step divided by the critical one, as far as it has to be computed. `internal` is a
-    tangent of the internal forces, which is added to K, and `closing` what contact adds to it where
-    it closes."""
+    """The step divided by the critical one, as far as it has to be computed.
+
+    `internal` is a tangent of the internal forces, which is added to K, and `closing` what contact
+    adds to it where it closes.
+    """
     with np.errstate(over="ignore"):
         whole = combination([(1.0, internal), (1.0, closing)])
         ratio = _ratio_of_matrices(subdomain, step, whole)

@@ -249,9 +249,11 @@ def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float
 
 
 def _mass_factor(member: Member, M: Matrix) -> Factor:
-    """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding. s is the
-    smallest power of ten times the largest entry of M that makes it definite, up to the rounding of
-    exported files. Steps do not need this factor."""
+    """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding.
+
+    s is the smallest power of ten times the largest entry of M that makes it definite, up to the
+    rounding of exported files. Steps do not need this factor.
+    """
     what = f"M of subdomain {member.name!r}"
     try:
         return member.factor(M, what)

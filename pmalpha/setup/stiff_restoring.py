@@ -177,7 +177,9 @@ class StiffnessWatch:
 
     def _contact(self, m: float, work: float, K_r: float) -> tuple[float, float] | None:
         """(omega, gain of speed) where an increment closes a contact that the step is too long for.
-        m and work are du . M du and du . dr."""
+
+        m and work are du . M du and du . dr.
+        """
         omega2 = work / m if m > 0.0 else 0.0
         before, self.seen = self.seen, omega2
         sudden = omega2 > CLOSES * abs(before) and work > IMPACT * self.kinetic

@@ -119,8 +119,10 @@ RULES: dict[str, tuple[Rule, Rule]] = {
 
 class Moduli(NamedTuple):
     """Lame's constants (in plane stress those of the plane), density and thickness of elements.
-    (E,) or, for equal elements, (1,) each; the thickness of a solid is 1. `across` is zz over xx +
-    yy of the stresses in a plate: nu in plane strain, 0 in plane stress."""
+
+    (E,) or, for equal elements, (1,) each; the thickness of a solid is 1. `across` is zz over
+    xx + yy of the stresses in a plate: nu in plane strain, 0 in plane stress.
+    """
 
     lam: np.ndarray
     mu: np.ndarray
@@ -166,9 +168,11 @@ def _masses(kind: str, corners: np.ndarray, density: np.ndarray) -> tuple[np.nda
 
 
 def lumped_shares(kind: str, N: np.ndarray, masses: np.ndarray) -> np.ndarray:
-    """Masses (E or 1, a) of the nodes. Row sums of the consistent mass; of elements of second
-    order, where those are not positive, its diagonal scaled to the mass of the element (Hinton,
-    Rock, Zienkiewicz 1976)."""
+    """Masses (E or 1, a) of the nodes.
+
+    Row sums of the consistent mass; of elements of second order, where those are not positive, its
+    diagonal scaled to the mass of the element (Hinton, Rock, Zienkiewicz 1976).
+    """
     if N.shape[1] == SHAPES[kind].corners:
         result: np.ndarray = (masses[:, None] @ N)[:, 0]
         return result
@@ -209,7 +213,9 @@ def _blocks(g: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> Iterator[np.ndarr
 
 def gradients(kind: str, corners: np.ndarray, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Volumes (E, q) of the points of quadrature of the stiffness, and dN_a / dx_i (d, E, q, a).
-    `first` is the number of the first element, for messages."""
+
+    `first` is the number of the first element, for messages.
+    """
     shape, (rule, _) = SHAPES[kind], RULES[kind]
     slopes = shape.slopes(rule.points)
     J = _jacobian(corners, slopes)

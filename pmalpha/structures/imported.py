@@ -56,7 +56,9 @@ def bar_matrices(
 
 def _along(kind: str, corners: np.ndarray, rule: Rule) -> tuple[np.ndarray, np.ndarray]:
     """Strains (E, q, a, d) of unit displacements of the nodes, and lengths (E, q) of the points.
-    With x' = dx / dxi the strain is x' . u' / |x'|^2."""
+
+    With x' = dx / dxi the strain is x' . u' / |x'|^2.
+    """
     slopes = SHAPES[kind].slopes(rule.points)[:, :, 0]
     tangent = np.einsum("qa,eai->eqi", slopes, corners)
     square = np.sum(tangent**2, axis=2)

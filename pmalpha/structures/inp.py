@@ -139,8 +139,10 @@ class Input:
 def _sections(
     path: Path, above: tuple[Path, ...]
 ) -> Iterator[tuple[str, dict[str, str], list[list[str]]]]:
-    """Keywords with their options and rows of data; included files are read in their place. `above`
-    are the files that include this one."""
+    """Keywords with their options and rows of data; included files are read in their place.
+
+    `above` are the files that include this one.
+    """
     keyword = ""
     options: dict[str, str] = {}
     rows: list[list[str]] = []

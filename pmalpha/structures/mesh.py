@@ -27,7 +27,9 @@ class Mesh(NamedTuple):
 
 def checked_mesh(points: Any, elements: Any, whose: str = "") -> Mesh:
     """The mesh; TypeError or ValueError if it is invalid, with the words `whose` after the name.
-    Elements are an array, or a dict of arrays by the name of their kind."""
+
+    Elements are an array, or a dict of arrays by the name of their kind.
+    """
     points = real_array(points, f"points{whose}", 2)
     N, dim = points.shape
     if N == 0 or dim not in (1, 2, 3):

@@ -60,8 +60,10 @@ MOST_ENDS = 100
 
 
 class FileMesh(NamedTuple):
-    """Points (N, dim) and blocks of cells. Groups have the numbers of their cells in each block;
-    points are those of named sets of points."""
+    """Points (N, dim) and blocks of cells.
+
+    Groups have the numbers of their cells in each block; points are those of named sets of points.
+    """
 
     points: np.ndarray
     blocks: list[Block]

@@ -47,7 +47,9 @@ class Pattern:
 
     def add(self, sums: np.ndarray, part: slice, values: Iterable[np.ndarray]) -> None:
         """Add arrays (e or 1, a, a) of the elements of a slice to the rows of `sums` (k, pairs).
-        One element after the other, so that the sum does not depend on the slices."""
+
+        One element after the other, so that the sum does not depend on the slices.
+        """
         pair = self.pair[part]
         if not pair.size:
             return

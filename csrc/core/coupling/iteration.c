@@ -132,8 +132,9 @@ pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c)
     pma_iteration *it = c->iteration;
     memcpy(it->working, it->present, it->size * sizeof(double));
     it->stale = true; /* the constant part may be another one */
-    for (size_t i = 0; i < c->parts.count && it->following != c->present.number; i++)
-        it->members[i].known = false;
+    const bool follows = it->following == c->present.number;
+    for (size_t i = 0; i < c->parts.count; i++)
+        it->members[i].known = it->members[i].known && follows;
     it->following = -1;
     PMA_TRY(step(c));
     it->following = c->present.number + 1;
