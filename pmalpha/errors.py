@@ -343,6 +343,20 @@ def noted() -> Iterator[list[str]]:
         _NOTED.reset(token)
 
 
+# Whether warnings of this package are not shown.
+_SILENT: ContextVar[bool] = ContextVar("_SILENT", default=False)
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """No warnings of this package are shown meanwhile: those of runs within a call of the user."""
+    token = _SILENT.set(True)
+    try:
+        yield
+    finally:
+        _SILENT.reset(token)
+
+
 # A line of the user: file, number, name of the module.
 Line: TypeAlias = tuple[str, int, str]
 _registry: dict[Any, Any] = {}  # of warnings for lines of other threads
@@ -385,6 +399,8 @@ def warn(message: str, category: type[Warning]) -> None:
     messages = _NOTED.get()
     if messages is not None:
         messages.append(f"{category.__name__}: {message}")
+    if _SILENT.get():
+        return
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):

@@ -74,6 +74,8 @@ class Client:
     True
     """
 
+    repeatable = False  # as `Coupler.estimate_error` has to know
+
     def __init__(self, address: tuple[str, int], *, timeout: float = 5.0, name: str = "the server"):
         self.name, self.number = name, 0
         self.connection = socket.create_connection(address, timeout)

@@ -112,6 +112,8 @@ class Connected:
         Commands that were answered.
     """
 
+    repeatable = False  # as `Coupler.estimate_error` has to know
+
     def __init__(
         self,
         link: w.Wire,

@@ -67,6 +67,8 @@ class Command:
     >>> coupler = Coupler([mass], wall, dt=0.01)     # rig.serve(coupler)
     """
 
+    repeatable = False  # as `Coupler.estimate_error` has to know
+
     def __init__(self, p: int):
         self.p = whole_number(p, "p", low=1)
         self.begin, self.slope, self.end = np.zeros((3, self.p))

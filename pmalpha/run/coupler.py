@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ..gradients.gradient import Gradient
     from ..gradients.misfit import Misfit
     from ..gradients.parameters import Parameters
+    from .error_estimate import ErrorEstimate
 
 __all__ = ["Coupler", "solve"]
 
@@ -348,6 +349,71 @@ class Coupler:
         if tolerance is not None:
             return tolerance_run.run(s, tolerance, end, files, progress, **chosen)
         return recorded_run.run(s, end, files, progress, **chosen)
+
+    def estimate_error(
+        self,
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        halvings: int = 1,
+        progress: Any = None,
+    ) -> ErrorEstimate:
+        """Estimate the error of the run from t = 0, by the same run with half the steps.
+
+        With the present initial values, loads and steps. Half the macro step halves all substeps
+        and double steps; with ``halvings=2`` there is a third run with a quarter of them, and the
+        order of convergence is observed. The runs are those of new couplers: this one stays as it
+        is. It takes the time of 3 runs, with two halvings of 7, and as many set-ups as runs.
+
+        Parameters
+        ----------
+        t_end : float
+            As for `run`, from t = 0. Give this or `steps`.
+        steps : int
+            As for `run`, at least 1.
+        halvings : {1, 2}, default 1
+            Number of finer runs.
+        progress : True or callable, optional
+            As for `run`, in macro steps of all runs together.
+
+        Returns
+        -------
+        ErrorEstimate
+            Has ``.relative``, ``.by_subdomain``, ``.place``, ``.order``, ``.dt_for(relative)`` and
+            ``.history``, that of the run. Printed, it is a sentence.
+
+        Raises
+        ------
+        ValueError
+            Where a run cannot be repeated: with a specimen outside of this program (`rig.connect`,
+            `rig.Client`), a function with the attribute ``repeatable = False``, and one whose first
+            value in the second run differs from that in the first, since it has a memory. With
+            `comm`.
+        TypeError, ValueError, and others
+            As `run`; an error of a finer run has a note that says so.
+
+        Warns
+        -----
+        AccuracyWarning, StabilityWarning
+            Of the first run, as `run` does.
+
+        Notes
+        -----
+        Equation (D5) of docs/method.md. It is an estimate, as good as the difference of the two
+        runs is small, and says nothing of what both have in common: the model, and means or
+        samples of a load that no step sees. docs/right.md has measured values.
+
+        Examples
+        --------
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="macro")
+        >>> coupler.estimate_error(5.0).relative < 0.02
+        True
+        >>> coupler.step_count
+        0
+        """
+        from .error_estimate import estimate_error
+
+        return estimate_error(self._session, type(self), (t_end, steps), halvings, progress)
 
     def run_paced(
         self,

@@ -1,0 +1,313 @@
+"""The error of a run, by the same run with shorter steps: `Coupler.estimate_error`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from .._checks import real_number, whole_number
+from ..errors import silent
+from ..memory import require
+from ..results.clock import Clock
+from ..results.history import History
+from ..setup.remade import remade
+from .progress import Report, reporting
+from .repeated import RepeatedFunctions, require_repeatable
+from .session import Session, require_alone
+
+__all__ = ["ErrorEstimate"]
+
+# Bytes of the motion of a finer run that exists at a time.
+PIECE = 16_000_000
+# Numbers that a run records of each dof at a time level: u, v and a.
+RECORDED = 3
+# Below this part of the largest displacement, a difference of two runs is rounding.
+ROUNDING = 1e-11
+# Observed order from which on the runs converge.
+LEAST_ORDER = 0.5
+# The smallest error for which there is a step.
+SMALLEST = 1e-300
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+@dataclass(frozen=True, repr=False)
+class ErrorEstimate:
+    """The estimated error of a run, from `Coupler.estimate_error`.
+
+    Printed, it is a sentence.
+
+    Attributes
+    ----------
+    relative : float
+        The largest estimated error of a displacement, of any dof at any time level of the run,
+        divided by the largest displacement of the structure. Where the runs do not converge, the
+        difference of the first two.
+    by_subdomain : dict of float
+        The largest error in each subdomain, by name, divided by the same.
+    place : (str, int or str, float)
+        Where it is largest: subdomain, dof or its name, time.
+    order : float
+        The observed order of convergence, with ``halvings=2``; else, and where the runs differ by
+        rounding only, nan.
+    dt : float
+        The macro step of the run.
+    history : History
+        The run.
+    assumed_order : float
+        That of the coupling, which is taken where none is observed: 1 for "gc" and "pm" with
+        different numbers of substeps, otherwise 2.
+
+    Examples
+    --------
+    The trapezoidal rule delays this oscillator by (omega dt)^2 / 12 of the time; at t = 10, where
+    the phase is 20, the error is 0.067 sin(20):
+
+    >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0], name="mass")
+    >>> found = Coupler([mass], dt=0.1).estimate_error(10.0, halvings=2)
+    >>> bool(abs(found.relative / 0.061 - 1.0) < 0.05), round(found.order, 1)
+    (True, 2.0)
+    """
+
+    relative: float
+    by_subdomain: dict[str, float]
+    place: tuple[str, int | str, float]
+    order: float
+    dt: float
+    history: History = field(compare=False)
+    assumed_order: float
+
+    @property
+    def converges(self) -> bool:
+        """Whether the observed order is at least 0.5; True where none was observed."""
+        return not self.order < LEAST_ORDER
+
+    def dt_for(self, relative: float = 0.01) -> float:
+        """The macro step with which the error would be this large.
+
+        Parameters
+        ----------
+        relative : float, default 0.01
+            The error, like `relative`.
+
+        Returns
+        -------
+        float
+            From the observed order, else from that of the coupling; inf where there is no error,
+            and nan where the runs do not converge. Not far from `dt` it is a good guess: see by
+            another estimate.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For a number that is not positive.
+        """
+        target = real_number(relative, "relative", low=SMALLEST)
+        if not self.converges:
+            return float("nan")
+        if self.relative == 0.0:
+            return float("inf")
+        order = self.assumed_order if np.isnan(self.order) else self.order
+        return float(self.dt * (target / self.relative) ** (1.0 / order))
+
+    def __repr__(self) -> str:
+        name, dof, t = self.place
+        if self.relative == 0.0:
+            return f"ErrorEstimate: none, the runs with dt = {self.dt:g} and half of it are equal"
+        dof = f"dof {dof}" if isinstance(dof, int) else repr(dof)
+        where = f"of the largest displacement, at {dof} of {name!r}, t = {t:.4g}"
+        if not self.converges:
+            return (
+                f"ErrorEstimate: no convergence, order {self.order:.2g}; half of dt = {self.dt:g} "
+                f"changes the run by {_percent(self.relative)} {where}"
+            )
+        assumed = np.isnan(self.order)
+        order = f"order {self.assumed_order:g}, assumed" if assumed else f"order {self.order:.2g}"
+        return (
+            f"ErrorEstimate: {_percent(self.relative)} {where} ({order}); "
+            f"dt = {self.dt_for():.3g} for 1 %"
+        )
+
+
+def _percent(x: float) -> str:
+    return f"{100.0 * x:.2g} %" if x < 0.995 else f"{100.0 * x:.0f} %"
+
+
+def estimate_error(
+    session: Session,
+    make: Callable[..., Any],
+    end: tuple[float | None, int | None],
+    halvings: int,
+    progress: Any,
+) -> ErrorEstimate:
+    """`Coupler.estimate_error`; `make` makes a coupler, `end` is t_end and steps."""
+    require_alone(session, "estimate_error")
+    with session.guard:
+        runs = Runs(session, make)
+        steps = Clock(runs.dt).end(*end, 0)
+    count = whole_number(halvings, "halvings", low=1)
+    if count > 2:
+        raise ValueError(f"halvings must be 1 or 2, got {count}")
+    if steps == 0:
+        raise ValueError("an error estimate needs a run of at least one macro step, got none")
+    with reporting(progress, 0, steps * (2 ** (count + 1) - 1)) as report:
+        history = runs.coarse(steps, report)
+        motions = [x.u for x in history.subdomains if x is not None]
+        if count == 2:
+            size = 8.0 * sum(u.size for u in motions)
+            require(size, "the motion with half the step", "take halvings=1 or a shorter run")
+        half = runs.compared(1, steps, motions, report, keep=count == 2)
+        finest = half
+        if count == 2:
+            finest = runs.compared(2, steps, half.motions, report, keep=False)
+        if report is not None:
+            report.end()
+    return _estimate(runs, history, half, finest)
+
+
+def _estimate(runs: Runs, history: History, half: Compared, finest: Compared) -> ErrorEstimate:
+    """From the differences of the first two runs, and of the last two; equation (D5)."""
+    names = [name for name, _ in history.keys]
+    order = float("nan")
+    if finest is not half and half.difference > ROUNDING * finest.largest:
+        with np.errstate(divide="ignore"):
+            order = float(np.log2(half.difference / np.float64(finest.difference)))
+    used = runs.order if np.isnan(order) else order
+    factor = 1.0 / (1.0 - 2.0**-used) if used >= LEAST_ORDER else 1.0
+    scale = factor / finest.largest if finest.largest > 0.0 else 0.0
+    i = int(np.argmax(half.differences))
+    level, dof = half.places[i]
+    own = history[i]
+    labels = own.dof_names
+    return ErrorEstimate(
+        relative=half.difference * scale,
+        by_subdomain={name: x * scale for name, x in zip(names, half.differences)},
+        place=(names[i], dof if labels is None else labels[dof], float(own.t[level])),
+        order=order,
+        dt=runs.dt,
+        history=history,
+        assumed_order=runs.order,
+    )
+
+
+@dataclass
+class Compared:
+    """A run beside one with twice its steps, at the time levels of the coarsest one.
+
+    differences: the largest one in each subdomain; `places` has time level and dof of it.
+    largest: the largest displacement.
+    motions: the displacements of each subdomain, (levels, n), or none of them.
+    """
+
+    differences: list[float]
+    places: list[tuple[int, int]]
+    largest: float
+    motions: list[np.ndarray]
+
+    @property
+    def difference(self) -> float:
+        """The largest of all."""
+        return max(self.differences)
+
+    def take(
+        self, rows: Sequence[slice], motions: Sequence[np.ndarray], coarser: Sequence[np.ndarray]
+    ) -> None:
+        """A piece of the run at these time levels of each subdomain, and the coarser run there."""
+        for i, (own, u, other) in enumerate(zip(rows, motions, coarser)):
+            size = np.abs(u - other[own])
+            level, dof = np.unravel_index(int(np.argmax(size)), size.shape)
+            if size[level, dof] > self.differences[i]:
+                self.differences[i] = float(size[level, dof])
+                self.places[i] = own.start + int(level), int(dof)
+            self.largest = max(self.largest, float(np.max(np.abs(u))))
+            if self.motions:
+                self.motions[i][own] = u
+
+
+class Runs:
+    """The run of a coupler from t = 0, and the same with shorter steps, each by a new coupler.
+
+    The coupler itself is not used, so that it stays as it is whatever happens.
+    """
+
+    def __init__(self, session: Session, make: Callable[..., Any]):
+        require_repeatable(session, "estimate_error")
+        self.session, self.make, self.functions = session, make, RepeatedFunctions()
+        layout = session.steps.layout
+        self.dt, self.substeps = layout.dt, layout.substeps
+        mixed = session.coupling in ("gc", "pm") and len(set(layout.substeps)) > 1
+        self.order = 1.0 if mixed else 2.0
+        self.names = [name for name, _ in session.keys]
+
+    def coupler(self, halvings: int) -> Any:
+        """A coupler at t = 0 with all steps halved so many times."""
+        threads, may_take_less = self.session.threads_allowed
+        self.functions.begin()
+        with silent():  # the set-up of the coupler itself has warned
+            return remade(
+                self.session,
+                self.make,
+                self._change,
+                of_motion=self.functions.of,
+                dt=self.dt * 0.5**halvings,
+                threads=None if may_take_less else threads,
+            )
+
+    def _change(self, name: str, own: dict[str, Any]) -> None:
+        own["substeps"] = self.substeps[self.names.index(name)]
+        own["force"] = self.functions.of(own["force"], f"force of subdomain {name!r}")
+        own["restoring"] = self.functions.of_restoring(own["restoring"], name)
+
+    def coarse(self, steps: int, report: Report | None) -> History:
+        """The run itself, with the warnings of `Coupler.run`."""
+        history: History = self.coupler(0).run(steps=steps, progress=_from(report, 0))
+        return replace(history, keys=self.session.keys)
+
+    def compared(
+        self,
+        halvings: int,
+        steps: int,
+        coarser: Sequence[np.ndarray],
+        report: Report | None,
+        *,
+        keep: bool,
+    ) -> Compared:
+        """The run with steps halved so many times, compared with the motions of the one before."""
+        count, ratio = len(self.names), 2**halvings
+        kept = [np.empty_like(u) for u in coarser] if keep else []
+        found = Compared([0.0] * count, [(0, 0)] * count, 0.0, kept)
+        coupler, done = self.coupler(halvings), steps * (ratio - 1)
+        try:
+            for first, last in self._pieces(steps, ratio, coarser):
+                with silent():
+                    piece = coupler.run(
+                        steps=(last - first) * ratio, progress=_from(report, done + first * ratio)
+                    )
+                rows = [slice(first * k, last * k + 1) for k in self.substeps]
+                motions = [x.u[::ratio] for x in piece.subdomains]
+                found.take(rows, motions, coarser)
+        except Exception as error:
+            error.add_note(f"in the run with dt = {coupler.dt:g} of estimate_error")
+            raise
+        return found
+
+    def _pieces(
+        self, steps: int, ratio: int, motions: Sequence[np.ndarray]
+    ) -> Iterator[tuple[int, int]]:
+        """Macro steps of the coarsest run between which a finer one is recorded at a time."""
+        size = sum(k * u.shape[1] for k, u in zip(self.substeps, motions))
+        length = max(1, PIECE // (8 * RECORDED * ratio * max(size, 1)))
+        for first in range(0, steps, length):
+            yield first, min(first + length, steps)
+
+
+def _from(report: Report | None, begin: int) -> Callable[[int, int], None] | None:
+    """The progress of a run that begins when this number of macro steps is done."""
+    if report is None:
+        return None
+    return lambda done, total: report.if_due(begin + done)
