@@ -1,5 +1,7 @@
 """`drift="removed"`: displacements tied under gc, (V1) to (V5) of docs/method.md."""
 
+import re
+
 import accuracy_survey
 import numpy as np
 import pytest
@@ -227,7 +229,9 @@ def test_steps_that_grow_are_warned_of(schemes):
         coupler = split_oscillator(b1, substeps, schemes, share)
     assert radius(coupler) > 1.001
     (warning,) = caught
-    assert f"here by a factor of {radius(coupler):.4g} in a macro step" in str(warning.message)
+    stated = re.search(r"here by a factor of (\S+) in a macro step", str(warning.message))
+    # three digits of what the factor adds
+    np.testing.assert_allclose(float(stated[1]) - 1.0, radius(coupler) - 1.0, rtol=5.1e-3)
     assert radius(split_oscillator(b1, substeps, schemes, share, "kept")) < 1.0 + 1e-7
 
 

@@ -28,6 +28,8 @@ RECORDED = 3
 ROUNDING = 1e-11
 # Observed order from which on the runs converge.
 LEAST_ORDER = 0.5
+# Error from which on the step for one of 1 per cent is printed: not far from the present step.
+FAR = 1e-3
 # The smallest error for which there is a step.
 SMALLEST = 1e-300
 
@@ -128,10 +130,8 @@ class ErrorEstimate:
             )
         assumed = np.isnan(self.order)
         order = f"order {self.assumed_order:g}, assumed" if assumed else f"order {self.order:.2g}"
-        return (
-            f"ErrorEstimate: {_percent(self.relative)} {where} ({order}); "
-            f"dt = {self.dt_for():.3g} for 1 %"
-        )
+        step = f"; dt = {self.dt_for():.3g} for 1 %" if self.relative > FAR else ""
+        return f"ErrorEstimate: {_percent(self.relative)} {where} ({order}){step}"
 
 
 def _percent(x: float) -> str:

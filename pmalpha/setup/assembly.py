@@ -25,12 +25,13 @@ from .macro import (
     check_mean,
     doubled_part,
     doubts_of_damping,
+    growing,
     prepare,
     prepare_mean,
     warn_of_resonance,
 )
 from .member import Member, build, make_member, warn_of_factors, warn_of_order
-from .propagation import CERTAIN, cheap_radius, warn_of_growth
+from .propagation import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth
 from .ranks import Ranks, joined, processes, remote_of
 from .schedule import Options
 from .stability import StepRatio, step_ratio, warn_of_steps
@@ -232,36 +233,37 @@ class Assemblies:
     ) -> None:
         """StabilityWarning for steps above the critical ones and for couplings that grow.
 
-        Where it takes little time and all subdomains are linear, the spectral radius decides on
-        both: a tie to a heavy subdomain raises the critical step, and other substeps elsewhere may
-        lower it again.
+        Of small problems whose subdomains are all linear the spectral radius decides on both: a tie
+        to a heavy subdomain raises the critical step, and other substeps elsewhere may lower it
+        again.
         """
         if layout.spans_change:
             return  # one macro step; the regular steps after it were assembled before, and judged
         p = self.rows.size
         doubts: list[str] = []
-        otherwise = None
         if self.coupling == "mean":
             doubts = doubts_of_damping(members, self.ranks)
         elif self.tied:
             doubts = doubts_of_schemes(members, self.ranks)
-            otherwise = UNSTABLE
         above = [
             (member, ratio)
             for member in members
             if (ratio := member.step_ratio) is not None and ratio.is_above
         ]
-        may_couple = p > 0 and (bool(doubts) or otherwise is not None)
         radius = None
-        if (above or may_couple) and self.ranks is None and self.contacts is None:
+        if (above or p) and self.ranks is None and self.contacts is None:
             rows = CoreRows(self.row_position, np.ones(p))
-            radius = cheap_radius(members, core, self.coupling, rows, in_lanes=not self.tied)
-        raised = radius is not None and radius <= CERTAIN
+            may_grow = above or self.tied or (self.coupling == "mean" and _are_damped(members))
+            most, in_lanes = CHEAP if may_grow else ALWAYS, not self.tied
+            radius = cheap_radius(members, core, self.coupling, rows, most, in_lanes=in_lanes)
+        raised = radius is not None and not is_growing(radius)
         if not raised:  # not once more of those that have been warned of
             warn_of_steps(_ratios([member for member, ratio in above if ratio.raised is not False]))
         for member, ratio in above:
             member.step_ratio = replace(ratio, raised=raised)
-        if may_couple:
+        if p:
+            otherwise = None if above else growing(self.coupling)
+            otherwise = UNSTABLE if self.tied else otherwise
             warn_of_growth(doubts, otherwise, members, radius, layout.dt)
 
     def _threads_of_tangents(self, members: Sequence[Member]) -> int:
@@ -331,6 +333,10 @@ def _ratios(members: Sequence[Member]) -> list[tuple[str, Subdomain, float, Step
         for member in members
         if member.step_ratio is not None
     ]
+
+
+def _are_damped(members: Sequence[Member]) -> bool:
+    return any(member.is_damped for member in members)
 
 
 def _check_start(members: Sequence[Member], options: Options) -> None:

@@ -275,6 +275,16 @@ def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> 
     ]
 
 
+def growing(coupling: str) -> str:
+    """What is said of a coupled step that grows, for no other reason that is known."""
+    if coupling == "mean":
+        return (
+            'coupling="mean" grows with these dampings and substeps: the velocity jump at the '
+            'interface does; take other steps, or coupling="macro"'
+        )
+    return f'coupling="{coupling}" grows with these schemes and steps; take smaller steps'
+
+
 def prepare_mean(members: Sequence[Member]) -> None:
     """Unit responses of all subdomains, which make their blocks of H."""
     check_work(members, "mean")

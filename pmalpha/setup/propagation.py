@@ -17,11 +17,12 @@ from .schedule import MACRO
 
 # Arrays of a time level in the core: u, v, w, a, vf, and history variables of springs.
 LEVEL_FIELDS = 7
-# Numbers of a state up to which the amplification matrix is made: a tenth of a second.
-CHEAP = 300
-# A triple eigenvalue of modulus one is computed to the third root of the rounding, a double one to
-# its root. Steps above the critical one count as stable up to the smaller bound.
-STABLE, CERTAIN = 1.0 + 1e-5, 1.0 + 1e-7
+# Numbers of a state up to which the amplification matrix of any coupled problem is made: as long as
+# the rest of the set-up takes. And where there is a reason to, up to a tenth of a second.
+ALWAYS, CHEAP = 100, 300
+# Growth in a macro step from which on it is one; and the rounding of an eigenvalue, divided by its
+# condition and the norm of the matrix. Measured: rounding has up to 10, growth 1e7 and more.
+GROWS, ROUNDING = 1e-7, 1e3 * np.finfo(float).eps
 # Rates of growth up to this multiple of that of the structure are its own, with the errors of steps
 # that resolve it; rates below this part of the largest eigenvalue are rounding.
 OWN, ROOT = 1.1, 1e-7
@@ -129,34 +130,51 @@ def warn_of_growth(
     """StabilityWarning for each of the doubts, unless no step grows more than the structure does.
 
     doubts: why a coupling of these schemes can grow.
-    otherwise: what to say if it grows and there are none; None where none grows without one.
+    otherwise: what to say if it grows and there are none; None where that is said elsewhere.
     """
     found, texts = "", list(doubts)
     if radius is not None:
-        if radius <= STABLE:
+        if not is_growing(radius):
             return
         own = growth_of_structure(members) * dt
-        if np.log(radius) <= OWN * own + np.log(STABLE):
+        if np.log(radius) <= OWN * own + GROWS:
             return
-        found = f": here by a factor of {radius:.4g} in a macro step"
+        found = f": here by a factor of {_factor(radius)} in a macro step"
         if own > 0.0:
-            found += f", of which {np.exp(own):.4g} is the growth of the structure itself"
+            found += f", of which {_factor(np.exp(own))} is the growth of the structure itself"
         texts = texts or ([] if otherwise is None else [otherwise])
     for text in texts:
         warn(text + found, StabilityWarning)
 
 
+def _factor(radius: float) -> str:
+    """A factor with three digits of what it adds."""
+    return f"{1.0 + float(f'{radius - 1.0:.3g}'):.12g}"
+
+
+def is_growing(radius: float) -> bool:
+    """Whether a macro step with this spectral radius grows."""
+    return not radius <= 1.0 + GROWS
+
+
 def cheap_radius(
-    members: Sequence[Member], core: _core.Coupler, coupling: str, rows: CoreRows, *, in_lanes: bool
+    members: Sequence[Member],
+    core: _core.Coupler,
+    coupling: str,
+    rows: CoreRows,
+    most: int,
+    *,
+    in_lanes: bool,
 ) -> float | None:
-    """The spectral radius of a macro step; None where it takes time or a subdomain is not linear.
+    """The spectral radius of a macro step as far as it is certain; None where a subdomain is not
+    linear or the state has more than `most` numbers.
 
     members, core: the whole problem; without `in_lanes` the state of the core is lost.
     """
     if not all(member.subdomain.is_linear for member in members):
         return None
     layout = Layout(members, core, coupling, rows)
-    return _radius(layout, rows, in_lanes) if layout.size <= CHEAP else None
+    return _radius(layout, rows, in_lanes) if layout.size <= most else None
 
 
 def growth_of_structure(members: Sequence[Member]) -> float:
@@ -184,4 +202,26 @@ def _radius(layout: Layout, rows: CoreRows, in_lanes: bool) -> float:
         G = propagation(layout, rows, 1.0, in_lanes=in_lanes)[0]
     except InstabilityError:
         return np.inf
-    return float(np.max(np.abs(np.linalg.eigvals(G)), initial=0.0))
+    return certain_radius(G)
+
+
+def certain_radius(G: np.ndarray) -> float:
+    """The largest modulus of an eigenvalue of G, up to one those within rounding of it.
+
+    An eigenvalue has a rounding of `ROUNDING` |G| times its condition, in the scale in which rows
+    and columns of G are alike. Double and triple ones of modulus one, of floating structures and
+    of gaps that stay, have an infinite condition: they are computed to the square and third root of
+    the rounding.
+    """
+    from scipy.linalg import eig, matrix_balance
+
+    radius = float(np.max(np.abs(np.linalg.eigvals(G)), initial=0.0))
+    if not is_growing(radius):
+        return radius
+    balanced = matrix_balance(G, permute=False)[0]
+    values, left, right = eig(balanced, left=True, right=True)
+    with np.errstate(divide="ignore"):
+        condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
+    moduli = np.abs(values)
+    certain = moduli - ROUNDING * np.linalg.norm(balanced, 2) * condition > 1.0 + GROWS
+    return float(np.max(moduli[certain], initial=1.0))

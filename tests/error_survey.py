@@ -1,0 +1,280 @@
+"""How far `Coupler.estimate_error` is from the true error: docs/right.md, random and named cases.
+
+    python tests/error_survey.py [--count 40] [linear] [nonlinear] [contact] [named]
+
+Random chains of 3 to 9 masses in two or three subdomains, in free motion of their lowest modes over
+5 to 12 periods, with 8 to 80 macro steps in the second period. The true motion is that of the uncut
+chain, by its modes where it is linear, by DOP853 with cubic springs to the ground, and with contact
+that of the same run with a 64th of the step. Errors are those of all dofs at all time levels, over
+the largest displacement.
+"""
+
+import argparse
+import warnings
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+
+import pmalpha as pm
+
+COUPLINGS = ("gc", "pm", "macro", "mean")
+BINS = (0.0, 0.01, 0.1, 0.5, np.inf)
+
+
+@dataclass
+class Case:
+    """A coupler, its run, and the true displacements of each subdomain at given times."""
+
+    coupler: pm.Coupler
+    steps: int
+    true: object
+
+    def estimate(self, halvings):
+        return self.coupler.estimate_error(steps=self.steps, halvings=halvings)
+
+    def error(self, history):
+        """The true error of a run, relative to the largest displacement."""
+        pairs = [(s.u, self.true(i, s.t)) for i, s in enumerate(history.subdomains)]
+        return max(np.abs(u - x).max() for u, x in pairs) / max(np.abs(x).max() for _, x in pairs)
+
+
+def chain(rng):
+    """Masses and springs of a chain that is held at its beginning, and the dofs of its subdomains,
+    which share one."""
+    sizes = rng.integers(2, 5, int(rng.integers(2, 4)))
+    begins = np.concatenate([[0], np.cumsum(sizes - 1)])
+    n = int(begins[-1]) + 1
+    k = 100.0 * 10.0 ** rng.uniform(-0.5, 0.5, n)
+    m = 10.0 ** rng.uniform(-0.3, 0.3, n)
+    return m, k, [np.arange(a, a + size) for a, size in zip(begins, sizes)]
+
+
+def stiffness(k, n):
+    """Of springs k[i] between mass i - 1 and mass i."""
+    K = np.diag(k[:n] + np.append(k[1:n], 0.0))
+    return K - np.diag(k[1:n], 1) - np.diag(k[1:n], -1)
+
+
+def subdomain_of(rng, m, k, dofs, is_last, v, cubic, dt, coupling, name):
+    """Masses at borders are halved; cubic springs of a border belong to the subdomain before it."""
+    size = dofs.size
+    own = m[dofs].copy()
+    own[0] *= 1.0 if dofs[0] == 0 else 0.5
+    own[-1] *= 1.0 if is_last else 0.5
+    springs = k[dofs].copy()
+    springs[0] = springs[0] if dofs[0] == 0 else 0.0
+    K = stiffness(springs, size)
+    explicit = bool(rng.random() < 0.5)
+    scheme = pm.GeneralizedAlpha(float(rng.choice([0.5, 0.8, 1.0])), explicit=explicit)
+    options = {"scheme": scheme, "v0": v[dofs], "name": name}
+    if cubic:
+        held = np.arange(0 if dofs[0] == 0 else 1, size)
+        laws = [pm.CubicSpring([int(i)], 0.0, cubic) for i in held]
+        iterated = coupling == "mean" or (not explicit and rng.random() < 0.5)
+        options["internal" if iterated else "restoring"] = laws
+    stable = pm.analysis.critical_step(pm.Subdomain(own, K, scheme=scheme)) if explicit else dt
+    # cubic springs are stiffer by the motion that they allow
+    needed = int(np.ceil(dt / (stable * (0.4 if cubic else 0.8)))) if explicit else 1
+    substeps = max(needed, int(rng.choice([1, 2, 5])))
+    return pm.Subdomain(own, K, substeps=substeps, **options)
+
+
+def random_chain(seed, coupling, *, nonlinear):
+    rng = np.random.default_rng([seed, 43, nonlinear])
+    m, k, parts = chain(rng)
+    K = stiffness(k, m.size)
+    w2, modes = eigh(K, np.diag(m))
+    omega = np.sqrt(w2)
+    share = rng.uniform(0.2, 1.0)
+    v = modes[:, :2] @ np.array([1.0, share])
+    cubic = 0.0
+    if nonlinear:  # a force of the size of the linear one
+        cubic = float(w2[0] * m.mean() / (np.abs(v).max() / omega[0]) ** 2 * rng.uniform(0.3, 2.0))
+    dt = 2.0 * np.pi / omega[1] / 8.0 / 10.0 ** rng.uniform(0.0, 1.0)
+    made = [
+        subdomain_of(rng, m, k, d, d is parts[-1], v, cubic, dt, coupling, f"s{i}")
+        for i, d in enumerate(parts)
+    ]
+    finest = max(s.substeps for s in made)
+    if coupling in ("gc", "pm"):  # numbers of substeps that divide the largest
+        for i, s in enumerate(made):
+            if s.substeps > 1:
+                own = {x: getattr(s, x) for x in ("scheme", "v0", "name", "restoring", "internal")}
+                made[i] = pm.Subdomain(s.M, s.K, substeps=finest, **own)
+    ties = [pm.tie(a, a.n - 1, b, 0) for a, b in zip(made, made[1:])]
+    steps = int(rng.uniform(5.0, 12.0) * 2.0 * np.pi / omega[0] / dt)
+    coupler = pm.Coupler(made, ties, dt=dt, coupling=coupling, threads=1)
+    true = partial(motion_by_modes, parts, omega, modes, modes.T @ (m * v))
+    if nonlinear:
+        true = partial(motion_by_integration, parts, m, K, cubic, v, steps * dt)
+    return Case(coupler, steps, true)
+
+
+def motion_by_modes(parts, omega, modes, rates, i, t):
+    """u = sum phi sin(omega t) rate / omega"""
+    return (np.sin(np.outer(t, omega)) * (rates / omega)) @ modes[parts[i]].T
+
+
+def motion_by_integration(parts, m, K, cubic, v, end, i, t):
+    n = m.size
+
+    def slope(_, y):
+        u = y[:n]
+        return np.concatenate([y[n:], -(K @ u + cubic * u**3) / m])
+
+    start = np.concatenate([np.zeros(n), v])
+    # t[-1] may be above the end by rounding
+    span = (0.0, max(end, t[-1]))
+    found = solve_ivp(slope, span, start, "DOP853", t, rtol=1e-9, atol=1e-12)
+    return found.y[:n][parts[i]].T
+
+
+def random_contact(seed, coupling):
+    """Two tied oscillators, of which the second meets a stop at half of its amplitude."""
+    rng = np.random.default_rng([seed, 44])
+    k = 100.0 * 10.0 ** rng.uniform(-0.5, 0.5, 2)
+    substeps, scheme = int(rng.choice([2, 5])), pm.GeneralizedAlpha(0.8)
+    # under "pm" subdomains with contact take single steps, and all are at the finest step
+    dt = 2.0 * np.pi / np.sqrt(k.sum()) / 10.0 ** rng.uniform(1.0, 2.0)
+    make = partial(contact_coupler, k, substeps, scheme, coupling, float(rng.uniform(0.3, 0.7)))
+    steps = int(4.0 * 2.0 * np.pi / np.sqrt(k.sum()) / dt)
+    finest = make(dt / 64.0).run(steps=64 * steps)
+    return Case(make(dt), steps, lambda i, t: finest[i].u[::64])
+
+
+def contact_coupler(k, substeps, scheme, coupling, restitution, dt):
+    a = pm.Subdomain([0.5], k[:1], scheme=scheme, v0=[1.0], name="a")
+    explicit = pm.GeneralizedAlpha(0.8, explicit=True)
+    b = pm.Subdomain([0.5], k[1:], scheme=explicit, substeps=substeps, v0=[1.0], name="b")
+    stop = pm.contact(b, [0], gap=0.5 / np.sqrt(k.sum()), restitution=restitution)
+    return pm.Coupler([a, b], [pm.tie(a, 0, b, 0), stop], dt=dt, coupling=coupling, threads=1)
+
+
+def row(case):
+    """True error, the estimates with one and two halvings, and the observed order."""
+    one, two = case.estimate(1), case.estimate(2)
+    return case.error(one.history), one.relative, two.relative, two.order
+
+
+def table(name, make, seeds):
+    rows = []
+    for seed in seeds:
+        try:
+            rows.append(row(make(seed)))
+        except (pm.InstabilityError, pm.ConvergenceError) as error:
+            print(f"{name}: seed {seed}: {type(error).__name__}")
+    found = np.array(rows)
+    for low, high in zip(BINS, BINS[1:]):
+        own = found[(found[:, 0] >= low) & (found[:, 0] < high)]
+        if not own.size:
+            continue
+        ratios = [np.percentile(own[:, k] / own[:, 0], [0, 50, 100]) for k in (1, 2)]
+        shown = "   ".join("{:6.2f} {:6.2f} {:6.2f}".format(*x) for x in ratios)
+        text = f"{100 * low:g} to {100 * high:g} %"
+        print(
+            f"{name:<18}{text:>14}{len(own):5d}   {shown}{(own[:, 3] < 0.5).sum():5d}", flush=True
+        )
+    return found
+
+
+# ---- named cases --------------------------------------------------------------------------------
+
+
+def oscillator(dt, steps, slope, **options):
+    s = pm.Subdomain([1.0], options.pop("K", None), name="m", scheme=pm.Newmark(), **options)
+    start = np.concatenate([s.u0, s.v0])
+
+    def true(_, t):
+        longest = min(dt, 0.01)  # no event is stepped over
+        span = (0.0, t[-1])
+        how = dict(rtol=1e-10, atol=1e-13, max_step=longest)
+        return solve_ivp(slope, span, start, "DOP853", t, **how).y[:1].T
+
+    return Case(pm.Coupler([s], dt=dt), steps, true)
+
+
+def cubic(_, y):
+    return [y[1], -10.0 * y[0] - 150.0 * y[0] ** 3]
+
+
+def named_cases():
+    spring = pm.CubicSpring([0], 10, 150)
+    yield (
+        "CubicSpring, restoring, 29 steps a period",
+        oscillator(0.036, 490, cubic, restoring=spring, u0=[0.5]),
+    )
+    yield (
+        "CubicSpring, internal",
+        oscillator(0.036, 490, cubic, internal=spring, u0=[0.5]),
+    )
+    yield (
+        "Gap that is never reached, K_r = 1e5",
+        oscillator(
+            0.01,
+            1000,
+            lambda t, y: [y[1], -40.0 * y[0]],
+            K=[40.0],
+            restoring=pm.Gap([0], 1e5, 5.0),
+            restoring_stiffness=[1e5],
+            v0=[1.0],
+        ),
+    )
+
+    def half_sine(t):
+        return np.sin(np.pi * t / 0.01) if t < 0.01 else 0.0
+
+    yield (
+        "half sine of 10 ms, period 1 s, dt = 1 ms",
+        oscillator(
+            1e-3,
+            3000,
+            lambda t, y: [y[1], half_sine(t) - (2 * np.pi) ** 2 * y[0]],
+            K=[(2 * np.pi) ** 2],
+            force=lambda t: [half_sine(t)],
+        ),
+    )
+    yield (
+        "stop of 1e4, dt = 1e-4",
+        oscillator(
+            1e-4,
+            5000,
+            lambda t, y: [y[1], -1e4 * max(y[0] - 0.01, 0.0)],
+            K=[0.0],
+            restoring=pm.Gap([0], 1e4, 0.01),
+            v0=[1.0],
+        ),
+    )
+
+
+def named():
+    print(f"\n{'':<44}{'true':>9}{'one':>9}{'two':>9}  order   printed")
+    for name, case in named_cases():
+        true, one, two, order = row(case)
+        print(f"{name:<44}{true:9.2e}{one:9.2e}{two:9.2e}{order:7.2f}   {case.estimate(2)!r}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("surveys", nargs="*", default=["linear", "nonlinear", "contact", "named"])
+    parser.add_argument("--count", type=int, default=40)
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    print("estimate / true error, smallest, median and largest: one halving, two; order < 0.5")
+    for name in arguments.surveys:
+        seeds = range(arguments.count)
+        if name == "named":
+            named()
+        elif name == "contact":
+            for coupling in ("gc", "pm"):
+                table(f"contact, {coupling}", partial(random_contact, coupling=coupling), seeds)
+        else:
+            for coupling in COUPLINGS:
+                make = partial(random_chain, coupling=coupling, nonlinear=name == "nonlinear")
+                table(f"{name}, {coupling}", make, seeds)
+
+
+if __name__ == "__main__":
+    main()
