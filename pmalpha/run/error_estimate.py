@@ -247,7 +247,6 @@ class Runs:
     def coupler(self, halvings: int) -> Any:
         """A coupler at t = 0 with all steps halved so many times."""
         threads, may_take_less = self.session.threads_allowed
-        self.functions.begin()
         with silent():  # the set-up of the coupler itself has warned
             return remade(
                 self.session,
@@ -266,6 +265,7 @@ class Runs:
     def coarse(self, steps: int, report: Report | None) -> History:
         """The run itself, with the warnings of `Coupler.run`."""
         history: History = self.coupler(0).run(steps=steps, progress=_from(report, 0))
+        self.functions.check()
         return replace(history, keys=self.session.keys)
 
     def compared(

@@ -22,7 +22,7 @@ SAME = 1e-9
 
 
 class Repeated:
-    """A function of the user, whose first value in each run is compared with that of the first.
+    """A function of the user, of which some calls of the first run are evaluated again after it.
 
     what: its name in messages, such as "restoring of subdomain 'rig'".
     """
@@ -30,37 +30,46 @@ class Repeated:
     def __init__(self, function: Callable[..., Any], what: str):
         update_wrapper(self, function, updated=())  # keeps the signature
         self.function, self.what = function, what
-        self.first: tuple[list[np.ndarray], list[np.ndarray]] | None = None
-        self.begins = True  # the next call is the first of a run
+        self.count: int | None = 0  # of calls in the first run, then None
+        self.kept: list[tuple[list[Any], list[np.ndarray]]] = []  # of calls 1, 2, 4, 8, ...
 
     def __call__(self, *arguments: Any) -> Any:
-        if not self.begins:
+        if self.count is None:
             return self.function(*arguments)
-        self.begins = False
-        known = [np.array(x, dtype=float) for x in arguments]  # the function may change them
+        self.count += 1
+        if self.count & (self.count - 1):
+            return self.function(*arguments)
+        kept = [copy(x) for x in arguments]  # the function may change them
         value = self.function(*arguments)
-        values = [np.array(x) for x in (value if isinstance(value, tuple) else (value,))]
-        if self.first is None:
-            self.first = known, values
-        elif _all_same(known, self.first[0], 0.0) and not _all_same(values, self.first[1], SAME):
-            raise ValueError(
-                f"{self.what} must return the same in each run, got {values[0]} after "
-                f"{self.first[1][0]} for the same arguments: it has a memory or is random; a model "
-                "with a memory is internal= with a history, or springs"
-            )
+        self.kept.append((kept, _arrays(value)))
         return value
 
+    def check(self) -> None:
+        """ValueError unless it returns the same again, from the last call that was kept to the
+        first: what remembers has another past then."""
+        self.count = None
+        while self.kept:
+            arguments, values = self.kept.pop()
+            again = _arrays(self.function(*arguments))
+            if not all(map(_is_same, again, values)):
+                raise ValueError(
+                    f"{self.what} must return the same in each run, got {again[0]} after "
+                    f"{values[0]} for the same arguments: it has a memory, or is random. Springs, "
+                    "and internal= with a history, have a memory that is known; a function that "
+                    "begins anew at t = 0 may say so by the attribute repeatable = True"
+                )
 
-def _all_same(a: list[np.ndarray], b: list[np.ndarray], tolerance: float) -> bool:
-    if len(a) != len(b):
-        return False
-    for x, y in zip(a, b):
-        if x.shape != y.shape or x.dtype.kind not in "biuf" or y.dtype.kind not in "biuf":
-            return x.shape == y.shape  # what is wrong with it, the caller of the function finds
-        size = float(np.max(np.abs(y), initial=0.0))
-        if np.max(np.abs(x - y), initial=0.0) > tolerance * size:
-            return False
-    return True
+
+def _arrays(value: Any) -> list[np.ndarray]:
+    """A value, or several of a tuple, as copies."""
+    return [np.array(x) for x in (value if isinstance(value, tuple) else (value,))]
+
+
+def _is_same(a: np.ndarray, b: np.ndarray) -> bool:
+    if a.shape != b.shape or a.dtype.kind not in "biuf":
+        return a.shape == b.shape
+    size = float(np.max(np.abs(b), initial=0.0))
+    return float(np.max(np.abs(a - b), initial=0.0)) <= SAME * size
 
 
 class RepeatedFunctions:
@@ -69,14 +78,16 @@ class RepeatedFunctions:
     def __init__(self) -> None:
         self.known: dict[int, Repeated] = {}
 
-    def begin(self) -> None:
-        """A run begins."""
+    def check(self) -> None:
+        """ValueError for one that does not return the same again, after the first run."""
         for function in self.known.values():
-            function.begins = True
+            function.check()
 
     def of(self, function: Any, what: str) -> Any:
-        """The same, wrapped where it is a Python function."""
+        """The same, wrapped where it is a Python function that may have a memory."""
         if not callable(function) or isinstance(function, (SampledForce, LowLevelCallable)):
+            return function
+        if stated(function) is True:
             return function
         if id(function) not in self.known:
             self.known[id(function)] = Repeated(function, what)
@@ -115,9 +126,15 @@ def require_repeatable(session: Session, call: str) -> None:
 
 
 def _require(function: Any, what: str, call: str) -> None:
-    for x in (function, getattr(function, "__self__", None)):
-        if getattr(x, "repeatable", True) is False:
-            raise ValueError(
-                f"{call} repeats the run: {what} must be a function in this program without a "
-                f"memory, got {x!r}, whose `repeatable` is False"
-            )
+    if stated(function) is False:
+        raise ValueError(
+            f"{call} repeats the run: {what} must be a function in this program, got {function!r}, "
+            "which says that it cannot be repeated (repeatable = False)"
+        )
+
+
+def stated(function: Any) -> bool | None:
+    """What a function, or the object that it is a method of, says of itself."""
+    own = getattr(function, "repeatable", None)
+    result: bool | None = getattr(getattr(function, "__self__", None), "repeatable", own)
+    return result

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
 import scipy.sparse as sp
 
 from ..problem.constraints import Constraint
@@ -38,6 +39,8 @@ def remade(
     for (key, s), force, (u0, v0) in present:
         own: dict[str, Any] = {x: getattr(s, x) for x in ARGUMENTS}
         own |= dict(name=key, force=force, u0=u0, v0=v0)
+        for matrix in "MK":  # None is one of zeros
+            own[matrix] = np.zeros(s.n) if own[matrix] is None else own[matrix]
         change(key, own)
         subdomains.append(Subdomain(**own))
     constraints = [*_constraints(session, of_motion), *_contacts(session, of_motion)]
