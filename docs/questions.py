@@ -17,6 +17,8 @@ QUESTIONS = {
     "many earthquakes": "many",
     "mesh file": "model",
     "which step": "tutorial",
+    "is my result right": "right",
+    "error of a run": "right",
 }
 
 

@@ -30,7 +30,7 @@ EXPLAINED = {
     "BaseAcceleration": "tutorial units",
     "InternalForce": "own-element elements",
     **dict.fromkeys(LAWS, "own-element experiments"),
-    "Coupler": "tutorial choosing diverges experiments",
+    "Coupler": "tutorial right choosing diverges experiments",
     "Newton": "couplings diverges",
     **dict.fromkeys(("tie", "solve"), "tutorial"),
     **dict.fromkeys(("Constraint", "tie_coincident", "reduce"), "model"),

@@ -376,10 +376,10 @@ def survey_warnings(every):
                 counts[f"refused: {str(error)[:40]}"] += 1
                 continue
         warned = any(issubclass(w.category, pm.StabilityWarning) for w in caught)
-        # a triple eigenvalue of modulus one is computed to the third root of the rounding
-        grows = found > 1.0 + 1e-5
-        counts["grows" if grows else "sound", "warned" if warned else "silent"] += 1
-        if warned != grows:
+        # a triple eigenvalue of modulus one is computed to the third root of the rounding, 1e-5
+        kind = "grows" if found > 1.0 + 1e-5 else "sound" if found <= UNSTABLE else "between"
+        counts[kind, "warned" if warned else "silent"] += 1
+        if warned != (kind == "grows"):
             print(seed, f"radius {found:.9f}", [str(w.message)[:150] for w in caught])
     for what, count in sorted(counts.items(), key=str):
         print(f"StabilityWarning, {what}: {count}")

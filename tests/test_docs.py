@@ -60,6 +60,7 @@ def stated(code):
         "docs/model.md",
         "docs/own-element.md",
         "docs/paced.md",
+        "docs/right.md",
         "docs/rig.md",
         "docs/tutorial.md",
     ],

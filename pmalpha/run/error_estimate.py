@@ -120,18 +120,19 @@ class ErrorEstimate:
     def __repr__(self) -> str:
         name, dof, t = self.place
         if self.relative == 0.0:
-            return f"ErrorEstimate: none, the runs with dt = {self.dt:g} and half of it are equal"
+            return f"error 0, the runs with dt = {self.dt:g} and half of it are equal"
         dof = f"dof {dof}" if isinstance(dof, int) else repr(dof)
-        where = f"of the largest displacement, at {dof} of {name!r}, t = {t:.4g}"
+        size = f"{_percent(self.relative)} of the largest displacement"
+        where = f"at {dof} of {name!r}, t = {t:.4g}"
         if not self.converges:
             return (
-                f"ErrorEstimate: no convergence, order {self.order:.2g}; half of dt = {self.dt:g} "
-                f"changes the run by {_percent(self.relative)} {where}"
+                f"no convergence, order {self.order:.2g}; half of dt = {self.dt:g} changes the run "
+                f"by {size}, {where}"
             )
         assumed = np.isnan(self.order)
-        order = f"order {self.assumed_order:g}, assumed" if assumed else f"order {self.order:.2g}"
+        order = f"order {self.assumed_order:g} assumed" if assumed else f"order {self.order:.2g}"
         step = f"; dt = {self.dt_for():.3g} for 1 %" if self.relative > FAR else ""
-        return f"ErrorEstimate: {_percent(self.relative)} {where} ({order}){step}"
+        return f"error about {size}, {where}; {order}{step}"
 
 
 def _percent(x: float) -> str:
