@@ -252,7 +252,7 @@ def test_with_one_halving_the_order_is_that_of_the_coupling(coupling, substeps, 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of springs under macro coupling
 def test_random_chains_have_about_the_error_that_is_estimated(coupling, nonlinear):
     """Against modes or DOP853 of the uncut chain; tests/error_survey.py has more of them."""
-    for seed in range(20, 24):
+    for seed in (20, 21):
         case = random_chain(seed, coupling, nonlinear=nonlinear)
         found = case.estimate(2)
         true = case.error(found.history)
