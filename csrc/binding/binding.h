@@ -21,6 +21,7 @@
 #include "member/remote.h"
 #include "member/subdomain.h"
 #include "status.h"
+#include "workers/denormals.h"
 #include "workers/team.h"
 
 /* ---- objects ---------------------------------------------------------------------------- */
@@ -170,13 +171,21 @@ long long pma_watch_milliseconds(void); /* of a monotonic clock */
  * the GIL. */
 bool pma_watch_signals(void *watch);
 
-/* This thread releases the GIL to enter the core, and takes it again afterwards, given what release
- * returned: a compiled function that takes the GIL by itself may enter the core in between. */
-PyThreadState *pma_gil_release(void);
-void pma_gil_acquire(PyThreadState *before);
+/* What a thread had before it entered the core; no thread state where it is not in the core. */
+typedef struct {
+    PyThreadState *thread;
+    pma_denormals denormals;
+} pma_caller;
+
+/* This thread releases the GIL to enter the core, where denormal numbers are zero, and takes it
+ * again afterwards, given what release returned: a compiled function that takes the GIL by itself
+ * may enter the core in between. */
+pma_caller pma_gil_release(void);
+void pma_gil_acquire(pma_caller before);
 
 /* A callback from the core, in the thread that called it: acquires the GIL if it was released, runs
- * call(ctx), and releases the GIL again. Returns the result of call. */
+ * call(ctx) with the denormal numbers of the caller, and releases the GIL again. Returns the result
+ * of call. */
 int pma_gil_call(int (*call)(void *ctx), void *ctx);
 
 /* ---- errors ------------------------------------------------------------------------------ */

@@ -283,7 +283,7 @@ static int check_steps(CouplerObject *self, long long steps)
  * this process, not the others, from that step. */
 static pma_status meet(CouplerObject *self, pma_status status)
 {
-    PyThreadState *before = pma_gil_release();
+    pma_caller before = pma_gil_release();
     status = pma_coupler_meet(self->core, status);
     pma_gil_acquire(before);
     return status;
@@ -319,7 +319,7 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
                        .quiet = self->pace != NULL,
                        .signals = signals};
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
-    PyThreadState *before = pma_gil_release();
+    pma_caller before = pma_gil_release();
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
     pma_gil_acquire(before);
 

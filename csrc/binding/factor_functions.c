@@ -55,7 +55,7 @@ static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
         return PyErr_NoMemory();
     array = pma_new_array((npy_intp)A.n, NPY_INT64, &count);
     if (array) {
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n, count);
         pma_gil_acquire(before);
     }
@@ -77,7 +77,7 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
     array = pma_new_array((npy_intp)A.n, NPY_INT64, &order);
     if (array) {
         int64_t *parent = scratch, *count = scratch + A.n, *rest = scratch + 2 * A.n;
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
         pma_symbolic_postorder(A.n, (size_t)nb, parent, count, rest, order);
         pma_gil_acquire(before);
@@ -112,7 +112,7 @@ static PyObject *new_graph(const pattern *A, size_t groups, const int32_t *group
     PyObject *graph[2] = {pma_new_array((npy_intp)(groups + 1), NPY_INT64, &ptr), NULL};
     if (!graph[0])
         return NULL;
-    PyThreadState *before = pma_gil_release();
+    pma_caller before = pma_gil_release();
     pma_symbolic_merge(A->n, A->ptr, A->index, groups, group, start, indices, mark, list_ptr, list);
     pma_symbolic_transpose(groups, list_ptr, list, other_ptr, other);
     pma_symbolic_transpose(groups, other_ptr, other, list_ptr, list);
@@ -168,7 +168,7 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
     if (arrays[2]) {
         int32_t *rows = PyArray_DATA((PyArrayObject *)arrays[2]);
         pma_status status;
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         status = pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
                                    scratch + A->n, scratch + 2 * A->n, rows);
         pma_gil_acquire(before);
@@ -192,7 +192,7 @@ static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *parent = scratch, *count = scratch + A.n, *first = scratch + 2 * A.n;
     int64_t *rest = scratch + 3 * A.n + 1;
     size_t s;
-    PyThreadState *before = pma_gil_release();
+    pma_caller before = pma_gil_release();
     pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
     s = pma_symbolic_supernodes(A.n, (size_t)nb, parent, count, rest, first);
     pma_gil_acquire(before);
@@ -276,7 +276,7 @@ static pma_status run_factor(const pma_panels_input *A, pma_elimination *e, pma_
     pma_watch watch = {.last = pma_watch_milliseconds()};
     const pma_patience patience = {
         .stop = pma_watch_signals, .rest = pma_thread_rest, .ctx = &watch};
-    PyThreadState *before = pma_gil_release();
+    pma_caller before = pma_gil_release();
     pma_elimination_begin(e, A, inverse, &patience);
     work_together(team, e);
     const pma_status status = pma_elimination_end(e, column);

@@ -289,7 +289,9 @@ PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args)
         return NULL;
     if (!pma_subdomain_claim(self))
         return NULL;
+    pma_caller before = pma_gil_release(); /* factors as in a step */
     const pma_status status = pma_iterate_restore(it, scale, kept, twice);
+    pma_gil_acquire(before);
     pma_subdomain_release(self);
     return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "entries");
 }

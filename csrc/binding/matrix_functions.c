@@ -95,7 +95,7 @@ static PyObject *new_permuted(const pma_matrix *A, const int64_t *order, const i
                            pma_new_array(entries, NPY_INT32, &index),
                            pma_new_array(entries, NPY_DOUBLE, &values)};
     if (arrays[0] && arrays[1] && arrays[2]) {
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         pma_matrix_permute(A->n, A->ptr, A->index, A->values, order, position, ptr, index, values);
         pma_gil_acquire(before);
     }

@@ -43,7 +43,7 @@ PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args)
         return PyErr_NoMemory();
     out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
     if (out && pma_subdomain_claim(self)) {
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         fill_compliance(self->core, twice, rows, shape[0], scratch, scratch + parts->link.p,
                         PyArray_DATA((PyArrayObject *)out));
         pma_gil_acquire(before);
@@ -157,7 +157,7 @@ static pma_status fill_responses(const pma_subdomain *s, const responses *b, siz
         status = pma_team_create(workers, &team);
     if (status == PMA_OK) {
         r.watch = (pma_watch){.last = pma_watch_milliseconds()};
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         pma_work_together(team, work, look, &r);
         pma_gil_acquire(before);
     }
@@ -290,7 +290,7 @@ PyObject *pma_subdomain_shift_block(SubdomainObject *self, PyObject *args)
         return PyErr_NoMemory();
     const bool claimed = pma_subdomain_claim(self);
     if (claimed) {
-        PyThreadState *before = pma_gil_release();
+        pma_caller before = pma_gil_release();
         fill_shifts(self->core, rows, shape[1], begin, PyArray_DIM(out, 0), scratch,
                     PyArray_DATA(out));
         pma_gil_acquire(before);

@@ -20,33 +20,36 @@ long long pma_watch_milliseconds(void)
 
 /* ---- the GIL ------------------------------------------------------------------------------ */
 
-/* The thread state of this thread while it is in the core without the GIL, else NULL. */
-static _Thread_local PyThreadState *released;
+/* What this thread had before it entered the core, while it is there without the GIL. */
+static _Thread_local pma_caller released;
 
-PyThreadState *pma_gil_release(void)
+pma_caller pma_gil_release(void)
 {
-    PyThreadState *before = released;
-    released = PyEval_SaveThread();
+    const pma_caller before = released;
+    released = (pma_caller){PyEval_SaveThread(), pma_denormals_flush()};
     return before;
 }
 
-void pma_gil_acquire(PyThreadState *before)
+void pma_gil_acquire(pma_caller before)
 {
-    PyThreadState *thread = released;
+    const pma_caller caller = released;
     released = before;
-    PyEval_RestoreThread(thread);
+    pma_denormals_restore(caller.denormals);
+    PyEval_RestoreThread(caller.thread);
 }
 
 int pma_gil_call(int (*call)(void *ctx), void *ctx)
 {
-    if (!released)
+    if (!released.thread)
         return call(ctx);
-    PyThreadState *before = released;
-    released = NULL; /* what runs now may enter the core again */
+    const pma_caller before = released;
+    released.thread = NULL; /* what runs now may enter the core again */
+    pma_denormals_restore(before.denormals);
     /* also where a compiled function holds the GIL that it has taken by itself */
     const PyGILState_STATE state = PyGILState_Ensure();
     const int result = call(ctx);
     PyGILState_Release(state);
+    (void)pma_denormals_flush();
     released = before;
     return result;
 }

@@ -9,6 +9,7 @@
 #include "algebra/lists.h"
 #include "coupling/schedule.h"
 #include "object.h"
+#include "workers/denormals.h"
 #include "workers/thread.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
@@ -374,8 +375,8 @@ static pma_status take_step(pma_coupler *c)
     return pma_exchange_agree(c, status == PMA_OK ? status : pma_look_ahead_end(c, status));
 }
 
-pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
-                               const pma_poll *poll)
+static pma_status advance(pma_coupler *c, int64_t steps, const pma_record *record,
+                          const pma_poll *poll)
 {
     pma_status status = c->started ? PMA_OK : PMA_NOT_READY;
     if (c->team && steps > 0 && status == PMA_OK)
@@ -403,4 +404,13 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     }
     /* whatever else went wrong; the poll of the last wait may have said stop when all was done */
     return atomic_load(&c->stopped) ? PMA_STOPPED : status;
+}
+
+pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
+                               const pma_poll *poll)
+{
+    const pma_denormals before = pma_denormals_flush();
+    const pma_status status = advance(c, steps, record, poll);
+    pma_denormals_restore(before);
+    return status;
 }

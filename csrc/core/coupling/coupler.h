@@ -123,7 +123,8 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
  * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_NO_IMPULSES (it is the
  * row of a contact), PMA_STOPPED (possibly with all steps done), PMA_ELSEWHERE (all processes are
  * at the same macro step), and PMA_NO_THREADS before the first step. Does not allocate, but for the
- * threads when they are not there yet. */
+ * threads when they are not there yet. Denormal numbers are zero meanwhile (denormals.h), also in
+ * functions of the user, in all threads. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 

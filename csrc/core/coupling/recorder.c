@@ -3,6 +3,7 @@
 
 #include "coupling/schedule.h"
 #include "member/energy.h"
+#include "workers/denormals.h"
 
 /* How many recorded macro steps came before this one, or -1 where it is not recorded. */
 static inline int64_t count_before(const pma_record *record, int64_t macro)
@@ -158,7 +159,7 @@ void pma_recorder_complete(const pma_coupler *c)
 
 /* ---- the present ---------------------------------------------------------------------------- */
 
-void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
+static void record_present(const pma_coupler *c, const pma_record *record)
 {
     const size_t p = c->parts.p;
     for (const pma_coupled *m = c->own; m < c->end_of_own; m++)
@@ -172,4 +173,11 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
         return;
     memcpy(record->multipliers, c->present.lam, p * sizeof(double));
     macro_jumps(c, record, 0, c->present.g, 0, 0);
+}
+
+void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
+{
+    const pma_denormals before = pma_denormals_flush();
+    record_present(c, record);
+    pma_denormals_restore(before);
 }

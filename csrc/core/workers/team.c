@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "object.h"
+#include "workers/denormals.h"
 #include "workers/thread.h"
 
 /* How often a waiting thread looks before it sleeps: for some ten microseconds, and then as long
@@ -134,6 +135,7 @@ static void change(seat *s, atomic_uint *count, unsigned value, atomic_bool *sle
 static void serve(void *ctx)
 {
     seat *s = ctx;
+    (void)pma_denormals_flush();
     for (unsigned done = 0;; done++) {
         const event posted = {&s->posted, done, false};
         if (!spin(&posted))
