@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import cache
-from threading import Lock, local
+import ctypes
+import os
+from contextlib import AbstractContextManager
 from typing import Any
 
+from . import _core
 
-@cache
-def _libraries() -> Any:
-    """The BLAS libraries that NumPy and SciPy have loaded; the search takes milliseconds."""
-    import scipy.linalg  # noqa: F401  so that its library is loaded before the search
-    from threadpoolctl import ThreadpoolController
+# Functions that set and return the number of threads, by what threadpoolctl calls the library.
+SYMBOLS = {
+    "openblas": [
+        (f"{prefix}openblas_set_num_threads{suffix}", f"{prefix}openblas_get_num_threads{suffix}")
+        for prefix in ("", "scipy_")
+        for suffix in ("", "64_", "_64")
+    ],
+    "mkl": [("MKL_Set_Num_Threads", "MKL_Get_Max_Threads")],
+    "blis": [("bli_thread_set_num_threads", "bli_thread_get_num_threads")],
+    "flexiblas": [("flexiblas_set_num_threads", "flexiblas_get_num_threads")],
+}
+# ... of an OpenBLAS that is compiled with OpenMP, whose number belongs to each thread
+OPENMP = [("omp_set_num_threads", "omp_get_max_threads")]
 
-    return ThreadpoolController().select(user_api="blas")
+_found: dict[str, _core.OneThread] = {}
 
 
 def gemm_and_trsm() -> tuple[Any, Any]:
@@ -25,64 +33,40 @@ def gemm_and_trsm() -> tuple[Any, Any]:
     return cython_blas.__pyx_capi__["dgemm"], cython_blas.__pyx_capi__["dtrsm"]
 
 
-class _Users:
-    """The threads of the process that are in `one_thread` at present."""
-
-    lock = Lock()
-    count = 0
-    limiter: Any = None  # of the first of them, with the numbers of threads to restore
-
-
-class _Own(local):
-    """Whether this thread is in `one_thread`."""
-
-    inside = False
-
-
-_own = _Own()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
+def one_thread() -> AbstractContextManager[None]:
     """A context in which BLAS uses one thread.
 
     The number of threads of BLAS belongs to the process: if several threads are in this context,
-    the first sets it and the last restores it. Within the same context it does nothing.
+    the first sets it and the last restores it, also where Ctrl-C ends it. Within the same context
+    it does nothing. In a process forked off only the thread that has forked is still in it.
     """
-    if _own.inside:
-        yield
-        return
-    with _Users.lock:
-        limiter = _limited()  # in each thread: where OpenMP is below, the number belongs to it
-        _Users.count += 1
-        if _Users.count == 1:
-            _Users.limiter = limiter
-    _own.inside = True
-    try:
-        yield
-    finally:
-        _own.inside = False
-        with _Users.lock:
-            _Users.count -= 1
-            if _Users.count == 0:
-                _allow()
-                _Users.limiter.restore_original_limits()
-                _allow()
+    return _found.get("one") or _search()
 
 
-def _limited() -> Any:
-    """BLAS with one thread; the result restores the number before."""
-    _allow()
-    limiter = _libraries().limit(limits=1)
-    _allow()
-    return limiter
+def _search() -> _core.OneThread:
+    """The context of the libraries that NumPy and SciPy have loaded, which takes milliseconds.
 
-
-def _allow() -> None:
-    """Let any thread set the number of threads.
-
-    Some versions of threadpoolctl ignore, without an error, all threads but the first that set it.
+    Without a lock, which a thread could hold while another one forks: of several the first counts.
     """
-    for library in _libraries().lib_controllers:
-        if hasattr(library, "clear_controlling_thread"):
-            library.clear_controlling_thread(force=True)
+    import scipy.linalg  # noqa: F401  so that its library is loaded before the search
+    from threadpoolctl import ThreadpoolController
+
+    libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+    own = _core.OneThread(tuple(pair for x in libraries for pair in _addresses(x)))
+    one = _found.setdefault("one", own)
+    if one is own and hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=one.after_fork)
+    return one
+
+
+def _addresses(library: Any) -> list[tuple[int, int]]:
+    """The functions of a library that is found; none of one that threadpoolctl alone knows."""
+    names = SYMBOLS.get(library.internal_api, [])
+    if getattr(library, "threading_layer", "") == "openmp" and library.internal_api == "openblas":
+        names = [*OPENMP, *names]
+    for pair in names:
+        if all(hasattr(library.dynlib, name) for name in pair):
+            functions = [getattr(library.dynlib, name) for name in pair]
+            set_threads, get_threads = (ctypes.cast(f, ctypes.c_void_p).value for f in functions)
+            return [(set_threads or 0, get_threads or 0)]
+    return []

@@ -184,6 +184,9 @@ class LimitError(_Made):
         What was found, with its sign, and its largest absolute value.
     time : float
         The time level of the command.
+    by_clock : bool
+        Whether `value` is a rate by the clock of `Coupler.run_paced`, not by the time of the
+        problem.
     """
 
     def __init__(
@@ -194,13 +197,16 @@ class LimitError(_Made):
         value: float,
         limit: float,
         time: float,
+        *,
+        by_clock: bool = False,
     ):
         if quantity == "energy":
             what = "has returned more energy than it was given, by"
         elif quantity == "force":
             what = f"returns the force at dof {dof}"
         else:
-            what = f"would be commanded the {quantity} at dof {dof}"
+            clock = ", by the clock," if by_clock else ""
+            what = f"would be commanded the {quantity} at dof {dof}{clock}"
         end = (
             "the control loop is going unstable" if quantity == "energy" else "the command is held"
         )
@@ -209,14 +215,14 @@ class LimitError(_Made):
             f"limit {limit:g}: {end}"
         )
         self.subdomain, self.quantity, self.dof = subdomain, quantity, dof
-        self.value, self.limit, self.time = value, limit, time
+        self.value, self.limit, self.time, self.by_clock = value, limit, time, by_clock
 
 
 class PacingError(_Made):
     """A fine step of `Coupler.run_paced` ended after the next one was due.
 
-    The coupler has the state of the last whole macro step; ``coupler.last_history.pacing`` has the
-    times of all fine steps up to the late one.
+    The specimen remains at the command of the late step. The coupler has the state of the last whole
+    macro step; ``coupler.last_history.pacing`` has the times of all fine steps up to the late one.
 
     Attributes
     ----------

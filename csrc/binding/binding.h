@@ -82,6 +82,7 @@ typedef struct {
     PyTypeObject *subdomain_type;
     PyTypeObject *coupler_type;
     PyTypeObject *guard_type;
+    PyTypeObject *one_thread_type;
 } module_state;
 
 /* Exchanges two references: the old one is dropped after the object is released, since that can run
@@ -148,6 +149,7 @@ extern PyMethodDef pma_case_functions[];
 extern PyType_Spec pma_subdomain_spec;
 extern PyType_Spec pma_coupler_spec;
 extern PyType_Spec pma_guard_spec;
+extern PyType_Spec pma_one_thread_spec;
 
 /* ---- work without the GIL -------------------------------------------------------------------- */
 
@@ -200,8 +202,8 @@ PyObject *pma_raise(pma_status status, const char *what);
 /* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
  * failed); the index of the subdomain that became unstable, the tuple of four above, or (index,
  * code, what) if its function returned a code, (index, time) of a tangent that is not symmetric,
- * (index, what, position, value, limit, time) of a specimen, an empty tuple from a paced run that
- * is late; NULL with the exception of any other status. */
+ * (index, what, position, value, limit, time, by_clock) of a specimen, an empty tuple from a paced
+ * run that is late; NULL with the exception of any other status. */
 PyObject *pma_failure(CouplerObject *self, pma_status status);
 
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */

@@ -467,8 +467,9 @@ static PyMethodDef coupler_methods[] = {
      "set_pace(None | (period, stops, signals, state, times, monitored, values)): fine steps of "
      "later "
      "advances begin "
-     "every `period` ns; state (2,) has their beginning and number, times (4, rows) when they "
-     "began, commanded, received and ended; signals is a file to which those are written, or -1; "
+     "every `period` ns; state (3,) has their beginning, number and shift in ns, times (5, rows) "
+     "when they began, commanded, received and ended, and their shifts in s; signals is a file to "
+     "which those are written, or -1; "
      "monitored has (positions, last) or None by subdomain, values their commands and forces"},
     {"set_ring", (PyCFunction)pma_coupler_object_set_ring, METH_O,
      "set_ring(None | steps): records have rows for steps.size recorded macro steps, used in turn; "

@@ -45,8 +45,8 @@ static PyObject *breach(CouplerObject *self, size_t i)
     static const char *const names[] = {"displacement", "velocity", "acceleration", "force",
                                         "energy"};
     const pma_breach b = pma_subdomain_breach(own_subdomain(self, i)->core);
-    return Py_BuildValue("(nsnddd)", (Py_ssize_t)i, names[b.what], (Py_ssize_t)b.position, b.value,
-                         b.limit, b.t);
+    return Py_BuildValue("(nsndddO)", (Py_ssize_t)i, names[b.what], (Py_ssize_t)b.position, b.value,
+                         b.limit, b.t, b.by_clock ? Py_True : Py_False);
 }
 
 /* What a function that returned a code is to a subdomain; NULL for any other status. */

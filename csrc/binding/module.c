@@ -45,7 +45,10 @@ static int module_exec(PyObject *module)
     if (!state->coupler_type)
         return -1;
     state->guard_type = add_type(module, &pma_guard_spec);
-    return state->guard_type ? 0 : -1;
+    if (!state->guard_type)
+        return -1;
+    state->one_thread_type = add_type(module, &pma_one_thread_spec);
+    return state->one_thread_type ? 0 : -1;
 }
 
 static int module_traverse(PyObject *module, visitproc visit, void *arg)
@@ -54,6 +57,7 @@ static int module_traverse(PyObject *module, visitproc visit, void *arg)
     Py_VISIT(state->subdomain_type);
     Py_VISIT(state->coupler_type);
     Py_VISIT(state->guard_type);
+    Py_VISIT(state->one_thread_type);
     return 0;
 }
 
@@ -63,6 +67,7 @@ static int module_clear(PyObject *module)
     Py_CLEAR(state->subdomain_type);
     Py_CLEAR(state->coupler_type);
     Py_CLEAR(state->guard_type);
+    Py_CLEAR(state->one_thread_type);
     return 0;
 }
 

@@ -30,12 +30,12 @@ PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args)
 
 /* ---- pace ------------------------------------------------------------------------------- */
 
-/* (origin, done), times (4, rows) as in pma_pace */
+/* (origin, done, shift), times (5, rows) as in pma_pace */
 static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
 {
     PyArrayObject *counts, *rows;
-    const npy_intp two = 2, shape[2] = {4, -1};
-    if (pma_take_array(state, NPY_INT64, 1, &two, "state", NULL, &counts) < 0 ||
+    const npy_intp three = 3, shape[2] = {5, -1};
+    if (pma_take_array(state, NPY_INT64, 1, &three, "state", NULL, &counts) < 0 ||
         pma_take_array(times, NPY_DOUBLE, 2, shape, "times", NULL, &rows) < 0)
         return -1;
     const int64_t *count = PyArray_DATA(counts);
@@ -48,8 +48,10 @@ static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
     pace->commanded = data + pace->rows;
     pace->returned = data + 2 * pace->rows;
     pace->ended = data + 3 * pace->rows;
+    pace->shifts = data + 4 * pace->rows;
     pace->origin = count[0];
     pace->done = (size_t)count[1];
+    pace->shift = count[2];
     return 0;
 }
 
@@ -69,6 +71,15 @@ static int take_monitored(PyObject *positions, PyObject *last, const pma_subdoma
     return 0;
 }
 
+/* The clock of the commands of a subdomain. */
+static pma_limits_clock clock_of(CouplerObject *self, Py_ssize_t i, const pma_pace *pace)
+{
+    const double fine = (double)pma_coupler_instants(self->core);
+    const double substeps = (double)pma_subdomain_parts(pma_subdomain_of(self, i)->core)->substeps;
+    return (pma_limits_clock){
+        .now = pace->clock.now, .ctx = pace->clock.ctx, .period = pace->period * (fine / substeps)};
+}
+
 /* Every subdomain with a restoring function has a stamp. `monitored`: for each subdomain None or
  * (positions, last) */
 static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values, pma_pace *pace)
@@ -81,6 +92,8 @@ static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values
         return pma_check(PMA_NO_MEMORY, NULL);
     for (Py_ssize_t i = 0; i < count; i++) {
         pma_subdomain *s = pma_subdomain_of(self, i)->core;
+        const pma_limits_clock clock = clock_of(self, i, pace);
+        pma_subdomain_time(s, NULL, &clock);
         if (!pma_subdomain_parts(s)->restoring.function)
             continue;
         pma_stamp *stamp = &pace->stamps[pace->stamp_count++];
@@ -90,7 +103,7 @@ static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values
                                take_monitored(positions, last, s, stamp) < 0))
             return -1;
         pace->columns += 2 * stamp->count;
-        pma_subdomain_time(s, stamp);
+        pma_subdomain_time(s, stamp, &clock);
     }
     PyArrayObject *array;
     const npy_intp shape[2] = {(npy_intp)pace->rows, (npy_intp)pace->columns};
@@ -144,10 +157,11 @@ void pma_release_pace(CouplerObject *self, pma_pace *pace)
         return;
     pma_coupler_set_pace(self->core, NULL);
     for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++)
-        pma_subdomain_time(pma_subdomain_of(self, i)->core, NULL);
+        pma_subdomain_time(pma_subdomain_of(self, i)->core, NULL, NULL);
     int64_t *count = PyArray_DATA((PyArrayObject *)PyTuple_GetItem(self->pace, 3));
     count[0] = pace->origin;
     count[1] = (int64_t)pace->done;
+    count[2] = pace->shift;
     PyMem_Free(pace->stamps);
 }
 

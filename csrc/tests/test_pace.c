@@ -16,10 +16,11 @@ static const plan RESTORED = {{2, 6, 3}, true, true, true, true, true};
 
 enum { ROWS = STEPS * FINE };
 
-/* A clock that goes on by `tick` ns when it is read, and sleeps as it is told. */
+/* A clock that goes on by `tick` ns when it is read, and sleeps as it is told; from the sleep number
+ * `stalled` on it sleeps for `stall` ns more, `stalls` times. */
 typedef struct {
-    int64_t t, tick, longest;
-    size_t slept;
+    int64_t t, tick, longest, stall;
+    size_t slept, stalled, stalls;
 } counted;
 
 static int64_t read_counted(void *ctx)
@@ -35,10 +36,12 @@ static void sleep_counted(void *ctx, int64_t until)
     if (until - c->t > c->longest)
         c->longest = until - c->t;
     c->t = until;
+    if (c->slept >= c->stalled && c->slept < c->stalled + c->stalls)
+        c->t += c->stall;
     c->slept++;
 }
 
-static double rows[4][ROWS];
+static double rows[5][ROWS];
 
 static pma_pace make_pace(counted *c, double period, bool stops)
 {
@@ -49,7 +52,8 @@ static pma_pace make_pace(counted *c, double period, bool stops)
                       .begun = rows[0],
                       .commanded = rows[1],
                       .returned = rows[2],
-                      .ended = rows[3]};
+                      .ended = rows[3],
+                      .shifts = rows[4]};
 }
 
 static void paced_steps_begin_when_they_are_due_and_are_those_of_any_run(void)
@@ -64,8 +68,8 @@ static void paced_steps_begin_when_they_are_due_and_are_those_of_any_run(void)
     CHECK_STATUS(pma_coupler_advance(unpaced.coupler, STEPS, NULL, NULL), PMA_OK);
     const snapshot expected = present(&unpaced);
     make_chain(&m, RESTORED, 1.0);
-    pma_subdomain_time(m.subdomains[1].core,
-                       &stamp); /* with as many substeps as there are fine steps */
+    pma_subdomain_time(m.subdomains[1].core, &stamp,
+                       NULL); /* with as many substeps as there are fine steps */
     pma_coupler_set_pace(m.coupler, &pace);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     check_same_present(&m, &expected);
@@ -100,7 +104,32 @@ static void a_step_that_ends_late_ends_a_run_that_stops_and_no_other(void)
     pma_coupler_set_pace(m.coupler, &patient);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     CHECK_INT(patient.done, ROWS);
-    CHECK_INT(c.slept, 0);
+    for (size_t k = 1; k < ROWS; k++) /* a period after the command before, which has no stamp */
+        CHECK(rows[0][k] - rows[0][k - 1] >= 1e-3 * (1.0 - 1e-12));
+    destroy_model(&m);
+}
+
+/* The clock stands still for 40.5 periods, three sleeps in turn: the schedule is later by as much
+ * as these, and no step after them is missed.                                    (Y10) (Y11) */
+static void a_stall_shifts_the_schedule_and_no_step_is_made_up_for(void)
+{
+    static model m;
+    const size_t first = 4, stalls = 3;
+    counted c = {.tick = 1, .stall = 40500000, .stalled = first, .stalls = stalls};
+    pma_pace pace = make_pace(&c, 1e6, false);
+    make_chain(&m, RESTORED, 1.0);
+    pma_coupler_set_pace(m.coupler, &pace);
+    CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
+    for (size_t k = 0; k < ROWS; k++) {
+        const size_t before = k <= first + 1 ? 0 : k - first - 1;
+        const size_t missed = before < stalls ? before : stalls;
+        /* the clock was read at most six times in a step */
+        CHECK_NEAR(rows[4][k], 40.5e-3 * (double)missed, 20e-9);
+        const bool stalled = k > first && k <= first + stalls;
+        CHECK_NEAR(rows[0][k], 1e-3 * (double)k + rows[4][k] + (stalled ? 40.5e-3 : 0.0), 20e-9);
+        CHECK(k == 0 || rows[0][k] - rows[0][k - 1] >= 1e-3 - 10e-9);
+    }
+    CHECK(pace.shift > 0 && rows[4][ROWS - 1] == 1e-9 * (double)pace.shift);
     destroy_model(&m);
 }
 
@@ -201,13 +230,99 @@ static void a_macro_step_that_is_taken_again_has_the_commands_before_it(void)
     pma_limits_destroy(l);
 }
 
+/* ---- limits by the clock                                                          (Y12) ------ */
+
+/* The same commands, h = 1/2, each given at its time of the clock, in ms, by which a period lasts
+ * `period` ms. */
+static size_t count_given(pma_limits_parts parts, double period, size_t count, const double *u,
+                          const int64_t *at, pma_breach *breach)
+{
+    const double zero = 0.0;
+    counted c = {0};
+    const pma_limits_clock clock = {read_counted, &c, 1e6 * period};
+    pma_limits *l;
+    size_t given = 0;
+    parts.n = 1;
+    parts.h = 0.5;
+    parts.energy = INFINITY;
+    CHECK_STATUS(pma_limits_create(&parts, &l), PMA_OK);
+    pma_limits_pace(l, &clock);
+    for (; given < count; given++) {
+        c.t = 1000000 * at[given];
+        if (!pma_limits_command(l, (int64_t)given, given == 0, 0.5 * (double)(given + 1), &zero,
+                                &zero, &u[given], NULL))
+            break;
+    }
+    *breach = *pma_limits_breach(l);
+    pma_limits_destroy(l);
+    return given;
+}
+
+static const double EVEN[8] = {0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0}; /* at the rate 1 */
+
+static void a_run_that_is_faster_than_its_problem_is_limited_by_the_clock(void)
+{
+    const double limit = 8.0, u[5] = {1.0, 2.0, 3.0, 5.0, 7.5}; /* rates 2 2 2 4 5 */
+    const int64_t at[5] = {250, 500, 750, 1000, 1250};
+    pma_breach b;
+    CHECK_INT(count_given((pma_limits_parts){.velocity = &limit}, 250.0, 5, u, at, &b), 4);
+    CHECK(b.by_clock && b.what == PMA_OF_VELOCITY && b.value == 10.0 && b.t == 2.5);
+    CHECK_INT(count_given((pma_limits_parts){.velocity = &limit}, 500.0, 5, u, at, &b), 5);
+}
+
+static void commands_in_a_burst_add_up_and_one_that_is_late_does_not(void)
+{
+    const double limit = 2.0, hardly = 1.0;
+    const int64_t burst[8] = {500, 1000, 1500, 4000, 4010, 4020, 4030, 4040};
+    const int64_t late[8] = {500, 1490, 1500, 2000, 2990, 3000, 3700, 4000};
+    pma_breach b;
+    CHECK_INT(count_given((pma_limits_parts){.velocity = &limit}, 500.0, 8, EVEN, burst, &b), 6);
+    CHECK(b.by_clock && b.what == PMA_OF_VELOCITY && b.value == 3.0 && b.t == 3.5);
+    CHECK_INT(count_given((pma_limits_parts){.velocity = &hardly}, 500.0, 8, EVEN, late, &b), 8);
+}
+
+/* From the rate 0 at first, at which the state is: an acceleration of 2, and then of 0. */
+static void a_specimen_that_has_stood_still_starts_from_rest(void)
+{
+    const double limit = 1.5, high = 2.5;
+    const double u[4] = {0.25, 0.75, 1.25, 1.75}; /* rates 1/2 1 1 1 */
+    const int64_t held[4] = {500, 1000, 2000, 2500}, waited[4] = {500, 1000, 1990, 2500};
+    pma_breach b;
+    CHECK_INT(count_given((pma_limits_parts){.acceleration = &limit}, 500.0, 4, u, held, &b), 2);
+    CHECK(b.by_clock && b.what == PMA_OF_ACCELERATION && b.value == 2.0 && b.t == 1.5);
+    CHECK_INT(count_given((pma_limits_parts){.acceleration = &limit}, 500.0, 4, u, waited, &b), 4);
+    CHECK_INT(count_given((pma_limits_parts){.acceleration = &high}, 500.0, 4, u, held, &b), 4);
+}
+
+/* Four commands by no clock in between: how fast they came is not known, and not asked. */
+static void a_clock_judges_only_commands_that_were_given_by_it(void)
+{
+    const double zero = 0.0, limit = 1.5;
+    const pma_limits_parts parts = {.n = 1, .h = 0.5, .velocity = &limit, .energy = INFINITY};
+    counted c = {0};
+    const pma_limits_clock clock = {read_counted, &c, 5e8};
+    pma_limits *l;
+    CHECK_STATUS(pma_limits_create(&parts, &l), PMA_OK);
+    for (int64_t k = 0; k < 8; k++) {
+        pma_limits_pace(l, k < 2 || k > 5 ? &clock : NULL);
+        c.t += k < 2 || k > 5 ? 500000000 : 0;
+        CHECK(pma_limits_command(l, k, k == 0, 0.0, &zero, &zero, &EVEN[k], NULL));
+    }
+    pma_limits_destroy(l);
+}
+
 const test PACE_TESTS[] = {
     TEST(paced_steps_begin_when_they_are_due_and_are_those_of_any_run),
     TEST(a_step_that_ends_late_ends_a_run_that_stops_and_no_other),
+    TEST(a_stall_shifts_the_schedule_and_no_step_is_made_up_for),
     TEST(a_long_wait_is_interrupted_to_poll),
     TEST(the_clock_of_the_system_goes_on_while_it_sleeps),
     TEST(a_command_is_judged_by_its_differences_and_a_force_by_its_size),
     TEST(energy_is_that_returned_beyond_what_was_given),
     TEST(a_macro_step_that_is_taken_again_has_the_commands_before_it),
+    TEST(a_run_that_is_faster_than_its_problem_is_limited_by_the_clock),
+    TEST(commands_in_a_burst_add_up_and_one_that_is_late_does_not),
+    TEST(a_specimen_that_has_stood_still_starts_from_rest),
+    TEST(a_clock_judges_only_commands_that_were_given_by_it),
     END_OF_TESTS,
 };

@@ -63,5 +63,6 @@ extern const test ITERATED_RUNS_TESTS[];
 extern const test CONTACT_TESTS[];
 extern const test SPECIMEN_TESTS[];
 extern const test TRIAL_TESTS[];
+extern const test DENORMALS_TESTS[];
 
 #endif

@@ -35,6 +35,9 @@ class Pacing:
     commanded, returned : (k,) arrays
         When the command was ready and given to the specimen (of several restoring functions the
         first), and when the force was back (the last); NaN in fine steps without an evaluation.
+    shift : (k,) array
+        By how much the schedule of each was later than that of the run: the sum of what the missed
+        steps before it have shifted it by, with ``on_late="continue"``. In ``due``.
     lost : int
         Macro steps that are NaN in the file of ``record_to`` because the ring was full.
     """
@@ -45,6 +48,7 @@ class Pacing:
     commanded: np.ndarray
     returned: np.ndarray
     ended: np.ndarray
+    shift: np.ndarray
     lost: int = 0
 
     @property
@@ -62,9 +66,10 @@ class Pacing:
     @property
     def missed(self) -> int:
         """The number of fine steps that ended after the next one was due."""
-        return int(
-            np.count_nonzero(self.ended > due_times(1e9 * self.period, self.due.size + 1)[1:])
-        )
+        count = self.due.size
+        # in ns, as the core has compared them
+        next_due = np.floor(1e9 * self.period * np.arange(1, count + 1)) + np.rint(1e9 * self.shift)
+        return int(np.count_nonzero(np.rint(1e9 * self.ended) > next_due))
 
     def percentile(self, q: Any) -> Any:
         """Percentiles of the lateness.
@@ -130,7 +135,8 @@ class Pacing:
         middle, high, most = 1e6 * self.percentile([50.0, 99.0, 100.0])
         return (
             f"<Pacing: {counted(self.due.size, 'fine step')} of {1e6 * self.period:g} us, late by "
-            f"{middle:.3g} (median), {high:.3g} (99 %), {most:.3g} us (most), {self.missed} missed>"
+            f"{middle:.3g} (median), {high:.3g} (99 %), {most:.3g} us (most), {self.missed} missed, "
+            f"schedule shifted by {self.shift[-1]:.3g} s>"
         )
 
 

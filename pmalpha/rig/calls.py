@@ -301,8 +301,16 @@ def _reply(function: Callable[..., Any], number: int, arguments: Sequence[np.nda
         result = function(*arguments)
         return _message(RESULT, number, result if isinstance(result, tuple) else (result,))
     except Exception as error:
-        text = f"{type(error).__name__}: {error}".encode()
+        text = _description(error).encode("utf-8", "backslashreplace")
         return _message(FAILURE, number, (np.frombuffer(text, dtype=np.uint8),))
+
+
+def _description(error: Exception) -> str:
+    """Class and text of an exception, also of one that cannot say what it is."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:
+        return type(error).__name__
 
 
 def _text(arrays: Sequence[np.ndarray]) -> str:

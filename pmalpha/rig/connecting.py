@@ -79,7 +79,7 @@ def connect(
     link = w.Wire(connection, timeout, name)
     try:
         if known is not None:
-            w.prove(link, known, server=False)
+            w.prove(link, known)
     except BaseException:
         link.close()
         raise

@@ -113,16 +113,18 @@ class FunctionElement:
         pass
 
     def stiffness(self, trial: Trial, *, initial: bool) -> np.ndarray:
-        return self._matrix("stiffness")
+        return _matrix(self.matrices, "stiffness", self.n)
 
     def damping(self) -> np.ndarray:
-        return self._matrix("damping")
+        return _matrix(self.matrices, "damping", self.n)
 
     def mass(self) -> np.ndarray:
-        return self._matrix("mass")
+        return _matrix(self.matrices, "mass", self.n)
 
-    def _matrix(self, name: str) -> np.ndarray:
-        return self.matrices.get(name, np.zeros((self.n, self.n)))
+
+def _matrix(matrices: dict[str, np.ndarray], name: str, n: int) -> np.ndarray:
+    """The matrix of this name, zero where there is none."""
+    return matrices[name] if name in matrices else np.zeros((n, n))
 
 
 def _same(a: Trial, b: Trial) -> bool:
@@ -172,16 +174,15 @@ class StructureElement:
         functions: tuple[Any, ...] = (),
     ):
         self.n, self.springs, self.internal = n, Springs(springs, n), internal
-        self.K, self.C, self.M, self.K_r = (
-            np.zeros((n, n)) if A is None else dense(A)
-            for A in (matrices.get(name) for name in ("stiffness", "damping", "mass", "estimate"))
-        )
+        # absent ones take no memory: n is what a client announces
+        self.matrices = {name: dense(A) for name, A in matrices.items() if A is not None}
         self.functions, self.q = functions, [force.history.copy() for force in internal]
 
     def force(self, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         t = 0.0 if trial.t is None else trial.t
         r = self.springs.follow(trial.u)[2]
-        r = r + self.K @ trial.u
+        if "stiffness" in self.matrices:
+            r = r + self.matrices["stiffness"] @ trial.u
         for function in self.functions:
             value, _ = divided(function(trial.u.copy(), trial.v.copy(), t), self.n)
             r = r + vector(value, self.n, "the value of restoring")
@@ -203,17 +204,20 @@ class StructureElement:
         pass
 
     def stiffness(self, trial: Trial, *, initial: bool) -> np.ndarray:
-        K: np.ndarray = self.K + self.K_r + self.springs.tangent(trial.u, initial=initial)
+        K: np.ndarray = self.springs.tangent(trial.u, initial=initial)
+        for name in ("stiffness", "estimate"):
+            if name in self.matrices:
+                K = K + self.matrices[name]
         for _, K_t, _, _ in self._internal(trial):
             if K_t is not None:
                 K = K + dense(K_t)
         return K
 
     def damping(self) -> np.ndarray:
-        return self.C
+        return _matrix(self.matrices, "damping", self.n)
 
     def mass(self) -> np.ndarray:
-        return self.M
+        return _matrix(self.matrices, "mass", self.n)
 
 
 def of_subdomain(s: Subdomain) -> StructureElement:

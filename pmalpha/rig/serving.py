@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import socket
 from collections.abc import Callable, Collection
 from typing import Any
 
@@ -12,11 +10,8 @@ import numpy as np
 from .._checks import whole_number
 from ..run.coupler import Coupler
 from . import wire as w
+from .admission import HEAD_BYTES, LOOPBACK, admitted, checked_networks
 from .served import Element, Trial, check_served, element_of
-
-log = logging.getLogger("pmalpha.rig")
-LOOPBACK = ("127.0.0.1", "::1", "localhost")
-HEAD_BYTES = 4 * w.HEAD
 
 
 def serve(
@@ -54,14 +49,19 @@ def serve(
         The address on which to listen; the default is reached from this machine only. Any other
         needs `allow` or `secret`.
     allow : collection of str, optional
-        Numerical addresses of clients; others are turned away.
+        Numerical addresses and networks of clients, ``["10.0.0.12", "10.1.0.0/24"]``; others are
+        turned away.
     secret : bytes or str, optional
-        That a `connect` with the same one knows; other programs have no way to show it. Neither
-        it nor the data are encrypted.
+        That a `connect` with the same one proves to know before anything else; other programs have
+        no way to. Neither it nor the data are encrypted, and who pretends to be the server can try
+        words on the proof at leisure: take 16 random bytes.
     stiffness, damping, mass : (n, n) or (n,) array, optional
         Of a function (of springs the latter two), for clients that ask. Default: zero.
     timeout : float, optional
-        Longest wait for the client and for each of its messages, in seconds; None for ever.
+        Longest wait for a connection, for what that has to send to be the client (with the secret
+        its proof, else its first message), and for each later message, in seconds; None for ever.
+        A connection that closes, is silent or sends anything else is turned away, and the wait goes
+        on; up to 32 are waited for at once.
     announce : callable, optional
         Called with the port when it is open. Default: prints it.
 
@@ -73,12 +73,12 @@ def serve(
     Raises
     ------
     TimeoutError
-        When the client was silent for too long.
+        When there is no client in time, or it was silent for too long.
     ConnectionError
-        When it has ended without saying so, does not speak the protocol, or asks for what it does
+        When the client has ended without saying so, does not speak the protocol, or asks for what it does
         not know.
     ValueError, TypeError
-        For what cannot be served, or another number of dofs than the client has; whatever `what`
+        For arguments of the wrong kind, what cannot be served, or another number of dofs than the client has; whatever `what`
         raises. OpenSees is not told and has to be ended: it waits for ever.
 
     Examples
@@ -97,17 +97,17 @@ def serve(
     """
     check_served(what)
     port = whole_number(port, "port", high=65535)
-    known = checked_secret(secret)
+    networks, known = checked_networks(allow), checked_secret(secret)
     if host not in LOOPBACK and allow is None and known is None:
         raise ValueError(
             f"allow or secret must be given with host {host!r}, which other machines can reach"
         )
-    connection, peer = _accepted(host, port, allow, timeout, announce)
+    connection, peer, announced = admitted(
+        host, port, networks, known, timeout, announce or _print_port
+    )
     link = w.Wire(connection, timeout, peer)
     try:
-        if known is not None:
-            w.prove(link, known, server=True)
-        sizes = w.sizes_of(link.receive(HEAD_BYTES, "the first message"), peer)
+        sizes = announced or w.sizes_of(link.receive(HEAD_BYTES, "the first message"), peer)
         matrices = dict(stiffness=stiffness, damping=damping, mass=mass)
         # a program that sends accelerations integrates: it adds C v and M a itself
         splits = sizes.control[w.KINDS.index("acceleration")] > 0
@@ -124,39 +124,16 @@ def serve(
         link.close()
 
 
+def _print_port(port: int) -> None:
+    print(port, flush=True)
+
+
 def checked_secret(secret: bytes | str | None) -> bytes | None:
     if secret is None:
         return None
     if not isinstance(secret, (bytes, str)) or not secret:
         raise TypeError(f"secret must be text or bytes that are not empty, got {secret!r}")
     return secret.encode() if isinstance(secret, str) else secret
-
-
-def _accepted(
-    host: str,
-    port: int,
-    allow: Collection[str] | None,
-    timeout: float | None,
-    announce: Callable[[int], Any] | None,
-) -> tuple[socket.socket, str]:
-    """The connection of the first client that is allowed, and its name."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.create_server((host, port), family=family) as server:
-        server.settimeout(timeout)
-        opened = server.getsockname()[1]
-        if host not in LOOPBACK:
-            of = "clients with the secret" if allow is None else ", ".join(allow)
-            log.warning("pmalpha.rig listens on %s:%d, for %s", host, opened, of)
-        if announce is None:
-            print(opened, flush=True)
-        else:
-            announce(opened)
-        while True:
-            connection, address = server.accept()
-            if allow is None or address[0] in allow:
-                return connection, f"the client {address[0]}:{address[1]}"
-            log.warning("pmalpha.rig turned away %s", address[0])
-            connection.close()
 
 
 class _Session:

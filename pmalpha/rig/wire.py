@@ -183,17 +183,22 @@ def fields(counts: Sequence[int], values: np.ndarray) -> dict[str, np.ndarray]:
 # ---- who may connect -----------------------------------------------------------------------------
 
 
-def _digest(secret: bytes, *parts: bytes) -> bytes:
-    return hmac.new(secret, b"".join(parts), hashlib.sha256).digest()
+def proof(secret: bytes, role: str, other: bytes, own: bytes) -> bytes:
+    """What shows that one side knows the secret, without sending it.
+
+    role: {"client", "server"}. other, own: random bytes of both sides, each new.
+    """
+    return hmac.new(secret, role.encode() + other + own, hashlib.sha256).digest()
 
 
-def prove(wire: Wire, secret: bytes, *, server: bool) -> None:
-    """Both sides show that they know the secret, without sending it."""
-    own = os.urandom(NONCE)
-    wire.send(own)
-    other = wire.receive(NONCE, "the proof of the secret")
-    role, its = (b"server", b"client") if server else (b"client", b"server")
-    wire.send(_digest(secret, role, other, own))
-    proof = wire.receive(NONCE, "the proof of the secret")
-    if not hmac.compare_digest(proof, _digest(secret, its, own, other)):
+def prove(wire: Wire, secret: bytes) -> None:
+    """The client proves that it knows the secret, and then the server, which sends nothing before
+    that a stranger could try words on."""
+    other, own = wire.receive(NONCE, "the proof of the secret"), os.urandom(NONCE)
+    wire.send(own + proof(secret, "client", other, own))
+    try:
+        shown = wire.receive(NONCE, "the proof of the secret")
+    except ConnectionError as error:
+        raise ConnectionError(f"{error}: it may have another secret") from None
+    if not hmac.compare_digest(shown, proof(secret, "server", own, other)):
         raise ConnectionError(f"{wire.peer} does not know the secret")

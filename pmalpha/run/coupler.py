@@ -420,7 +420,7 @@ class Coupler:
         t_end: float,
         *,
         rate: float = 1.0,
-        on_late: str = "continue",
+        on_late: str = "stop",
         priority: int | None = None,
         lock_memory: bool = False,
         record: Mapping[Any, Any] | None = None,
@@ -436,8 +436,9 @@ class Coupler:
         """`run` at the pace of a clock: each fine step begins at its absolute time.
 
         For a specimen in a laboratory, given as ``restoring=``. Fine steps are those of the largest
-        number of substeps; step k is due k h / `rate` after the first. The command of a fine step
-        is computed and given to the specimen when it begins. Results are bitwise those of `run`.
+        number of substeps; step k is due k h / `rate` after the first (Y10). The command of a fine
+        step is computed and given to the specimen when it begins. Limits of velocity and
+        acceleration are checked by the clock too (Y12). Results are bitwise those of `run`.
 
         Parameters
         ----------
@@ -445,9 +446,10 @@ class Coupler:
             As for `run`. The times of the problem are in seconds.
         rate : float, default 1
             Time of the problem per time of the clock: 0.01 is a slow test, a hundredfold.
-        on_late : {"continue", "stop"}, default "continue"
-            "stop": a `PacingError` when a fine step ends after the next one was due. "continue":
-            the next ones follow at once until the times are kept again; none is left out.
+        on_late : {"stop", "continue"}, default "stop"
+            When a fine step ends after the next one was due. "stop": a `PacingError`. "continue":
+            the next one, and all later ones, are due later, so that its command comes a period
+            after the last; ``pacing.shift`` has by how much. No command is left out.
         priority : int, optional
             Priority of SCHED_FIFO for the calling thread during the steps, 1 to 99 on Linux. Needs
             special rights. Other threads do not inherit it. Default: that of the thread.

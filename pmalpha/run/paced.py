@@ -226,9 +226,9 @@ class Watched:
         end = self.done + (int(np.argmax(left)) if left.any() else left.size)
         new = slice(self.done, end)
         if end > self.done:
-            file.write(
-                self.done, np.column_stack([due[new], *self.times[:, new], self.values[new]])
-            )
+            begun, commanded, returned, ended, shift = self.times[:, new]
+            times = due[new] + shift, begun, commanded, returned, ended
+            file.write(self.done, np.column_stack([*times, self.values[new]]))
             self.done = end
 
 
@@ -308,8 +308,9 @@ class Times:
                 "rate must give a run of at most thirty years, got "
                 f"{pace.rate!r} with periods of {1e-9 * self.period:g} s"
             )
-        self.state = np.zeros(2, dtype=np.int64)  # ns at which the run began, fine steps done
-        self.times = np.full((4, count), np.nan)
+        # ns at which the run began, fine steps done, ns by which later ones are due later
+        self.state = np.zeros(3, dtype=np.int64)
+        self.times = np.full((5, count), np.nan)
         self.watched = Watched(session, self.period, self.times)
 
     @contextmanager
@@ -334,7 +335,7 @@ class Times:
 
     def pacing(self, recording: Recording) -> Pacing:
         done = int(self.state[1])
-        begun, commanded, returned, ended = self.times[:, :done].copy()
-        due = due_times(self.period, done)
+        begun, commanded, returned, ended, shift = self.times[:, :done].copy()
+        due = due_times(self.period, done) + shift
         lost = recording.lost if isinstance(recording, RingRecording) else 0
-        return Pacing(1e-9 * self.period, due, begun, commanded, returned, ended, lost)
+        return Pacing(1e-9 * self.period, due, begun, commanded, returned, ended, shift, lost)

@@ -49,7 +49,9 @@ void pma_pace_begin(pma_pace *p)
     assert(p->done < p->rows);
     for (size_t i = 0; i < p->stamp_count; i++)
         p->stamps[i].commanded = p->stamps[i].returned = PMA_NEVER;
-    p->begun[p->done] = seconds(p, now(p));
+    p->command = now(p);
+    p->begun[p->done] = seconds(p, p->command);
+    p->shifts[p->done] = 1e-9 * (double)p->shift;
 }
 
 /* The first command, the last force */
@@ -62,6 +64,7 @@ static void take_stamps(pma_pace *p)
         const pma_stamp *stamp = &p->stamps[i];
         if (stamp->returned != PMA_NEVER) {
             commanded = fmin(commanded, seconds(p, stamp->commanded));
+            p->command = stamp->commanded > p->command ? stamp->commanded : p->command;
             returned = fmax(returned, seconds(p, stamp->returned));
             for (size_t k = 0; k < stamp->count; k++) {
                 values[k] = stamp->command[k];
@@ -74,11 +77,23 @@ static void take_stamps(pma_pace *p)
     p->returned[p->done] = returned;
 }
 
+/* s += max(e, c + T) - t_(k+1)                                                          (Y11) */
+static void shift(pma_pace *p, int64_t end)
+{
+    const int64_t next = p->command + (int64_t)ceil(p->period);
+    p->shift += (next > end ? next : end) - p->origin - pma_pace_due(p, p->done);
+}
+
 pma_status pma_pace_end(pma_pace *p)
 {
     const int64_t t = now(p);
     take_stamps(p);
     p->ended[p->done] = seconds(p, t);
     p->done++;
-    return p->stops && t - p->origin > pma_pace_due(p, p->done) ? PMA_LATE : PMA_OK;
+    if (t - p->origin <= pma_pace_due(p, p->done))
+        return PMA_OK;
+    if (p->stops)
+        return PMA_LATE;
+    shift(p, t);
+    return PMA_OK;
 }

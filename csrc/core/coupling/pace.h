@@ -1,7 +1,8 @@
 /* pace.h - fine steps that begin when a clock says so, for a specimen in a laboratory.
  *
- * Fine step k is due k periods after the first one, however late those before it were: the times
- * are absolute. Nothing allocates, and no lock is waited for. */
+ * Fine step k is due k periods after the first one: the times are absolute. A step that ends after
+ * the next one is due either ends the run or shifts all later times, by as much as lets the next
+ * command come a period after the last one. Nothing allocates, and no lock is waited for. */
 #ifndef PMA_PACE_H
 #define PMA_PACE_H
 
@@ -27,18 +28,21 @@ typedef struct {
     bool stops;    /* PMA_LATE when one ends after the next one is due */
     size_t rows;   /* fine steps that there is room for */
     double *begun, *commanded, *returned, *ended; /* rows each; nan where nothing is evaluated */
+    double *shifts;                               /* rows: `shift` of each, in s */
     size_t stamp_count;
     pma_stamp *stamps; /* of members with a specimen */
     size_t columns;    /* commands and forces of all stamps */
     double *values;    /* rows x columns: command and force of each stamp in turn */
     int64_t origin;    /* when the first one was due; set when it begins */
     size_t done;       /* fine steps */
+    int64_t shift;     /* ns by which later ones are due later, after those that were missed */
+    int64_t command;   /* when the last command was given; the last step begun, without one */
 } pma_pace;
 
-/* ns after the origin at which fine step k is due */
+/* ns after the origin at which fine step k is due                                       (Y10) */
 static inline int64_t pma_pace_due(const pma_pace *p, size_t k)
 {
-    return (int64_t)(p->period * (double)k);
+    return (int64_t)(p->period * (double)k) + p->shift;
 }
 
 /* Has the time of the next fine step come? If not, sleeps until then, but for at most 50 ms. */

@@ -6,8 +6,9 @@
 
 #include "object.h"
 
-/* Commands of the last substeps, and those before a macro step that may be taken again. */
-enum { RING = 4, KEPT = 2, VECTORS = 2 * (RING + KEPT) };
+/* Commands of the last substeps, and those before a macro step that may be taken again; vectors of
+ * both, and of `given`. */
+enum { RING = 4, KEPT = 2, OF_COMMANDS = 2 * (RING + KEPT), VECTORS = OF_COMMANDS + 3 };
 
 typedef struct {
     int64_t number; /* of the substep, or NONE */
@@ -18,10 +19,20 @@ typedef struct {
 
 #define NONE INT64_MIN
 
+/* The last command by the clock, and the one before it from which its rate is taken: the rate of
+ * the specimen, n each, and times in ns. */
+typedef struct {
+    bool known;
+    int64_t t, t_before;
+    double *u, *before, *rate;
+} given;
+
 struct pma_limits {
     pma_limits_parts parts;
+    pma_limits_clock clock; /* without a function: none */
     command ring[RING], kept[KEPT];
     command *last;
+    given given;
     double t; /* of the last command */
     pma_breach breach;
     double *numbers; /* of all commands */
@@ -43,6 +54,9 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
         x->u = l->numbers + 2 * i * n;
         x->r = x->u + n;
     }
+    l->given.u = l->numbers + OF_COMMANDS * n;
+    l->given.before = l->given.u + n;
+    l->given.rate = l->given.before + n;
     pma_limits_begin(l);
     *out = l;
     return PMA_OK;
@@ -60,6 +74,12 @@ void pma_limits_begin(pma_limits *l)
     for (size_t i = 0; i < KEPT; i++)
         l->kept[i].number = NONE;
     l->last = &l->ring[0];
+    l->given.known = false;
+}
+
+void pma_limits_pace(pma_limits *l, const pma_limits_clock *clock)
+{
+    l->clock = clock ? *clock : (pma_limits_clock){0};
 }
 
 const pma_breach *pma_limits_breach(const pma_limits *l)
@@ -119,16 +139,11 @@ static bool breaks(pma_limits *l, pma_limited what, size_t i, double value, doub
     return true;
 }
 
-bool pma_limits_command(pma_limits *l, int64_t number, bool first, double t, const double *u0,
-                        const double *v0, const double *u, const double *v)
+/* Is u within the limits of the time of the problem, and v? */
+static bool is_allowed(pma_limits *l, const double *u1, const double *u2, const double *u,
+                       const double *v)
 {
     const pma_limits_parts *p = &l->parts;
-    if (first)
-        keep(l, number);
-    if (slot(l, number - 1)->number != number - 1 || slot(l, number - 2)->number != number - 2)
-        assume(l, number, u0, v0);
-    const double *u1 = slot(l, number - 1)->u, *u2 = slot(l, number - 2)->u;
-    l->t = t;
     for (size_t i = 0; i < p->n; i++) {
         const double rate = (u[i] - u1[i]) / p->h, rate_before = (u1[i] - u2[i]) / p->h;
         const double acceleration = (rate - rate_before) / p->h;
@@ -139,8 +154,78 @@ bool pma_limits_command(pma_limits *l, int64_t number, bool first, double t, con
              breaks(l, PMA_OF_ACCELERATION, i, acceleration, p->acceleration[i])))
             return false;
     }
+    return true;
+}
+
+/* ---- by the clock --------------------------------------------------------------------------- */
+
+/* The motion of the problem, at the pace of the clock, before the first command of a paced run */
+static void assume_given(pma_limits *l, int64_t t, const double *u1, const double *u2)
+{
+    given *g = &l->given;
+    for (size_t i = 0; i < l->parts.n; i++) {
+        g->u[i] = g->before[i] = u1[i];
+        g->rate[i] = (u1[i] - u2[i]) / (1e-9 * l->clock.period);
+    }
+    g->t = g->t_before = t - (int64_t)ceil(l->clock.period);
+    g->known = true;
+}
+
+/* Is u at time t within the limits of a specimen that takes a period to move to a command, and
+ * then stands still?  w_k = (d_k - d_a) / T,  b_k = (w_k - w_(k-1)) / T                (Y12) */
+static bool can_be_given(pma_limits *l, int64_t t, const double *u)
+{
+    const pma_limits_parts *p = &l->parts;
+    given *g = &l->given;
+    const double T = 1e-9 * l->clock.period;
+    const bool stood = (double)(t - g->t) >= 2.0 * l->clock.period;
+    const bool follows = (double)(t - g->t_before) >= l->clock.period;
+    const double *before = follows ? g->u : g->before;
+    for (size_t i = 0; i < p->n; i++) {
+        const double rate = (u[i] - before[i]) / T;
+        const double acceleration = (rate - (stood ? 0.0 : g->rate[i])) / T;
+        if ((p->velocity && breaks(l, PMA_OF_VELOCITY, i, rate, p->velocity[i])) ||
+            (p->acceleration &&
+             breaks(l, PMA_OF_ACCELERATION, i, acceleration, p->acceleration[i]))) {
+            l->breach.by_clock = true;
+            return false;
+        }
+    }
+    if (follows) {
+        memcpy(g->before, g->u, p->n * sizeof(double));
+        g->t_before = g->t;
+    }
+    for (size_t i = 0; i < p->n; i++)
+        g->rate[i] = (u[i] - g->before[i]) / T;
+    memcpy(g->u, u, p->n * sizeof(double));
+    g->t = t;
+    return true;
+}
+
+/* ---- commands and forces -------------------------------------------------------------------- */
+
+bool pma_limits_command(pma_limits *l, int64_t number, bool first, double t, const double *u0,
+                        const double *v0, const double *u, const double *v)
+{
+    if (first)
+        keep(l, number);
+    if (slot(l, number - 1)->number != number - 1 || slot(l, number - 2)->number != number - 2)
+        assume(l, number, u0, v0);
+    const double *u1 = slot(l, number - 1)->u, *u2 = slot(l, number - 2)->u;
+    l->t = t;
+    if (!is_allowed(l, u1, u2, u, v))
+        return false;
+    if (l->clock.now) {
+        const int64_t now = l->clock.now(l->clock.ctx);
+        if (!l->given.known)
+            assume_given(l, now, u1, u2);
+        if (!can_be_given(l, now, u))
+            return false;
+    } else {
+        l->given.known = false; /* a command of which no clock knows */
+    }
     l->last = slot(l, number);
-    memcpy(l->last->u, u, p->n * sizeof(double));
+    memcpy(l->last->u, u, l->parts.n * sizeof(double));
     l->last->number = number;
     l->last->measured = false;
     return true;

@@ -2,7 +2,8 @@
  *
  * A command is the displacement at which restoring forces are evaluated, once in a substep. Its
  * rate and acceleration are differences of commands; energy is the work of the forces along them.
- * Commands are known by the number of their substep, so that a macro step can be taken again. */
+ * Commands are known by the number of their substep, so that a macro step can be taken again. Those
+ * of a paced run are judged by the clock too, in the order in which they are given. */
 #ifndef PMA_LIMITS_H
 #define PMA_LIMITS_H
 
@@ -44,12 +45,21 @@ typedef struct {
     double energy; /* that the specimen may have returned beyond what it got; INFINITY: any */
 } pma_limits_parts;
 
-/* What was exceeded last: at which position, by which value, at which time. */
+/* What was exceeded last: at which position, by which value, at which time; by rates of the clock
+ * or of the problem? */
 typedef struct {
     pma_limited what;
+    bool by_clock;
     size_t position;
     double value, limit, t;
 } pma_breach;
+
+/* A clock by which a command is given every `period` ns. */
+typedef struct {
+    int64_t (*now)(void *ctx);
+    void *ctx;
+    double period;
+} pma_limits_clock;
 
 typedef struct pma_limits pma_limits;
 
@@ -58,6 +68,9 @@ void pma_limits_destroy(pma_limits *l); /* NULL is allowed */
 
 /* Commands and works so far are forgotten. */
 void pma_limits_begin(pma_limits *l);
+
+/* Later commands are given by this clock; NULL: by none. */
+void pma_limits_pace(pma_limits *l, const pma_limits_clock *clock);
 
 /* Is u (n) of the substep `number`, that ends at t, within the limits, and v (n; or NULL)? `first`:
  * of a macro step. u0, v0 (n): the state at the beginning of the substep, in place of commands that

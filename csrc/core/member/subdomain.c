@@ -452,9 +452,13 @@ pma_breach pma_subdomain_breach(const pma_subdomain *s)
     return *pma_limits_breach(s->breached);
 }
 
-void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp)
+void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limits_clock *clock)
 {
     s->stamp = stamp;
+    if (s->limits)
+        pma_limits_pace(s->limits, clock);
+    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
+        pma_limits_pace(s->sent[i], clock);
 }
 
 /* ---- energy --------------------------------------------------------------------------------- */

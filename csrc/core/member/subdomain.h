@@ -159,8 +159,9 @@ pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts);
 /* What was exceeded, after PMA_LIMITED; the dof is in elimination order. */
 pma_breach pma_subdomain_breach(const pma_subdomain *s);
 
-/* When its function is called and returns, from now on; NULL: no longer. */
-void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp);
+/* From now on, until both are NULL: when its function is called and returns, if it has one, and the
+ * clock by which its limits judge commands. */
+void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limits_clock *clock);
 
 /* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 
