@@ -121,7 +121,7 @@ def paced(coupler, t_end, priority):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.AccuracyWarning)
         try:
-            return coupler.run_paced(t_end, record={}, priority=priority).pacing
+            return coupler.run_paced(t_end, on_late="continue", record={}, priority=priority).pacing
         except PermissionError:
             return None
 

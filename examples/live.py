@@ -92,7 +92,7 @@ def main():
         window.start()
         coupler = test()
         coupler.monitor(path)
-        print(coupler.run_paced(SECONDS).pacing)
+        print(coupler.run_paced(SECONDS, on_late="continue").pacing)
         window.join()
 
 

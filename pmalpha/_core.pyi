@@ -199,7 +199,8 @@ class Coupler:
     def ring(self, read: int, /) -> tuple[int, int]: ...
     def set_pace(
         self,
-        # period, stops, signals, state, times and shifts; positions and last values by subdomain, all values
+        # period, stops, signals, state, times and shifts; positions and last values by subdomain,
+        # all values
         pace: tuple[
             float,
             bool,

@@ -197,7 +197,6 @@ class LimitError(_Made):
         value: float,
         limit: float,
         time: float,
-        *,
         by_clock: bool = False,
     ):
         if quantity == "energy":
@@ -221,8 +220,9 @@ class LimitError(_Made):
 class PacingError(_Made):
     """A fine step of `Coupler.run_paced` ended after the next one was due.
 
-    The specimen remains at the command of the late step. The coupler has the state of the last whole
-    macro step; ``coupler.last_history.pacing`` has the times of all fine steps up to the late one.
+    The specimen remains at the command of the late step. The coupler has the state of the last
+    whole macro step; ``coupler.last_history.pacing`` has the times of all fine steps up to the late
+    one.
 
     Attributes
     ----------
@@ -302,7 +302,8 @@ class StabilityWarning(UserWarning):
 
     The step of an explicit or conditionally stable scheme is above its critical step, and nothing
     shows that ties or damping make it stable (see `analysis.critical_step`). Or under macro
-    coupling a subdomain resonates with the macro step or a double step has no damping.
+    coupling a subdomain resonates with the macro step or a double step has no damping. Or a mass is
+    so small that its accelerations take all digits of the displacements.
     """
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 # Requests below this number of bytes are not checked, which would take longer than they do.
@@ -13,7 +14,7 @@ SMALL = 100_000
 
 def available() -> int | None:
     """Bytes available without swapping, or None where the system does not report them."""
-    limits = [_free_of_machine(), _free_of_group()]
+    limits = [_free_of_machine(), free_of_groups()]
     known = [limit for limit in limits if limit is not None]
     return min(known) if known else None
 
@@ -63,15 +64,48 @@ def _free_of_windows() -> int | None:
     return int(numbers[2]) if library.GlobalMemoryStatusEx(numbers) else None
 
 
-def _free_of_group() -> int | None:
-    """Available memory of a Linux container (cgroup 2)."""
-    group = Path("/sys/fs/cgroup")
+def free_of_groups(
+    root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
+) -> int | None:
+    """Available memory of the Linux containers of this process, one within the other.
+
+    root: where the groups are mounted, version 1 or 2. own: the list of the groups of the process.
+    """
     try:
-        limit = (group / "memory.max").read_text().strip()
-        used = int((group / "memory.current").read_text())
-        cache = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+        lines = own.read_text().splitlines()
+    except OSError:
+        return None
+    free = [_free_of_group(folder, names) for folder, names in _groups(lines, root)]
+    return min((count for count in free if count is not None), default=None)
+
+
+# Files with limit and use, and what of the use can be given back, in memory.stat.
+VERSION_1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+VERSION_2 = ("memory.max", "memory.current", "inactive_file")
+# Version 1 has a number where there is no limit: the largest in pages.
+NO_LIMIT = 1 << 60
+
+
+def _groups(lines: list[str], root: Path) -> Iterator[tuple[Path, tuple[str, str, str]]]:
+    """The folders of the groups that limit memory, with all that contain them."""
+    for line in lines:
+        number, controllers, path = line.split(":", 2)
+        of_memory = "memory" in controllers.split(",")
+        if not of_memory and number != "0":
+            continue
+        base, names = (root / "memory", VERSION_1) if of_memory else (root, VERSION_2)
+        parts = [] if ".." in path.split("/") else [part for part in path.split("/") if part]
+        for count in range(len(parts) + 1):
+            yield base.joinpath(*parts[:count]), names
+
+
+def _free_of_group(folder: Path, names: tuple[str, str, str]) -> int | None:
+    """Available memory of one group; None where it has no limit."""
+    try:
+        limit = (folder / names[0]).read_text().strip()
+        used = int((folder / names[1]).read_text())
+        cache = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+        count = NO_LIMIT if limit == "max" else int(limit)
+        return None if count >= NO_LIMIT else max(0, count - used + int(cache.get(names[2], 0)))
     except (OSError, ValueError):
         return None
-    if limit == "max":
-        return None
-    return int(limit) - used + int(cache.get("inactive_file", 0))

@@ -37,6 +37,12 @@ def pytest_collection_finish(session):
     gc.freeze()
 
 
+@pytest.fixture(autouse=True)
+def as_many_threads_as_asked_for(monkeypatch):
+    """Three and four threads are tested on machines with fewer processors too."""
+    monkeypatch.setattr("pmalpha.setup.schedule.useful_threads", lambda threads: threads)
+
+
 @pytest.fixture(params=["meshlane", "meshio"])
 def mesh_library(request, monkeypatch):
     """One of the libraries that from_mesh may read files by, and it does."""

@@ -63,7 +63,7 @@ def test_the_arrays_of_a_subdomain_are_read_only():
         sp.csr_array([[2.0, -1.0], [-1.0, 2.0]]),
         scheme=SCHEMES[0],
     )
-    for array in (s.M, s.K.data, s.u0, s.v0):
+    for array in (s.M, s.K.data, s.K.indices, s.K.indptr, s.u0, s.v0):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 

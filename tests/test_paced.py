@@ -18,6 +18,7 @@ from pmalpha.run import paced
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FAST = 1e12  # a period of less than a nanosecond: every fine step is late
+LATE = "continue"
 SLOW = 1e-5  # one of a thousand seconds: none is, and the second one never begins
 
 
@@ -44,7 +45,7 @@ def spring(u, v, t):
 def test_a_paced_run_is_bitwise_the_run(coupling, threads):
     run = made(coupling, spring, threads=threads).run(0.2, energy=True)
     coupler = made(coupling, spring, threads=threads)
-    paced = coupler.run_paced(0.2, rate=FAST, energy=True)
+    paced = coupler.run_paced(0.2, rate=FAST, on_late=LATE, energy=True)
     for name in "ab":
         for x in "uva":
             assert np.array_equal(getattr(paced[name], x), getattr(run[name], x))
@@ -54,9 +55,9 @@ def test_a_paced_run_is_bitwise_the_run(coupling, threads):
 
 
 def test_steps_begin_when_they_are_due_and_commands_come_in_between():
-    pacing = made(restoring=spring).run_paced(0.1, rate=2.0).pacing
+    pacing = made(restoring=spring).run_paced(0.1, rate=2.0, on_late=LATE).pacing
     assert pacing.period == pytest.approx(0.005, rel=1e-14)
-    np.testing.assert_allclose(pacing.due, 0.005 * np.arange(10), atol=1e-9)
+    np.testing.assert_allclose(pacing.due - pacing.shift, 0.005 * np.arange(10), atol=1e-9)
     times = (pacing.due, pacing.begun, pacing.commanded, pacing.returned, pacing.ended)
     assert all(np.all(x <= y) for x, y in zip(times[:-1], times[1:]))
     assert np.array_equal(pacing.lateness, pacing.begun - pacing.due)
@@ -76,26 +77,58 @@ def test_other_fine_steps_are_paced_too(drift, internal):
         tie = pm.tie(a, [0], b, [0])
         return pm.Coupler([a, b], tie, dt=0.02, coupling="gc", drift=drift)
 
-    paced = coupler().run_paced(0.2, rate=FAST)
+    paced = coupler().run_paced(0.2, rate=FAST, on_late=LATE)
     assert np.array_equal(paced["a"].u, coupler().run(0.2)["a"].u)
     assert paced.pacing.due.size == 20
 
 
 def test_without_a_specimen_there_are_no_commands():
-    pacing = made().run_paced(0.1, rate=FAST).pacing
+    pacing = made().run_paced(0.1, rate=FAST, on_late=LATE).pacing
     assert np.all(np.isnan(pacing.commanded)) and np.all(np.isnan(pacing.returned))
 
 
 def test_late_steps_are_counted_and_none_is_left_out():
-    pacing = made().run_paced(0.1, rate=FAST).pacing
+    pacing = made().run_paced(0.1, rate=FAST, on_late=LATE).pacing
     assert pacing.due.size == pacing.missed == 10
+
+
+def test_a_late_specimen_shifts_the_schedule_by_as_much_as_it_was_late():
+    calls, wait, period = [], 0.05, 0.01
+
+    def late(u, v, t):
+        calls.append(time.monotonic())
+        if len(calls) == 4:  # the first one is at t = 0
+            time.sleep(wait)
+        return 4.0 * u
+
+    pacing = made(restoring=late).run_paced(0.2, on_late=LATE).pacing
+    assert np.all(np.diff(pacing.shift) >= 0.0) and np.all(pacing.shift[:3] >= 0.0)
+    late = 2  # the fine step with that call, which ends `wait` after its command
+    assert pacing.shift[late + 1] - pacing.shift[late] >= wait - period
+    np.testing.assert_allclose(pacing.due - pacing.shift, period * np.arange(20), atol=1e-9)
+    shifted = np.flatnonzero(np.diff(pacing.shift) > 0.0)
+    gaps = np.diff(pacing.commanded)[shifted]
+    assert np.all(gaps >= period * (1.0 - 1e-9))  # no missed command is made up for
+    assert pacing.missed == shifted.size + (pacing.ended[-1] > pacing.due[-1] + period)
+    assert f"shifted by {pacing.shift[-1]:.3g} s" in repr(pacing)
+
+
+def test_a_run_that_is_faster_than_its_problem_is_limited_by_the_clock():
+    limited = dict(restoring=spring, limits=pm.rig.Limits(velocity=2.0))
+    mass = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), v0=[1.0], name="m", **limited)
+    coupler = pm.Coupler([mass], dt=0.001, coupling="gc")
+    with pytest.raises(pm.LimitError, match="velocity at dof 0, by the clock, 3") as caught:
+        coupler.run_paced(0.1, rate=3.0, on_late=LATE)
+    assert caught.value.by_clock and caught.value.value == pytest.approx(3.0, rel=1e-4)
+    assert coupler.step_count == 0
+    coupler.run(0.1)
 
 
 def test_a_late_step_ends_a_run_that_stops():
     coupler = made(restoring=spring)
     coupler.step(2)
     with pytest.raises(pm.PacingError, match="macro step 2, which begins at t = 0.04") as caught:
-        coupler.run_paced(0.2, rate=FAST, on_late="stop")
+        coupler.run_paced(0.2, rate=FAST)
     assert (caught.value.step, caught.value.time) == (2, 0.04)
     assert coupler.step_count == 2
     pacing = coupler.last_history.pacing
@@ -108,11 +141,11 @@ def test_ctrl_c_ends_a_long_wait(restoring):
     coupler = made(restoring=restoring)
     begun = lambda: waits.is_stepped(coupler)  # noqa: E731
     with pytest.raises(KeyboardInterrupt), waits.ctrl_c_when(begun, after=0.1):
-        coupler.run_paced(0.2, rate=SLOW, on_late="stop")
+        coupler.run_paced(0.2, rate=SLOW)
     assert coupler.step_count == 0
     assert coupler.last_history.pacing.missed == 0
     assert signal.set_wakeup_fd(-1) == -1
-    coupler.run_paced(0.2, rate=FAST)
+    coupler.run_paced(0.2, rate=FAST, on_late=LATE)
 
 
 def test_the_gil_is_not_taken_while_paced_steps_are_compiled(monkeypatch):
@@ -136,7 +169,9 @@ def test_the_gil_is_not_taken_while_paced_steps_are_compiled(monkeypatch):
     thread.start()
     sys.setswitchinterval(1000.0)
     try:
-        coupler.run_paced(0.2)  # longer than the 50 ms after which other runs look for signals
+        coupler.run_paced(
+            0.2, on_late=LATE
+        )  # longer than the 50 ms after which other runs look for signals
     finally:
         sys.setswitchinterval(interval)
         thread.join()
@@ -145,7 +180,9 @@ def test_the_gil_is_not_taken_while_paced_steps_are_compiled(monkeypatch):
 
 def test_a_run_can_be_paced_outside_of_the_main_thread():
     found = []
-    thread = threading.Thread(target=lambda: found.append(made().run_paced(0.1, rate=FAST)))
+    thread = threading.Thread(
+        target=lambda: found.append(made().run_paced(0.1, rate=FAST, on_late=LATE))
+    )
     thread.start()
     thread.join()
     assert found[0].pacing.due.size == 10
@@ -158,7 +195,7 @@ def test_loads_that_are_functions_are_evaluated_before_the_run():
     )
     coupler = pm.Coupler([mass], dt=0.001, coupling="gc")
     seen = []
-    coupler.run_paced(0.1, rate=1.0, progress=lambda done, total: seen.append(len(times)))
+    coupler.run_paced(0.1, on_late=LATE, progress=lambda done, total: seen.append(len(times)))
     assert set(seen) == {101}  # at 0, and at each of the steps
 
 
@@ -196,9 +233,9 @@ def test_steps_of_other_lengths_after_a_change_come_first():
     coupler.step(3)
     coupler.change_steps(substeps={"b": 4})
     with pytest.raises(ValueError, match="after change_steps.*call step"):
-        coupler.run_paced(0.2, rate=FAST)
+        coupler.run_paced(0.2, rate=FAST, on_late=LATE)
     coupler.step()
-    assert coupler.run_paced(0.2, rate=FAST).pacing.due.size == 4 * 6
+    assert coupler.run_paced(0.2, rate=FAST, on_late=LATE).pacing.due.size == 4 * 6
 
 
 # ---- what the system allows ----------------------------------------------------------------------
@@ -212,9 +249,9 @@ def test_without_the_right_to_a_priority_nothing_moves(monkeypatch):
     monkeypatch.setattr(paced.os, "sched_setscheduler", refuse)
     coupler = made()
     with pytest.raises(PermissionError, match="priority=5 needs the right to SCHED_FIFO.*rtprio"):
-        coupler.run_paced(0.2, rate=FAST, priority=5)
+        coupler.run_paced(0.2, rate=FAST, on_late=LATE, priority=5)
     assert coupler.step_count == 0
-    assert coupler.run_paced(0.2, rate=FAST).pacing.due.size == 20
+    assert coupler.run_paced(0.2, rate=FAST, on_late=LATE).pacing.due.size == 20
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="no priorities here")
@@ -230,7 +267,7 @@ def test_the_priority_is_that_of_the_steps_of_this_thread_alone():
         return 4.0 * u
 
     try:
-        made(restoring=specimen).run_paced(0.02, rate=FAST, priority=1)
+        made(restoring=specimen).run_paced(0.02, rate=FAST, on_late=LATE, priority=1)
     except PermissionError:
         pytest.skip("no right to SCHED_FIFO")
     assert set(inside) == {os.SCHED_FIFO} and os.SCHED_FIFO not in other
@@ -248,7 +285,7 @@ def test_memory_is_locked_during_the_steps():
     coupler.step()
     before = locked()
     try:
-        coupler.run_paced(0.04, rate=FAST, lock_memory=True)
+        coupler.run_paced(0.04, rate=FAST, on_late=LATE, lock_memory=True)
     except OSError as error:
         assert "lock_memory=True needs the right" in str(error)
         pytest.skip("no right to lock memory")
@@ -260,7 +297,7 @@ def test_memory_is_locked_during_the_steps():
 
 def test_times_are_drawn_as_a_histogram():
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    pacing = made().run_paced(0.1, rate=FAST).pacing
+    pacing = made().run_paced(0.1, rate=FAST, on_late=LATE).pacing
     own = pyplot.subplots()[1]
     assert pacing.plot(own) is own and own.get_xscale() == "log"
     ax = pacing.plot()
@@ -299,7 +336,8 @@ def test_a_file_of_a_paced_run_is_that_of_a_run(coupling, options, tmp_path, mon
     ends = (2.0,) if "energy" in options else (1.0, 2.0)  # which no file goes on with
     coupler, path = made(coupling, patient, threads=2), tmp_path / "paced.h5"
     for end in ends:
-        kept = coupler.run_paced(end, rate=FAST, record_to=path, append=True, **options)
+        how = dict(record_to=path, append=True, **options)
+        kept = coupler.run_paced(end, rate=FAST, on_late=LATE, **how)
         assert kept.pacing.lost == 0 and coupler.last_history is None
     run = made(coupling, spring, threads=2).run(2.0, **options)
     for x in "uva":
@@ -329,7 +367,7 @@ def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(history_file.HistoryFile, "write", blocked)
     run = made(restoring=spring).run(2.0)
     path = tmp_path / "paced.h5"
-    history = made(restoring=specimen).run_paced(2.0, rate=FAST, record_to=path)
+    history = made(restoring=specimen).run_paced(2.0, rate=FAST, on_late=LATE, record_to=path)
     lost = history.pacing.lost
     there = ~np.isnan(history["b"].u[:, 0])
     assert 0 < lost == np.count_nonzero(np.isnan(history.displacement_jump)) < 100
@@ -346,7 +384,7 @@ def test_a_file_that_cannot_be_written_is_raised_after_the_run(tmp_path, monkeyp
     monkeypatch.setattr(history_file.HistoryFile, "write", full)
     coupler = made()
     with pytest.raises(OSError, match="no space left"):
-        coupler.run_paced(0.2, rate=FAST, record_to=tmp_path / "paced.h5")
+        coupler.run_paced(0.2, rate=FAST, on_late=LATE, record_to=tmp_path / "paced.h5")
     assert coupler.step_count == 10
 
 
@@ -362,7 +400,7 @@ def test_a_paced_run_that_ends_early_has_its_file(tmp_path):
 
     coupler = made(restoring=specimen)
     with pytest.raises(RuntimeError, match="enough"):
-        coupler.run_paced(0.2, rate=FAST, record_to=tmp_path / "paced.h5")
+        coupler.run_paced(0.2, rate=FAST, on_late=LATE, record_to=tmp_path / "paced.h5")
     assert coupler.step_count == 5 and coupler.last_history.pacing.due.size == 10
     assert pm.History.load(tmp_path / "paced.h5").macro_times.size == 6
     coupler.reset()  # and no ring is left
@@ -375,7 +413,7 @@ def test_a_monitor_has_commands_forces_and_times(tmp_path):
     coupler = made(restoring=spring)
     coupler.step()
     coupler.monitor(tmp_path / "live")
-    history = coupler.run_paced(0.2, rate=FAST)
+    history = coupler.run_paced(0.2, rate=FAST, on_late=LATE)
     last = pm.rig.read_monitor(tmp_path / "live")
     assert last.step.tolist() == list(range(18)) and last.period == history.pacing.period
     for name in ("due", "begun", "commanded", "returned", "ended", "lateness"):
@@ -390,13 +428,13 @@ def test_a_monitor_has_commands_forces_and_times(tmp_path):
 def test_a_monitor_keeps_the_last_rows_of_the_last_run(tmp_path):
     coupler = made(restoring=spring)
     coupler.monitor(tmp_path / "live", {"b": None}, rows=7)
-    coupler.run_paced(0.2, rate=FAST)
-    history = coupler.run_paced(0.4, rate=FAST)
+    coupler.run_paced(0.2, rate=FAST, on_late=LATE)
+    history = coupler.run_paced(0.4, rate=FAST, on_late=LATE)
     last = pm.rig.read_monitor(tmp_path / "live")
     assert last.step.tolist() == list(range(13, 20))
     assert np.array_equal(last.command["b"], history["b"].u[-7:])
     coupler.monitor(None)
-    coupler.run_paced(0.6, rate=FAST)
+    coupler.run_paced(0.6, rate=FAST, on_late=LATE)
     assert np.array_equal(pm.rig.read_monitor(tmp_path / "live").t, last.t)
 
 
@@ -412,7 +450,7 @@ def test_a_monitor_is_written_while_the_run_goes_on(tmp_path):
 
     coupler = made(restoring=specimen)
     coupler.monitor(tmp_path / "live")
-    coupler.run_paced(0.12, rate=FAST)
+    coupler.run_paced(0.12, rate=FAST, on_late=LATE)
     assert seen[0].step.size == 10
 
 
@@ -433,7 +471,7 @@ def test_the_example_draws_what_is_monitored(tmp_path, monkeypatch):
     live = importlib.import_module("live")
     coupler = live.test()
     coupler.monitor(tmp_path / "live")
-    history = coupler.run_paced(0.5, rate=FAST)
+    history = coupler.run_paced(0.5, rate=FAST, on_late=LATE)
     lines = live.panels(figure.Figure())
     live.update(lines, pm.rig.read_monitor(tmp_path / "live"))
     assert [len(line.get_xdata()) for line in lines] == 3 * [500]

@@ -299,3 +299,22 @@ def test_a_reply_that_drips_is_a_timeout():
     # each byte comes in time, until the client has gone
     found = replied(reply(1, 1, 1, b"\0" + 800_000 * b"\0"), timeout=0.3, pause=0.1)
     assert isinstance(found, TimeoutError)
+
+
+class Unspeakable(Exception):
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [(ValueError("file \udcff"), r"ValueError: file \\udcff"), (Unspeakable(), "Unspeakable")],
+)
+def test_an_exception_whose_text_cannot_be_sent_does_not_end_the_server(served, error, text):
+    def fail(x):
+        raise error
+
+    client = served(fail)
+    for _ in range(2):
+        with pytest.raises(remote.RemoteError, match=text):
+            client(1.0)

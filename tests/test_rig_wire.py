@@ -1,5 +1,6 @@
 """Elements and specimens of other processes, by the protocol of OpenSees and OpenFresco."""
 
+import re
 import signal
 import socket
 import struct
@@ -16,6 +17,7 @@ import waits
 
 import pmalpha as pm
 from pmalpha import rig
+from pmalpha.rig import admission
 
 PEER = Path(__file__).parent / "rig_peer.py"
 LOCAL = "127.0.0.1"
@@ -376,19 +378,20 @@ def test_a_subdomain_with_another_number_of_dofs_or_a_load_is_refused():
         ((1, 0, 0, 0, 0, 0, 0, 0, 1, 0, 2**30), "messages must have 2 to"),
     ],
 )
-def test_a_client_that_announces_nonsense_is_refused(head, message):
+def test_a_client_that_announces_nonsense_is_turned_away(head, message, caplog):
     with served(specimen) as (address, results):
         with socket.create_connection(address) as client:
             client.sendall(struct.pack("<11i", *head))
             assert _left(client)
-    with pytest.raises(ConnectionError, match=f"does not speak the protocol of rigs: .*{message}"):
-        raise results[0]
+        command(address)
+    assert results == [1]
+    why = f"does not speak the protocol of rigs: .*{message}"
+    assert re.search(f"turned away .* {why}", caplog.text)
 
 
 @pytest.mark.parametrize(
     ("behaviour", "error", "message"),
     [
-        ("http", ConnectionError, "does not speak the protocol of rigs"),
         ("unknown", ConnectionError, "asks for 42, no action"),
         ("infinite", ValueError, "displacement must be finite"),
     ],
@@ -440,24 +443,120 @@ def test_both_sides_have_to_know_the_secret():
             assert there(np.ones(1), np.zeros(1), 0.0)[0].shape == (1,)
     assert results == [1]
     with served(specimen, secret="two") as (address, results):
-        with pytest.raises(ConnectionError):
+        with pytest.raises(ConnectionError, match="it may have another secret"):
             connected(address, secret="three", name="the rig")
-    with pytest.raises(ConnectionError, match="does not know the secret"):
-        raise results[0]
+        command(address, secret="two")
+    assert results == [1]
+
+
+def command(address, **options):
+    """A command by the client that is invited."""
+    with connected(address, **options) as there:
+        there(np.ones(1), np.zeros(1), 0.0)
+
+
+def test_the_server_shows_nothing_that_a_stranger_could_try_words_on():
+    with served(specimen, secret="two") as (address, results):
+        with socket.create_connection(address, waits.LIMIT) as stranger:
+            nonce = stranger.recv(1000)
+            stranger.sendall(bytes(64))  # no proof
+            assert len(nonce) == 32 and _left(stranger)
+        command(address, secret="two")
+    assert results == [1]
+
+
+def test_the_client_leaves_a_server_that_does_not_know_the_secret():
+    with socket.create_server((LOCAL, 0)) as server:
+        address = server.getsockname()
+
+        def pretend():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(bytes(32))
+                proof = b""
+                while len(proof) < 64:
+                    proof += connection.recv(64)
+                connection.sendall(proof[32:])
+
+        thread = threading.Thread(target=pretend)
+        thread.start()
+        with pytest.raises(ConnectionError, match="the rig does not know the secret"):
+            connected(address, secret="two", name="the rig")
+        thread.join()
 
 
 def test_strangers_are_turned_away_and_the_next_client_is_served(caplog):
-    with served(specimen, host="0.0.0.0", allow=["127.0.0.1"]) as (address, results):
-        with connected(address) as there:
-            there(np.ones(1), np.zeros(1), 0.0)
+    with served(specimen, host="0.0.0.0", allow=["127.0.0.0/31"]) as (address, results):
+        command(address)
+    assert results == [1]
     assert "pmalpha.rig listens on 0.0.0.0" in caplog.text
     with served(specimen, allow=["127.0.0.2"]) as (address, results):
-        with socket.create_connection(address) as stranger:
+        with socket.create_connection(address, waits.LIMIT) as stranger:
             assert _left(stranger)
         allowed = socket.create_connection(address, waits.LIMIT, ("127.0.0.2", 0))
+        allowed.sendall(struct.pack("<11i", 1, 0, 0, 0, 1, 1, 0, 0, 1, 0, 256))
         allowed.close()
     with pytest.raises(ConnectionError, match="127.0.0.2:.* closed the connection"):
         raise results[0]
+
+
+@pytest.mark.parametrize("secret", [None, "two"])
+def test_a_connection_that_is_not_the_clients_does_not_keep_the_client_out(secret, caplog):
+    with served(specimen, secret=secret) as (address, results):
+        with socket.create_connection(address, waits.LIMIT):  # it is silent to the end
+            with socket.create_connection(address, waits.LIMIT) as stranger:
+                greeting = stranger.recv(32) if secret else b""
+                stranger.sendall(b"GET / HTTP/1.1\r\n" + bytes(100))
+                assert len(greeting) in (0, 32) and _left(stranger)
+            socket.create_connection(address, waits.LIMIT).close()
+            command(address, secret=secret)
+    assert results == [1] and caplog.text.count("turned away") >= 1
+
+
+def test_without_a_client_the_wait_ends():
+    silent = []
+
+    def connect(port):
+        silent.append(socket.create_connection((LOCAL, port), waits.LIMIT))
+
+    for announce in (lambda port: None, connect):
+        with pytest.raises(TimeoutError):
+            rig.serve(specimen, timeout=0.05, announce=announce)
+    assert _left(silent[0])
+    silent[0].close()
+
+
+@pytest.mark.parametrize(
+    ("allow", "error", "message"),
+    [
+        ("127.0.0.11", TypeError, "allow must be a list of addresses"),
+        (b"127.0.0.1", TypeError, "allow must be a list of addresses"),
+        (["rig-pc"], ValueError, "allow must have numerical addresses.*got 'rig-pc'.*name"),
+        (["10.0.0.12/24"], ValueError, "got '10.0.0.12/24': .*host bits"),
+        ([], ValueError, "allow must have an address"),
+    ],
+)
+def test_who_is_allowed_is_said_by_numerical_addresses(allow, error, message):
+    heard = []
+    with pytest.raises(error, match=message):
+        rig.serve(specimen, allow=allow, announce=heard.append)
+    assert not heard
+
+
+def test_an_address_of_both_families_is_the_same_one():
+    networks = admission.checked_networks(["10.0.0.0/24", "fe80::/16"])
+    for address in ("10.0.0.1", "::ffff:10.0.0.1", "fe80::1%eth0"):
+        assert admission.is_allowed(address, networks)
+    for address in ("10.0.1.1", "::ffff:10.0.1.1", "::1"):
+        assert not admission.is_allowed(address, networks)
+
+
+def test_a_client_of_many_dofs_takes_no_memory_before_it_asks_for_a_matrix():
+    n = 65536  # a dense matrix would have 34 GB
+    with served(pm.CubicSpring([n - 1], k=4.0, k3=0.0)) as (address, results):
+        with connected(address) as there:
+            assert there(np.ones(n), np.zeros(n), 0.0)[0][-1] == 4.0
+    assert results == [1]
 
 
 # ---- ends ----------------------------------------------------------------------------------------
@@ -555,7 +654,7 @@ def test_a_silent_client_is_a_timeout():
     with served(specimen, timeout=0.2) as (address, results):
         with socket.create_connection(address):
             waits.until(lambda: results)
-    with pytest.raises(TimeoutError, match=r"no the first message of the client .* within 0\.2 s"):
+    with pytest.raises(TimeoutError, match=r"no client within 0\.2 s"):
         raise results[0]
 
 

@@ -287,3 +287,21 @@ def test_a_number_is_no_load_on_two_dofs(force):
 def test_a_number_that_is_no_real_one_is_no_load(force):
     with pytest.raises((TypeError, ValueError), match="force must"):
         one(force)
+
+
+@pytest.mark.parametrize("scheme", [pm.Newmark(), pm.GeneralizedAlpha(0.8)])
+def test_a_mass_that_the_step_does_not_see_is_warned_of(scheme):
+    # h^2 K / M of the second dof: 1e-4 / m, to be compared with 1 / eps = 4.5e15
+    def made(m):
+        K = np.array([[2.0, -1.0], [-1.0, 1.0]])
+        light = pm.Subdomain([1.0, m], K, scheme=scheme, u0=[1.0, 0.0], name="light")
+        return pm.Coupler([light], dt=0.01)
+
+    with pytest.warns(pm.StabilityWarning, match=r"mass at dof 1 of subdomain 'light'.*= 1e\+26"):
+        coupler = made(1e-30)
+    u = coupler.run(1.0)["light"].u
+    assert np.abs(u).max() > 1e6  # the energy is that of u = 1
+    made(1e-19)
+    if isinstance(scheme, pm.GeneralizedAlpha):
+        with pytest.warns(pm.ConstraintWarning, match="dofs without mass"):
+            made(0.0)

@@ -423,9 +423,16 @@ def test_a_number_of_threads_that_is_no_int_is_refused(threads):
 
 
 def test_there_are_no_more_threads_than_subdomains_and_ranges():
-    assert row_of_subdomains(3, threads=10**6).threads == 3
+    assert row_of_subdomains(3, threads=100).threads == 3
     assert row_of_subdomains(3, threads=np.int64(2)).threads == 2
     assert row_of_subdomains(3, threads=1).threads == 1
+
+
+def test_there_are_no_more_threads_than_processors_on_which_the_process_may_run(monkeypatch):
+    monkeypatch.undo()  # the tests have as many threads as they want
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 5}, raising=False)
+    assert row_of_subdomains(9, threads=10**6).threads == 2
+    assert row_of_subdomains(9, threads=1).threads == 1
 
 
 def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch):

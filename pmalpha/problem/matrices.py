@@ -98,7 +98,8 @@ def canonical(
 
 def read_only(A: Matrix | None) -> Matrix | None:
     if A is not None:
-        (A if isinstance(A, np.ndarray) else A.data).setflags(write=False)
+        for array in (A,) if isinstance(A, np.ndarray) else (A.data, A.indices, A.indptr):
+            array.setflags(write=False)
     return A
 
 

@@ -135,8 +135,8 @@ class Pacing:
         middle, high, most = 1e6 * self.percentile([50.0, 99.0, 100.0])
         return (
             f"<Pacing: {counted(self.due.size, 'fine step')} of {1e6 * self.period:g} us, late by "
-            f"{middle:.3g} (median), {high:.3g} (99 %), {most:.3g} us (most), {self.missed} missed, "
-            f"schedule shifted by {self.shift[-1]:.3g} s>"
+            f"{middle:.3g} (median), {high:.3g} (99 %), {most:.3g} us (most), {self.missed} "
+            f"missed, shifted by {self.shift[-1]:.3g} s>"
         )
 
 

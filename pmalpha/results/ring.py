@@ -240,7 +240,7 @@ def read_monitor(path: str | os.PathLike[str]) -> Monitored:
     >>> coupler = pm.Coupler([mass], dt=0.001, coupling="gc")
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     coupler.monitor(pathlib.Path(folder, "live"))
-    ...     history = coupler.run_paced(0.1)
+    ...     history = coupler.run_paced(0.1, on_late="continue")
     ...     last = pm.rig.read_monitor(pathlib.Path(folder, "live"))
     >>> last.force["mass"].shape, bool(np.all(last.due == history.pacing.due))
     ((100, 1), True)

@@ -138,7 +138,7 @@ class Admission:
         for visitor in [x for x in self.visitors.values() if x.end <= now]:
             self._turn_away(selector, visitor, "it has sent nothing in time")
         if not self.visitors and self.end <= now:
-            raise TimeoutError("timed out")
+            raise TimeoutError(f"no client within {self.timeout:g} s")
         end = min([x.end for x in self.visitors.values()], default=self.end)
         left = None if end == float("inf") else end - now
         for key, _ in selector.select(left):
@@ -197,4 +197,3 @@ def admitted(
             log.warning("pmalpha.rig listens on %s:%d, for %s", host, opened, of)
         announce(opened)
         return Admission(server, networks, secret, timeout).client()
-

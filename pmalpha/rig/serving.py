@@ -75,11 +75,11 @@ def serve(
     TimeoutError
         When there is no client in time, or it was silent for too long.
     ConnectionError
-        When the client has ended without saying so, does not speak the protocol, or asks for what it does
-        not know.
+        When the client has ended without saying so, or asks for what it does not know.
     ValueError, TypeError
-        For arguments of the wrong kind, what cannot be served, or another number of dofs than the client has; whatever `what`
-        raises. OpenSees is not told and has to be ended: it waits for ever.
+        For arguments of the wrong kind, what cannot be served, or another number of dofs than the
+        client has; whatever `what` raises. OpenSees is not told and has to be ended: it waits for
+        ever.
 
     Examples
     --------

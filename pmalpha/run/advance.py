@@ -115,7 +115,7 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
         index, what, position, value, limit, end, by_clock = failed
         member = loads.members[index - first]
         dof = None if what == "energy" else int(member.order[position])
-        return LimitError(member.name, what, dof, value, limit, end, by_clock=by_clock)
+        return LimitError(member.name, what, dof, value, limit, end, by_clock)
     if isinstance(failed, tuple) and len(failed) == 1:
         return Elsewhere(f"rank {failed[0]} has failed")
     if isinstance(failed, tuple) and failed[:1] == ("contact",):

@@ -20,6 +20,7 @@ from .floating import warn_of_growing, warn_of_loose
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .internal_forces import closing_tangent
 from .iteration import iteration_of, prepare_iterated
+from .light import warn_of_light
 from .link import Link
 from .macro import (
     check_mean,
@@ -224,6 +225,7 @@ class Assemblies:
             member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
         self._warn_of_growth(layout, members, core)
         warn_of_bounces(_ratios(new))
+        warn_of_light((member.name, member.subdomain, member.step) for member in new)
         own = enumerate(members, self.first_own)
         self._known.update({(i, *layout.of(i)): member for i, member in own})
         return Assembly(members, core, self.first_own)

@@ -234,10 +234,20 @@ def finest(substeps: Sequence[int], coupling: str) -> int:
 def most_threads(threads: int | None) -> tuple[int, bool]:
     """The maximum number of threads, and whether to use fewer where more are not faster."""
     if threads is not None:
-        return whole_number(threads, "threads", low=1), False
+        return useful_threads(whole_number(threads, "threads", low=1)), False
+    return processors(), True
+
+
+def useful_threads(threads: int) -> int:
+    """A number of threads that have a processor each."""
+    return min(threads, processors())
+
+
+def processors() -> int:
+    """The number of processors on which this process may run."""
     if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0)), True
-    return os.cpu_count() or 1, True
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def names_of(subdomains: Sequence[Subdomain]) -> list[str]:
