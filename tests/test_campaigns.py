@@ -10,6 +10,7 @@ import campaign_memory
 import campaign_remote
 import campaign_signals
 import campaign_soak
+import campaign_stalls
 import pytest
 import waits
 from campaign import tried
@@ -37,6 +38,12 @@ def test_damaged_and_forged_files_are_refused_by_name():
 def test_strangers_on_a_connection_end_it_in_time():
     counts = campaign_remote.campaign(most=200, seconds=600.0)
     assert counts["works"] > 20 and counts["ConnectionError"] > 20
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be stopped there")
+def test_a_stopped_process_sends_its_specimen_no_burst_of_commands():
+    counts = tried(campaign_stalls.attempt, range(4))
+    assert counts["continue: ran"] == 2 and counts["missed"] > 0
 
 
 def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():

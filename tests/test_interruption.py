@@ -1,5 +1,6 @@
 """Ctrl-C at any bytecode, and BLAS that several threads limit at once."""
 
+import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -127,6 +128,55 @@ def test_blas_has_its_threads_again_after_an_exception(two_blas_threads):
     with pytest.raises(ZeroDivisionError), one_thread(), one_thread():
         raise ZeroDivisionError
     assert set(blas_threads()) == {2}
+
+
+def test_ctrl_c_at_any_bytecode_leaves_blas_its_threads(two_blas_threads, interrupt):
+    rng, interrupted = np.random.default_rng(4), 0
+    while interrupted < 300:
+        try:
+            interrupt(rng.uniform(1e-6, 1e-4))
+            while True:
+                with one_thread(), one_thread():
+                    pass
+        except KeyboardInterrupt:
+            interrupted += 1
+        assert set(blas_threads()) == {2}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_process_forked_off_while_blas_is_limited_has_its_threads(two_blas_threads):
+    inside, over = Event(), Event()
+
+    def limit():
+        with one_thread():
+            inside.set()
+            over.wait(waits.LIMIT)
+
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(limit)
+        assert inside.wait(waits.LIMIT)
+        assert set(blas_threads()) == {1}
+        child = os.fork()
+        if child == 0:  # without the thread that has limited it
+            outside = set(blas_threads()) == {2}
+            with one_thread():
+                within = set(blas_threads()) == {1}
+            os._exit(0 if outside and within and set(blas_threads()) == {2} else 1)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        over.set()
+    assert status == 0 and set(blas_threads()) == {2}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+def test_a_thread_that_forks_while_it_limits_blas_is_still_within(two_blas_threads):
+    with one_thread():
+        child = os.fork()
+        if child == 0:
+            within = set(blas_threads()) == {1}
+            one_thread().__exit__(None, None, None)
+            os._exit(0 if within and set(blas_threads()) == {2} else 1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def test_blas_has_its_threads_again_after_couplers_of_two_threads(two_blas_threads):
