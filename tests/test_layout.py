@@ -20,7 +20,8 @@ MODULES = sorted(path.relative_to(ROOT) for path in PACKAGE.rglob("*.py"))
 
 # From bottom to top. A module imports from its own folder and from lower layers.
 LAYERS = (
-    ("_checks", "_core", "_tables", "blas", "errors", "files", "memory", "stale"),
+    ("_core",),
+    ("_checks", "_tables", "blas", "errors", "files", "memory", "stale"),
     ("problem",),
     ("setup",),
     ("results",),

@@ -16,7 +16,7 @@ static const plan RESTORED = {{2, 6, 3}, true, true, true, true, true};
 
 enum { ROWS = STEPS * FINE };
 
-/* A clock that goes on by `tick` ns when it is read, and sleeps as it is told; from the sleep number
+/* A clock that goes on by `tick` ns when it is read, and sleeps as it is told; from sleep number
  * `stalled` on it sleeps for `stall` ns more, `stalls` times. */
 typedef struct {
     int64_t t, tick, longest, stall;
