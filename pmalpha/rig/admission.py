@@ -135,8 +135,8 @@ class Admission:
 
     def _look(self, selector: selectors.BaseSelector) -> Client | None:
         now = monotonic()
-        for visitor in [x for x in self.visitors.values() if x.end <= now]:
-            self._turn_away(selector, visitor, "it has sent nothing in time")
+        for late in [x for x in self.visitors.values() if x.end <= now]:
+            self._turn_away(selector, late, "it has sent nothing in time")
         if not self.visitors and self.end <= now:
             raise TimeoutError(f"no client within {self.timeout:g} s")
         end = min([x.end for x in self.visitors.values()], default=self.end)
@@ -145,7 +145,7 @@ class Admission:
             if key.fileobj is self.server:
                 self._accept(selector)
                 continue
-            visitor = key.data
+            visitor: Visitor = key.data
             try:
                 client = visitor.receive()
             except OSError as error:
