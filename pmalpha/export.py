@@ -16,8 +16,9 @@ import numpy as np
 
 from ._checks import listing, real_array, whole_number
 from .errors import warn
-from .files import checked_path, package_version, replacing
+from .files import checked_path, package_version, replacing, uninterrupted
 from .problem.kinds import KINDS
+from .results.array_file import Output
 from .results.dof_motion import on_mesh
 from .results.history import History, SubdomainHistory
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
@@ -296,13 +297,20 @@ def _numbers_beside(path: Path) -> Iterator[Item]:
             yield partial(_binary_item, file, path.with_suffix(".bin").name)
         return
     beside = path.with_name(f"{path.name}.h5")
-    with replacing(beside) as file, h5py.File(file.name, "w", locking=False) as numbers:
-        yield partial(_hdf5_item, numbers, beside.name)
+    with replacing(beside) as file:
+        output = Output(file)
+        numbers = uninterrupted(h5py.File, output, "w")
+        try:
+            yield partial(_hdf5_item, output, numbers, beside.name)
+        finally:
+            uninterrupted(numbers.close)
+        output.check()
 
 
-def _hdf5_item(file: Any, name: str, array: np.ndarray) -> xml.Element:
+def _hdf5_item(output: Output, file: Any, name: str, array: np.ndarray) -> xml.Element:
     key = f"data{len(file)}"
-    file.create_dataset(key, data=array)
+    uninterrupted(partial(file.create_dataset, key, data=array))
+    output.check()
     return _item("HDF", array, f"{name}:/{key}")
 
 

@@ -1,4 +1,8 @@
-"""Atomic writing of files, and npz files with a header of format and version."""
+"""Files by their descriptors: opened once, locked, written whole or not at all; npz files.
+
+A name is not an identity: between two calls by one name another program may have replaced the file.
+So a file is opened once, and what is asked of it later is asked of the descriptor.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +11,41 @@ import json
 import math
 import os
 import secrets
+import stat
+import struct
+import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
+from .memory import require
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+T = TypeVar("T")
 HEADER = "header"
 NO_FILE = "a folder or a device, not a file"
+# Maximum number of bytes per system call.
+LONGEST_WRITE = 1 << 30
+# By a lock of this byte, far behind the end of any file, a run that writes is known. A lock of the
+# file itself would keep readers out: HDF5 takes one.
+LOCKED_BYTE = 1 << 62
+# With which a lock is refused, where another process or descriptor has one.
+HELD_BY_ANOTHER = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
+BINARY, NONBLOCK = getattr(os, "O_BINARY", 0), getattr(os, "O_NONBLOCK", 0)
+# Windows renames no file that is open.
+RENAMES_OPEN = os.name != "nt"
+DESCRIPTORS = "/proc/self/fd"
 
 
 @cache
@@ -58,29 +85,307 @@ def checked_path(
     return whole
 
 
-@contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A temporary file to write to, renamed to `path` when the block ends without exception.
+def uninterrupted(call: Callable[..., T], *arguments: Any) -> T:
+    """What a call returns in a thread of its own, where no signal raises an exception.
 
-    Written atomically: after an exception an existing file is unchanged, and the temporary file is
-    removed.
+    Ctrl-C is raised when it has ended. Libraries that are interrupted raise exceptions of their own
+    instead (zipfile), or crash (HDF5).
     """
-    whole = checked_path(path)
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(call, *arguments).result()
+
+
+# ---- descriptors ---------------------------------------------------------------------------------
+
+
+class Held:
+    """A file that is open, whatever its name leads to meanwhile. It is closed with the object.
+
+    path: its name, for messages and for `is_at`.
+    """
+
+    def __init__(self, number: int, path: Path):
+        self.number, self.path = number, path
+        self._process, self._is_locked = os.getpid(), False
+
+    def __del__(self) -> None:
+        with suppress(OSError):
+            self.close()
+
+    @property
+    def size(self) -> int:
+        """In bytes, at present."""
+        return os.fstat(self.number).st_size
+
+    def is_at(self, path: Path) -> bool:
+        """Whether this name leads to the file."""
+        try:
+            return os.path.samestat(os.fstat(self.number), os.stat(path))
+        except OSError:
+            return False
+
+    def lock(self, *, exclusive: bool) -> bool:
+        """Lock the file until it is closed; False where another descriptor has a lock that does not
+        admit it. Where a file system has no locks, it is not locked."""
+        try:
+            _lock(self.number, exclusive=exclusive)
+            self._is_locked = True
+        except OSError as error:
+            return error.errno not in HELD_BY_ANOTHER
+        return True
+
+    def write_at(self, data: Any, offset: int) -> None:
+        left = memoryview(data).cast("B")
+        while len(left):
+            done = self._write_some(left[:LONGEST_WRITE], offset)
+            left, offset = left[done:], offset + done
+
+    def _write_some(self, piece: Any, offset: int) -> int:
+        if hasattr(os, "pwrite"):
+            return os.pwrite(self.number, piece, offset)
+        os.lseek(self.number, offset, os.SEEK_SET)  # one thread at a time writes
+        return os.write(self.number, piece)
+
+    def resize(self, size: int) -> None:
+        os.ftruncate(self.number, size)
+
+    def sync(self) -> None:
+        """What was written is on the disk when this returns."""
+        getattr(os, "fdatasync", os.fsync)(self.number)
+
+    def reader(self) -> BinaryIO:
+        """The same file to read from, whose position is that of all of them."""
+        return os.fdopen(os.dup(self.number), "rb")
+
+    def close(self) -> None:
+        number, self.number = self.number, -1
+        if number < 0:
+            return
+        try:
+            if self._is_locked and os.getpid() == self._process:  # a child has the lock too
+                _unlock(number)
+        finally:
+            os.close(number)
+
+
+def _lock(number: int, *, exclusive: bool) -> None:
+    if fcntl is None:
+        _lock_of_windows(number, "LK_NBLCK")
+    elif sys.platform == "linux":  # of the descriptor; other systems have locks of the process only
+        _lock_of_linux(number, fcntl.F_WRLCK if exclusive else fcntl.F_RDLCK)
+    else:
+        kind = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
+        fcntl.lockf(number, kind | fcntl.LOCK_NB, 1, LOCKED_BYTE)
+
+
+def _unlock(number: int) -> None:
+    if fcntl is None:
+        _lock_of_windows(number, "LK_UNLCK")
+    elif sys.platform == "linux":
+        _lock_of_linux(number, fcntl.F_UNLCK)
+    else:
+        fcntl.lockf(number, fcntl.LOCK_UN, 1, LOCKED_BYTE)
+
+
+def _lock_of_linux(number: int, kind: int) -> None:
+    fcntl.fcntl(  # struct flock: kind, whence, start, length, process
+        number, fcntl.F_OFD_SETLK, struct.pack("hhqqi4x", kind, os.SEEK_SET, LOCKED_BYTE, 1, 0)
+    )
+
+
+def _lock_of_windows(number: int, kind: str) -> None:
+    locking = import_module("msvcrt")
+    position = os.lseek(number, 0, os.SEEK_CUR)
+    os.lseek(number, LOCKED_BYTE, os.SEEK_SET)
+    try:
+        locking.locking(number, getattr(locking, kind), 1)
+    finally:
+        os.lseek(number, position, os.SEEK_SET)
+
+
+def held(path: Path, name: str) -> Held:
+    """An existing file that no other process writes, locked; OSError with the `name` of the
+    argument where one does."""
+    flags = BINARY | NONBLOCK
+    try:
+        file = Held(os.open(path, os.O_RDWR | flags), path)
+    except PermissionError:  # which may be replaced nevertheless
+        file = Held(os.open(path, os.O_RDONLY | flags), path)
+    if not stat.S_ISREG(os.fstat(file.number).st_mode):
+        raise OSError(errno.EINVAL, f"{name} cannot be written: {NO_FILE}", str(path))
+    if not file.lock(exclusive=True):
+        raise OSError(
+            errno.EBUSY, f"{name} must not be the file of another run that goes on", str(path)
+        )
+    return file
+
+
+# ---- new files -----------------------------------------------------------------------------------
+
+
+class NewFile(Held):
+    """A file without a name, or with a hidden one, until it is whole.
+
+    Where the system can, it has none, so that nothing is left of a process that was killed. The
+    permissions are those of the file that has the name.
+    """
+
+    def __init__(self, path: Path):
+        self.number = -1
+        try:
+            before = os.stat(path)
+        except OSError:
+            before = None
+        mode = 0o666 if before is None else stat.S_IMODE(before.st_mode) & 0o777
+        number, self._hidden = _nameless(path, mode)
+        super().__init__(number, path)
+        if before is not None and hasattr(os, "fchmod"):
+            with suppress(OSError):
+                os.fchmod(number, mode)
+
+    def take_name(self, old: Held | None) -> None:
+        """The name of the file `old`, which this process has locked, or else a new one.
+
+        FileExistsError where there is a file without `old`, OSError where there is another.
+        """
+        self.sync()
+        if old is None:
+            self._take_new_name()
+        elif old.is_at(self.path):
+            self._replace(old)
+        else:
+            raise OSError(errno.EBUSY, "another program has replaced it meanwhile")
+
+    def replace(self) -> None:
+        """Take the name, whatever has it."""
+        self.sync()
+        self._replace(None)
+
+    def discard(self) -> None:
+        self.close()
+        self._remove_hidden()
+
+    def _take_new_name(self) -> None:
+        if not RENAMES_OPEN:
+            self._renamed_while_closed(os.rename)  # which replaces nothing there
+            return
+        try:
+            self._link(self.path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+            try:
+                self._replace(None)
+            except BaseException:
+                self.path.unlink()
+                raise
+        self._remove_hidden()
+        _sync_folder(self.path.parent)
+
+    def _replace(self, old: Held | None) -> None:
+        if not RENAMES_OPEN:
+            if old is not None:
+                old.close()
+            self._renamed_while_closed(os.replace)
+            return
+        if self._hidden is None:
+            hidden = _hidden_name(self.path)
+            self._link(hidden)
+            self._hidden = hidden
+        os.replace(self._hidden, self.path)
+        self._hidden = None
+        _sync_folder(self.path.parent)
+
+    def _link(self, name: Path) -> None:
+        if self._hidden is not None:
+            os.link(self._hidden, name)
+            return
+        # with a folder it is linkat, which follows the link to the file
+        folder = os.open(name.parent, os.O_RDONLY)
+        try:
+            os.link(f"{DESCRIPTORS}/{self.number}", name.name, dst_dir_fd=folder)
+        finally:
+            os.close(folder)
+
+    def _renamed_while_closed(self, rename: Callable[[Any, Any], None]) -> None:
+        before = os.fstat(self.number)
+        self.close()
+        rename(self._hidden, self.path)
+        self._hidden = None
+        self.number = os.open(self.path, os.O_RDWR | BINARY)
+        if not os.path.samestat(before, os.fstat(self.number)):
+            self.close()
+            raise OSError(errno.EBUSY, "another program has replaced it meanwhile")
+        self.lock(exclusive=False)
+
+    def _remove_hidden(self) -> None:
+        if self._hidden is not None:
+            self._hidden.unlink(missing_ok=True)
+            self._hidden = None
+
+
+def _hidden_name(path: Path) -> Path:
+    return path.with_name(f".{secrets.token_hex(8)}.part")
+
+
+def _nameless(path: Path, mode: int) -> tuple[int, Path | None]:
+    """A descriptor for a new file in the folder of `path`, and its name if it has one."""
+    if RENAMES_OPEN and hasattr(os, "O_TMPFILE") and os.path.isdir(DESCRIPTORS):
+        with suppress(OSError):  # a file system without
+            return os.open(path.parent, os.O_TMPFILE | os.O_RDWR, mode), None
+    hidden = _hidden_name(path)
+    return os.open(hidden, os.O_RDWR | os.O_CREAT | os.O_EXCL | BINARY, mode), hidden
+
+
+def _sync_folder(folder: Path) -> None:
+    """The name of a file is on the disk too, where the system can."""
+    with suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
+@contextmanager
+def writing(
+    path: str | os.PathLike[str], name: str = "path", rule: str = "cannot be written"
+) -> Iterator[NewFile]:
+    """A new file, to which the block writes and which it gives its name.
+
+    After an exception nothing is left of it, and OSErrors have the `name` of the argument and the
+    rule.
+    """
+    whole = checked_path(path, name)
     target = Path(os.path.realpath(whole))  # of a link the target is replaced
-    temporary = target.with_name(f".{secrets.token_hex(8)}.part")
+    file = None
     try:
         if target.exists() and not target.is_file():
             raise OSError(errno.EINVAL, NO_FILE)
-        with open(temporary, "xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    except OSError as error:
-        message = f"path cannot be written: {error.strerror or error}"
+        file = NewFile(target)
+        yield file
+    except BaseException as error:
+        if file is not None:
+            file.discard()
+        if not isinstance(error, OSError):
+            raise
+        message = f"{name} {rule}: {error.strerror or error}"
         raise OSError(error.errno, message, str(whole)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """A file to write to, which takes the name `path` when the block ends without exception.
+
+    Written atomically: after an exception an existing file is unchanged, and nothing is left of the
+    new one.
+    """
+    with writing(path) as new:
+        with os.fdopen(os.dup(new.number), "w+b") as file:
+            yield file
+        new.replace()
+        new.close()
 
 
 def check_replaceable(path: str | os.PathLike[str], name: str) -> None:
@@ -107,9 +412,21 @@ def reading(path: str | os.PathLike[str]) -> BinaryIO:
     It is the context: one made of a generator could be left open by Ctrl-C.
     """
     whole = checked_path(path)
+    refusal = OSError(errno.EINVAL, "path cannot be read: a device or a pipe", str(whole))
     if whole.exists() and not whole.is_file() and not whole.is_dir():
-        raise OSError(errno.EINVAL, "path cannot be read: a device or a pipe", str(whole))
-    return open(whole, "rb")
+        raise refusal  # not even opened, which some devices take for an order
+    file = open(whole, "rb", opener=_opened_without_waiting)
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise refusal
+    return file
+
+
+def _opened_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | NONBLOCK)
+
+
+# ---- npz -----------------------------------------------------------------------------------------
 
 
 def write_npz(
@@ -121,17 +438,25 @@ def write_npz(
     contains numbers and text only, no pickle.
     """
     header = {**header, "pmalpha_version": package_version()}
+    named: dict[str, Any] = {HEADER: np.array(json.dumps(header)), **arrays}
     with replacing(path) as file:
-        np.savez(file, **{HEADER: np.array(json.dumps(header))}, **arrays)  # type: ignore[arg-type]
+        uninterrupted(partial(np.savez, file, **named))
 
 
 def read_npz(
     path: str | os.PathLike[str], format: str, version: int
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file that `write_npz` wrote with this format and version."""
-    name = str(checked_path(path))
     with reading(path) as file:
-        reason, header, arrays = _contents(file, format, version)
+        return npz_contents(file, path, format, version)
+
+
+def npz_contents(
+    file: BinaryIO, path: str | os.PathLike[str], format: str, version: int
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The same of an open file, that of `path`."""
+    name = str(checked_path(path))
+    reason, header, arrays = _contents(file, format, version)
     if reason is not None:
         raise ValueError(f"path must lead to a file of format {format!r}, but {name!r} {reason}")
     return header, arrays
@@ -143,6 +468,7 @@ def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, An
         return "is no npz file, or is cut off", None, {}
     try:
         with zipfile.ZipFile(file) as members:
+            _check_sum(members)
             keys = [name.removesuffix(".npy") for name in members.namelist()]
             header = json.loads(_text(_member(members, HEADER))) if HEADER in keys else None
             reason = mismatch(header, format, version)
@@ -170,6 +496,15 @@ def _text(array: np.ndarray) -> str:
     if array.dtype.kind != "U" or array.ndim:
         raise ValueError(f"its header is no text, but {array.dtype} of shape {array.shape}")
     return array.astype(array.dtype.newbyteorder("<")).tobytes().decode("utf-32-le").rstrip("\0")
+
+
+def _check_sum(members: zipfile.ZipFile) -> None:
+    """ValueError for members that are together larger than the file, which are in one place."""
+    assert members.fp is not None
+    total = sum(info.file_size for info in members.infolist())
+    if total > os.fstat(members.fp.fileno()).st_size:
+        raise ValueError(f"its arrays are together {total} bytes, more than the file")
+    require(total, "the content of the file")
 
 
 def _check_size(members: zipfile.ZipFile, key: str) -> None:

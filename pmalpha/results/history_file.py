@@ -12,19 +12,31 @@ from __future__ import annotations
 import errno
 import io
 import json
+import mmap
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from time import perf_counter
 from types import ModuleType
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from ..files import checked_path, library, mismatch, package_version, reading, replacing
+from ..files import (
+    Held,
+    checked_path,
+    mismatch,
+    package_version,
+    reading,
+    replacing,
+    uninterrupted,
+    writing,
+)
 from ..memory import require
+from . import array_file
+from .array_file import hdf5_library, lay_out, reserve
 from .quantities import IN_INTERFACE, IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN
 
 # By the last component of the HDF5 path: what the array is, and its unit.
@@ -42,8 +54,10 @@ UNITS = "any consistent system, that of the matrices, u and dt; F is the unit of
 FORMAT, VERSION = "pmalpha History", 1
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COUNTER = "step_count"
-# Maximum number of bytes per system call.
-LONGEST_WRITE = 1 << 30
+# Bytes of growing arrays up to which they are read, not mapped: no more than a run to a file keeps.
+READ_BYTES = 16e6
+# Bytes that one byte of a packed array can hold, of which deflate makes at most 1032.
+PACKED = 1032
 # What is finite at every time level of a run.
 STATES = {name for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items() if x.is_state}
 
@@ -93,13 +107,15 @@ def row_count(begin: int, end: int, every: int, levels: int) -> int:
 
 
 class HistoryFile:
-    """A file to which a run writes the rows of its arrays.
+    """A file to which a run writes the rows of its arrays, locked until it is closed.
 
-    path: an existing file is replaced when the arrays are allocated.
+    path: of the file.
     header: from `contents_of`, with "begin" and "every" of the run, and "nodes", the number of time
         levels per macro step of each growing array.
     arrays: the rows of the growing arrays up to `start`, and all rows of the others.
     start: the macro step up to which the arrays are complete. Default: "begin".
+    old: the file that has the name, locked, which is replaced; without it the name must be new.
+    saves: replace whatever has the name; nothing is written later.
     """
 
     def __init__(
@@ -109,60 +125,47 @@ class HistoryFile:
         arrays: Mapping[str, np.ndarray],
         end: int,
         start: int | None = None,
+        old: Held | None = None,
+        saves: bool = False,
     ):
-        h5py = hdf5_library()
         start = header["begin"] if start is None else start
-        self.path = Path(os.path.abspath(checked_path(path)))
+        with writing(path) as self.file:
+            self._fill(header, arrays, end, start)
+            if saves:
+                self.file.replace()
+            else:
+                self.file.lock(exclusive=False)
+                self.file.take_name(old)
+        self.path, self.size = self.file.path, self.file.size
+        self.written, self.synced = start, perf_counter()
+
+    def _fill(
+        self, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], end: int, start: int
+    ) -> None:
         self.header = {**header, "groups": group_names(header["names"])}
         self.offsets: dict[str, int] = {}  # in bytes, of the growing arrays
-        self.descriptor = -1
-        with replacing(path) as file:
-            layout = Layout()
-            try:
-                # in a thread, where no signal raises an exception: HDF5 would not propagate it
-                with ThreadPoolExecutor(1) as pool:
-                    pool.submit(self._allocate, h5py, layout, arrays, end).result()
-            except (OverflowError, RuntimeError, ValueError) as error:  # too large for HDF5
-                raise OSError(errno.EFBIG, str(error)) from error
-            self.descriptor = file.fileno()
-            try:
-                os.ftruncate(self.descriptor, layout.size)
-                for offset, piece in layout.pieces:
-                    self._write_at(np.frombuffer(piece, np.uint8), offset)
-                self._write_rows(
-                    {name: arrays[name][: self.rows(name, start)] for name in self.offsets},
-                    lambda name: 0,
-                )
-                self._write_step(start)
-            finally:
-                self.descriptor = -1
-        # opened again, since Windows renames no open file
-        self.descriptor = os.open(self.path, os.O_RDWR | getattr(os, "O_BINARY", 0))
+        lay_out(self.file, partial(self._allocate, arrays, end))
+        self._write_rows(
+            {name: arrays[name][: self.rows(name, start)] for name in self.offsets},
+            lambda name: 0,
+        )
+        self._write_step(start)
 
-    def _allocate(
-        self, h5py: ModuleType, layout: Layout, arrays: Mapping[Any, Any], end: int
-    ) -> None:
-        with h5py.File(
-            layout,
-            "w",
-            libver=("v110", "v110"),  # the first version that can be read during writing
-            alignment_threshold=1,
-            alignment_interval=8,
-        ) as whole:
-            whole["header"] = header_text(self.header)
-            counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
-            assert counter is not None  # as for an array without numbers
-            self.counter = counter
-            for name, x in arrays.items():
-                if name not in self.header["nodes"]:
-                    whole[dataset(name, self.header)] = x
-                    continue
-                shape = (self.rows(name, end), *x.shape[1:])
-                path = dataset(name, self.header)
-                offset = reserve(h5py, whole, path, shape, h5py.h5t.IEEE_F64LE)
-                if offset is not None:
-                    self.offsets[name] = offset
-            describe(whole, self.header)
+    def _allocate(self, arrays: Mapping[Any, Any], end: int, h5py: ModuleType, whole: Any) -> None:
+        whole["header"] = header_text(self.header)
+        counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
+        assert counter is not None  # as for an array without numbers
+        self.counter = counter
+        for name, x in arrays.items():
+            if name not in self.header["nodes"]:
+                whole[dataset(name, self.header)] = x
+                continue
+            shape = (self.rows(name, end), *x.shape[1:])
+            path = dataset(name, self.header)
+            offset = reserve(h5py, whole, path, shape, h5py.h5t.IEEE_F64LE)
+            if offset is not None:
+                self.offsets[name] = offset
+        describe(whole, self.header)
 
     def rows(self, name: str, end: int) -> int:
         """Number of rows of an array up to macro step `end`."""
@@ -172,103 +175,48 @@ class HistoryFile:
     def write(self, arrays: Mapping[str, np.ndarray], begin: int, end: int) -> None:
         """Write the rows after macro step `begin` up to `end`.
 
-        The first row of each array is at `begin` and already written: it is skipped.
+        The first row of each array is at `begin` and already written: it is skipped. OSError also
+        where another program has truncated the file, or its name leads to another one.
         """
         try:
+            self._check()
             later = {name: x[1:] for name, x in arrays.items()}
             self._write_rows(later, lambda name: self.rows(name, begin))
-            self._write_step(end)
+            self.written = end
+            if perf_counter() - self.synced >= array_file.SYNC_SECONDS:
+                self.count()
         except OSError as error:
             message = f"record_to cannot be written: {error.strerror}"
             raise OSError(error.errno, message, str(self.path)) from error
 
+    def count(self) -> None:
+        """Count what was written, after it is on the disk: a count never is there without rows."""
+        self.file.sync()
+        self._write_step(self.written)
+        self.synced = perf_counter()
+
+    def _check(self) -> None:
+        if self.file.size < self.size:
+            raise OSError(errno.EIO, "another program has truncated it")
+        if not self.file.is_at(self.path):
+            raise OSError(errno.ENOENT, "another program has removed or replaced it")
+
     def _write_rows(self, arrays: Mapping[str, np.ndarray], first: Callable[[str], int]) -> None:
         for name, offset in self.offsets.items():
             rows = np.ascontiguousarray(arrays[name], dtype="<f8")
-            self._write_at(rows, offset + 8 * int(np.prod(rows.shape[1:])) * first(name))
+            place = offset + 8 * int(np.prod(rows.shape[1:])) * first(name)
+            self.file.write_at(rows.reshape(-1).view(np.uint8), place)
 
     def _write_step(self, step: int) -> None:
-        self._write_at(np.array([step], dtype="<i8"), self.counter)
+        self.file.write_at(np.array([step], dtype="<i8"), self.counter)
 
-    def _write_at(self, array: np.ndarray, offset: int) -> None:
-        left = array.reshape(-1).view(np.uint8).data
-        while len(left):
-            done = self._write_some(left[:LONGEST_WRITE], offset)
-            left, offset = left[done:], offset + done
-
-    def _write_some(self, piece: Any, offset: int) -> int:
-        if hasattr(os, "pwrite"):
-            return os.pwrite(self.descriptor, piece, offset)
-        os.lseek(self.descriptor, offset, os.SEEK_SET)  # one thread at a time writes
-        return os.write(self.descriptor, piece)
+    def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Header and arrays up to the last macro step that is counted, as from `read`."""
+        with self.file.reader() as file:
+            return read_open(file, self.path, may_lead=False)
 
     def close(self) -> None:
-        if self.descriptor >= 0:
-            os.close(self.descriptor)
-        self.descriptor = -1
-
-
-class Layout:
-    """A sparse file in memory, in which HDF5 allocates the arrays.
-
-    On a full disk HDF5 would crash when it closes a file; here it never writes to the disk.
-    """
-
-    def __init__(self) -> None:
-        self.pieces: list[tuple[int, bytes]] = []  # (offset, bytes), later ones overwrite
-        self.position = self.size = 0
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        origin = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: self.size}[whence]
-        self.position = origin + offset
-        return self.position
-
-    def tell(self) -> int:
-        return self.position
-
-    def write(self, piece: Any) -> int:
-        self.pieces.append((self.position, bytes(piece)))
-        self.position += len(piece)
-        self.size = max(self.size, self.position)
-        return len(piece)
-
-    def readinto(self, out: Any) -> int:
-        first, last = self.position, self.position + len(out)
-        out[:] = bytes(len(out))
-        for offset, piece in self.pieces:
-            begin, end = max(offset, first), min(offset + len(piece), last)
-            if begin < end:
-                out[begin - first : end - first] = piece[begin - offset : end - offset]
-        self.position = last
-        return len(out)
-
-    def read(self, size: int) -> bytes:
-        out = bytearray(size)
-        self.readinto(out)
-        return bytes(out)
-
-    def truncate(self, size: int | None = None) -> int:
-        self.size = self.position if size is None else size
-        return self.size
-
-    def flush(self) -> None:
-        pass
-
-
-def reserve(
-    h5py: ModuleType, whole: Any, name: str, shape: tuple[Any, ...], kind: Any
-) -> int | None:
-    """Allocate a contiguous array, not written: its offset in the file, None if it is empty."""
-    how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    link = h5py.h5p.create(h5py.h5p.LINK_CREATE)
-    link.set_create_intermediate_group(True)
-    space = h5py.h5s.create_simple(shape)
-    result: int | None = h5py.h5d.create(
-        whole.id, name.encode(), kind, space, how, link
-    ).get_offset()
-    return result
+        self.file.close()
 
 
 def output_array(i: int, k: int) -> str:
@@ -300,59 +248,66 @@ def group_names(names: Sequence[str]) -> list[str]:
     return groups
 
 
-def hdf5_library() -> Any:
-    return library("h5py", "an HDF5 file", "'pmalpha[hdf5]'")
-
-
 def write(
-    path: str | os.PathLike[str], header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    path: str | os.PathLike[str],
+    header: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    *,
+    is_new: bool = False,
 ) -> None:
-    """Write a complete History, without growing arrays. Raises as `HistoryFile`."""
+    """Write a complete History, without growing arrays, in place of what has the name; if it is to
+    be new, FileExistsError where it is not."""
     whole = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
-    HistoryFile(path, whole, arrays, end=0).close()
+    HistoryFile(path, whole, arrays, end=0, saves=not is_new).close()
 
 
-def is_hdf5(path: str | os.PathLike[str]) -> bool:
-    with reading(path) as file:
-        return file.read(len(SIGNATURE)) == SIGNATURE
+def is_hdf5(file: BinaryIO) -> bool:
+    """Whether an open file is one of HDF5, from its beginning on."""
+    file.seek(0)
+    return file.read(len(SIGNATURE)) == SIGNATURE
 
 
 def read(
     path: str | os.PathLike[str], *, may_lead: bool = True
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file, up to the last complete macro step. That is "step_count" in the
-    header. The growing arrays are mapped and read on access. With `may_lead` it may be a file of
-    `write_master`, which leads to others in its folder."""
-    h5py, name = hdf5_library(), str(checked_path(path))
+    header. Growing arrays beyond `READ_BYTES` are mapped and read on access. With `may_lead` it may
+    be a file of `write_master`, which leads to others in its folder."""
+    with reading(path) as file:
+        return read_open(file, path, may_lead=may_lead)
+
+
+def read_open(
+    file: BinaryIO, path: str | os.PathLike[str], *, may_lead: bool = True
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The same of an open file, that of `path`."""
+    name = str(checked_path(path))
     try:
-        with _opened(h5py, name) as whole:
-            header = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
-            reason = mismatch(header, FORMAT, VERSION)
-            if header is not None and reason is None:
-                content = np.asarray(np.memmap(name, np.uint8, "r"))
-                if "files" in header and may_lead:
-                    return _of_all_ranks(Path(name), header)
-                header["step_count"] = int(own_array(whole, COUNTER)[0])
-                return header, _arrays(whole, header, content)
-    except MemoryError:
+        reason, header, arrays = uninterrupted(_contents, hdf5_library(), file)
+        if reason is None and "files" in header and may_lead:
+            return _of_all_ranks(Path(name), header)
+    except (ImportError, MemoryError):
         raise
     except Exception as error:  # of a dozen types, for damaged files
+        if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+            raise MemoryError(f"{name!r} cannot be mapped: {error.strerror}") from error
         reason = f"is damaged or cut off: {error}"
-    raise ValueError(f"path must lead to a file of format {FORMAT!r}, but {name!r} {reason}")
+    if reason is not None:
+        raise ValueError(f"path must lead to a file of format {FORMAT!r}, but {name!r} {reason}")
+    return header, arrays
 
 
-def _opened(h5py: ModuleType, name: str) -> Any:
-    """The file, without a lock unless this process has it open with one.
-
-    HDF5 opens no file twice in one process with different flags of locking.
-    """
-    try:
-        return h5py.File(name, "r", locking=False)
-    except OSError:
-        for locking in ("best-effort", True):
-            with suppress(OSError):
-                return h5py.File(name, "r", locking=locking)
-        raise
+def _contents(
+    h5py: ModuleType, file: BinaryIO
+) -> tuple[str | None, dict[str, Any], dict[str, np.ndarray]]:
+    """The reason to refuse the file or None, its header and its arrays."""
+    with h5py.File(file, "r") as whole:
+        header = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
+        reason = mismatch(header, FORMAT, VERSION)
+        if reason is not None or "files" in header:
+            return reason, header, {}
+        header["step_count"] = int(own_array(whole, COUNTER)[0])
+        return None, header, _arrays(whole, header, file)
 
 
 def header_text(header: Mapping[str, Any]) -> np.bytes_:
@@ -415,14 +370,24 @@ def _of_all_ranks(
     return whole, arrays | {name: np.hstack(own) for name, own in columns.items()}
 
 
-def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[str, np.ndarray]:
+def _arrays(whole: Any, header: Mapping[str, Any], file: BinaryIO) -> dict[str, np.ndarray]:
     step, arrays = header["step_count"], {}
+    growing = {}
     for name, levels in header["nodes"].items():
         rows = row_count(header["begin"], step, header["every"], levels)
-        arrays[name] = _mapped(own_array(whole, dataset(name, header)), rows, content)
+        growing[name] = own_array(whole, dataset(name, header)), rows
+    size = sum(rows * 8 * int(np.prod(x.shape[1:])) for x, rows in growing.values())
+    content = None if size <= READ_BYTES else _mapped(file)
+    for name, (x, rows) in growing.items():
+        arrays[name] = _rows(x, rows, file, content)
     for name in header["fixed"]:
         arrays[name] = own_array(whole, dataset(name, header))[...]
     return arrays
+
+
+def _mapped(file: BinaryIO) -> np.ndarray:
+    """The bytes of the file, of the size that it has now."""
+    return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
 
 
 def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
@@ -507,23 +472,31 @@ def own_array(whole: Any, name: str) -> Any:
     if found.dtype.kind == "O":
         raise ValueError(f"{name} must be of fixed length")
     stored = found.id.get_storage_size()
-    if found.id.get_create_plist().get_nfilters():  # packed again by another program
-        require(found.nbytes, name)
-    elif found.nbytes > stored:
+    plist, stored = found.id.get_create_plist(), min(stored, whole.file.id.get_filesize())
+    packed = PACKED if plist.get_nfilters() else 1  # packed again by another program
+    chunk = found.dtype.itemsize * int(np.prod(found.chunks)) if found.chunks else 0
+    if max(found.nbytes, chunk) > packed * stored:
         raise ValueError(
             f"{name} must have {found.nbytes} bytes as its shape gives, it has {stored}"
         )
+    require(found.nbytes, name)
     return found
 
 
-def _mapped(made: Any, rows: int, content: np.ndarray) -> np.ndarray:
-    """The first rows of an array in the file; read if another program has repacked the file."""
-    shape = (rows, *made.shape[1:])
-    offset = made.id.get_offset()
-    if not 0 < rows <= made.shape[0]:
-        raise ValueError(f"{made.name} has {made.shape[0]} rows, {rows} were counted")
-    if offset is None or made.dtype != np.dtype("<f8"):
-        result: np.ndarray = made[:rows]
+def _rows(x: Any, rows: int, file: BinaryIO, content: np.ndarray | None) -> np.ndarray:
+    """The first rows of an array, from the bytes of the file unless another program has packed it
+    again: those of `content`, or else they are read."""
+    shape = (rows, *x.shape[1:])
+    offset = x.id.get_offset()
+    if not 0 < rows <= x.shape[0]:
+        raise ValueError(f"{x.name} has {x.shape[0]} rows, {rows} were counted")
+    if offset is None or x.dtype != np.dtype("<f8"):
+        result: np.ndarray = x[:rows]
         return result
     size = 8 * int(np.prod(shape))
-    return content[offset : offset + size].view("<f8").reshape(shape)
+    if content is None:
+        file.seek(offset)
+        part = np.frombuffer(file.read(size), np.uint8)
+    else:
+        part = content[offset : offset + size]
+    return part.view("<f8").reshape(shape)

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import MOST, flag, whole_number
-from ..memory import require
+from ..files import Held
+from ..memory import fits, require
 from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import CoreRows
@@ -39,7 +40,7 @@ from .quantities import (
     reduced,
     with_rows_of_all,
 )
-from .stored import EarlierRows, contents_of, target
+from .stored import EarlierRows, contents_of, fields_of, old_file, target
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
@@ -213,7 +214,10 @@ class Recording:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        pass
+        self.release()
+
+    def release(self) -> None:
+        """What is outside of memory is given back; the record ends."""
 
     def pauses(self) -> Iterator[int]:
         """Macro steps at which the run pauses for a call of `keep`."""
@@ -376,20 +380,31 @@ class FiledRecording(Recording):
         **options: Any,
     ):
         self.file: HistoryFile | None = None
+        self.old: Held | None = None
         self.earlier: EarlierRows | None = None
+        self.unwritten: list[dict[str, np.ndarray]] = []  # by interval, as for `HistoryFile.write`
         self.pieces: list[History] = []
         super().__init__(*args, **options)
         self.shown = self.of if self.wanted is None else self.wanted.of
         # before the start evaluates a restoring force, on a test rig say
         self.path = target(path, may_exist=append or overwrite)
-        if append and self.path.exists():
-            if self.of.has_energy:
-                raise ValueError(f"append must come without energies: {WORKS}")
-            self.earlier = EarlierRows(self.path, self.begin)
+        if append or overwrite:
+            self.old = old_file(self.path)
+        try:
+            if append and self.old is not None:
+                if self.of.has_energy:
+                    raise ValueError(f"append must come without energies: {WORKS}")
+                self.earlier = EarlierRows(self.old, self.begin)
+        except BaseException:
+            self.release()
+            raise
 
-    def __exit__(self, *exception: object) -> None:
-        if self.file is not None:
-            self.file.close()
+    def release(self) -> None:
+        """Close the files, whose locks keep other runs out."""
+        for file in (self.file, self.old):
+            if file is not None:
+                file.close()
+        self.earlier = None
 
     @property
     def numbers_kept(self) -> float:
@@ -411,8 +426,10 @@ class FiledRecording(Recording):
             self.earlier.check(header, arrays)
             header["steps"] = self.earlier.same_steps(header["steps"])
             header["begin"], arrays = self.earlier.begin, self.earlier.arrays
-        self.file = HistoryFile(self.path, header, arrays, self.end, self.begin)
+        self.file = HistoryFile(self.path, header, arrays, self.end, self.begin, self.old)
         self.earlier, arrays = None, {}  # unmaps the file that was replaced
+        if self.old is not None:
+            self.old.close()
         steps = 1
         while self.begin < self.end:
             begin = perf_counter()
@@ -441,12 +458,25 @@ class FiledRecording(Recording):
         return levels | {f"energy.{name}": 1 for name in fields if self.shown.has_energy}
 
     def keep(self, end: int) -> None:
-        if end > self.begin:
-            assert self.file is not None
-            self.file.write(contents_of(super().history(end))[1], self.begin, end)
-            if self.whole is not None:
-                self.pieces.append(with_rows_of_all(np.copy, replace(self.whole, energy=None)))
-            self.begin = end
+        """Write the rows; those that the file does not take remain in memory."""
+        if end <= self.begin:
+            return
+        assert self.file is not None
+        arrays = contents_of(super().history(end))[1]
+        if self.whole is not None:
+            self.pieces.append(with_rows_of_all(np.copy, replace(self.whole, energy=None)))
+        begin, self.begin = self.begin, end
+        if not self.unwritten:
+            try:
+                self.file.write(arrays, begin, end)
+                return
+            except OSError:
+                self._keep_in_memory(arrays)
+                raise
+        self._keep_in_memory(arrays)
+
+    def _keep_in_memory(self, arrays: Mapping[str, np.ndarray]) -> None:
+        self.unwritten.append({name: x.copy() for name, x in arrays.items()})
 
     def judged(self, history: History) -> History:
         return joined(self.pieces) if self.pieces else history
@@ -454,9 +484,30 @@ class FiledRecording(Recording):
     def history(self, end: int) -> History:
         if self.file is None:
             return super().history(end)
-        with suppress(OSError):  # the run has raised it already; completed rows are in the file
+        with suppress(OSError):  # the run has raised it already
             self.keep(end)
-        return replace(History.load(self.file.path), keys=self.of.keys)
+        header, arrays = self._contents(self.file)
+        fields = fields_of(header, arrays, self.path, History, SubdomainHistory)
+        return replace(History(**fields), keys=self.of.keys)
+
+    def _contents(self, file: HistoryFile) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Header and arrays of all rows, or of those in memory where the file is damaged."""
+        rest = self.unwritten
+        try:
+            file.count()
+            header, arrays = file.contents()
+        except (OSError, ValueError):
+            if not rest:
+                raise
+            header, arrays, rest = file.header, rest[0], rest[1:]
+        growing = {
+            name: [x, *(piece[name][1:] for piece in rest)]
+            for name, x in arrays.items()
+            if name in header["nodes"]
+        }
+        if not rest or not fits(sum(x.nbytes for pieces in growing.values() for x in pieces)):
+            return header, dict(arrays)
+        return header, {**arrays, **{x: np.concatenate(y) for x, y in growing.items()}}
 
 
 def rows_of(steps: int, every: int | None, levels: int) -> int:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from io import FileIO
 from typing import Any
 
 import numpy as np
 
 from .. import _core
-from ..files import checked_path
+from ..files import reading, writing
+from ..memory import require
 from .history import History
 from .quantities import OF_SUBDOMAIN
 from .recording import FiledRecording, Recording
@@ -22,9 +23,10 @@ __all__ = ["Monitored", "read_monitor"]
 
 # Seconds between two looks for rows to write.
 INTERVAL = 0.1
-FORMAT, VERSION = "pmalpha monitor", 1
-# Bytes before the table: the header, and the number of rows that were written, in the last 8.
+FORMAT, VERSION = "pmalpha monitor", 2
+# Bytes before the table: the header, and in the last 16 two numbers of rows.
 HEADER = 1 << 14
+BEGUN, DONE = HEADER - 16, HEADER - 8
 TIMES = ("due", "begun", "commanded", "returned", "ended")
 
 
@@ -46,6 +48,7 @@ class RingRecording(FiledRecording):
         self.over = threading.Event()
         self.writer: threading.Thread | None = None
         self.failure: BaseException | None = None
+        self.wake: Callable[[], object] = lambda: None  # the run looks for `failure`
         self.ring.block[:] = 0.0  # no page is touched for the first time in the run
 
     def core_record(self) -> tuple[Any, ...]:
@@ -62,9 +65,9 @@ class RingRecording(FiledRecording):
         if self.failure is not None:
             raise self.failure
 
-    def __exit__(self, *exception: object) -> None:
+    def release(self) -> None:
         self._finish()
-        super().__exit__(*exception)
+        super().release()
 
     def _finish(self) -> None:
         """All that the core has recorded is written, and the thread at its end."""
@@ -84,12 +87,17 @@ class RingRecording(FiledRecording):
         return super().history(end)
 
     def _write_all(self) -> None:
+        while not self.over.wait(INTERVAL):
+            self._write_or_fail()
+        self._write_or_fail()
+
+    def _write_or_fail(self) -> None:
+        """An exception ends the run; of a file that cannot be written, the rows are in memory."""
         try:
-            while not self.over.wait(INTERVAL):
-                self._write()
             self._write()
         except BaseException as error:
-            self.failure = error  # the run goes on, and raises it at its end
+            self.failure = self.failure or error
+            self.wake()
 
     def _write(self) -> None:
         """Write what the core has recorded so far."""
@@ -99,7 +107,7 @@ class RingRecording(FiledRecording):
             self._copy(end)
             self.read = self._recorded(end)
             self.core.ring(self.read)
-            FiledRecording.keep(self, end)
+            FiledRecording.keep(self, end)  # once: it raises for the first rows alone
 
     def _recorded(self, step: int) -> int:
         """The number of recorded macro steps from the beginning of the run up to this one."""
@@ -179,37 +187,44 @@ class Monitored:
 class MonitorFile:
     """The file, written by one process: a table whose rows are used in turn.
 
+    Before the table are the header and two numbers: of the rows whose writing has begun, and of
+    those that are complete.
+
     path: a new file takes the place of one that is there, which its readers keep.
     about: "period", "t0" and "h" of the fine steps, "dofs" by name of the subdomain.
     """
 
     def __init__(self, path: str | os.PathLike[str], rows: int, about: Mapping[str, Any]):
-        import mmap
-
-        columns = len(TIMES) + 2 * sum(map(len, about["dofs"].values()))
-        header = {"format": FORMAT, "version": VERSION, "rows": rows, "columns": columns, **about}
-        text = json.dumps(header).encode()
-        if len(text) > HEADER - 8:
+        self.rows = rows
+        self.columns = columns_of(about["dofs"])
+        header = {"format": FORMAT, "version": VERSION, "rows": rows, "columns": self.columns}
+        text = json.dumps(header | dict(about)).encode()
+        if len(text) > BEGUN:
             raise ValueError(f"a monitor has names and dofs in {HEADER} bytes, got {len(text)}")
-        path = checked_path(path, "path")
-        new = path.with_name(f"{path.name}.{os.getpid()}")
-        new.write_bytes(text.ljust(HEADER - 8) + bytes(8 + 8 * rows * columns))
-        os.replace(new, path)  # before it is open, with which Windows does not rename it
-        with open(path, "r+b") as file:
-            self.map = mmap.mmap(file.fileno(), 0)
-        self.count = np.ndarray(1, dtype="<i8", buffer=self.map, offset=HEADER - 8)
-        self.table = np.ndarray((rows, columns), dtype="<f8", buffer=self.map, offset=HEADER)
+        with writing(path) as self.file:
+            self.file.write_at(text.ljust(BEGUN), 0)
+            self.file.write_at(bytes(HEADER - BEGUN + 8 * rows * self.columns), BEGUN)
+            self.file.replace()
 
     def write(self, first: int, values: np.ndarray) -> None:
         """Fine steps from number `first` on, a row for each."""
-        kept = values[-len(self.table) :]
-        rows = np.arange(first + len(values) - len(kept), first + len(values)) % len(self.table)
-        self.table[rows] = kept
-        self.count[0] = first + len(values)
+        end, kept = first + len(values), values[-self.rows :]
+        self._write_number(end, BEGUN)
+        place = (end - len(kept)) % self.rows
+        for part, at in ((kept[: self.rows - place], place), (kept[self.rows - place :], 0)):
+            rows = np.ascontiguousarray(part, dtype="<f8")
+            self.file.write_at(rows.reshape(-1).view(np.uint8), HEADER + 8 * self.columns * at)
+        self._write_number(end, DONE)
+
+    def _write_number(self, number: int, offset: int) -> None:
+        self.file.write_at(np.array([number], dtype="<i8"), offset)
 
     def close(self) -> None:
-        del self.count, self.table
-        self.map.close()
+        self.file.close()
+
+
+def columns_of(dofs: Mapping[str, Sequence[int]]) -> int:
+    return len(TIMES) + 2 * sum(map(len, dofs.values()))
 
 
 def read_monitor(path: str | os.PathLike[str]) -> Monitored:
@@ -245,22 +260,38 @@ def read_monitor(path: str | os.PathLike[str]) -> Monitored:
     >>> last.force["mass"].shape, bool(np.all(last.due == history.pacing.due))
     ((100, 1), True)
     """
-    content = Path(path).read_bytes()
-    try:
-        about = json.loads(content[: HEADER - 8])
-        if about["format"] != FORMAT or about["version"] != VERSION:
-            raise ValueError("another format or version")
-        rows, columns, dofs = about["rows"], about["columns"], about["dofs"]
-        table = np.frombuffer(content, dtype="<f8", offset=HEADER).reshape(rows, columns)
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"path must be a file of Coupler.monitor, {str(path)!r}: {error}"
-        ) from None
-    count = int(np.frombuffer(content, dtype="<i8", count=1, offset=HEADER - 8)[0])
-    # what was written after the count was read has taken the places of the first rows
-    after = int(np.fromfile(path, dtype="<i8", count=1, offset=HEADER - 8)[0])
-    step = np.arange(max(0, after - rows), count)
+    with reading(path) as buffered:
+        try:
+            return _read(buffered.raw)  # type: ignore[attr-defined]
+        except (AttributeError, ValueError, KeyError, TypeError) as error:
+            raise ValueError(
+                f"path must be a file of Coupler.monitor, {str(path)!r}: {error}"
+            ) from None
+
+
+def _read(file: FileIO) -> Monitored:
+    about = json.loads(file.read(BEGUN))
+    if about["format"] != FORMAT or about["version"] != VERSION:
+        raise ValueError("another format or version")
+    rows, dofs = about["rows"], about["dofs"]
+    columns = columns_of(dofs)
+    size = 8 * rows * columns
+    if rows < 1 or HEADER + size > os.fstat(file.fileno()).st_size:
+        raise ValueError(f"it is cut off, it must have {rows} rows of {columns} numbers")
+    require(size, "the table")
+    count = _number(file, DONE)
+    file.seek(HEADER)
+    table = np.frombuffer(file.read(size), dtype="<f8").reshape(rows, columns)
+    # what was begun meanwhile takes the places of the first rows
+    begun = max(count, _number(file, BEGUN))
+    step = np.arange(max(0, begun - rows), count)
     return _monitored(about, step, table[step % rows].copy(), dofs)
+
+
+def _number(file: FileIO, offset: int) -> int:
+    """A number of the file, as it is now."""
+    file.seek(offset)
+    return int(np.frombuffer(file.read(8), dtype="<i8")[0])
 
 
 def _monitored(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from os import PathLike
@@ -11,11 +12,28 @@ from typing import Any
 
 import numpy as np
 
-from ..files import HDF5, NPZ, check_replaceable, checked_path, read_npz, write_npz
+from ..files import (
+    HDF5,
+    NPZ,
+    Held,
+    check_replaceable,
+    checked_path,
+    held,
+    npz_contents,
+    reading,
+    write_npz,
+)
 from . import history_file
 from .contact_history import Recorded
 from .energy import ENERGY_FIELDS, OPTIONAL, Energy
-from .history_file import FORMAT, VERSION, output_array, read, row_count, whole_numbers
+from .history_file import (
+    FORMAT,
+    VERSION,
+    output_array,
+    read_open,
+    row_count,
+    whole_numbers,
+)
 from .quantities import IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
 
@@ -60,14 +78,28 @@ def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 def stored_fields(path: str | PathLike[str], whole: type, kind: type) -> dict[str, Any]:
     """The fields of the History in a file; the classes are those of it and of its subdomains."""
-    is_mapped = history_file.is_hdf5(path)
-    if is_mapped:
-        header, arrays = history_file.read(path)
-    else:
-        header, arrays = read_npz(path, FORMAT, VERSION)
+    with reading(path) as file:
+        is_hdf5 = history_file.is_hdf5(file)
+        if is_hdf5:
+            header, arrays = history_file.read_open(file, path)
+        else:
+            header, arrays = npz_contents(file, path, FORMAT, VERSION)
+    return fields_of(header, arrays, path, whole, kind, finite=not is_hdf5)
+
+
+def fields_of(
+    header: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    path: str | PathLike[str],
+    whole: type,
+    kind: type,
+    *,
+    finite: bool = False,
+) -> dict[str, Any]:
+    """The fields of a History with the contents of the file `path`, checked to be `finite`."""
     try:
         history_file.check_contents(header, arrays)
-        wrong = None if is_mapped else history_file.not_finite(arrays)
+        wrong = history_file.not_finite(arrays) if finite else None
         if wrong is not None:
             raise ValueError(f"finite numbers in {wrong}")
         subdomains: list[Any] = [None] * len(header["names"])
@@ -135,16 +167,26 @@ def target(record_to: str | PathLike[str], *, may_exist: bool) -> Path:
     return path
 
 
+def old_file(path: Path) -> Held | None:
+    """The file of an earlier run that a run continues or replaces, locked, if there is one."""
+    try:
+        return held(Path(os.path.realpath(path)), "record_to")
+    except FileNotFoundError:
+        return None
+
+
 class EarlierRows:
     """The complete rows of a file of ``run(record_to=)`` up to the present macro step.
 
+    file: it is open and locked.
     present: the macro step at which the run continues. Rows after it are left out: those that were
         written after the checkpoint from which the run continues.
     """
 
-    def __init__(self, path: Path, present: int):
-        self.path, self.present = path, present
-        self.header, self.all_rows = read(path)
+    def __init__(self, file: Held, present: int):
+        self.path, self.present = file.path, present
+        with file.reader() as content:
+            self.header, self.all_rows = read_open(content, file.path)
         if not self.header["nodes"]:
             self._refuse("must be a file of run(record_to=), not of History.save")
         self.begin, last = self.header["begin"], self.header["step_count"]

@@ -369,6 +369,7 @@ def checked_recording(
     kept = 0.0
     for path in set(paths) or {None}:
         recording = recording_of(session, 0, end, path, **chosen)
+        recording.release()
         kept += recording.numbers_kept * paths.count(path)
     advice = "choose dofs with record= or fewer time levels with every="
     require(8.0 * kept, f"the Histories of {counted(len(paths), 'case')}", advice)
@@ -484,7 +485,7 @@ def run_case(session: Session, k: int, plan: Plan) -> None:
     try:
         return_to_start(session, plan.cases[k])
         recording = recording_of(session, 0, plan.end, plan.paths[k], **plan.chosen)
-        with DeferredSignals(session.guard) as signals:
+        with recording, DeferredSignals(session.guard) as signals:
             results.histories[k] = recorded(session, recording, report, signals)
     except Exception as error:
         if report is not None and report.failed:

@@ -11,7 +11,6 @@ import hashlib
 import os
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -374,20 +373,17 @@ def write(
 
 
 def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None:
-    """Write the file that leads to those of several processes, and remove those of older states.
-
-    Those to which the file led before are removed, and what is left of a save that was interrupted.
+    """Write the file that leads to those of several processes, and remove those of older states
+    and of saves that were interrupted: files of this name with what `snapshot.save` adds.
 
     first: the number of the first subdomain of each rank, and the number of all.
     """
     own = re.escape(path.name) + OF_A_RANK
     older = [x.name for x in path.parent.iterdir() if re.fullmatch(own, x.name)]
-    with suppress(OSError, ValueError):
-        older += read_npz(path, FORMAT, VERSION)[0].get("files", [])
     header = {"format": FORMAT, "version": VERSION, "files": list(files), "first": list(first)}
     write_npz(path, header, {})
     for name in older:
-        if name not in files and name.startswith(f"{path.name}."):
+        if name not in files:
             path.with_name(name).unlink(missing_ok=True)
 
 

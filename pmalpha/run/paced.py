@@ -18,6 +18,7 @@ import numpy as np
 
 from .. import _core
 from .._checks import check_word, flag, positive_number, whole_number
+from ..errors import warn
 from ..files import checked_path
 from ..problem.dofs import dof_list
 from ..results.history import History
@@ -189,6 +190,7 @@ class Watched:
         self.values = np.full((times.shape[1], columns), np.nan)
         self.times, self.period, self.done = times, period, 0
         self.session, self.chosen = session, chosen
+        self.failure: OSError | None = None
 
     @contextmanager
     def written(self) -> Iterator[None]:
@@ -219,16 +221,21 @@ class Watched:
             writer.join()
             self._write(file, due)
             file.close()
+        if self.failure is not None:
+            warn(f"the monitor could not be written to its end: {self.failure}", UserWarning)
 
     def _write(self, file: MonitorFile, due: np.ndarray) -> None:
         # when they ended is written last
         left = np.isnan(self.times[3, self.done : self.done + MOST_ROWS])
         end = self.done + (int(np.argmax(left)) if left.any() else left.size)
         new = slice(self.done, end)
-        if end > self.done:
+        if end > self.done and self.failure is None:
             begun, commanded, returned, ended, shift = self.times[:, new]
             times = due[new] + shift, begun, commanded, returned, ended
-            file.write(self.done, np.column_stack([*times, self.values[new]]))
+            try:
+                file.write(self.done, np.column_stack([*times, self.values[new]]))
+            except OSError as error:  # the test is worth more than what shows it
+                self.failure = error
             self.done = end
 
 
@@ -253,7 +260,7 @@ def run_paced(
         recording = recording_of(session, done, last, *record_to, kind=kind, **chosen)
         recording.block[:] = 0.0  # no page is touched for the first time in the run
         try:
-            with reporting(progress, done, recording.end) as report:
+            with recording, reporting(progress, done, recording.end) as report:
                 around = times.kept(session, pace)
                 history = recorded(session, recording, report, signals, around)
         except BaseException:

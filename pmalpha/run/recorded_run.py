@@ -55,7 +55,7 @@ def run(
         before = session.completed() if session.completed and last == done else None
         warn_of_nothing(session, end[0], last, before)
         recording = recording_of(session, done, last, *files, **chosen)
-        with reporting(progress, done, recording.end) as report:
+        with recording, reporting(progress, done, recording.end) as report:
             history = recorded(session, recording, report, signals)
     if session.done and last == done:
         session.last_history = before
@@ -196,7 +196,7 @@ def _recorded(
             with suppress(MemoryError, OSError, ValueError):  # of a file that cannot be read
                 session.last_history = recording.history(session.core.step_count)
             raise
-    session.last_history = history = recording.history(recording.end)  # if a warning is an error
+        session.last_history = history = recording.history(recording.end)  # if a warning raises
     return history
 
 

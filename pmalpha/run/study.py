@@ -6,8 +6,8 @@ import pickle
 import threading
 import traceback
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
@@ -17,9 +17,8 @@ import numpy as np
 
 from .._checks import listed, whole_number
 from ..errors import CasesError, PmalphaError, for_line, users_line
-from ..files import HDF5, checked_path, package_version
 from ..results.history import History
-from ..results.history_file import hdf5_library
+from ..results.study_file import StudyFile
 from .coupler import Coupler
 from .progress import reporting
 
@@ -31,7 +30,6 @@ def __dir__() -> list[str]:
 
 
 _kept = threading.local()  # the coupler of the last study in each thread of this process
-NOT_RUN, TEXT = b"not run", 400  # of the dataset "error"; bytes of a text that are kept
 
 
 @dataclass(frozen=True)
@@ -170,11 +168,12 @@ class Study:
             ``map(function, cases)`` returns the results in order, as `map` of an executor does.
             Default: the built-in one, one after another.
         save_to : str or path, optional
-            New HDF5 file to which every result is written as it arrives. `result` must return a
-            dict of numbers and arrays, the same names and shapes for every case: the file has one
-            dataset of (cases, ...) for each, NaN where a case failed or has not run, and the text
-            of the error in ``error``, empty for success and "not run" before. Other programs can
-            read it meanwhile, and after a kill.
+            New HDF5 file to which every result is written as it arrives; one of a study that ended
+            before its first result is replaced. `result` must return a dict of numbers and arrays,
+            the same names and shapes for every case: the file has one dataset of (cases, ...) for
+            each, NaN where a case failed or has not run, and the text of the error in ``error``,
+            empty for success and "not run" before. Other programs can read it meanwhile, and after
+            a kill.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``.
 
@@ -191,7 +190,8 @@ class Study:
         ImportError
             For `save_to` without h5py, for ``progress=True`` without tqdm.
         OSError
-            When the file exists or cannot be written.
+            When the file exists or cannot be written, at the latest with the result that it does
+            not take; those before are in it.
 
         Examples
         --------
@@ -205,15 +205,15 @@ class Study:
             raise TypeError(f"map must be a callable(function, cases), got {map!r}")
         cases = listed(cases, "cases", "dicts of what reset takes")
         found, n = list[CaseResult](), self.together
-        file = nullcontext(lambda k, case: case) if save_to is None else _file(save_to, len(cases))
-        with reporting(progress, 0, len(cases)) as report, file as kept:
+        file = nullcontext() if save_to is None else StudyFile(save_to, len(cases))
+        with reporting(progress, 0, len(cases)) as report, file as saved:
             work = partial(for_line, users_line(), self._several)
             results = map(work, [cases[k : k + n] for k in range(0, len(cases), n)])
             if not isinstance(results, Iterable):
                 raise TypeError(f"map must return an iterable of results, got {results!r}")
             for several in results:
                 for case in several:
-                    found.append(kept(len(found), case))
+                    found.append(case if saved is None else _saved(saved, len(found), case))
                 if report is not None:
                     report(len(found))
         return found
@@ -264,54 +264,13 @@ def _failed(error: Exception) -> CaseResult:
     return CaseResult(None, sent, text)
 
 
-@contextmanager
-def _file(path: Any, count: int) -> Iterator[Callable[[int, CaseResult], CaseResult]]:
-    """A function that writes the result of case k to the file, and returns it without its value.
-
-    All rows of a dataset exist from the first result on, so that a later one changes no structure
-    of the file: it can be read meanwhile, and after a kill.
-    """
-    h5py, whole = hdf5_library(), checked_path(path, "save_to", HDF5)
-    try:
-        file = h5py.File(whole, "x", locking=False)
-    except OSError as error:
-        message = f"save_to must lead to a new file that can be written: {error}"
-        raise type(error)(error.errno, message, str(whole)) from error
-    with file:
-        file.attrs.update({"format": "pmalpha Study", "pmalpha_version": package_version()})
-        errors = file.create_dataset("error", data=np.full(count, NOT_RUN, dtype=f"S{TEXT}"))
-        shapes: dict[str, tuple[int, ...]] = {}
-
-        def kept(k: int, case: CaseResult) -> CaseResult:
-            try:
-                if case.error is None:
-                    arrays = _arrays(case.value, shapes)
-                    for name, x in arrays.items():
-                        if name not in file:
-                            file[name] = np.full((count, *x.shape), np.nan)
-                        file[name][k] = x
-                    shapes.update({name: x.shape for name, x in arrays.items()})
-            except (TypeError, ValueError) as error:
-                case = _failed(error)
-            text = "" if case.error is None else f"{type(case.error).__name__}: {case.error}"
-            errors[k] = text.encode("ascii", "replace")[:TEXT]
-            file.flush()
-            return CaseResult(None, case.error, case.traceback)
-
-        yield kept
-
-
-def _arrays(value: Any, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
-    """The result of a case as arrays by name; these shapes if there was one before."""
-    if not isinstance(value, Mapping) or not value:
-        raise TypeError(f"result must return a dict of numbers and arrays, got {value!r}")
-    if any(not isinstance(name, str) or name in ("error", "") or "/" in name for name in value):
-        raise ValueError(f"result must have names that a file can have, got {list(value)}")
-    found = {name: np.asarray(x) for name, x in value.items()}
-    wrong = [name for name, x in found.items() if x.dtype.kind not in "biuf"]
-    if wrong:
-        raise TypeError(f"result[{wrong[0]!r}] must hold real numbers, got {value[wrong[0]]!r}")
-    got = {name: x.shape for name, x in found.items()}
-    if shapes and got != shapes:
-        raise ValueError(f"result must have the shapes of the first, {dict(shapes)}, got {got}")
-    return {name: x.astype(np.float64) for name, x in found.items()}
+def _saved(file: StudyFile, k: int, case: CaseResult) -> CaseResult:
+    """Case k without its value, which is in the file; a failed one if no file can have it."""
+    if case.error is None:
+        try:
+            file.write(k, case.value)
+        except (TypeError, ValueError) as error:
+            case = _failed(error)
+    text = "" if case.error is None else f"{type(case.error).__name__}: {case.error}"
+    file.write_text(k, text)
+    return CaseResult(None, case.error, case.traceback)

@@ -60,7 +60,7 @@ def run(
         with reporting(progress, first, last) as report:
             history = chosen_run(session, controller, pieces, last, report, signals)
         if path is not None:
-            history_file.write(path, *contents_of(history))
+            history_file.write(path, *contents_of(history), is_new=not files[2])
             write_master_of(session, path)
     session.last_history = None
     return history
