@@ -200,7 +200,7 @@ class Coupler:
     def set_pace(
         self,
         # period, stops, signals, state, times and shifts; positions and last values by subdomain,
-        # all values
+        # all values; what is called when a signal arrives
         pace: tuple[
             float,
             bool,
@@ -209,6 +209,7 @@ class Coupler:
             np.ndarray,
             tuple[tuple[np.ndarray, np.ndarray] | None, ...],
             np.ndarray,
+            Callable[[], object],
         ]
         | None,
         /,

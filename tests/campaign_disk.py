@@ -662,15 +662,15 @@ class Power:
 
 def power_failure(rng, folder):
     """A file of a run has all rows that it counts."""
-    from pmalpha.results import history_file, recording
+    from pmalpha.results import array_file, recording
 
-    bytes_before, seconds_before = recording.FILED_BYTES, getattr(history_file, "SYNC_SECONDS", 0.0)
-    recording.FILED_BYTES, history_file.SYNC_SECONDS = 2000.0, 0.0  # as of a run of many seconds
+    before = recording.FILED_BYTES, array_file.SYNC_SECONDS
+    recording.FILED_BYTES, array_file.SYNC_SECONDS = 2000.0, 0.0  # as of a run of many seconds
     try:
         with Power() as power:
             coupler(2.0).run(steps=120, record_to=folder / "run.h5")
     finally:
-        recording.FILED_BYTES, history_file.SYNC_SECONDS = bytes_before, seconds_before
+        recording.FILED_BYTES, array_file.SYNC_SECONDS = before
     path, found = folder / "left.h5", Counter()
     for _ in range(10):
         path.write_bytes(power.image(rng))

@@ -16,7 +16,7 @@ from test_binding_threads import interrupt_at_entry, long_run
 
 import pmalpha as pm
 from pmalpha import files, models
-from pmalpha.results import history_file, recording
+from pmalpha.results import array_file, history_file, recording
 from pmalpha.results.ring import MonitorFile
 
 h5py = pytest.importorskip("h5py")
@@ -409,6 +409,7 @@ def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
 
 def test_a_full_disk_ends_the_run_and_memory_keeps_what_is_not_in_the_file(tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "FILED_BYTES", 1.0)  # every macro step
+    monkeypatch.setattr(array_file, "SYNC_SECONDS", 0.0)
     coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     written, pwrite = [], os.pwrite
 

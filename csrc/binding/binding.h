@@ -159,6 +159,7 @@ typedef struct {
     const pma_coupler *coupler; /* the coupler that counts these steps */
     bool quiet;                 /* the GIL is not taken until a signal arrives in `signals` */
     int signals;                /* a file, read without waiting */
+    PyObject *woken;            /* called without arguments when anything arrived, or NULL */
 } pma_watch;
 
 /* The pace of the coupler and its subdomains for `steps` macro steps, if one was set, until it is

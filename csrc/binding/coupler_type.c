@@ -239,6 +239,8 @@ static void coupler_dealloc(CouplerObject *self)
 
 /* ---- stepping ------------------------------------------------------------------------------- */
 
+/* The item of a pace that is called when anything was written to its file of signals. */
+enum { PACE_WOKEN = 7 };
 /* Matrix entries that the core reads between two checks for signals. */
 enum { POLL_ENTRIES = 20000 };
 
@@ -317,7 +319,8 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
                        .report = report == Py_None ? NULL : report,
                        .coupler = self->core,
                        .quiet = self->pace != NULL,
-                       .signals = signals};
+                       .signals = signals,
+                       .woken = self->pace ? PyTuple_GetItem(self->pace, PACE_WOKEN) : NULL};
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
     pma_caller before = pma_gil_release();
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
@@ -464,12 +467,13 @@ static PyMethodDef coupler_methods[] = {
      "unstable, or (index, code, what) if its function returned a code; report(step_count) is "
      "called about every 50 ms"},
     {"set_pace", (PyCFunction)pma_coupler_object_set_pace, METH_O,
-     "set_pace(None | (period, stops, signals, state, times, monitored, values)): fine steps of "
+     "set_pace(None | (period, stops, signals, state, times, monitored, values, woken)): fine "
+     "steps of "
      "later "
      "advances begin "
      "every `period` ns; state (3,) has their beginning, number and shift in ns, times (5, rows) "
      "when they began, commanded, received and ended, and their shifts in s; signals is a file to "
-     "which those are written, or -1; "
+     "which those are written, or -1: then woken() is called, which may raise; "
      "monitored has (positions, last) or None by subdomain, values their commands and forces"},
     {"set_ring", (PyCFunction)pma_coupler_object_set_ring, METH_O,
      "set_ring(None | steps): records have rows for steps.size recorded macro steps, used in turn; "

@@ -132,13 +132,13 @@ PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj)
 
 int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals)
 {
-    PyObject *state, *times, *monitored, *values;
+    PyObject *state, *times, *monitored, *values, *woken;
     int stops;
     if (!self->pace)
         return 0;
     *pace = (pma_pace){.clock = pma_pace_system_clock};
-    if (!PyArg_ParseTuple(self->pace, "dpiOOO!O", &pace->period, &stops, signals, &state, &times,
-                          &PyTuple_Type, &monitored, &values) ||
+    if (!PyArg_ParseTuple(self->pace, "dpiOOO!OO", &pace->period, &stops, signals, &state, &times,
+                          &PyTuple_Type, &monitored, &values, &woken) ||
         take_times(state, times, pace) < 0)
         return -1;
     pace->stops = stops;

@@ -66,9 +66,18 @@ static bool report_fails(const pma_watch *watch)
     return !result;
 }
 
+static bool woken_fails(const pma_watch *watch)
+{
+    if (!watch->woken)
+        return false;
+    PyObject *result = PyObject_CallNoArgs(watch->woken);
+    Py_XDECREF(result);
+    return !result;
+}
+
 static int check_signals(void *ctx)
 {
-    return PyErr_Occurred() || PyErr_CheckSignals() < 0 || report_fails(ctx);
+    return PyErr_Occurred() || PyErr_CheckSignals() < 0 || woken_fails(ctx) || report_fails(ctx);
 }
 
 #if defined(_WIN32)

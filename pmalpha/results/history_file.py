@@ -211,9 +211,9 @@ class HistoryFile:
         self.file.write_at(np.array([step], dtype="<i8"), self.counter)
 
     def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Header and arrays up to the last macro step that is counted, as from `read`."""
+        """Header and arrays up to the last macro step that was written, as from `read`."""
         with self.file.reader() as file:
-            return read_open(file, self.path, may_lead=False)
+            return read_open(file, self.path, may_lead=False, last=self.written)
 
     def close(self) -> None:
         self.file.close()
@@ -278,12 +278,16 @@ def read(
 
 
 def read_open(
-    file: BinaryIO, path: str | os.PathLike[str], *, may_lead: bool = True
+    file: BinaryIO,
+    path: str | os.PathLike[str],
+    *,
+    may_lead: bool = True,
+    last: int | None = None,
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The same of an open file, that of `path`."""
+    """The same of an open file, that of `path`; `last` instead of what it counts."""
     name = str(checked_path(path))
     try:
-        reason, header, arrays = uninterrupted(_contents, hdf5_library(), file)
+        reason, header, arrays = uninterrupted(_contents, hdf5_library(), file, last)
         if reason is None and "files" in header and may_lead:
             return _of_all_ranks(Path(name), header)
     except (ImportError, MemoryError):
@@ -298,7 +302,7 @@ def read_open(
 
 
 def _contents(
-    h5py: ModuleType, file: BinaryIO
+    h5py: ModuleType, file: BinaryIO, last: int | None
 ) -> tuple[str | None, dict[str, Any], dict[str, np.ndarray]]:
     """The reason to refuse the file or None, its header and its arrays."""
     with h5py.File(file, "r") as whole:
@@ -306,7 +310,7 @@ def _contents(
         reason = mismatch(header, FORMAT, VERSION)
         if reason is not None or "files" in header:
             return reason, header, {}
-        header["step_count"] = int(own_array(whole, COUNTER)[0])
+        header["step_count"] = int(own_array(whole, COUNTER)[0]) if last is None else last
         return None, header, _arrays(whole, header, file)
 
 
@@ -380,9 +384,9 @@ def _arrays(whole: Any, header: Mapping[str, Any], file: BinaryIO) -> dict[str, 
     content = None if size <= READ_BYTES else _mapped(file)
     for name, (x, rows) in growing.items():
         arrays[name] = _rows(x, rows, file, content)
-    for name in header["fixed"]:
-        arrays[name] = own_array(whole, dataset(name, header))[...]
-    return arrays
+    fixed = {name: own_array(whole, dataset(name, header)) for name in header["fixed"]}
+    require(sum(x.nbytes for x in fixed.values()), "the History")
+    return arrays | {name: x[...] for name, x in fixed.items()}
 
 
 def _mapped(file: BinaryIO) -> np.ndarray:
@@ -479,7 +483,8 @@ def own_array(whole: Any, name: str) -> Any:
         raise ValueError(
             f"{name} must have {found.nbytes} bytes as its shape gives, it has {stored}"
         )
-    require(found.nbytes, name)
+    if packed > 1:
+        require(found.nbytes, name)
     return found
 
 

@@ -462,21 +462,19 @@ class FiledRecording(Recording):
         if end <= self.begin:
             return
         assert self.file is not None
-        arrays = contents_of(super().history(end))[1]
-        if self.whole is not None:
-            self.pieces.append(with_rows_of_all(np.copy, replace(self.whole, energy=None)))
-        begin, self.begin = self.begin, end
+        arrays, failure = contents_of(super().history(end))[1], None
         if not self.unwritten:
             try:
-                self.file.write(arrays, begin, end)
-                return
-            except OSError:
-                self._keep_in_memory(arrays)
-                raise
-        self._keep_in_memory(arrays)
-
-    def _keep_in_memory(self, arrays: Mapping[str, np.ndarray]) -> None:
-        self.unwritten.append({name: x.copy() for name, x in arrays.items()})
+                self.file.write(arrays, self.begin, end)
+            except OSError as error:
+                failure = error
+        if self.unwritten or failure is not None:
+            self.unwritten.append({name: x.copy() for name, x in arrays.items()})
+        if self.whole is not None:
+            self.pieces.append(with_rows_of_all(np.copy, replace(self.whole, energy=None)))
+        self.begin = end
+        if failure is not None:
+            raise failure
 
     def judged(self, history: History) -> History:
         return joined(self.pieces) if self.pieces else history
@@ -493,8 +491,9 @@ class FiledRecording(Recording):
     def _contents(self, file: HistoryFile) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Header and arrays of all rows, or of those in memory where the file is damaged."""
         rest = self.unwritten
-        try:
+        with suppress(OSError):
             file.count()
+        try:
             header, arrays = file.contents()
         except (OSError, ValueError):
             if not rest:

@@ -61,15 +61,15 @@ class RingRecording(FiledRecording):
         self.writer = threading.Thread(target=self._write_all, name="pmalpha record_to")
         self.writer.start()
         yield self.end
-        self._finish()
+        self.finish()
         if self.failure is not None:
             raise self.failure
 
     def release(self) -> None:
-        self._finish()
+        self.finish()
         super().release()
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
         """All that the core has recorded is written, and the thread at its end."""
         if self.writer is not None:
             self.over.set()
@@ -81,7 +81,7 @@ class RingRecording(FiledRecording):
         """The thread has written all."""
 
     def history(self, end: int) -> History:
-        self._finish()
+        self.finish()
         if self.file is None:
             return Recording.history(self.ring, end)
         return super().history(end)

@@ -120,22 +120,20 @@ def _without_slack() -> Iterator[None]:
 
 
 @contextmanager
-def signals_written() -> Iterator[int]:
-    """A file to which signals are written, so that they are seen without the GIL.
-
-    -1 where this thread runs no handlers of signals.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield -1
-        return
+def signals_written() -> Iterator[tuple[int, int]]:
+    """Two ends of a pipe to which signals are written, so that they are seen without the GIL, if
+    this thread runs handlers of signals."""
     read, write = os.pipe()
     try:
         if sys.platform != "win32":  # where the core looks whether anything has arrived
             os.set_blocking(read, False)
             os.set_blocking(write, False)
+        if threading.current_thread() is not threading.main_thread():
+            yield read, write
+            return
         before = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
         try:
-            yield read
+            yield read, write
         finally:
             signal.set_wakeup_fd(before)
     finally:
@@ -261,7 +259,7 @@ def run_paced(
         recording.block[:] = 0.0  # no page is touched for the first time in the run
         try:
             with recording, reporting(progress, done, recording.end) as report:
-                around = times.kept(session, pace)
+                around = times.kept(session, pace, recording)
                 history = recorded(session, recording, report, signals, around)
         except BaseException:
             if session.last_history is not None:
@@ -304,6 +302,17 @@ def paced_recording(
     return partial(RingRecording, core, record_to, append=append, overwrite=overwrite)
 
 
+def _wake(pipe: int) -> None:
+    with suppress(OSError):  # it is full: the run will look
+        os.write(pipe, b"\0")
+
+
+def _raise_failure(recording: Recording) -> None:
+    """The exception of the thread that writes the record, as soon as the run looks."""
+    if isinstance(recording, RingRecording) and recording.failure is not None:
+        raise recording.failure
+
+
 class Times:
     """The arrays in which the core writes the times of a run of `steps` macro steps."""
 
@@ -321,7 +330,7 @@ class Times:
         self.watched = Watched(session, self.period, self.times)
 
     @contextmanager
-    def kept(self, session: Session, pace: Pace) -> Iterator[None]:
+    def kept(self, session: Session, pace: Pace, recording: Recording) -> Iterator[None]:
         """A context in which the core keeps the pace: SCHED_FIFO and the shortest timer slack for
         this thread, memory of the process locked. OSError, with what is needed, and nothing is
         changed, without the right to these; threads made meanwhile do not inherit the priority."""
@@ -331,13 +340,18 @@ class Times:
             _locked(pace.lock_memory),
             _scheduled(pace.priority),
             _without_slack(),
-            signals_written() as signals,
+            signals_written() as (signals, write),
         ):
+            if isinstance(recording, RingRecording):
+                recording.wake = partial(_wake, write)
             given = (self.period, stops, signals, self.state, self.times)
-            session.core.set_pace((*given, watched.monitored, watched.values))
+            woken = partial(_raise_failure, recording)
+            session.core.set_pace((*given, watched.monitored, watched.values, woken))
             try:
                 yield
             finally:
+                if isinstance(recording, RingRecording):
+                    recording.finish()  # its thread writes to the pipe
                 session.core.set_pace(None)
 
     def pacing(self, recording: Recording) -> Pacing:
