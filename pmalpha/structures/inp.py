@@ -7,17 +7,23 @@ elements to the wrong ones, and knows no CPE4 or CPS8.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import warn
+from ..files import reading
 from ..problem.kinds import KINDS
 from .mesh import Block
 
 Member = TypeVar("Member")
+# How often the files may be read, all of them together, and how many may include each other in a
+# row.
+MOST_OFTEN, MOST_ABOVE = 16, 50
 
 # Shapes by the beginning of a type
 _SHAPES = {
@@ -63,7 +69,7 @@ class Input:
             "ELSET": self._read_element_set,
             "INSTANCE": self._refuse_moved,
         }
-        for keyword, options, rows in _sections(path, ()):
+        for keyword, options, rows in _sections(path, (), Sizes()):
             if keyword in readers:
                 try:
                     readers[keyword](options, rows)
@@ -136,8 +142,26 @@ class Input:
             raise ValueError("a part is moved; write a file without parts and instances")
 
 
+class Sizes:
+    """Bytes that were read, and those of the different files: what files include twice, which
+    include others twice, would double with each of them."""
+
+    def __init__(self) -> None:
+        self.of_files: dict[Path, int] = {}
+        self.read = 0
+
+    def add(self, path: Path, size: int) -> None:
+        """ValueError if files were read too often."""
+        self.of_files[path.resolve()] = size
+        self.read += size
+        if self.read > MOST_OFTEN * sum(self.of_files.values()):
+            raise ValueError(
+                f"{path.name}, *INCLUDE: all files together must be read at most {MOST_OFTEN} times"
+            )
+
+
 def _sections(
-    path: Path, above: tuple[Path, ...]
+    path: Path, above: tuple[Path, ...], sizes: Sizes
 ) -> Iterator[tuple[str, dict[str, str], list[list[str]]]]:
     """Keywords with their options and rows of data; included files are read in their place.
 
@@ -146,7 +170,7 @@ def _sections(
     keyword = ""
     options: dict[str, str] = {}
     rows: list[list[str]] = []
-    for line in _lines(path):
+    for line in _lines(path, sizes):
         if line.startswith("*"):
             yield keyword, options, rows
             name, *given = (x.strip() for x in line[1:].split(","))
@@ -154,7 +178,7 @@ def _sections(
             keyword, rows = name.upper(), []
             options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
             if keyword == "INCLUDE":
-                yield from _sections(_included(path, above, options), (*above, path))
+                yield from _sections(_included(path, above, options), (*above, path), sizes)
         else:
             rows.append([x.strip() for x in line.split(",")])
     yield keyword, options, rows
@@ -173,15 +197,18 @@ def _included(path: Path, above: tuple[Path, ...], options: dict[str, str]) -> P
             f"{path.name}, *INCLUDE: INPUT must be a file in the folder of the first file or below "
             f"it, got {name!r}"
         )
+    if len(above) > MOST_ABOVE:
+        raise ValueError(f"{path.name}, *INCLUDE: {MOST_ABOVE} files include each other in a row")
     if found in {x.resolve() for x in (*above, path)}:
         raise ValueError(f"{path.name}, *INCLUDE: {name!r} includes itself")
     return found
 
 
-def _lines(path: Path) -> Iterator[str]:
+def _lines(path: Path, sizes: Sizes) -> Iterator[str]:
     """Lines without comments and empty ones; a line of options that ends in a comma goes on."""
     begun = ""
-    with open(path, encoding="utf-8", errors="replace") as file:
+    with TextIOWrapper(reading(path), encoding="utf-8", errors="replace") as file:
+        sizes.add(path, os.fstat(file.fileno()).st_size)
         for line in file:
             line = begun + line.strip()
             begun = ""
