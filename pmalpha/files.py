@@ -113,6 +113,10 @@ class Held:
             self.close()
 
     @property
+    def is_open(self) -> bool:
+        return self.number >= 0
+
+    @property
     def size(self) -> int:
         """In bytes, at present."""
         return os.fstat(self.number).st_size

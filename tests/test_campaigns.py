@@ -4,6 +4,7 @@ import shutil
 import sys
 import sysconfig
 
+import campaign_disk
 import campaign_files
 import campaign_input
 import campaign_memory
@@ -33,6 +34,15 @@ def test_odd_input_works_or_is_refused_by_name():
 def test_damaged_and_forged_files_are_refused_by_name():
     counts = campaign_files.campaign(most=120, seconds=600.0)
     assert counts["works"] > 5 and counts["ValueError"] > 50
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks, limits memory and sizes of files")
+def test_files_that_others_write_replace_or_cut_off_mix_and_lose_nothing():
+    pytest.importorskip("h5py")
+    counts = tried(campaign_disk.attempt, range(2 * len(campaign_disk.TRIALS)))
+    assert campaign_disk.faults(counts) == {}
+    assert counts["replaced_while_loaded: loaded"] == 200
+    assert counts["interrupted_save: KeyboardInterrupt"] > 10
 
 
 def test_strangers_on_a_connection_end_it_in_time():

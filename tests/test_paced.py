@@ -375,17 +375,33 @@ def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch):
     assert np.count_nonzero(~there) == 2 * lost
 
 
-def test_a_file_that_cannot_be_written_is_raised_after_the_run(tmp_path, monkeypatch):
+def test_a_file_that_cannot_be_written_ends_the_run_at_once_and_memory_keeps_all(
+    tmp_path, monkeypatch
+):
     pytest.importorskip("h5py")
+    monkeypatch.setattr(ring, "INTERVAL", 0.001)
+    write, failed, calls = history_file.HistoryFile.write, threading.Event(), []
 
-    def full(*args):
-        raise OSError(28, "no space left")
+    def full(file, arrays, begin, end):
+        if end > 5:
+            failed.set()
+            raise OSError(28, "no space left")
+        write(file, arrays, begin, end)
+
+    def specimen(u, v, t):
+        calls.append(t)
+        if len(calls) > 20:
+            waits.until(failed.is_set)
+            time.sleep(0.001)  # that the core looks, every 50 ms, long before the end
+        return spring(u, v, t)
 
     monkeypatch.setattr(history_file.HistoryFile, "write", full)
-    coupler = made()
+    coupler = made(restoring=specimen)
     with pytest.raises(OSError, match="no space left"):
-        coupler.run_paced(0.2, rate=FAST, on_late=LATE, record_to=tmp_path / "paced.h5")
-    assert coupler.step_count == 10
+        coupler.run_paced(2000.0, rate=FAST, on_late=LATE, record_to=tmp_path / "paced.h5")
+    history, done = coupler.last_history, coupler.step_count
+    assert 10 <= done < 100_000 and len(history.macro_times) == done + 1
+    assert np.array_equal(history["b"].u, made(restoring=spring).run(steps=done)["b"].u)
 
 
 def test_a_paced_run_that_ends_early_has_its_file(tmp_path):

@@ -17,6 +17,7 @@ from .contact_history import Contacts, Recorded, recorded_contacts
 from .contact_nodes import contact_fields
 from .conversion import dataset, frames, history_html
 from .energy import Energy
+from .history_file import check_mapping
 from .interpolated import Instant, Peak, at, peak, resampled
 from .keys import position
 from .pacing import Pacing
@@ -96,6 +97,7 @@ class History:
         found = self.subdomains[i]
         if found is None:
             raise KeyError(f"subdomain {self.keys[i][0]!r} was not recorded")
+        check_mapping(found.u)
         return found
 
     def __contains__(self, key: Any) -> bool:
@@ -371,8 +373,11 @@ class History:
         """Read a History from a file of `save`, or of a run with ``record_to``.
 
         The file has the names of the subdomains, not the objects: index the History by name or
-        number. The arrays of a run with ``record_to`` are mapped and read on access, up to the
-        last macro step that the run has written, also during the run and after a kill.
+        number. The arrays of a run with ``record_to`` have all up to the last macro step that the
+        run has counted, also during the run and after a kill. Together above 16 MB they are mapped
+        and read on access. A file that is replaced meanwhile, as this package does, changes nothing
+        of them; one that is truncated in its place by another program must not be used any more:
+        ``history[name]`` is an OSError then, and arrays taken before end the process.
 
         Parameters
         ----------

@@ -16,6 +16,7 @@ import mmap
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -216,6 +217,9 @@ class HistoryFile:
             return read_open(file, self.path, may_lead=False, last=self.written)
 
     def close(self) -> None:
+        if self.file.is_open:
+            with suppress(OSError):
+                self.file.sync()
         self.file.close()
 
 
@@ -258,7 +262,7 @@ def write(
     """Write a complete History, without growing arrays, in place of what has the name; if it is to
     be new, FileExistsError where it is not."""
     whole = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
-    HistoryFile(path, whole, arrays, end=0, saves=not is_new).close()
+    HistoryFile(path, whole, arrays, end=0, saves=not is_new).file.close()
 
 
 def is_hdf5(file: BinaryIO) -> bool:
@@ -486,6 +490,18 @@ def own_array(whole: Any, name: str) -> Any:
     if packed > 1:
         require(found.nbytes, name)
     return found
+
+
+def check_mapping(x: np.ndarray) -> None:
+    """OSError for a mapped array of a file that was truncated since: reading it would end the
+    process."""
+    base: Any = x
+    while isinstance(base, np.ndarray):
+        base = base.base
+    if isinstance(base, memoryview):
+        base = base.obj
+    if isinstance(base, mmap.mmap) and base.size() < len(base):
+        raise OSError(errno.EIO, "the file of the History was truncated by another program")
 
 
 def _rows(x: Any, rows: int, file: BinaryIO, content: np.ndarray | None) -> np.ndarray:

@@ -289,7 +289,8 @@ class Coupler:
             Record the energies of all subdomains in ``history.energy``, an `Energy`.
         record_to : str or path, optional
             New HDF5 file to which the History is written during the run; `History.load` reads it
-            meanwhile and after a kill. With `comm` one file per rank.
+            meanwhile and after a kill or a power failure. With `comm` one file per rank. It is
+            locked: another run with the same file is refused.
         append : bool, default False
             Continue the file of `record_to` from the present state; rows after it are replaced. Not
             with energies.
@@ -323,7 +324,9 @@ class Coupler:
         CallbackError
             When a compiled function did not return 0.
         MemoryError, ImportError, OSError
-            For a History beyond the memory, without tqdm or h5py, or if `record_to` exists.
+            For a History beyond the memory, without tqdm or h5py, or if `record_to` exists, cannot
+            be written, or is truncated, removed or replaced by another program during the run;
+            `last_history` then has the rows, from the file and from memory.
 
         Warns
         -----
@@ -461,7 +464,8 @@ class Coupler:
         record_to : str or path, optional
             As for `run`, but a thread of its own writes the file, from a ring of 16 MB. The steps
             never wait for it: macro steps that find the ring full are NaN in the file, and counted
-            in ``pacing.lost``.
+            in ``pacing.lost``. A file that cannot be written ends the run at once, and
+            `last_history` has all of its steps.
         append, overwrite, record_springs, outputs : optional
             As for `run`.
         progress : True or callable, optional
@@ -481,7 +485,7 @@ class Coupler:
             When the specimen would leave its `Limits`.
         OSError
             For `priority` and `lock_memory` without the rights, before the first step; the message
-            has what is needed.
+            has what is needed. For `record_to` as of `run`.
         ValueError
             Under "macro" and "mean", whose commands have no times of their own; with `comm`.
         TypeError, ValueError, and others
