@@ -310,7 +310,7 @@ def _contents(
 ) -> tuple[str | None, dict[str, Any], dict[str, np.ndarray]]:
     """The reason to refuse the file or None, its header and its arrays."""
     with h5py.File(file, "r") as whole:
-        header = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
+        header: Any = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
         reason = mismatch(header, FORMAT, VERSION)
         if reason is not None or "files" in header:
             return reason, header, {}

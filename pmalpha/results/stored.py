@@ -24,6 +24,7 @@ from ..files import (
     write_npz,
 )
 from . import history_file
+from .array_file import hdf5_library
 from .contact_history import Recorded
 from .energy import ENERGY_FIELDS, OPTIONAL, Energy
 from .history_file import (
@@ -155,7 +156,7 @@ def target(record_to: str | PathLike[str], *, may_exist: bool) -> Path:
 
     FileExistsError for a file that neither `append` nor `overwrite` allows to change.
     """
-    history_file.hdf5_library()
+    hdf5_library()
     check_replaceable(record_to, "record_to")
     path = checked_path(record_to, "record_to")
     if path.exists() and not may_exist:
