@@ -14,12 +14,13 @@ import secrets
 import stat
 import struct
 import sys
+import threading
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
+from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -88,11 +89,41 @@ def checked_path(
 def uninterrupted(call: Callable[..., T], *arguments: Any) -> T:
     """What a call returns in a thread of its own, where no signal raises an exception.
 
-    Ctrl-C is raised when it has ended. Libraries that are interrupted raise exceptions of their own
-    instead (zipfile), or crash (HDF5).
+    Ctrl-C is raised when it has ended, a second one at once. Libraries that are interrupted raise
+    exceptions of their own instead (zipfile), or crash (HDF5).
     """
-    with ThreadPoolExecutor(1) as pool:
-        return pool.submit(call, *arguments).result()
+    if threading.current_thread() is not threading.main_thread():
+        return call(*arguments)
+    outcome: list[tuple[Any, BaseException | None]] = []
+
+    def run() -> None:
+        try:
+            outcome.append((call(*arguments), None))
+        except BaseException as error:
+            outcome.append((None, error))
+
+    thread = threading.Thread(target=run, name="pmalpha file")
+    try:
+        thread.start()
+    except RuntimeError:  # the interpreter is at its end
+        run()
+    else:
+        _join(thread)
+    result, error = outcome.pop()
+    try:
+        if error is not None:
+            raise error
+        return result  # type: ignore[no-any-return]
+    finally:
+        del error  # and with it this frame, to which it leads
+
+
+def _join(thread: threading.Thread) -> None:
+    try:
+        thread.join()
+    except BaseException:
+        thread.join()
+        raise
 
 
 # ---- descriptors ---------------------------------------------------------------------------------
@@ -105,12 +136,13 @@ class Held:
     """
 
     def __init__(self, number: int, path: Path):
-        self.number, self.path = number, path
-        self._process, self._is_locked = os.getpid(), False
+        self.path = path
+        self._own(number)
 
-    def __del__(self) -> None:
-        with suppress(OSError):
-            self.close()
+    def _own(self, number: int) -> None:
+        # closed with the object by C: in a destructor in Python Ctrl-C would be lost
+        self.number, self._owner = number, FileIO(number, "rb")
+        self._process, self._is_locked = os.getpid(), False
 
     @property
     def is_open(self) -> bool:
@@ -169,7 +201,7 @@ class Held:
             if self._is_locked and os.getpid() == self._process:  # a child has the lock too
                 _unlock(number)
         finally:
-            os.close(number)
+            self._owner.close()
 
 
 def _lock(number: int, *, exclusive: bool) -> None:
@@ -235,7 +267,6 @@ class NewFile(Held):
     """
 
     def __init__(self, path: Path):
-        self.number = -1
         try:
             before = os.stat(path)
         except OSError:
@@ -317,7 +348,7 @@ class NewFile(Held):
         self.close()
         rename(self._hidden, self.path)
         self._hidden = None
-        self.number = os.open(self.path, os.O_RDWR | BINARY)
+        self._own(os.open(self.path, os.O_RDWR | BINARY))
         if not os.path.samestat(before, os.fstat(self.number)):
             self.close()
             raise OSError(errno.EBUSY, "another program has replaced it meanwhile")

@@ -3,7 +3,9 @@
 import json
 import os
 import signal
+import subprocess
 import sys
+import textwrap
 
 import campaign_disk
 import numpy as np
@@ -207,6 +209,25 @@ def test_ctrl_c_while_an_npz_file_is_written_is_a_keyboard_interrupt(tmp_path, m
     with pytest.raises(KeyboardInterrupt):
         coupler.save(path)
     assert sent and path.read_bytes() == before and os.listdir(tmp_path) == ["state"]
+
+
+def test_a_history_is_saved_at_the_end_of_the_interpreter_too(tmp_path):
+    path = tmp_path / "run.npz"
+    program = f"""
+        import atexit
+        from pmalpha import models
+        history = models.four_dof().coupler(0.05, coupling="pm").run(steps=3)
+        atexit.register(history.save, {str(path)!r})
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        env={**os.environ, "PYTHONPATH": waits.PATHS},
+        capture_output=True,
+        text=True,
+        timeout=waits.LIMIT,
+    )
+    assert done.stderr == ""
+    assert pm.History.load(path).macro_times.size == 4
 
 
 def test_a_checkpoint_of_a_stranger_makes_a_save_remove_no_other_files(tmp_path):

@@ -301,11 +301,12 @@ KILLED = """
     import numpy as np
     import h5py
     from pmalpha import models
-    from pmalpha.results import recording
+    from pmalpha.results import array_file, recording
 
     rng = np.random.default_rng(1)
     for kill in range({kills}):
         recording.FILED_SECONDS = 0.3 * (kill % 2)  # 0: a count for every macro step
+        array_file.SYNC_SECONDS = 0.0
         seconds = rng.uniform(1e-3, 0.1)
         child = os.fork()
         if child == 0:
