@@ -248,8 +248,10 @@ def held(path: Path, name: str) -> Held:
     except PermissionError:  # which may be replaced nevertheless
         file = Held(os.open(path, os.O_RDONLY | flags), path)
     if not stat.S_ISREG(os.fstat(file.number).st_mode):
+        file.close()
         raise OSError(errno.EINVAL, f"{name} cannot be written: {NO_FILE}", str(path))
     if not file.lock(exclusive=True):
+        file.close()
         raise OSError(
             errno.EBUSY, f"{name} must not be the file of another run that goes on", str(path)
         )

@@ -102,13 +102,15 @@ def test_locks_keep_other_descriptors_out_and_shared_ones_admit_each_other(tmp_p
     def opened():
         return files.Held(os.open(path, os.O_RDWR), path)
 
-    first, second, third = opened(), opened(), opened()
+    first, second, third, fourth = (opened() for _ in range(4))
     assert first.lock(exclusive=False) and second.lock(exclusive=False)
     assert not third.lock(exclusive=True)
     first.close()
     assert not third.lock(exclusive=True)
     second.close()
-    assert third.lock(exclusive=True) and not opened().lock(exclusive=False)
+    assert third.lock(exclusive=True) and not fourth.lock(exclusive=False)
+    third.close()
+    fourth.close()
 
 
 # ---- new files -----------------------------------------------------------------------------------
@@ -153,6 +155,7 @@ def test_a_new_name_is_taken_once_and_an_old_one_replaced_on_any_system(tmp_path
         third.write_at(b"third", 0)
         third.take_name(old)
     third.close()
+    old.close()
     assert path.read_bytes() == b"third" and os.listdir(tmp_path) == ["file"]
 
 
@@ -164,6 +167,7 @@ def test_a_file_that_is_another_by_now_is_not_replaced(tmp_path):
     path.write_bytes(b"new")
     with pytest.raises(OSError, match="another program has replaced it"), files.writing(path) as x:
         x.take_name(old)
+    old.close()
     assert path.read_bytes() == b"new" and os.listdir(tmp_path) == ["file"]
 
 
