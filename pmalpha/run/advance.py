@@ -201,9 +201,11 @@ def change(
     steps = session.steps.changed(layout, step) if clock is None else Steps(layout, clock)
     session.assemblies.of(layout)  # what it lacks is found now, not after the first macro step
     new, old, before = session.assemblies.of(steps.present), session.assembly, session.steps
-    loads = session.loads.with_steps(new.core, new.members, steps.clock)
-    found = None
+    found, begins = None, []
     if session.started:
+        begins = session.loads.next_begins(
+            step, new.members, lambda i: steps.lengths(new.first + i, step)
+        )
         found = moves(
             old,
             new,
@@ -211,6 +213,7 @@ def change(
             lambda i: steps.lengths(i, step),
             first=True,
         )
+    loads = session.loads.with_steps(new.core, new.members, steps.clock, begins=begins)
     if clock is None:
         fine = layout.dt / new.core.instants
         warn_of_skipped(new.members, loads.forces, loads.motions, fine)

@@ -29,7 +29,7 @@ from ..setup.member import Member
 from ..setup.start import InitialAccelerations
 from .cause import least_gain
 from .initial import InitialValues, StartValues, consistent_in_lanes
-from .loads import seen_by
+from .means import taken_from_start
 from .motion import Motion, all_known
 from .progress import INTERVAL, DeferredSignals, Report, reporting
 from .recorded_run import judge, recorded, recording_of
@@ -442,7 +442,7 @@ def prepared(
     cases += [cases[-1]] * (LANES - len(cases))
     members, clock = session.members, session.clock
     forces = [
-        [seen_by(member, force, clock) for member, force in zip(members, case.forces)]
+        [taken_from_start(member, force, clock) for member, force in zip(members, case.forces)]
         for case in cases
     ]
     try:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -19,11 +19,9 @@ from ..problem.matrices import product
 from ..problem.newton import Newton
 from ..results.clock import Clock
 from ..setup.member import Member
+from .means import Begin, Means, is_averaged
 from .motion import CallbackLoad, Motion, Obstacles, all_known
 
-# The mean over a step shorter than this share of the time between samples is its value in the
-# middle: the impulse of a sample is then kept within 2 / (pi n)^2 = 1 / 1000, n such steps in it.
-SHORT = 1.0 / 16.0
 # Skipped samples are judged by the motion of an oscillator with a period of this number of
 # steps, which a run with these steps is expected to follow, and this damping ratio.
 STEPS_IN_PERIOD, DAMPING = 50, 0.05
@@ -36,54 +34,6 @@ JUDGED_SERIES = 32
 # Samples after the end of a record for which the motion is followed, which takes a period.
 MOST_SAMPLES = 1_000_000
 Values = TypeVar("Values")  # of a compiled function
-
-
-# ---- means -------------------------------------------------------------------------------------
-
-
-def seen_by(member: Member, force: Force, clock: Clock) -> Force:
-    """The force that a subdomain takes at its time levels: averaged ones as means, (L2)."""
-    if not (isinstance(force, SampledForce) and force.average) or member.step < SHORT * force.dt:
-        return force
-    end = (len(force.values) - 1) * force.dt
-    # the last level whose half step before it reaches into the record, and one with what follows
-    last = max(0, int(np.ceil((end + member.step - clock.t0) / member.h))) + 1
-    t = clock.t0 + member.h * np.arange(last + 1)
-    before, after = _half_steps(member, last + 1)
-    means = _means(force, np.maximum(t - before, 0.0), t + after)
-    return force._changed(values=means, dt=member.h, average=False, _begin=clock.t0)
-
-
-def _half_steps(member: Member, levels: int) -> tuple[np.ndarray, np.ndarray]:
-    """Half of the steps that end and begin at each time level, counted from the origin."""
-    before, after = (np.full(levels, 0.5 * member.step) for _ in range(2))
-    if member.double:  # the first macro step has single steps, or one that spans a change
-        first = member.substeps if member.over is None else 1
-        before[: first + 1] = 0.5 * (member.h if member.over is None else member.over)
-        after[:first] = 0.5 * member.h
-    return before, after
-
-
-def _means(force: SampledForce, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The means of the samples, linear between them, over intervals; (k, series)."""
-    result: np.ndarray = (_integral(force, end) - _integral(force, begin)) / (end - begin)[:, None]
-    return result
-
-
-def _integral(force: SampledForce, t: np.ndarray) -> np.ndarray:
-    """From 0 to t >= 0, exact but for rounding; (k, series)."""
-    f, dt = force.values, force.dt
-    last = len(f) - 1
-    whole = np.zeros_like(f)
-    whole[1:] = dt * np.cumsum(0.5 * (f[:-1] + f[1:]), axis=0)
-    x = np.minimum(t / dt, last)
-    j = np.minimum(x.astype(np.int64), max(last - 1, 0))
-    s = (x - j)[:, None]
-    total = whole[j] + dt * s * (f[j] + 0.5 * s * (f[np.minimum(j + 1, last)] - f[j]))
-    if force.hold:
-        total += np.maximum(t - last * dt, 0.0)[:, None] * f[last]
-    result: np.ndarray = total
-    return result
 
 
 # ---- what steps skip ---------------------------------------------------------------------------
@@ -185,6 +135,7 @@ class Loads:
 
     names: the subdomains as the core numbers them. Default: those of the members.
     obstacles: of contacts.
+    begins: with what the means of averaged forces go on, by subdomain; see `next_begins`.
     """
 
     def __init__(
@@ -197,12 +148,19 @@ class Loads:
         newton: Newton,
         names: Sequence[str] | None = None,
         obstacles: Obstacles | None = None,
+        begins: Sequence[Begin | None] = (),
     ):
         self.newton = newton
         self.names = [member.name for member in members] if names is None else names
         self.core, self.members, self.clock = core, members, clock
         fine, self.forces = core.instants, forces
-        self.seen = self._seen()
+        self.means = {
+            i: Means(force, member, clock, begins[i] if begins else None)
+            for i, (member, force) in enumerate(zip(members, forces))
+            if is_averaged(force)
+        }
+        # the forces as the steps of the subdomains take them
+        self.seen = [self.means[i].force if i in self.means else f for i, f in enumerate(forces)]
         self.motions = [motion.renewed(fine, clock) for motion in motions]
         self.obstacles = None if obstacles is None else obstacles.renewed(fine, clock)
         self.callbacks = {
@@ -226,17 +184,53 @@ class Loads:
         members: Sequence[Member],
         clock: Clock,
         forces: Sequence[Force] | None = None,
+        begins: Sequence[Begin | None] = (),
     ) -> Loads:
         """The same loads, or others, for other steps; without stored values of callables."""
         forces = self.forces if forces is None else forces
         others = self.motions, self.newton, self.names, self.obstacles
-        return Loads(core, members, clock, forces, *others)
+        return Loads(core, members, clock, forces, *others, begins)
+
+    @property
+    def begins(self) -> list[Begin | None]:
+        """With what the means of averaged forces went on where steps changed, by subdomain."""
+        return [
+            self.means[i].begin if i in self.means and self.means[i].goes_on else None
+            for i in range(len(self.members))
+        ]
+
+    def begin_arrays(self, first: int) -> dict[str, np.ndarray]:
+        """The same for a checkpoint; `first` is the number of the first subdomain."""
+        return {
+            f"{i}.means": begin.array() for i, begin in enumerate(self.begins, first) if begin
+        }
+
+    def begins_of(
+        self, arrays: Mapping[str, np.ndarray], first: int, low: int, high: int
+    ) -> list[Begin | None]:
+        """The inverse; ValueError for wrong arrays, and for steps that did not change at one of the
+        macro steps from `low` to `high`."""
+        begins: list[Begin | None] = []
+        for i, force in enumerate(self.forces):
+            x = arrays.get(f"{first + i}.means") if is_averaged(force) else None
+            begins.append(None if x is None else Begin.of_array(x, force.values.shape[1]))
+            if begins[-1] is not None and not low <= begins[-1].step <= high:
+                raise ValueError(f"{first + i}.means has steps that change at {begins[-1].step}")
+        return begins
+
+    def next_begins(
+        self, step: int, members: Sequence[Member], lengths: Callable[[int], Any]
+    ) -> list[Begin | None]:
+        """The same for these members from a macro step on; `lengths` of their variables a."""
+        return [
+            self.means[i].next(step, member, lengths(i)) if i in self.means else None
+            for i, member in enumerate(members)
+        ]
 
     def moved_to(self, core: _core.Coupler, members: Sequence[Member]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""
         moved = copy(self)
         moved.core, moved.members = core, members
-        moved.seen = moved._seen()
         moved.to_core()
         return moved
 
@@ -375,12 +369,6 @@ class Loads:
                 r = self._values(member.core.restoring(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms
-
-    def _seen(self) -> list[Force]:
-        """The forces as the steps of the subdomains take them."""
-        return [
-            seen_by(member, force, self.clock) for member, force in zip(self.members, self.forces)
-        ]
 
     def _values(self, values: Values | int, what: str, i: int, step: int) -> Values:
         """The values of a compiled function; CallbackError if it returned a code."""

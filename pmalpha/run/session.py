@@ -267,8 +267,9 @@ def take_first_steps(session: Session) -> None:
     layout, first = session.assemblies.first_layout, session.assemblies.first
     take(session, Steps(layout, Clock(layout.dt)), first)
     first.core.set_origin(0, 0.0)
-    if session.loads.core is not first.core or session.loads.clock != session.clock:
-        session.loads = session.loads.with_steps(first.core, first.members, session.clock)
+    loads = session.loads
+    if loads.core is not first.core or loads.clock != session.clock or any(loads.begins):
+        session.loads = loads.with_steps(first.core, first.members, session.clock)
 
 
 def take_loads(session: Session) -> None:

@@ -112,7 +112,8 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     loads, assembly = kept.loads, kept.assembly
     if loads is not session.loads or loads.stored:
         # stored values of callables are of other times
-        loads = loads.with_steps(assembly.core, assembly.members, kept.steps.clock)
+        core, members, clock = assembly.core, assembly.members, kept.steps.clock
+        loads = loads.with_steps(core, members, clock, begins=loads.begins)
         loads.to_core()
     # _was_reset stays: it is about the factor of M alone, which this coupler has or has not
     session.initial, session.started = kept.initial, True
@@ -127,6 +128,7 @@ def save(session: Session, path: str | PathLike[str]) -> None:
         checked_path(path, suffixes=NPZ)
         begin(session)
         arrays = checkpoint.state_arrays(session.assembly, session.core_rows, session.options)
+        arrays |= session.loads.begin_arrays(session.assembly.first)
         steps, done = steps_facts(session), session.core.step_count
         if session.ranks is None:
             checkpoint.write(path, problem_of(session), done, arrays, steps)
@@ -158,10 +160,14 @@ def load(session: Session, path: str | PathLike[str]) -> None:
         members, core = assembly.members, assembly.core
         rows, options = session.core_rows, session.options
         state = checkpoint.core_state(path, arrays, assembly, rows, options)
+        try:
+            begins = session.loads.begins_of(arrays, first, steps.clock.origin, step)
+        except ValueError as error:
+            raise checkpoint.damaged(path, error) from None
         if session.ranks is not None:
             session.ranks.share(None)  # from here on nothing fails
         # stored values of callables are of other times
-        loads = session.loads.with_steps(core, members, steps.clock)
+        loads = session.loads.with_steps(core, members, steps.clock, begins=begins)
         loads.to_core()
         checkpoint.restore(state, members, core, steps.clock, step)
         take(session, steps, assembly)
