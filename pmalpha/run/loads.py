@@ -201,9 +201,7 @@ class Loads:
 
     def begin_arrays(self, first: int) -> dict[str, np.ndarray]:
         """The same for a checkpoint; `first` is the number of the first subdomain."""
-        return {
-            f"{i}.means": begin.array() for i, begin in enumerate(self.begins, first) if begin
-        }
+        return {f"{i}.means": begin.array() for i, begin in enumerate(self.begins, first) if begin}
 
     def begins_of(
         self, arrays: Mapping[str, np.ndarray], first: int, low: int, high: int

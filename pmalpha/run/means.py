@@ -1,4 +1,4 @@
-"""Means of a sampled force over the steps of a subdomain, (L2), whose impulse no step loses."""
+"""Means of a sampled force over the steps of a subdomain, which keep its impulse: (L2) to (L5)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class FreeMass(NamedTuple):
         return self._replace(delta=length / self.made * self.delta, made=length)
 
     def final(self, scheme: Scheme, h: float) -> np.ndarray:
-        """(L5)  v after further steps of length h without a force"""
+        """(L4)  v after further steps of length h without a force"""
         theta, rest = weights(scheme)
         result: np.ndarray = self.v + h * (theta * self.w + rest * self.delta)
         return result
@@ -55,7 +55,7 @@ class FreeMass(NamedTuple):
 
 
 def weights(scheme: Scheme) -> tuple[float, float]:
-    """theta, which is 1/2 for schemes of second order, and theta - af, equation (L5)."""
+    """theta, which is 1/2 for schemes of second order, and theta - af, equation (L4)."""
     rest = 1.0 - scheme.gamma - scheme.am
     return scheme.af + rest, rest
 
@@ -142,7 +142,7 @@ class Means:
         return level - 1, h, twice if level >= self.substeps - 1 else h
 
     def _first_levels(self) -> dict[int, FreeMass]:
-        """The levels up to those after which all steps are of one length, by (L4)."""
+        """The levels up to those after which all steps are of one length, by (L5)."""
         theta, _ = weights(self.scheme)
         numbers = (0, -1) if self.begin.over is not None else (0,)
         levels = dict(zip(numbers, self.begin.levels or map(self._undisturbed, numbers)))
@@ -208,14 +208,17 @@ class Means:
         self, start: FreeMass, first: int, level: int, stride: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """w and a - w at a level after steps of one length, by (9)."""
-        from scipy.signal import lfilter
+        from scipy.linalg.blas import dtbsv
 
         am, af = self.scheme.am, self.scheme.af
         rows = self.table[first : level + 1 : stride]
         decay = -am / (1.0 - am)
         jumps = (am - af) / (1.0 - am) * np.diff(rows, axis=0)
-        deltas, _ = lfilter([1.0], [1.0, -decay], jumps, axis=0, zi=decay * start.delta[None])
-        delta = deltas[-1] if len(deltas) else start.delta
+        delta = start.delta
+        if len(jumps):
+            jumps[0] += decay * delta
+            band = np.asfortranarray(np.tile([[1.0], [-decay]], len(jumps)))  # a lower triangle
+            delta = np.array([dtbsv(1, band, jump, lower=1)[-1] for jump in jumps.T])
         behind = (level - first) // stride - len(jumps)  # levels after the end of the table
         w = rows[-1] if behind == 0 or self.original.hold else 0.0 * rows[-1]
         return w, decay**behind * delta
