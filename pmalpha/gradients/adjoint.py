@@ -260,8 +260,8 @@ class Adjoint:
 
     def at_zero(
         self, sources: Mapping[str, Sources], start: list[np.ndarray], of_lam: np.ndarray
-    ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-        """(A13): mu_0, and the adjoints of u0 and v0."""
+    ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], np.ndarray]:
+        """(A13): mu_0, and the adjoints of u0, v0 and g'(0)."""
         import scipy.sparse.linalg as sla
 
         states = [s[0] + sources[x.name].at(0, x.n) for x, s in zip(self.members, start)]
@@ -269,11 +269,10 @@ class Adjoint:
         L = sp.hstack([x.L for x in self.members], format="csc")
         whole = sp.block_array([[M, L.T], [L, None]], format="csc") if self.p else M
         right = np.concatenate([s[2] + s[3] for s in states] + [-of_lam])
-        mu = sla.splu(whole).solve(right)[: -self.p or None]
-        mus = np.split(mu, np.cumsum([x.n for x in self.members])[:-1])
+        *mus, slope = np.split(sla.splu(whole).solve(right), np.cumsum([x.n for x in self.members]))
         u0 = [s[0] - x.K.T @ m for x, s, m in zip(self.members, states, mus)]
         v0 = [s[1] - x.C.T @ m for x, s, m in zip(self.members, states, mus)]
-        return mus, u0, v0
+        return mus, u0, v0, slope
 
     def of_interface(
         self, parameters: Parameters, member: AdjointMember, lam: np.ndarray, nu: np.ndarray
@@ -372,9 +371,9 @@ class MeanAdjoint(Adjoint):
 
     def at_zero(
         self, sources: Mapping[str, Sources], start: list[np.ndarray], of_lam: np.ndarray
-    ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], np.ndarray]:
         for x, state in zip(self.members, start):
             state[0] += sources[x.name].at(0, x.n)
         handed = self.taking_over(start, of_lam)
         u0, v0 = ([state[0, i] for state in handed.states] for i in range(2))
-        return handed.eta, u0, v0
+        return handed.eta, u0, v0, np.zeros(self.p)

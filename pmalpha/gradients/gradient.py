@@ -62,8 +62,10 @@ class Gradient:
     u0, v0 : dict of (n,) arrays
         With respect to the initial values.
     velocity : (interface levels, p) array or None
-        With respect to the velocities that the constraints prescribe, from t = 0 on, where it is 0.
-        By differences `force`, `u0` and `v0` are empty, and this is None.
+        With respect to the velocities that the constraints prescribe, from t = 0 on. The initial
+        accelerations depend on g'(0), which is that of a straight line between the first two
+        levels; initial velocities are those of `v0`. By differences `force`, `u0` and `v0` are
+        empty, and this is None.
     history : History
         The run.
     """
@@ -268,7 +270,9 @@ class Blocks:
             self._reported(2 * self.steps - first)
         if of_lam is not None:
             of_start = of_start + of_lam[0]
-        at_zero, u0, v0 = self.single.at_zero(sources, start, of_start)
+        at_zero, u0, v0, slope = self.single.at_zero(sources, start, of_start)
+        velocity[1] += slope / self.single.h
+        velocity[0] -= slope / self.single.h
         for x, mu in zip(members, at_zero):
             force[x.name][0] = mu
         for total, of, name in zip(totals, parameters, names):
