@@ -80,7 +80,8 @@ def cut(
         explicit one for the layer, the implicit one for the bulk.
     force : (n,) array, callable, `SampledForce` or `BaseAcceleration`, optional
         Load of the uncut structure, as for `Subdomain`. On a dof of several subdomains it is
-        divided in proportion to their masses. A callable is evaluated for each subdomain.
+        divided in proportion to their masses, those of a ground motion like the mass matrix. A
+        callable is evaluated for each subdomain.
     u0, v0 : (n,) array, optional
         Initial values of the uncut structure, zero at fixed dofs.
     rayleigh : (float, float), optional
@@ -181,7 +182,7 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
     for member, portion, mass in zip(members, portions, masses):
         if member.scheme.explicit:
             _require_mass(member, portion.dofs, mass)
-    loads = division.divided(values.force)
+    loads = division.divided(values.force, [portion.M for portion in portions])
     u0, v0 = (division.scatter(x) for x in (values.u0, values.v0))
     subdomains = []
     for i, member in enumerate(members):

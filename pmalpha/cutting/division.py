@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, require_finite, vector
 from ..problem.forces import SampledForce, checked_force, depends_on_motion, is_callback
+from ..problem.matrices import product
 
 # Rounding of zeros in a computed motion, relative to its largest entry.
 ROUNDING = 1e-12
@@ -76,12 +77,30 @@ class Division:
         """(..., n_i) of each subdomain, from (..., n)."""
         return [u[..., own] for own in self.dofs]
 
-    def divided(self, force: Any) -> list[Any]:
-        """The load of each subdomain; their sum is the load of the uncut structure."""
+    def divided(self, force: Any, masses: Sequence[Any]) -> list[Any]:
+        """The load of each subdomain; their sum is the load of the uncut structure.
+
+        A ground motion is that of the mass of each subdomain, `masses`, and of what couples fixed
+        dofs to free ones by shares.
+        """
         if force is None:
             return [None] * len(self.dofs)
         force = checked_force(force, self.n)
+        direction = getattr(force, "direction", None)
+        if direction is not None:
+            return self._of_ground(force, direction, masses)
         return [_share(force, own, share) for own, share in zip(self.dofs, self.shares)]
+
+    def _of_ground(self, force: Any, direction: np.ndarray, masses: Sequence[Any]) -> list[Any]:
+        shapes = [-product(M, direction[own]) for M, own in zip(masses, self.dofs)]
+        rest = force.shape.copy()
+        for own, shape in zip(self.dofs, shapes):
+            rest[own] -= shape
+        rest[np.abs(rest) <= ROUNDING * np.abs(force.shape).max()] = 0.0
+        return [
+            force._part(own)._changed(shape=shape + share[:, None] * rest[own])
+            for own, shape, share in zip(self.dofs, shapes, self.shares)
+        ]
 
     def gather(self, parts: Sequence[Any], rows: Sequence[np.ndarray]) -> np.ndarray:
         """(levels, n) from arrays (levels_i, n_i), of which some rows are taken; the mean of all
@@ -113,9 +132,7 @@ class Division:
 def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
     """The part of a load on some dofs, each entry times its share."""
     if isinstance(force, SampledForce):
-        if force.shape is None:
-            return force._changed(values=share * force.values[:, dofs])
-        return force._changed(shape=share[:, None] * force.shape[dofs])
+        return force._part(dofs, share)
     if isinstance(force, np.ndarray):
         return share * force[dofs]
     if is_callback(force):

@@ -14,6 +14,7 @@ import numpy as np
 from .._checks import real_number
 from ..problem.matrices import combination
 from ..setup.remade import remade
+from .ground import with_mass
 from .parameters import Parameters
 
 # The smallest step: above it parameters of any size keep some digits of their change.
@@ -62,5 +63,7 @@ def _changed(
         dofs = np.arange(own["u0"].size)
         for kind in p.matrices:
             own[kind] = combination([(1.0, own[kind]), (step, p._matrix(kind, j, dofs))])
+        if "M" in p.matrices:
+            own["force"] = with_mass(own["force"], own["M"])
 
     return remade(session, make, change)

@@ -23,6 +23,7 @@ from ..problem.forces import SampledForce
 from ..results.history import History
 from .adjoint import Adjoint, AdjointMember, Sources
 from .differences import by_differences
+from .ground import check_masses
 from .misfit import KINDS, Misfit, places
 from .parameters import Parameters
 from .problem import Problem, require_adjoint, subdomain_of
@@ -142,8 +143,13 @@ def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
 
     Runs in between are not judged by warnings.
     """
+    if session.changed:
+        dt = session.assemblies.first_layout.dt
+        raise ValueError(
+            f"a gradient needs the steps with which the coupler was made, dt = {dt:g}, got those "
+            "of change_steps; reset returns to the first ones, another Coupler has any"
+        )
     present, last = coupler.snapshot(), session.last_history
-    session.changed = False  # steps are not lost: nothing to warn of
     names = [name for name, _ in session.keys]
     u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
     session.judges = False
@@ -263,8 +269,11 @@ class Blocks:
                 i = place[name]
                 x = adjoint.members[i]
                 motion = x.motion(run[name], beginning[i])
+                ground = self.problem.ground(name, first * x.substeps, last * x.substeps)
+                motion["M"] = motion["M"] + ground
                 total += of._products(mus[i], {kind: y[1:] for kind, y in motion.items()})
-                of_end = {kind: y[-1:] for kind, y in motion.items()} | {"M": end[i][None]}
+                of_end = {kind: y[-1:] for kind, y in motion.items()}
+                of_end["M"] = end[i][None] + self.problem.ground(name, *[last * x.substeps] * 2)
                 total += of._products(handed.eta[i][None], of_end)
                 total += adjoint.of_interface(of, x, run.multipliers, nu)
             self._reported(2 * self.steps - first)
@@ -277,7 +286,8 @@ class Blocks:
             force[x.name][0] = mu
         for total, of, name in zip(totals, parameters, names):
             at = run[name]
-            motion = {"M": beginning[place[name]][None], "C": at.v[:1], "K": at.u[:1]}
+            w = beginning[place[name]] + self.problem.ground(name, 0, 0)
+            motion = {"M": np.atleast_2d(w), "C": at.v[:1], "K": at.u[:1]}
             total += of._products(force[name][:1], motion)
         of_u0, of_v0 = dict(zip(place, u0)), dict(zip(place, v0))
         return Gradient(value, totals, force, of_u0, of_v0, velocity, history)
@@ -289,7 +299,9 @@ def checked_parameters(parameters: Any, session: Any) -> tuple[list[Parameters],
     for p in listed:
         if not isinstance(p, Parameters):
             raise TypeError(f"parameters must be Parameters, got {type(p).__name__}")
-    return listed, [subdomain_of(session.keys, p) for p in listed]
+    names = [subdomain_of(session.keys, p) for p in listed]
+    check_masses(session.keys, session.loads.forces, listed, names)
+    return listed, names
 
 
 def checked_sources(

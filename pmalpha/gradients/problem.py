@@ -14,6 +14,7 @@ from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
 from ..problem.subdomain import Subdomain
 from .adjoint import Adjoint, AdjointMember, MeanAdjoint, MeanAdjointMember, Sources, reversed_load
+from .ground import acceleration
 from .parameters import Parameters
 
 TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma
@@ -35,6 +36,7 @@ class Problem:
         self.options = session.options
         self.fine = 1 if self.macro else max(layout.substeps)
         self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
+        self.forces = session.loads.seen
         self.prescribed = bool(session.loads.motions)
         self.doubles = layout.doubles
         self.substeps = {name: s.substeps for name, s in self.keys}
@@ -44,6 +46,12 @@ class Problem:
     def accelerations(self) -> list[np.ndarray]:
         """w of each subdomain at present, without what multipliers add under "mean"."""
         return [member.core.state()[2][member.position] for member in self._members]
+
+    def ground(self, name: str, first: int, last: int) -> np.ndarray | float:
+        """The acceleration of the ground at levels first to last of a subdomain, (levels, n)."""
+        i = next(i for i, (key, _) in enumerate(self.keys) if key == name)
+        t = np.arange(first, last + 1) / self.substeps[name] * self.dt  # (T1)
+        return acceleration(self.forces[i], t)
 
     def motions(self, run: Any, beginning: Sequence[np.ndarray]) -> dict[str, Any]:
         """What dM, dC and dK are multiplied by in (A9), at all levels of a run from t = 0.
@@ -59,6 +67,7 @@ class Problem:
             single = slice(0, 1 if self.invariant else first.substeps + 1)
             motion["K"][single] = own.u[single] - first.al1_beside_K * own.a[single]
             motion["K"][0] = own.u[0]
+            motion["M"] = motion["M"] + self.ground(x.name, 0, len(own.u) - 1)
         return out
 
     @property
@@ -148,7 +157,7 @@ class Problem:
         subdomains = [
             Subdomain(
                 s.M,
-                turned(s.K),
+                np.zeros(s.n) if s.K is None else turned(s.K),
                 turned(s.C),
                 scheme=s.scheme,
                 substeps=s.substeps,

@@ -67,6 +67,8 @@ class SampledForce(Frozen):
     hold = True
     _values_name, _shape_name = "values", "shape"
     _begin = 0.0  # the time of the first sample
+    # (n, k), of a ground motion: the force is -M direction s(t) of the mass of its subdomain
+    direction: np.ndarray | None = None
 
     @overload
     def __init__(self, values: Record, shape: Any = None, *, average: bool = False): ...
@@ -109,7 +111,27 @@ class SampledForce(Frozen):
 
     def _projected(self, T: np.ndarray) -> SampledForce:
         """The force T^T F(t) on other coordinates, with the displacements T u; T is (n, r)."""
-        return self._changed(shape=T.T if self.shape is None else T.T @ self.shape)
+        return self._changed(shape=T.T if self.shape is None else T.T @ self.shape, direction=None)
+
+    def _part(self, dofs: np.ndarray, share: np.ndarray | float = 1.0) -> SampledForce:
+        """The force on some dofs, each entry times its share."""
+        if self.shape is None:
+            return self._changed(values=share * self.values[:, dofs])
+        direction = None if self.direction is None else self.direction[dofs]
+        shares = np.broadcast_to(share, np.shape(dofs))[:, None]
+        return self._changed(shape=shares * self.shape[dofs], direction=direction)
+
+    def _series(self, t: np.ndarray) -> np.ndarray:
+        """The k samples at (m,) times, (m, k), for t >= 0, evaluated like in the core."""
+        last = len(self.values) - 1
+        x = _position((t - self._begin) / self.dt)
+        j = np.clip(x, 0, max(last - 1, 0)).astype(np.int64)
+        s = (np.minimum(x, last) - j)[:, None]
+        f, after = self.values[j], self.values[np.minimum(j + 1, last)]
+        series: np.ndarray = (1.0 - s) * f + s * after
+        if not self.hold:
+            series[x > last] = 0.0
+        return series
 
     def _changed(self, **attributes: Any) -> SampledForce:
         new = object.__new__(type(self))
@@ -118,24 +140,18 @@ class SampledForce(Frozen):
 
     def __call__(self, t: float) -> np.ndarray:
         """F(t), shape (n,), for t >= 0, evaluated like in the core."""
-        last = len(self.values) - 1
-        x = _position((t - self._begin) / self.dt)
-        if x >= last:
-            sample = self.values[last] * (1.0 if self.hold or x == last else 0.0)
-        else:
-            j = int(x)
-            sample = (1.0 - (x - j)) * self.values[j] + (x - j) * self.values[j + 1]
+        sample = self._series(np.array([t]))[0]
         result: np.ndarray = sample if self.shape is None else self.shape @ sample
         return result
 
 
-def _position(x: float) -> float:
-    """A time x in samples, moved to the nearest sample within the rounding of three operations.
+def _position(x: np.ndarray) -> np.ndarray:
+    """Times x in samples, moved to the nearest sample within the rounding of three operations.
 
     Otherwise a record could end one step early.
     """
     nearest = np.rint(x)
-    return float(nearest if abs(x - nearest) <= 16.0 * float_info.epsilon * nearest else x)
+    return np.where(np.abs(x - nearest) <= 16.0 * float_info.epsilon * nearest, nearest, x)
 
 
 class BaseAcceleration(SampledForce):
@@ -191,6 +207,7 @@ class BaseAcceleration(SampledForce):
             shape = -product(mass, direction)
         if not np.all(np.isfinite(shape)):
             raise ValueError("M times direction must be finite")
+        self.direction = direction
         super().__init__(record, dt, shape, average=average)
 
 

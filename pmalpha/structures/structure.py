@@ -684,11 +684,7 @@ class Structure:
 def _of_free(given: Any, reduced: Reduction, name: str) -> Any:
     """A load or initial values of all dofs as those of the free ones; others as they are."""
     if isinstance(given, SampledForce):
-        if given.n != reduced.n:
-            return given
-        if given.shape is None:
-            return given._changed(values=given.values.take(reduced.free, axis=1))
-        return given._changed(shape=given.shape[reduced.free])
+        return given._part(reduced.free) if given.n == reduced.n else given
     if given is None or callable(given) or isinstance(given, LowLevelCallable):
         return given
     if np.shape(given) != (reduced.n,):
