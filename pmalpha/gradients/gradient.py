@@ -223,6 +223,10 @@ class Blocks:
         self.coupler.restore(block)
         return self.coupler.run(steps=steps, record=dict.fromkeys(names))
 
+    def _ground(self, x: AdjointMember, first: int, last: int) -> np.ndarray:
+        """The acceleration of the ground at the levels of macro steps first to last."""
+        return self.problem.ground(x.name, first * x.substeps, last * x.substeps)
+
     def _reported(self, done: int) -> None:
         if self.report is not None:
             self.report(done)
@@ -269,11 +273,10 @@ class Blocks:
                 i = place[name]
                 x = adjoint.members[i]
                 motion = x.motion(run[name], beginning[i])
-                ground = self.problem.ground(name, first * x.substeps, last * x.substeps)
-                motion["M"] = motion["M"] + ground
+                motion["M"] = motion["M"] + self._ground(x, first, last)
                 total += of._products(mus[i], {kind: y[1:] for kind, y in motion.items()})
                 of_end = {kind: y[-1:] for kind, y in motion.items()}
-                of_end["M"] = end[i][None] + self.problem.ground(name, *[last * x.substeps] * 2)
+                of_end["M"] = end[i] + self._ground(x, last, last)
                 total += of._products(handed.eta[i][None], of_end)
                 total += adjoint.of_interface(of, x, run.multipliers, nu)
             self._reported(2 * self.steps - first)
@@ -286,8 +289,12 @@ class Blocks:
             force[x.name][0] = mu
         for total, of, name in zip(totals, parameters, names):
             at = run[name]
-            w = beginning[place[name]] + self.problem.ground(name, 0, 0)
-            motion = {"M": np.atleast_2d(w), "C": at.v[:1], "K": at.u[:1]}
+            i = place[name]
+            motion = {
+                "M": beginning[i] + self._ground(members[i], 0, 0),
+                "C": at.v[:1],
+                "K": at.u[:1],
+            }
             total += of._products(force[name][:1], motion)
         of_u0, of_v0 = dict(zip(place, u0)), dict(zip(place, v0))
         return Gradient(value, totals, force, of_u0, of_v0, velocity, history)

@@ -55,9 +55,10 @@ def check_masses(
             )
 
 
-def acceleration(force: Force, t: np.ndarray) -> np.ndarray | float:
-    """That of the ground in the direction of each dof, (levels, n), as the load has it."""
+def acceleration(force: Force, t: np.ndarray) -> np.ndarray:
+    """That of the ground in the direction of each dof, (levels, n), as the load has it; without
+    a ground motion (1, 1), zero."""
     if not isinstance(force, BaseAcceleration) or force.direction is None:
-        return 0.0
+        return np.zeros((1, 1))
     result: np.ndarray = force._series(t) @ force.direction.T
     return result

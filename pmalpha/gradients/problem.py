@@ -47,8 +47,9 @@ class Problem:
         """w of each subdomain at present, without what multipliers add under "mean"."""
         return [member.core.state()[2][member.position] for member in self._members]
 
-    def ground(self, name: str, first: int, last: int) -> np.ndarray | float:
-        """The acceleration of the ground at levels first to last of a subdomain, (levels, n)."""
+    def ground(self, name: str, first: int, last: int) -> np.ndarray:
+        """The acceleration of the ground at levels first to last of a subdomain, (levels, n);
+        (1, 1) without a ground motion."""
         i = next(i for i, (key, _) in enumerate(self.keys) if key == name)
         t = np.arange(first, last + 1) / self.substeps[name] * self.dt  # (T1)
         return acceleration(self.forces[i], t)

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from .. import _core
 from .._checks import plain_array, positive_number, real_number
 from ..errors import PerformanceWarning, warn
+from .evaluation import first_tangent, histories
 from .matrices import Matrix, canonical, combination, dense, read_only
+from .springs import assembled, core_springs, stiffness
 
 # Rounding of c_m M + c_k K, relative to its largest entry.
 ROUNDING = 1e-12
@@ -33,6 +36,7 @@ def damping_matrix(
 ) -> Matrix:
     """C + c_m M + c_k K in inner form.
 
+    K: with the tangents at u0.
     given: K as given by the user.
     """
     if C is not None and not sp.issparse(C):
@@ -48,6 +52,31 @@ def damping_matrix(
     if whole is not None and not np.isfinite(whole.data if sp.issparse(whole) else whole).all():
         raise ValueError(f"rayleigh must give a finite c_m M + c_k K, got {rayleigh!r}")
     return read_only(whole)
+
+
+def stiffness_at_start(s: Any) -> Matrix | None:
+    """K and the tangents at u0 of internal forces and springs; of functions among the restoring
+    forces the estimate that was given."""
+    terms: list[tuple[float, Matrix | None]] = [(1.0, s.K)]
+    springs = s.springs
+    if springs:
+        _, slopes, _ = _core.follow_springs(core_springs(springs, np.arange(s.n)), s.u0, None)
+        ends = np.cumsum([len(spring) for spring in springs])
+        tangents = assembled(springs, np.split(slopes, ends[:-1]), s.n)
+        terms.append((1.0, canonical(tangents, "springs", s.n)[0]))
+    if s.has_functions and s.restoring_stiffness is not None:
+        of_springs = canonical(stiffness(springs, "initial_tangent", s.n), "springs", s.n)[0]
+        terms += [(1.0, s.restoring_stiffness), (-1.0, of_springs)]
+    if s.internal is not None and s.internal.forces:
+        forces, q0 = s.internal.forces, histories(s.internal.forces)[0]
+        motion, labels = (s.u0, s.v0), s.internal.labels
+        name = "subdomain" if s.name is None else s.name
+        pattern, values, _ = first_tangent(
+            forces, s.n, *motion, q0, name, labels, symmetric=s.symmetric
+        )
+        A = sp.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
+        terms.append((1.0, canonical(A, "K_t of internal", s.n, symmetric=s.symmetric)[0]))
+    return combination(terms)
 
 
 def checked_rayleigh(rayleigh: Any, damping_ratio: Any = None) -> tuple[float, float] | None:

@@ -21,7 +21,7 @@ from .argument_types import (
     RestoringForce,
     VectorLike,
 )
-from .damping import checked_rayleigh, damping_matrix
+from .damping import checked_rayleigh, damping_matrix, stiffness_at_start
 from .discrete_gradient import internal_for
 from .dofs import checked_names
 from .forces import checked_force, depends_on_motion
@@ -152,7 +152,9 @@ class Subdomain(Frozen):
         "lagged": C acts on the extrapolated velocity, (R4): no factor in an explicit subdomain,
         and a smaller critical step, (C2).
     rayleigh : (c_m, c_k), optional
-        Rayleigh damping c_m M + c_k K, added to C.
+        Rayleigh damping c_m M + c_k K, added to C. K is the stiffness at u0: with the tangents
+        there of internal forces and springs, and with restoring_stiffness for functions in
+        restoring. It stays as it is when the tangents change.
     damping_ratio : dict, optional
         The same by damping ratios at two periods: ``{1.2: 0.05, 0.1: 0.05}``.
     symmetric : bool, default True
@@ -241,9 +243,6 @@ class Subdomain(Frozen):
                 "K must be a matrix where there is no restoring force and no internal one, got None"
             )
         self.K = self._matrix(K, "K")
-        self.rayleigh = checked_rayleigh(rayleigh, damping_ratio)
-        others = dict(M=self.M, K=self.K, given=K, symmetric=self.symmetric)
-        self.C = damping_matrix(C, self.rayleigh, self.n, **others)
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
@@ -258,6 +257,8 @@ class Subdomain(Frozen):
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.limits = self._limits(limits)
         self.u0, self.v0 = self._initial(u0, "u0"), self._initial(v0, "v0")
+        self.rayleigh = checked_rayleigh(rayleigh, damping_ratio)
+        self.C = self._damping(C, K)
         self._check_lagged()
         self._check_mass()
         self._freeze()
@@ -444,6 +445,14 @@ class Subdomain(Frozen):
         if value is None:
             return None
         return canonical(value, name, self.n, symmetric=self.symmetric)[0]
+
+    def _damping(self, C: Any, K: Any) -> Matrix | None:
+        """The damping matrix; C and K as given."""
+        own = self.K
+        if self.rayleigh is not None and self.rayleigh[1] > 0.0:
+            own = stiffness_at_start(self)
+        others = dict(M=self.M, K=own, given=K, symmetric=self.symmetric)
+        return damping_matrix(C, self.rayleigh, self.n, **others)
 
     def _estimate(self, value: Any, name: str) -> Matrix | None:
         if value is not None and self.restoring is None:
