@@ -52,7 +52,7 @@ def test_damping_has_the_tangent_of_internal_forces_at_u0(unsymmetric):
             u0=u0,
             symmetric=not unsymmetric,
         )
-        tangent = K + slope(lambda u: f(u, None, 0.0, None)[0], u0)
+        tangent = K + slope(lambda u, f=f: f(u, None, 0.0, None)[0], u0)
         expected = own + C_M * np.diag(M) + C_K * tangent
         np.testing.assert_allclose(dense(s.C, n), expected, rtol=0, atol=1e-8 * C_K)
 

@@ -274,30 +274,33 @@ class Blocks:
                 x = adjoint.members[i]
                 motion = x.motion(run[name], beginning[i])
                 motion["M"] = motion["M"] + self._ground(x, first, last)
-                total += of._products(mus[i], {kind: y[1:] for kind, y in motion.items()})
-                of_end = {kind: y[-1:] for kind, y in motion.items()}
-                of_end["M"] = end[i] + self._ground(x, last, last)
-                total += of._products(handed.eta[i][None], of_end)
+                at_end = end[i] + self._ground(x, last, last)
+                total += _of_block(of, motion, mus[i], at_end, handed.eta[i])
                 total += adjoint.of_interface(of, x, run.multipliers, nu)
             self._reported(2 * self.steps - first)
         if of_lam is not None:
             of_start = of_start + of_lam[0]
         at_zero, u0, v0, slope = self.single.at_zero(sources, start, of_start)
-        velocity[1] += slope / self.single.h
-        velocity[0] -= slope / self.single.h
+        velocity[:2] += np.outer([-1.0, 1.0], slope) / self.single.h
         for x, mu in zip(members, at_zero):
             force[x.name][0] = mu
         for total, of, name in zip(totals, parameters, names):
             at = run[name]
             i = place[name]
-            motion = {
-                "M": beginning[i] + self._ground(members[i], 0, 0),
-                "C": at.v[:1],
-                "K": at.u[:1],
-            }
+            w = beginning[i] + self._ground(members[i], 0, 0)
+            motion = {"M": w, "C": at.v[:1], "K": at.u[:1]}
             total += of._products(force[name][:1], motion)
         of_u0, of_v0 = dict(zip(place, u0)), dict(zip(place, v0))
         return Gradient(value, totals, force, of_u0, of_v0, velocity, history)
+
+
+def _of_block(
+    of: Parameters, motion: Mapping[str, np.ndarray], mu: np.ndarray, w: np.ndarray, eta: np.ndarray
+) -> np.ndarray:
+    """(A9) of a block, w (1, n) that at its end, with eta of (A14)."""
+    at_end = {kind: y[-1:] for kind, y in motion.items()} | {"M": w}
+    sums = of._products(mu, {kind: y[1:] for kind, y in motion.items()})
+    return sums + of._products(eta[None], at_end)
 
 
 def checked_parameters(parameters: Any, session: Any) -> tuple[list[Parameters], list[str]]:
