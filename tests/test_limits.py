@@ -202,3 +202,32 @@ def test_limits_need_a_specimen_of_their_size():
         made(Specimen(), Limits(force=[1.0, 2.0]))
     with pytest.raises(TypeError, match="limits must be of type pmalpha.rig.Limits, got 3.0"):
         made(Specimen(), 3.0)
+
+
+@pytest.mark.parametrize("springs", [False, True])
+@pytest.mark.parametrize("scheme", [CENTRAL, pm.Newmark()])
+def test_the_force_at_the_initial_values_is_within_the_limits_too(springs, scheme):
+    """Of 4 u in a function and, if there is one, 5 u in a spring, at u = 1."""
+    k = 9.0 if springs else 4.0
+    of_function = Specimen()
+    specimen = [pm.CubicSpring(0, 5.0, 0.0), of_function] if springs else of_function
+    options = dict(u0=[1.0], scheme=scheme)
+    error = ended(made(specimen, Limits(force=k - 0.1), **options))
+    assert (error.quantity, error.dof, error.value, error.time) == ("force", 0, k, 0.0)
+    assert len(of_function.commands) == 1
+    assert made(specimen, Limits(force=k + 0.1), **options).run(steps=3)["rig"].t.size == 4
+
+
+def test_the_work_of_the_first_substep_counts():
+    """A specimen that pulls with 1 along its motion returns the distance: 0.1 from the start on;
+    also where a run begins anew."""
+    for _ in range(2):
+        coupler = made(lambda u, v, t: -np.ones(1), Limits(energy=0.1), v0=[1.0])
+        for _ in range(2):
+            error = ended(coupler)
+            u = coupler.last_history["rig"].u[:, 0]
+            assert error.quantity == "energy" and error.value > 0.1
+            # u = t + t^2 / 2 by the steps of the central difference; the command after the last one
+            assert error.value == pytest.approx(error.time + 0.5 * error.time**2, rel=1e-12)
+            assert u[-1] <= 0.1
+            coupler.reset()

@@ -207,6 +207,9 @@ PyObject *pma_raise(pma_status status, const char *what);
  * run that is late; NULL with the exception of any other status. */
 PyObject *pma_failure(CouplerObject *self, pma_status status);
 
+/* (i, quantity, position, value, limit, t): what subdomain i exceeded last of its limits */
+PyObject *pma_breach_of(const pma_subdomain *s, size_t i);
+
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */
 
 /* A C-contiguous, aligned array of exactly this type, borrowed; keep it in `arrays`. A negative

@@ -40,11 +40,11 @@ static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
                          singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
 }
 
-static PyObject *breach(CouplerObject *self, size_t i)
+PyObject *pma_breach_of(const pma_subdomain *s, size_t i)
 {
     static const char *const names[] = {"displacement", "velocity", "acceleration", "force",
                                         "energy"};
-    const pma_breach b = pma_subdomain_breach(own_subdomain(self, i)->core);
+    const pma_breach b = pma_subdomain_breach(s);
     return Py_BuildValue("(nsndddO)", (Py_ssize_t)i, names[b.what], (Py_ssize_t)b.position, b.value,
                          b.limit, b.t, b.by_clock ? Py_True : Py_False);
 }
@@ -81,7 +81,7 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
     if (status == PMA_LATE)
         return PyTuple_New(0);
     if (status == PMA_LIMITED)
-        return breach(self, i);
+        return pma_breach_of(own_subdomain(self, i)->core, i);
     if (!what_failed(status))
         return pma_raise(status, "advance");
     const int code = pma_subdomain_code(own_subdomain(self, i)->core);

@@ -167,7 +167,9 @@ static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *r
     Py_DECREF(result);
     if (status == PMA_NO_MEMORY)
         return PyErr_NoMemory();
-    return PyErr_Occurred() ? NULL : PyLong_FromLong(code);
+    if (PyErr_Occurred())
+        return NULL;
+    return status == PMA_LIMITED ? pma_breach_of(self->core, 0) : PyLong_FromLong(code);
 }
 
 /* ---- energy ------------------------------------------------------------------------------- */
@@ -516,7 +518,8 @@ static PyMethodDef subdomain_methods[] = {
     {"force", (PyCFunction)subdomain_force, METH_VARARGS,
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
     {"restoring", (PyCFunction)subdomain_restoring, METH_VARARGS,
-     "restoring(t, u, v) -> r(u, v, t), or the code that the function returned"},
+     "restoring(t, u, v) -> r(u, v, t), the code that the function returned, or\n"
+     "(0, quantity, position, value, limit, t) for a force beyond the limits"},
     {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
      "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the "
      "previous one if "

@@ -12,7 +12,7 @@ from scipy import LowLevelCallable
 
 from .. import _core
 from .._checks import listing
-from ..errors import AccuracyWarning, CallbackError, warn
+from ..errors import AccuracyWarning, CallbackError, LimitError, warn
 from ..problem.forces import Force, SampledForce, core_load, depends_on_motion, is_callback
 from ..problem.limits import check_first_command
 from ..problem.matrices import product
@@ -364,7 +364,7 @@ class Loads:
                 or member.internal is not None
                 or member.feedback is not None
             ):
-                r = self._values(member.core.restoring(0.0, u, v), "restoring force", i, 0)
+                r = self._values(first_answer(member, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms
 
@@ -373,6 +373,15 @@ class Loads:
         if isinstance(values, int):
             raise CallbackError(values, what, step, self.clock.time(step), self.members[i].name)
         return values
+
+
+def first_answer(member: Member, u: np.ndarray, v: np.ndarray) -> np.ndarray | int:
+    """r(u, v, 0), or the code that a function returned; LimitError for a force beyond its limit."""
+    r = member.core.restoring(0.0, u, v)
+    if isinstance(r, tuple):
+        _, what, position, value, limit, t = r
+        raise LimitError(member.name, what, int(member.order[position]), value, limit, t)
+    return r
 
 
 def force_at(force: Force, member: Member, t: float) -> np.ndarray:

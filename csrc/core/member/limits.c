@@ -7,8 +7,8 @@
 #include "object.h"
 
 /* Commands of the last substeps, and those before a macro step that may be taken again; vectors of
- * both, and of `given`. */
-enum { RING = 4, KEPT = 2, OF_COMMANDS = 2 * (RING + KEPT), VECTORS = OF_COMMANDS + 3 };
+ * all, with that of the initial values, and of `given`. */
+enum { RING = 4, KEPT = 2, COMMANDS = RING + KEPT + 1, VECTORS = 2 * COMMANDS + 3 };
 
 typedef struct {
     int64_t number; /* of the substep, or NONE */
@@ -18,6 +18,7 @@ typedef struct {
 } command;
 
 #define NONE INT64_MIN
+#define BEFORE (-1) /* the first substep of a run has number 0 */
 
 /* The last command by the clock, and the one before it from which its rate is taken: the rate of
  * the specimen, n each, and times in ns. */
@@ -30,7 +31,7 @@ typedef struct {
 struct pma_limits {
     pma_limits_parts parts;
     pma_limits_clock clock; /* without a function: none */
-    command ring[RING], kept[KEPT];
+    command ring[RING], kept[KEPT], start; /* start: of the initial values, until they begin */
     command *last;
     given given;
     double t; /* of the last command */
@@ -49,14 +50,15 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
     if (!l)
         return PMA_NO_MEMORY;
     l->parts = *parts;
-    for (size_t i = 0; i < RING + KEPT; i++) {
-        command *x = i < RING ? &l->ring[i] : &l->kept[i - RING];
+    for (size_t i = 0; i < COMMANDS; i++) {
+        command *x = i < RING ? &l->ring[i] : i < RING + KEPT ? &l->kept[i - RING] : &l->start;
         x->u = l->numbers + 2 * i * n;
         x->r = x->u + n;
     }
-    l->given.u = l->numbers + OF_COMMANDS * n;
+    l->given.u = l->numbers + 2 * COMMANDS * n;
     l->given.before = l->given.u + n;
     l->given.rate = l->given.before + n;
+    l->start.number = NONE;
     pma_limits_begin(l);
     *out = l;
     return PMA_OK;
@@ -236,6 +238,42 @@ double *pma_limits_force(pma_limits *l)
     return l->last->r;
 }
 
+double *pma_limits_first(pma_limits *l, const double *u)
+{
+    memcpy(l->start.u, u, l->parts.n * sizeof(double));
+    l->start.number = BEFORE;
+    return l->start.r;
+}
+
+static bool force_within(pma_limits *l, const double *r)
+{
+    for (size_t i = 0; l->parts.force && i < l->parts.n; i++) {
+        if (breaks(l, PMA_OF_FORCE, i, r[i], l->parts.force[i]))
+            return false;
+    }
+    return true;
+}
+
+bool pma_limits_measure_first(pma_limits *l, double t)
+{
+    l->t = t;
+    if (force_within(l, l->start.r))
+        return true;
+    l->start.number = NONE;
+    return false;
+}
+
+void pma_limits_begin_first(pma_limits *l, const double *v)
+{
+    pma_limits_begin(l);
+    if (l->start.number == NONE)
+        return;
+    assume(l, BEFORE + 1, l->start.u, v);
+    memcpy(slot(l, BEFORE)->r, l->start.r, l->parts.n * sizeof(double));
+    slot(l, BEFORE)->measured = true;
+    l->start.number = NONE;
+}
+
 bool pma_limits_measure(pma_limits *l)
 {
     const pma_limits_parts *p = &l->parts;
@@ -244,10 +282,8 @@ bool pma_limits_measure(pma_limits *l)
     const double *r = at->r;
     at->work = before->work;
     at->measured = true;
-    for (size_t i = 0; p->force && i < p->n; i++) {
-        if (breaks(l, PMA_OF_FORCE, i, r[i], p->force[i]))
-            return false;
-    }
+    if (!force_within(l, r))
+        return false;
     for (size_t i = 0; before->measured && i < p->n; i++)
         at->work += 0.5 * (before->r[i] + r[i]) * (at->u[i] - before->u[i]);
     return !breaks(l, PMA_OF_ENERGY, 0, fmax(-at->work, 0.0), p->energy);

@@ -82,6 +82,13 @@ bool pma_limits_command(pma_limits *l, int64_t number, bool first, double t, con
 double *pma_limits_force(pma_limits *l);
 bool pma_limits_measure(pma_limits *l);
 
+/* The initial values u (n), which are evaluated at t before there is a substep: where their force
+ * (n) is to be written; is it within the limits? With them as the command before substep 0, and
+ * with the velocity v (n), commands begin anew. */
+double *pma_limits_first(pma_limits *l, const double *u);
+bool pma_limits_measure_first(pma_limits *l, double t);
+void pma_limits_begin_first(pma_limits *l, const double *v);
+
 const pma_breach *pma_limits_breach(const pma_limits *l);
 
 #endif

@@ -271,6 +271,23 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
                                  NULL, NULL, s->force + s->parts.n, &s->code);
 }
 
+/* The force of a specimen at the initial values, of springs and of functions that were evaluated */
+static pma_status measure_first(pma_subdomain *s, double t, const double *u)
+{
+    const pma_parts *p = &s->parts;
+    double *first = pma_limits_first(s->limits, u);
+    double *fresh = calloc(pma_springs_numbers(&p->springs) + 1, sizeof *fresh);
+    if (!fresh)
+        return PMA_NO_MEMORY;
+    memset(first, 0, p->n * sizeof(double));
+    pma_springs_subtract(&p->springs, u, fresh, fresh, first);
+    free(fresh);
+    for (size_t i = 0; i < p->n; i++)
+        first[i] = (p->restoring.function ? pma_restoring_force(&p->restoring, i) : 0.0) - first[i];
+    s->breached = s->limits;
+    return pma_limits_measure_first(s->limits, t) ? PMA_OK : PMA_LIMITED;
+}
+
 pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
                                             const double *v, double *r)
 {
@@ -288,6 +305,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
                                         &s->code);
     for (size_t i = 0; i < p->n; i++)
         r[i] = 0.0 - r[i]; /* no negative zeros */
+    if (status == PMA_OK && s->limits)
+        status = measure_first(s, t, u);
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
 }
 
@@ -319,6 +338,8 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
     pma_subdomain_watch_again(s);
+    if (s->limits)
+        pma_limits_begin_first(s->limits, v);
     if (s->iterate) {
         x->history[s->parts.internal.history] = 0.0; /* corrections */
         pma_iterate_restore(s->iterate, 0.0, NULL, false);
