@@ -41,7 +41,8 @@ class ContactHistory:
         ones.
     impulse : (k, rows) array
         P of the normal rows in the step that ends there, 0 at the beginning; with ``every`` the sum
-        over all steps since the row before.
+        over all steps since the row before. Where the run before has ended between two of its rows,
+        the first row has the sum since the last one.
     friction : (k, rows, tangents) array
         The same of the tangential rows.
     gap : (k, rows) array

@@ -210,6 +210,11 @@ class Recording:
         wanted = self.wanted
         return self.numbers if wanted is None else wanted.numbers(self.end - self.begin)
 
+    @property
+    def continues(self) -> bool:
+        """Whether the rows of another run come before."""
+        return False
+
     def __enter__(self) -> Recording:
         return self
 
@@ -405,6 +410,10 @@ class FiledRecording(Recording):
             if file is not None:
                 file.close()
         self.earlier = None
+
+    @property
+    def continues(self) -> bool:
+        return self.earlier is not None
 
     @property
     def numbers_kept(self) -> float:

@@ -259,7 +259,7 @@ def core_state(
             lengths = checked(arrays, LENGTHS, 2)
         contact = core.numbers("contact")
         if contact.size:
-            contact = checked(arrays, "contacts", contact.size)
+            contact = contacts_of(arrays, contact.size)
         lam = rows.forces_in_core(checked(arrays, "multipliers", p))
         g = rows.jumps_in_core(checked(arrays, "prescribed", p))
     except (LookupError, ValueError) as error:
@@ -267,6 +267,15 @@ def core_state(
     ends = np.concatenate([*line, lengths])
     numbers = dict(zip(NUMBERS, (shooting, ends, jump, contact)))
     return CoreState(states, iterations, lam, g, numbers)
+
+
+def contacts_of(arrays: Mapping[str, np.ndarray], size: int) -> np.ndarray:
+    """What the core has of contacts; files of before version 0.4 have no sums of impulses, the last
+    of its numbers."""
+    x = arrays["contacts"]
+    if x.ndim == 1 and x.size < size:
+        arrays = {"contacts": np.concatenate([x, np.zeros(size - x.size)])}
+    return checked(arrays, "contacts", size)
 
 
 def core_arrays(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:

@@ -234,11 +234,13 @@ class Obstacles:
         )
 
     def start(self) -> np.ndarray:
-        """No impulses, and the obstacles at t = 0: contacts of the core at the start."""
+        """No impulses and no sums of them, and the obstacles at t = 0: contacts of the core at the
+        start."""
         at = np.zeros(2 * self.count)
         if self.callback is not None:
             at = self.callback.near_start_value(0.0)
-        return np.concatenate([np.zeros(self.contacts.rows), at])
+        none = np.zeros(self.contacts.rows)
+        return np.concatenate([none, at, none])
 
     def _values(self, t: float) -> np.ndarray:
         d, velocity = np.zeros((2, self.count))

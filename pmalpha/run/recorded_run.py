@@ -235,7 +235,10 @@ def record_present(session: Session, recording: Recording) -> None:
     record = recording.core_record()
     if session.ranks is not None:
         session.ranks.share(None)
+    contact = session.core.numbers("contact")
     elsewhere = session.core.record_present(record)
+    if recording.continues:  # this row is no row of the file: impulses are summed on
+        session.core.set_numbers("contact", contact)
     if elsewhere is not None:
         raise Elsewhere(*elsewhere)
 

@@ -27,7 +27,7 @@ typedef struct {
 typedef struct {
     double *P;        /* rows: the last impulses; what follows is one array with it */
     double *obstacle; /* 2 contacts: d and d' at the last fine step */
-    double *sum;      /* rows: of impulses since the last row of the record */
+    double *sum;      /* rows: of impulses since the last recorded row */
 } contact_level;
 
 struct pma_contact {
@@ -235,7 +235,7 @@ double *pma_coupler_contact(pma_coupler *c, size_t *size)
     if (!x)
         return NULL;
     commit(c, x);
-    *size = x->rows + 2 * x->parts.contacts;
+    *size = x->numbers;
     return x->present.P;
 }
 
@@ -435,23 +435,23 @@ static void record_present(const pma_coupler *c, const pma_record *to)
 {
     pma_contact *x = c->contact;
     commit((pma_coupler *)c, x);
-    memset(x->present.sum, 0, x->rows * sizeof(double));
-    memcpy(x->now.P, x->present.P, x->numbers * sizeof(double));
     if (to->contact_gap)
         record(c, x, to, 0, 0, x->present.sum);
+    memset(x->present.sum, 0, x->rows * sizeof(double));
+    memcpy(x->now.P, x->present.P, x->numbers * sizeof(double));
 }
 
+/* The sum goes on from one run to the next; steps without a record begin it anew. */
 static void sum_up(pma_coupler *c, pma_contact *x)
 {
+    const bool recorded = c->record && c->record->contact_gap;
+    const size_t row = recorded ? pma_recorder_row(c, c->k, c->fine) : PMA_NO_ROW;
     for (size_t k = 0; k < x->rows; k++)
         x->now.sum[k] += x->now.P[k];
-    if (c->record && c->record->contact_gap) {
-        const size_t row = pma_recorder_row(c, c->k, c->fine);
-        if (row != PMA_NO_ROW) {
-            record(c, x, c->record, c->k, row, x->now.sum);
-            memset(x->now.sum, 0, x->rows * sizeof(double));
-        }
-    }
+    if (row != PMA_NO_ROW)
+        record(c, x, c->record, c->k, row, x->now.sum);
+    if (row != PMA_NO_ROW || !recorded)
+        memset(x->now.sum, 0, x->rows * sizeof(double));
     if (c->k == c->fine)
         x->reached = c->present.number + 1;
 }

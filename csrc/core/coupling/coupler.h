@@ -164,8 +164,8 @@ double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size);
 /* What the iteration of internal forces keeps from one macro step to the next, beside what the
  * subdomains keep: `*size` numbers, to be read or written after a start. */
 double *pma_coupler_iteration(pma_coupler *c, size_t *size);
-/* Contacts: the last impulses (rows) and the obstacles at the present (2 contacts), one after the
- * other, which belong to the state, to be written after a start; W (rows x rows) by columns of the
+/* Contacts: the last impulses (rows), the obstacles at the present (2 contacts) and the sums of
+ * impulses since they were recorded last (rows), one after the other, which belong to the state, to be written after a start; W (rows x rows) by columns of the
  * first macro step or of the later ones; another obstacle, for as many contacts; and how often the
  * last impulses without friction were solved for. */
 double *pma_coupler_contact(pma_coupler *c, size_t *size);
