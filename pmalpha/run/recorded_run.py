@@ -37,6 +37,7 @@ from .cause import warn_of_gains, warn_of_present_steps
 from .drift import warn_if_drifting
 from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
+from .works import resume, works_of
 
 
 def run(
@@ -276,7 +277,9 @@ def summed_works(session: Session, conserved: str | None) -> Iterator[None]:
             weight = (stiffness_weight(scheme, member.h),) if conserved == "dual" else ()
             own = (core_matrix(member.M), core_matrix(skew_part(member.K), symmetric=False))
             member.core.begin_energy(*own, loads.at_present(i), lam, *weight)
+        resume(session.members, session.works, session.core.step_count)
         yield
     finally:
+        session.works = works_of(session.members, session.core.step_count)
         for member in session.members:
             member.core.end_energy()

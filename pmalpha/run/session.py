@@ -46,6 +46,7 @@ from .initial import InitialValues
 from .loads import Loads, warn_of_skipped
 from .motion import Obstacles, motions_of
 from .transfer import Steps
+from .works import Works
 
 
 @dataclass
@@ -85,6 +86,7 @@ class Session:
     table: tuple[Assembly, list[tuple[str, ...]]] | None = None
     whole: Recorded | None = None  # what runs record of everything, until the steps change
     monitor: Any = None  # what paced runs write for another process to look at
+    works: Works = Works()  # of the last run with energies, with which they go on
     # whether results are judged by warnings; those of other runs within a call are not
     judges: bool = True
 
@@ -363,6 +365,6 @@ def warn_of_records(session: Session, cases: Sequence[Case]) -> None:
 
 def return_to_start(session: Session, case: Case) -> None:
     take_first_steps(session)
-    session.initial, session.started = case.initial, False
+    session.initial, session.started, session.works = case.initial, False, Works()
     session.loads = session.loads.renewed(case.forces)
     take_loads(session)  # changes the core in its last lines only

@@ -11,7 +11,7 @@ from .._checks import MOST
 from ..files import NPZ, checked_path
 from ..setup.assembly import Assembly
 from ..setup.ranks import file_of, joined
-from . import checkpoint
+from . import checkpoint, works
 from .advance import steps_facts, steps_of
 from .checkpoint import CoreState
 from .checkpoint import restore as restore_state
@@ -19,6 +19,7 @@ from .initial import InitialValues
 from .loads import Loads
 from .session import Session, begin, check_call, take, together
 from .transfer import Steps
+from .works import Works
 
 __all__ = ["Snapshot"]
 
@@ -36,6 +37,7 @@ class _Contents(NamedTuple):
     state: CoreState
     initial: InitialValues
     loads: Loads
+    works: Works
 
 
 class Snapshot:
@@ -102,6 +104,7 @@ def snapshot_of(session: Session) -> Snapshot:
         state,
         session.initial,
         session.loads,
+        session.works,
     )
     return snapshot
 
@@ -119,7 +122,7 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     session.initial, session.started = kept.initial, True
     restore_state(kept.state, assembly.members, assembly.core, kept.steps.clock, kept.step)
     take(session, kept.steps, assembly)
-    session.loads, session.changed = loads, kept.changed
+    session.loads, session.changed, session.works = loads, kept.changed, kept.works
 
 
 def save(session: Session, path: str | PathLike[str]) -> None:
@@ -130,6 +133,8 @@ def save(session: Session, path: str | PathLike[str]) -> None:
         arrays = checkpoint.state_arrays(session.assembly, session.core_rows, session.options)
         arrays |= session.loads.begin_arrays(session.assembly.first)
         steps, done = steps_facts(session), session.core.step_count
+        if session.works.step == done:
+            arrays |= works.to_arrays(session.members, session.works, session.assembly.first)
         if session.ranks is None:
             checkpoint.write(path, problem_of(session), done, arrays, steps)
             return
@@ -162,6 +167,7 @@ def load(session: Session, path: str | PathLike[str]) -> None:
         state = checkpoint.core_state(path, arrays, assembly, rows, options)
         try:
             begins = session.loads.begins_of(arrays, first, steps.clock.origin, step)
+            summed = works.of_arrays(members, arrays, first, step)
         except ValueError as error:
             raise checkpoint.damaged(path, error) from None
         if session.ranks is not None:
@@ -172,6 +178,7 @@ def load(session: Session, path: str | PathLike[str]) -> None:
         checkpoint.restore(state, members, core, steps.clock, step)
         take(session, steps, assembly)
         session.loads, session.started, session.last_history = loads, True, None
+        session.works = summed
 
 
 def problem_of(session: Session) -> dict[str, Any]:

@@ -247,6 +247,52 @@ void pma_energy_follow(pma_energy *e, const pma_energy *from)
     e->begun = from->begun;
 }
 
+/* ---- what a later run goes on with ----------------------------------------------------------- */
+
+enum { SUMS = 5 };
+
+size_t pma_energy_size(const pma_energy *e)
+{
+    return 2 * (level_size(&e->parts) + SUMS);
+}
+
+bool pma_energy_keep(const pma_energy *e, double *out)
+{
+    const level *const levels[] = {&e->present, &e->previous};
+    const size_t size = level_size(&e->parts);
+    for (size_t k = 0; k < 2 && e->begun; k++) {
+        const level *at = levels[k];
+        const double sums[SUMS] = {at->works.dissipated, at->works.external, at->works.interface,
+                                   at->works.contact, at->potential};
+        memcpy(out, at->u, size * sizeof(double));
+        memcpy(out + size, sums, sizeof sums);
+        out += size + SUMS;
+    }
+    return e->begun;
+}
+
+void pma_energy_resume(pma_energy *e, const double *in)
+{
+    level *const levels[] = {&e->present, &e->previous};
+    const size_t size = level_size(&e->parts);
+    const double *zero = in + size; /* the works at the present */
+    for (size_t k = 0; k < 2; k++) {
+        level *at = levels[k];
+        const double *sums = in + size;
+        memcpy(at->u, in, size * sizeof(double));
+        at->works.dissipated = sums[0] - zero[0];
+        at->works.external = sums[1] - zero[1];
+        at->works.interface = sums[2] - zero[2];
+        at->works.contact = sums[3] - zero[3];
+        at->potential = sums[4];
+        in += size + SUMS;
+    }
+    e->start_potential = e->present.potential;
+    e->begun = true;
+}
+
+/* ---- works of substeps ----------------------------------------------------------------------- */
+
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x, const double *lam)
 {
     level *to = level_at(e, step->j + 1);

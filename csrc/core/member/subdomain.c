@@ -548,6 +548,21 @@ void pma_subdomain_conserve(pma_subdomain *s, double weight)
     pma_energy_conserve(s->energy, weight);
 }
 
+size_t pma_subdomain_works(const pma_subdomain *s)
+{
+    return s->energy ? pma_energy_size(s->energy) : 0;
+}
+
+bool pma_subdomain_keep_works(const pma_subdomain *s, double *out)
+{
+    return pma_energy_keep(s->energy, out);
+}
+
+void pma_subdomain_resume_works(pma_subdomain *s, const double *in)
+{
+    pma_energy_resume(s->energy, in);
+}
+
 pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from)
 {
     if (!from->energy)

@@ -1,0 +1,82 @@
+"""What sums of works go on with from one run to the next: forces and sums at the last time levels.
+
+They belong to the state where a run with energies has ended. Without them the works of double steps
+begin at a time level from which none of them starts, and the restoring force there is not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..setup.member import Member
+
+# Vectors of n dofs at a time level: u, F, C v + r.
+VECTORS = 3
+
+
+class Works(NamedTuple):
+    """Those at the end of a run with energies."""
+
+    step: int = 0  # the macro step
+    arrays: tuple[np.ndarray | None, ...] = ()  # of each subdomain
+
+
+def works_of(members: Sequence[Member], step: int) -> Works:
+    return Works(step, tuple(member.core.works() for member in members))
+
+
+def resume(members: Sequence[Member], works: Works, step: int) -> None:
+    """Let works that have been begun go on, where they are of the present state."""
+    for member, x in zip(members, works.arrays if works.step == step else ()):
+        if x is not None and _is_present(member, x):
+            member.core.resume_works(x)
+
+
+def _is_present(member: Member, x: np.ndarray) -> bool:
+    """Whether their displacements are those of the state, at both time levels of double steps."""
+    levels = member.core.levels()
+    u = levels[0 :: len(levels) // 2] if member.double else levels[:1]
+    return all(np.array_equal(own[: member.n], y) for own, y in zip(np.split(x, 2), u))
+
+
+def to_arrays(members: Sequence[Member], works: Works, first: int) -> dict[str, np.ndarray]:
+    """For a checkpoint, dofs in the user's order; `first` is the number of the first subdomain."""
+    found = {}
+    for i, (member, x) in enumerate(zip(members, works.arrays), first):
+        if x is not None:
+            found[f"{i}.works"] = x.copy()
+            for part, order in _parts(member, found[f"{i}.works"]):
+                part[:] = part[order]
+    return found
+
+
+def of_arrays(
+    members: Sequence[Member], arrays: Mapping[str, np.ndarray], first: int, step: int
+) -> Works:
+    """The inverse; ValueError for wrong arrays."""
+    works: list[np.ndarray | None] = []
+    for i, member in enumerate(members, first):
+        x = arrays.get(f"{i}.works")
+        if x is not None:
+            if x.dtype != np.float64 or x.ndim != 1 or x.size % 2 or not np.isfinite(x).all():
+                raise ValueError(f"{i}.works is not an array of finite numbers")
+            x = x.copy()
+            if x.size < 2 * (VECTORS * member.n + member.nb):
+                raise ValueError(f"{i}.works has {x.size} numbers")
+            for part, order in _parts(member, x):
+                part[order] = part.copy()
+        works.append(x)
+    return Works(step, tuple(works))
+
+
+def _parts(member: Member, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The vectors of dofs, and for each dof in the user's order its position there."""
+    n, nb = member.n, member.nb
+    for level in np.split(x, 2):
+        for k in range(VECTORS):
+            yield level[k * n : (k + 1) * n], member.position
+        pull = level[VECTORS * n : VECTORS * n + nb]
+        yield pull, np.argsort(member.order[n - nb :])
