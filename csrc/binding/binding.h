@@ -122,6 +122,10 @@ PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
 
+/* ... and in works.c */
+PyObject *pma_subdomain_get_works(SubdomainObject *self, PyObject *none);
+PyObject *pma_subdomain_go_on(SubdomainObject *self, PyObject *works);
+
 /* ... in rig.c. */
 PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args);
 PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj);

@@ -218,31 +218,6 @@ static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
     return failed ? NULL : Py_NewRef(Py_None);
 }
 
-static PyObject *subdomain_works(SubdomainObject *self, PyObject *none)
-{
-    (void)none;
-    npy_intp size = (npy_intp)pma_subdomain_works(self->core);
-    if (size == 0)
-        Py_RETURN_NONE;
-    PyObject *out = PyArray_SimpleNew(1, &size, NPY_DOUBLE);
-    if (!out || pma_subdomain_keep_works(self->core, PyArray_DATA((PyArrayObject *)out)))
-        return out;
-    Py_DECREF(out);
-    Py_RETURN_NONE;
-}
-
-static PyObject *subdomain_resume_works(SubdomainObject *self, PyObject *obj)
-{
-    const double *in;
-    const npy_intp size = (npy_intp)pma_subdomain_works(self->core);
-    if (size == 0)
-        return PyErr_Format(PyExc_ValueError, "resume_works needs begin_energy before");
-    if (pma_take_doubles(obj, size, "works", NULL, &in) < 0)
-        return NULL;
-    pma_subdomain_resume_works(self->core, in);
-    Py_RETURN_NONE;
-}
-
 static PyObject *subdomain_follow_energy(SubdomainObject *self, PyObject *obj)
 {
     if (!Py_IS_TYPE(obj, Py_TYPE((PyObject *)self)))
@@ -565,9 +540,9 @@ static PyMethodDef subdomain_methods[] = {
      "begin_energy(M, skew, load, lam, weight=nan): sums works from the present time level on; "
      "with "
      "a weight also the share in E*, in which it multiplies K"},
-    {"works", (PyCFunction)subdomain_works, METH_NOARGS,
+    {"works", (PyCFunction)pma_subdomain_get_works, METH_NOARGS,
      "works() -> what works begun at the same present go on with; None without energy"},
-    {"resume_works", (PyCFunction)subdomain_resume_works, METH_O,
+    {"resume_works", (PyCFunction)pma_subdomain_go_on, METH_O,
      "resume_works(works): after begin_energy, works go on from there"},
     {"follow_energy", (PyCFunction)subdomain_follow_energy, METH_O,
      "follow_energy(from): the works summed up for the same subdomain with other steps go on"},

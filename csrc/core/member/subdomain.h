@@ -178,8 +178,8 @@ void pma_subdomain_conserve(pma_subdomain *s, double weight);
 /* The works of `from` go on in s, whose present is the same for other steps; nothing if there are
  * none. Allocates. */
 pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from);
-/* What works, begun at the same present again, go on with: its number, 0 without energy; is it known?
- */
+/* What works go on with when they are begun at the same present again: the number of its numbers, 0
+ * without energy; are they known? */
 size_t pma_subdomain_works(const pma_subdomain *s);
 bool pma_subdomain_keep_works(const pma_subdomain *s, double *out);
 void pma_subdomain_resume_works(pma_subdomain *s, const double *in);

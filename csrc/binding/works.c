@@ -1,0 +1,28 @@
+/* Methods of Subdomain: what sums of works go on with. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+PyObject *pma_subdomain_get_works(SubdomainObject *self, PyObject *none)
+{
+    (void)none;
+    npy_intp size = (npy_intp)pma_subdomain_works(self->core);
+    if (size == 0)
+        Py_RETURN_NONE;
+    PyObject *out = PyArray_SimpleNew(1, &size, NPY_DOUBLE);
+    if (!out || pma_subdomain_keep_works(self->core, PyArray_DATA((PyArrayObject *)out)))
+        return out;
+    Py_DECREF(out);
+    Py_RETURN_NONE;
+}
+
+PyObject *pma_subdomain_go_on(SubdomainObject *self, PyObject *obj)
+{
+    const double *in;
+    const npy_intp size = (npy_intp)pma_subdomain_works(self->core);
+    if (size == 0)
+        return PyErr_Format(PyExc_ValueError, "resume_works needs begin_energy before");
+    if (pma_take_doubles(obj, size, "works", NULL, &in) < 0)
+        return NULL;
+    pma_subdomain_resume_works(self->core, in);
+    Py_RETURN_NONE;
+}
