@@ -166,9 +166,9 @@ double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size);
 double *pma_coupler_iteration(pma_coupler *c, size_t *size);
 /* Contacts: the last impulses (rows), the obstacles at the present (2 contacts) and the sums of
  * impulses since they were recorded last (rows), one after the other, which belong to the state, to
- * be written after a start; W (rows x rows) by columns of the first macro step or of the later ones;
- * another obstacle, for as many contacts; and how often the last impulses without friction were
- * solved for. */
+ * be written after a start; W (rows x rows) by columns of the first macro step or of the later
+ * ones; another obstacle, for as many contacts; and how often the last impulses without friction
+ * were solved for. */
 double *pma_coupler_contact(pma_coupler *c, size_t *size);
 const double *pma_coupler_contact_compliance(const pma_coupler *c, bool start, size_t *rows);
 const pma_load *pma_coupler_obstacle(const pma_coupler *c); /* NULL without contacts */

@@ -60,10 +60,10 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
 void pma_energy_follow(pma_energy *e, const pma_energy *from);
 const pma_energy_parts *pma_energy_get_parts(const pma_energy *e);
 
-/* What a later run goes on with, `size` numbers: u, F, C v + r (n each), L_b^T Lam (nb), what springs
- * remember, and 5 sums, at the present and at the time level before it, from which double steps
- * begin. False before the first macro step. A run that resumes has begun, with works that are zero
- * at the present. */
+/* What a later run goes on with, `size` numbers: u, F, C v + r (n each), L_b^T Lam (nb), what
+ * springs remember, and 5 sums, at the present and at the time level before it, from which double
+ * steps begin. False before the first macro step. A run that resumes has begun, with works that are
+ * zero at the present. */
 size_t pma_energy_size(const pma_energy *e);
 bool pma_energy_keep(const pma_energy *e, double *out);
 void pma_energy_resume(pma_energy *e, const double *in);
