@@ -797,7 +797,7 @@ class Coupler:
             Without `differences` for couplings and subdomains whose adjoint is not such a run:
             "mean" with another scheme than the trapezoidal rule, drift removed, the plain start,
             restoring and internal forces, contacts, lagged damping, dofs without mass; always for
-            `comm`.
+            `comm`, and after `change_steps`.
         TypeError, KeyError, ValueError
             For arguments and sources of the wrong kind or shape.
 
