@@ -299,8 +299,9 @@ def _of_block(
 ) -> np.ndarray:
     """(A9) of a block, w (1, n) that at its end, with eta of (A14)."""
     at_end = {kind: y[-1:] for kind, y in motion.items()} | {"M": w}
-    sums = of._products(mu, {kind: y[1:] for kind, y in motion.items()})
-    return sums + of._products(eta[None], at_end)
+    sums: np.ndarray = of._products(mu, {kind: y[1:] for kind, y in motion.items()})
+    sums = sums + of._products(eta[None], at_end)
+    return sums
 
 
 def checked_parameters(parameters: Any, session: Any) -> tuple[list[Parameters], list[str]]:

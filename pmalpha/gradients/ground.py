@@ -27,7 +27,7 @@ def of_own_mass(force: Force, M: Any) -> bool:
 
 def with_mass(force: Force, M: Any) -> Force:
     """A load of a subdomain for another mass matrix."""
-    if not isinstance(force, BaseAcceleration):
+    if not isinstance(force, BaseAcceleration) or force.direction is None:
         return force
     return force._changed(shape=-product(M, force.direction))
 

@@ -210,10 +210,12 @@ class Loads:
         macro steps from `low` to `high`."""
         begins: list[Begin | None] = []
         for i, force in enumerate(self.forces):
-            x = arrays.get(f"{first + i}.means") if is_averaged(force) else None
-            begins.append(None if x is None else Begin.of_array(x, force.values.shape[1]))
-            if begins[-1] is not None and not low <= begins[-1].step <= high:
-                raise ValueError(f"{first + i}.means has steps that change at {begins[-1].step}")
+            x, begin = arrays.get(f"{first + i}.means"), None
+            if x is not None and is_averaged(force):
+                begin = Begin.of_array(x, force.values.shape[1])
+                if not low <= begin.step <= high:
+                    raise ValueError(f"{first + i}.means has steps that change at {begin.step}")
+            begins.append(begin)
         return begins
 
     def next_begins(

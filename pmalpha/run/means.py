@@ -80,7 +80,10 @@ class Begin:
         levels = x[2:].reshape(-1, 3 * series + 1) if x.ndim == 1 else x
         if x.ndim != 1 or len(levels) not in (1, 2) or not np.all(np.isfinite(x)):
             raise ValueError(f"{x.size} numbers are not those of the means of {series} series")
-        made = [FreeMass(*np.split(row[:-1], 3), float(row[-1])) for row in levels]
+        made = []
+        for row in levels:
+            w, delta, v = np.split(row[:-1], 3)
+            made.append(FreeMass(w, delta, v, float(row[-1])))
         return cls(int(x[0]), float(x[1]) or None, tuple(made))
 
 
@@ -185,7 +188,7 @@ class Means:
         count = max(last, int(np.ceil(max(end, 0.0) / self.h))) + 2
         theta, _ = weights(self.scheme)
         ends = self.t + self.h * np.arange(count) + theta * self.step
-        table = (self.integral(ends) - self.integral(ends - self.step)) / self.step
+        table: np.ndarray = (self.integral(ends) - self.integral(ends - self.step)) / self.step
         for level in range(last + 1):
             table[level] = self.levels[level].w
         return table
