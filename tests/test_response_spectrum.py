@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import pmalpha as pm
 from pmalpha.analysis import response_spectrum
@@ -46,6 +47,46 @@ def test_a_spectrum_agrees_with_an_adaptive_solver(xi):
     found = np.transpose([spectrum.sd, spectrum.sv, spectrum.sa])
     # the vertex of a parabola through three of 200 points: (omega dt / 200)^3 / 6 = 2e-5
     assert np.allclose(found, expected, rtol=2e-5, atol=0.0)
+
+
+def powers(A, count):
+    """exp(A k / count) for k = 0 .. count."""
+    found = np.eye(len(A))[None]
+    while len(found) <= count:
+        found = np.concatenate([found, found @ expm(A / count * len(found))])
+    return found[: count + 1]
+
+
+def sampled(record, dt, period, xi, rest):
+    """Largest |u|, |v| and |u'' + a| of 200 points a period, by the exponential."""
+    omega = 2.0 * np.pi / period
+    A = np.zeros((4, 4))  # of u, v, a and its slope
+    A[0, 1] = A[2, 3] = 1.0
+    A[1] = -(omega**2), -2.0 * xi * omega, -1.0, 0.0
+    steps = powers(A * dt, int(200 * dt / period) + 20)
+    intervals = [(a, (b - a) / dt, steps) for a, b in zip(record[:-1], record[1:])]
+    if rest > 0.0:
+        intervals.append((0.0, 0.0, powers(A * rest, int(200 * rest / period) + 20)))
+    y, peaks = np.zeros(2), np.zeros(3)
+    for begin, slope, steps in intervals:
+        u, v, *_ = (steps @ [*y, begin, slope]).T
+        peaks = np.maximum(peaks, [vertex(x) for x in (u, v, 2.0 * xi * omega * v + omega**2 * u)])
+        y = u[-1], v[-1]
+    return peaks
+
+
+def test_the_largest_values_are_those_between_samples_of_any_record():
+    # between two samples an oscillator of a short period swings several times, each about as far
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        record, dt = rng.standard_normal(rng.integers(2, 6)), 10.0 ** rng.uniform(-2.0, 1.0)
+        xi, free = rng.choice([0.0, 0.001, 0.005, 0.1, 0.8]), bool(rng.integers(2))
+        period = dt * 10.0 ** rng.uniform(-1.2, 1.0)
+        found = response_spectrum(record, dt, [period], xi, free_vibration=free)
+        expected = sampled(record, dt, period, xi, free * period)
+        # the vertex of a parabola through three of 200 points a period, as above
+        values = np.array([found.sd[0], found.sv[0], found.sa[0]])
+        assert np.allclose(values, expected, rtol=2e-5, atol=0.0), (seed, values / expected - 1.0)
 
 
 def test_a_spectrum_is_that_of_runs_with_tiny_steps():

@@ -14,10 +14,11 @@ from ..problem.record import Record, takes_record
 
 __all__ = ["ResponseSpectrum", "response_spectrum"]
 
-# Points per period, and least number, at which the motion between two samples is computed where it
-# can be the largest; the maximum is between the largest of them and a neighbour.
-POINTS = 16
-# Maximum number of periods between two samples: more are no spectrum, and their points fill memory.
+# Steps of Newton's method in a bracket, and the change of the phase w tau at which it ends: at a
+# maximum the value differs by its square only.
+MOST_STEPS, PHASE = 60, 1e-9
+# Maximum number of periods between two samples: more are no spectrum, and brackets of the largest
+# values fill memory.
 MOST_PERIODS = 1e6
 
 
@@ -251,15 +252,16 @@ class _Waves:
         )
 
     def peak(self, length: float, least: float) -> float:
-        """The largest |x| in the intervals of this length, or `least` if that is larger."""
+        """The largest |x| in the intervals of this length, or `least` if that is larger.
+
+        least: at least the largest |x| at the ends of the intervals.
+        """
         bound = self._bound(length)
         some = np.flatnonzero(bound > least)
-        count = int(np.ceil(POINTS * abs(self.rate) * length / (2.0 * np.pi)))
-        tau = np.linspace(0.0, length, max(POINTS, count) + 1)
         for j in some[np.argsort(-bound[some])]:
             if bound[j] <= least:
                 break
-            least = max(least, self._peak_in(j, tau))
+            least = max(least, self._peak_in(j, length))
         return least
 
     def _bound(self, length: float) -> np.ndarray:
@@ -274,17 +276,31 @@ class _Waves:
         result: np.ndarray = np.minimum(from_chord, size + linear)
         return result
 
-    def _peak_in(self, j: int, tau: np.ndarray) -> float:
-        """The largest |x| in interval j: at the root of x' beside the largest |x| at `tau`."""
-        from scipy.optimize import brentq
+    def _peak_in(self, j: int, length: float) -> float:
+        """The largest |x| where x' = 0 within interval j; 0 without such a time.
 
-        x, slope, _ = self._derivatives(j, tau)
-        i = int(np.argmax(np.abs(x)))
-        other = i + 1 if x[i] * slope[i] > 0.0 else i - 1  # |x| rises towards it
-        if not 0 <= other < tau.size or slope[i] * slope[other] >= 0.0:
-            return float(abs(x[i]))
-        root = brentq(lambda t: self._derivatives(j, t)[1], tau[i], tau[other])
-        return max(float(abs(y)) for y in (x[i], self._derivatives(j, root)[0]))
+        Between two zeros of x'', which are known, x' has one zero at most.
+        """
+        wave = self.rate**2 * complex(self.p[j], -self.q[j])  # x'' = Re(wave exp(rate tau))
+        first = (0.5 * np.pi - np.angle(wave)) % np.pi
+        turns = (first + np.pi * np.arange(self.w * length / np.pi + 1.0)) / self.w
+        tau = np.concatenate([[0.0], turns[turns < length], [length]])
+        rises = self._derivatives(j, tau)[1] > 0.0
+        turning = np.flatnonzero(rises[:-1] != rises[1:])
+        begin, end, rising = tau[turning], tau[turning + 1], rises[turning]
+        t = 0.5 * (begin + end)
+        for _ in range(MOST_STEPS):
+            x, slope, curvature = self._derivatives(j, t)
+            before = (slope > 0.0) == rising
+            begin, end = np.where(before, t, begin), np.where(before, end, t)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                newton = t - slope / curvature
+            within = (newton >= begin) & (newton <= end)
+            change = np.abs(np.where(within, newton, 0.5 * (begin + end)) - t)
+            t = np.where(within, newton, 0.5 * (begin + end))
+            if np.all(self.w * change <= PHASE):
+                break
+        return float(np.max(np.abs(self._derivatives(j, t)[0]), initial=0.0))
 
     def _derivatives(
         self, j: int | np.ndarray, t: np.ndarray | float
