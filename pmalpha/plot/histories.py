@@ -13,6 +13,7 @@ import numpy as np
 from ..problem.dofs import dof_list
 from ..results.dof_motion import columns_of
 from ..results.keys import by_index
+from ..results.quantities import times_of
 from .styling import LINES, require_axes, shown_figure, shown_style, style
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 QUANTITIES = {"u": "displacement", "v": "velocity", "a": "acceleration"}
 UNITS = ("length", "time", "force")
 INTERFACE = {
-    "velocity\njump": ("multiplier_times", "velocity_jump"),
-    "displacement\njump": ("macro_times", "displacement_jump"),
-    "multiplier": ("multiplier_times", "multipliers"),
+    "velocity\njump": "velocity_jump",
+    "displacement\njump": "displacement_jump",
+    "multiplier": "multipliers",
 }
 # A jump below ROUNDING times the largest value of the recorded dofs is a sentence below the panels
 # instead of a panel: it is the rounding error of the interface problem, 1e-16 times the condition
@@ -75,7 +76,7 @@ def time_histories(
         return _drawn_into(ax, curves, quantity, unit, title)
     rows = _rows(history, constraints)
     notes = _rounding_notes(history) if rows else {}
-    interface = {x: of for x, of in INTERFACE.items() if rows and of[1] not in notes}
+    interface = {x: of for x, of in INTERFACE.items() if rows and of not in notes}
     chosen = history.substeps is not None and bool(np.any(history.substeps != history.substeps[0]))
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * len(interface)
     heights += [HEIGHTS[1]] * (chosen and bool(heights))
@@ -268,10 +269,10 @@ def _draw_interface(
     history: Any,
     rows: list[int],
     unit: Mapping[str, str],
-    interface: Mapping[str, tuple[str, str]],
+    interface: Mapping[str, str],
 ) -> None:
-    for ax, (label, (times, values)) in zip(axes, interface.items(), strict=True):
-        t, x = getattr(history, times), getattr(history, values)
+    for ax, (label, values) in zip(axes, interface.items(), strict=True):
+        t, x = times_of(history, values), getattr(history, values)
         if len(rows) < x.shape[1]:
             _band(ax, t, x)
         _draw(ax, [Curve(f"constraint {row}", t, x[:, row]) for row in rows])

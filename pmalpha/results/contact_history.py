@@ -10,6 +10,7 @@ import numpy as np
 
 from .._checks import counted
 from ..problem.unilateral import Contact
+from .quantities import times_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,7 +155,7 @@ def layouts(contacts: Any) -> tuple[Recorded, ...]:
 
 def recorded_contacts(history: Any) -> Contacts:
     """`History.contacts`."""
-    t, impulses = history.multiplier_times, history.contact_impulses
+    t, impulses = times_of(history, "contact_impulses"), history.contact_impulses
     if impulses is None:
         return Contacts(t, np.empty((t.size, 0)), np.empty((t.size, 0)), ())
     return Contacts(t, impulses, history.contact_gaps, history.contact_layout)

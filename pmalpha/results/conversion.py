@@ -11,14 +11,29 @@ from .._checks import counted
 from .._tables import html_table
 from ..files import library
 from .dof_motion import label_of, labels_of
-from .quantities import IN_INTERFACE, OF_INTERFACE, OF_SUBDOMAIN, TIMES, growing
+from .quantities import (
+    IN_INTERFACE,
+    OF_INTERFACE,
+    OF_SUBDOMAIN,
+    TIMES,
+    growing,
+    times_name,
+    times_of,
+)
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
 # The coordinates of columns; others have a name made of that of the quantity.
-COORDINATES = {"dofs": "dof", "springs": "spring"}
+COORDINATES = {
+    "dofs": "dof",
+    "springs": "spring",
+    "constraints": "constraint",
+    "subdomains": "subdomain",
+    "contact rows": "contact_row",
+    "contacts": "contact",
+}
 HEADINGS = (
     "subdomain",
     "dofs",
@@ -55,15 +70,16 @@ def frames(history: Any) -> dict[str, pandas.DataFrame]:
     """The implementation of `History.to_pandas`."""
     found = {s.name: subdomain_frame(s) for s in history.subdomains if s is not None}
     if history.multipliers.shape[1]:
-        if "interface" in found:
-            raise ValueError("to_pandas needs another name of the subdomain 'interface'")
-        columns = [
-            (name, None, getattr(history, name))
-            for name in IN_INTERFACE["constraints"]
-            if OF_INTERFACE[name].levels == "fine"
-        ]
-        labels = ["quantity", "constraint"]
-        found["interface"] = _frame(history.multiplier_times, columns, labels)
+        of_fine_steps = [x for x in IN_INTERFACE["constraints"] if OF_INTERFACE[x].axis != "macro"]
+        tables: dict[str, list[str]] = {}  # one index each
+        for name in of_fine_steps:
+            at_multipliers = times_of(history, name) is history.multiplier_times
+            tables.setdefault("interface" if at_multipliers else name, []).append(name)
+        for table, names in tables.items():
+            if table in found:
+                raise ValueError(f"to_pandas needs another name of the subdomain {table!r}")
+            columns = [(name, None, getattr(history, name)) for name in names]
+            found[table] = _frame(times_of(history, names[0]), columns, ["quantity", "constraint"])
     return found
 
 
@@ -89,16 +105,16 @@ def subdomain_dataset(s: Any) -> xarray.Dataset:
 def dataset(history: Any) -> xarray.Dataset:
     """The implementation of `History.to_xarray`."""
     macro = TIMES["macro"]
-    dimension = {"constraints": "constraint", "subdomains": "subdomain"}
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {
-        name: getattr(history, name) for name in TIMES.values() if name in OF_INTERFACE
+        name: getattr(history, name) for name in OF_INTERFACE if name in TIMES.values()
     }
     coordinates["constraint"] = np.arange(history.multipliers.shape[1])
     for name, x in growing(history).items():
         quantity = OF_INTERFACE[name]
         if quantity.columns:
-            variables[name] = ((TIMES[quantity.levels], dimension[quantity.columns]), x)
+            times = times_name(quantity, history.coupling)
+            variables[name] = ((times, COORDINATES[quantity.columns]), x)
     if history.energy is not None:
         for name, x in history.energy.arrays().items():
             variables[f"energy_{name}"] = ((macro, "subdomain"), x)

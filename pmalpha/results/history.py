@@ -222,9 +222,11 @@ class History:
         Returns
         -------
         History
-            Motions as of `at`; multipliers, jumps, springs and outputs linear between their times
-            (of multipliers under "mean" the middles of macro steps). Without energies, and without
-            iterations and histories of internal forces.
+            Motions as of `at`; multipliers, jumps, gaps, springs and outputs linear between their
+            times (of multipliers under "mean" the middles of macro steps). Impulses of contacts are
+            those since the time before, 0 at the first, as if evenly spread over their steps: their
+            sum is that of the run between the first and the last time. Without energies, and
+            without iterations and histories of internal forces.
 
         Raises
         ------
@@ -435,7 +437,8 @@ class History:
 
         Each as of `SubdomainHistory.to_pandas`. With constraints there is "interface", with the
         index ``time``, the times at which the interface problem is solved, and the columns
-        (quantity, constraint) for ``multipliers`` and ``velocity_jump``.
+        (quantity, constraint) for ``multipliers`` and ``velocity_jump``. Under "mean" it has the
+        multipliers, at the middles of macro steps, and a table "velocity_jump" has these.
 
         Returns
         -------
@@ -447,7 +450,7 @@ class History:
         ImportError
             If pandas is missing.
         ValueError
-            If a subdomain is called "interface".
+            If a subdomain is called "interface", under "mean" also "velocity_jump".
         """
         return frames(self)
 
@@ -476,7 +479,9 @@ class History:
         and ``rig_force`` with ``rig_time`` and ``rig_spring``. An output "base shear" is
         ``rig_base shear`` with ``rig_time`` and ``rig_base shear_row``. The interface has
         ``multipliers`` and ``velocity_jump`` with ``multiplier_times`` and ``constraint`` (a row of
-        L), and ``displacement_jump`` with ``macro_times`` and ``constraint``. Dofs with names have
+        L), and ``displacement_jump`` with ``macro_times`` and ``constraint``; under "mean"
+        ``velocity_jump`` has ``macro_times`` too. Contacts have ``contact_impulses`` and
+        ``contact_gaps`` with ``contact_row`` and ``contact``. Dofs with names have
         these as coordinates. A run with ``energy=True`` has ``energy_kinetic`` and so on with
         ``macro_times`` and ``subdomain``.
 

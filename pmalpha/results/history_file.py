@@ -38,10 +38,11 @@ from ..files import (
 from ..memory import require
 from . import array_file
 from .array_file import hdf5_library, lay_out, reserve
-from .quantities import IN_INTERFACE, IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN
+from .quantities import IN_INTERFACE, IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN, times_name
 
 # By the last component of the HDF5 path: what the array is, and its unit.
-ARRAYS = {name: (x.what, x.unit) for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items()}
+TABLE = OF_SUBDOMAIN | OF_INTERFACE
+ARRAYS = {name: (x.what, x.unit) for name, x in TABLE.items()}
 ARRAYS["step_count"] = ("macro steps up to which all rows are written", "1")
 ENERGY = ("a row for each macro time level, a column for each subdomain", "F u")
 CONSERVED = (
@@ -60,7 +61,7 @@ READ_BYTES = 16e6
 # Bytes that one byte of a packed array can hold, of which deflate makes at most 1032.
 PACKED = 1032
 # What is finite at every time level of a run.
-STATES = {name for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items() if x.is_state}
+STATES = {name for name, x in TABLE.items() if x.is_state}
 
 
 def describe(whole: Any, header: Mapping[str, Any]) -> None:
@@ -89,6 +90,11 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
             known = of_energy if key == "energy" else ARRAYS.get(name)
             if known is not None:
                 array.attrs.update(zip(("description", "units"), known))
+                times = "macro_times"
+                if key != "energy" and name in TABLE:
+                    times = times_name(TABLE[name], header["coupling"])
+                if times:
+                    array.attrs["times"] = times
 
 
 def storable(name: str) -> str:
@@ -423,10 +429,11 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
             number = type(step) in (int, float) and abs(step) <= sys.float_info.max
             if not (number or step is None):
                 raise ValueError(f"finite steps of subdomain {i}, got {step!r}")
-    rows = arrays["multiplier_times"].size
-    for name in ("multipliers", "velocity_jump"):
-        if arrays[name].ndim != 2 or len(arrays[name]) != rows:
-            raise ValueError(f"rows of {name}, which has not {rows} of them")
+    for name, quantity in OF_INTERFACE.items():
+        if quantity.columns and name in arrays:
+            rows = arrays[times_name(quantity, header.get("coupling"))].size
+            if arrays[name].ndim != 2 or len(arrays[name]) != rows:
+                raise ValueError(f"rows of {name}, which has not {rows} of them")
 
 
 def _check_shapes(i: int, arrays: Mapping[str, np.ndarray]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from .._checks import counted, real_array, real_number
 from .dof_motion import DofMotion, State, columns_of, label_of, largest
 from .keys import position
-from .quantities import IN_SUBDOMAIN, growing
+from .quantities import growing, table_of, times_of
 
 __all__ = ["Instant", "Peak"]
 
@@ -112,18 +112,13 @@ def state(s: Any, times: np.ndarray) -> State:
 
 def resampled(history: Any, times: Any) -> Any:
     given, t = rising(times, history.macro_times)
-    fine, macro = history.multiplier_times, history.macro_times
-    jump_times = fine if len(history.velocity_jump) == len(fine) else macro
+    fields: dict[str, Any] = {
+        name: between(t, times_of(history, name), x, table_of(history)[name].between)
+        for name, x in growing(history).items()
+    }
+    fields |= dict(multiplier_times=given, macro_times=given, energy=None)
     return replace(
-        history,
-        subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains),
-        multipliers=linear(t, fine, history.multipliers),
-        multiplier_times=given,
-        velocity_jump=linear(t, jump_times, history.velocity_jump),
-        displacement_jump=linear(t, macro, history.displacement_jump),
-        macro_times=given,
-        energy=None,
-        substeps=None,
+        history, subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains), **fields
     )
 
 
@@ -137,14 +132,23 @@ def rising(times: Any, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def resampled_one(s: Any, t: np.ndarray) -> Any:
     """A `SubdomainHistory` at other times of the run."""
-    u, v, a = hermite(t, s.t, s.u, s.v, s.a)
-    others: dict[str, Any] = dict.fromkeys((*growing(s), "substep", "double_after"))
-    others |= {
-        name: None if getattr(s, name) is None else linear(t, s.t, getattr(s, name))
-        for name in IN_SUBDOMAIN["springs"]
+    fields: dict[str, Any] = dict.fromkeys(("substep", "double_after"))
+    fields |= {
+        name: between(t, s.t, x, table_of(s)[name].between) for name, x in growing(s).items()
     }
+    fields |= dict(zip("uva", hermite(t, s.t, s.u, s.v, s.a)), t=t)
     outputs = {name: linear(t, s.t, x) for name, x in s.outputs.items()}
-    return replace(s, **(others | dict(t=t, u=u, v=v, a=a)), outputs=outputs)
+    return replace(s, **fields, outputs=outputs)
+
+
+def between(times: np.ndarray, t: np.ndarray, x: np.ndarray, how: str) -> np.ndarray | None:
+    """Columns at other times by `Quantity.between`; None for those that have no value there."""
+    if how == "linear":
+        return linear(times, t, x)
+    if how == "sum":  # what has been summed up to a time is linear between rows
+        total = np.cumsum(x, axis=0)
+        return np.diff(linear(times, t, total), axis=0, prepend=linear(times[:1], t, total))
+    return None
 
 
 def within(levels: np.ndarray, times: np.ndarray, name: str) -> np.ndarray:

@@ -17,8 +17,15 @@ import numpy as np
 from ..problem.dofs import names_at
 from ..setup.member import Member
 
-# The times of rows, by their levels.
-TIMES = {"own": "t", "fine": "multiplier_times", "macro": "macro_times"}
+# The times of rows, by their axis; under "mean", whose interface problems are those of macro steps,
+# the fine steps are the macro steps.
+TIMES = {
+    "levels": "t",
+    "fine": "multiplier_times",
+    "middles": "multiplier_times",
+    "macro": "macro_times",
+    "": "",
+}
 # The parts of the record of a subdomain that the core takes by themselves; the rest is one tuple.
 APART = ("", "dofs", "springs")
 Record = TypeVar("Record", bound=Any)
@@ -35,9 +42,13 @@ class Quantity(NamedTuple):
     # what, unit: its description in files
     what: str
     unit: str
-    # {"own", "fine", "macro", ""}, its rows: time levels of the subdomain, of the interface
-    # problems, or macro time levels; "" for an array without, the numbers of the columns
-    levels: str = "own"
+    # {"levels", "fine", "middles", "macro", ""}, its rows: time levels of the subdomain; ends of the
+    # fine steps; the same, under "mean" the middles of macro steps; macro time levels. "" for an
+    # array without, the numbers of the columns
+    axis: str = "levels"
+    # {"cubic", "linear", "sum", ""}, what it is between two rows: the motion, by its derivatives;
+    # linear; a sum since the row before, which grows evenly. "": it has no value there
+    between: str = ""
     is_state: bool = False  # finite in every run. Others are sums of products.
     is_count: bool = False  # whole numbers; one column is then an array of one dimension
 
@@ -50,14 +61,17 @@ OF_SUBDOMAIN = {
         "dofs",
         "displacement, a row for each time level, a column for each recorded dof",
         "u",
+        between="cubic",
         is_state=True,
     ),
-    "v": Quantity("dofs", "velocity, as u", "u/t", is_state=True),
-    "a": Quantity("dofs", "acceleration, as u", "u/t^2", is_state=True),
-    "dofs": Quantity("", "the recorded dofs, from 0", "1", levels="", is_state=True),
-    "deformation": Quantity("springs", "deformation of springs, a row for each time level", "u"),
-    "force": Quantity("springs", "force of springs, as deformation", "F"),
-    "springs": Quantity("", "the recorded springs, from 0", "1", levels=""),
+    "v": Quantity("dofs", "velocity, as u", "u/t", between="cubic", is_state=True),
+    "a": Quantity("dofs", "acceleration, as u", "u/t^2", between="cubic", is_state=True),
+    "dofs": Quantity("", "the recorded dofs, from 0", "1", axis="", is_state=True),
+    "deformation": Quantity(
+        "springs", "deformation of springs, a row for each time level", "u", between="linear"
+    ),
+    "force": Quantity("springs", "force of springs, as deformation", "F", between="linear"),
+    "springs": Quantity("", "the recorded springs, from 0", "1", axis=""),
     "iterations": Quantity("iterated", "Newton iterations of each substep", "1", is_count=True),
     "q": Quantity(
         "memory", "history of internal forces, a row for each time level", "any", is_state=True
@@ -65,20 +79,29 @@ OF_SUBDOMAIN = {
 }
 OF_INTERFACE = {
     "multipliers": Quantity(
-        "constraints", "interface forces, a column for each constraint", "F", "fine", is_state=True
+        "constraints",
+        "interface forces, a column for each constraint",
+        "F",
+        "middles",
+        "linear",
+        is_state=True,
     ),
-    "multiplier_times": Quantity(
-        "", "times of multipliers and velocity_jump", "t", "fine", is_state=True
-    ),
+    "multiplier_times": Quantity("", "times of multipliers", "t", "middles", is_state=True),
     "velocity_jump": Quantity(
-        "constraints", "violation of the velocity constraints, as multipliers", "u/t", "fine"
+        "constraints",
+        "violation of the velocity constraints, as multipliers",
+        "u/t",
+        "fine",
+        "linear",
     ),
     "contact_impulses": Quantity(
-        "contact rows", "impulses of contacts since the row before", "F t", "fine"
+        "contact rows", "impulses of contacts since the row before", "F t", "fine", "sum"
     ),
-    "contact_gaps": Quantity("contacts", "gaps of contacts, as contact_impulses", "u", "fine"),
+    "contact_gaps": Quantity(
+        "contacts", "gaps of contacts, as contact_impulses", "u", "fine", "linear"
+    ),
     "displacement_jump": Quantity(
-        "constraints", "displacement drift, a column for each constraint", "u", "macro"
+        "constraints", "displacement drift, a column for each constraint", "u", "macro", "linear"
     ),
     "macro_times": Quantity(
         "", "times of displacement_jump and of the energies", "t", "macro", is_state=True
@@ -137,7 +160,22 @@ def arrays_of(record: Any) -> dict[str, np.ndarray]:
 def growing(record: Any) -> dict[str, np.ndarray]:
     """Those with a row for each time level."""
     table = table_of(record)
-    return {name: x for name, x in arrays_of(record).items() if table[name].levels}
+    return {name: x for name, x in arrays_of(record).items() if table[name].axis}
+
+
+def times_name(quantity: Quantity, coupling: str | None) -> str:
+    """The name of the array with the times of its rows, "" for an array without.
+
+    coupling: that of the History; None, of files of older versions, is no mean coupling.
+    """
+    fine_is_macro = coupling == "mean" and quantity.axis == "fine"
+    return TIMES["macro" if fine_is_macro else quantity.axis]
+
+
+def times_of(history: Any, name: str) -> np.ndarray:
+    """The times of the rows of an array of the interface of a History."""
+    times: np.ndarray = getattr(history, times_name(OF_INTERFACE[name], history.coupling))
+    return times
 
 
 def with_rows(record: Record, change: Callable[..., np.ndarray], *others: Record) -> Record:

@@ -109,7 +109,7 @@ class Recorded:
 
     def levels_of(self, name: str) -> int:
         """Time levels per macro step of an array of the interface."""
-        return self.fine if OF_INTERFACE[name].levels == "fine" else 1
+        return 1 if OF_INTERFACE[name].axis == "macro" else self.fine
 
 
 class Wanted(NamedTuple):
