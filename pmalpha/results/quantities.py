@@ -42,9 +42,9 @@ class Quantity(NamedTuple):
     # what, unit: its description in files
     what: str
     unit: str
-    # {"levels", "fine", "middles", "macro", ""}, its rows: time levels of the subdomain; ends of the
-    # fine steps; the same, under "mean" the middles of macro steps; macro time levels. "" for an
-    # array without, the numbers of the columns
+    # {"levels", "fine", "middles", "macro", ""}, the times of its rows: time levels of the
+    # subdomain; ends of the fine steps; the same, under "mean" the middles of macro steps; macro
+    # time levels. "" for an array without, the numbers of the columns
     axis: str = "levels"
     # {"cubic", "linear", "sum", ""}, what it is between two rows: the motion, by its derivatives;
     # linear; a sum since the row before, which grows evenly. "": it has no value there
