@@ -305,9 +305,9 @@ def test_a_history_that_could_not_be_loaded_is_not_saved(tmp_path):
         ({"steps": [[np.nan, None], [1, None], None]}, "finite steps of subdomain 0, got nan"),
         ({"steps": [[0.1, "x"], [1, None], None]}, "finite steps of subdomain 0, got 'x'"),
         ({"steps": [[0.1, 10**400], [1, None], None]}, "finite steps of subdomain 0, got 1000"),
-        ({"substeps": np.array([[1.0, 3.0, np.inf]])}, "whole numbers in substeps"),
-        ({"substeps": np.array([[1.0, 3.0, 1.5]])}, "whole numbers in substeps"),
-        ({"substeps": np.array([[1.0, 3.0, 1e300]])}, "whole numbers in substeps"),
+        ({"substeps": np.tile([1.0, 3.0, np.inf], (9, 1))}, "whole numbers in substeps"),
+        ({"substeps": np.tile([1.0, 3.0, 1.5], (9, 1))}, "whole numbers in substeps"),
+        ({"substeps": np.tile([1.0, 3.0, 1e300], (9, 1))}, "whole numbers in substeps"),
     ],
 )
 def test_steps_that_no_run_has_are_refused(tmp_path, forgery, reason):

@@ -341,3 +341,23 @@ def test_the_coupler_is_unchanged():
     coupler.static()
     ours, theirs = coupler.run(steps=4), other.run(steps=4)
     assert ours["m"].u.tobytes() == theirs["m"].u.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_linear_structures_given_as_internal_forces_have_their_linear_equilibrium(seed):
+    # also where constraints leave no motion, or where the first correction leaves but rounding
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 6))
+    p = int(rng.integers(0, n + 1))
+    A = rng.normal(size=(n, n))
+    K = 10.0 ** rng.uniform(-3.0, 6.0) * (A @ A.T + 0.1 * np.eye(n))
+    F = 10.0 ** rng.uniform(-3.0, 3.0) * rng.normal(size=n)
+    L = np.eye(n)[rng.permutation(n)[:p]] if rng.integers(2) else rng.normal(size=(p, n))
+    how = dict(scheme=pm.Newmark(), force=F, name="s")
+    s = pm.Subdomain(np.ones(n), None, internal=lambda u, v, t, q: (K @ u, K), **how)
+    u = pm.Coupler([s], [pm.Constraint({s: L})] if p else [], dt=0.01).static()["s"]
+    saddle = np.block([[K, -L.T], [L, np.zeros((p, p))]])
+    expected = np.linalg.solve(saddle, np.concatenate([F, np.zeros(p)]))[:n]
+    # rounding of both solutions, of the displacement without constraints: condition numbers to 1e4
+    free = np.abs(np.linalg.solve(K, F)).max()
+    np.testing.assert_allclose(u, expected, rtol=0.0, atol=1e-11 * free)

@@ -205,10 +205,10 @@ class Equilibrium:
     ) -> tuple[_Trial, float, bool] | None:
         """A correction, the part of it that the line search leaves, and whether K was shifted."""
         for shift in SHIFTS if self.searches else SHIFTS[:1]:
-            trial = self._correction(K, R, jump, shift)
+            trial = self._correction(u, K, R, jump, shift)
             if trial is None:
                 continue
-            if not self.searches:
+            if not self.searches or trial.slope == 0.0:
                 return trial, 1.0, False
             x = self._line_search(u, load, trial)
             if x is not None:
@@ -218,9 +218,9 @@ class Equilibrium:
         return None
 
     def _correction(
-        self, K: sp.csc_array, R: np.ndarray, jump: np.ndarray, shift: float
+        self, u: np.ndarray, K: sp.csc_array, R: np.ndarray, jump: np.ndarray, shift: float
     ) -> _Trial | None:
-        """K du - L^T Lam = R, L du = - jump; None unless du . K du > 0."""
+        """K du - L^T Lam = R, L du = - jump; None unless du . K du > 0, or it is rounding: 0."""
         from scipy.sparse.linalg import splu
 
         d = np.abs(K.diagonal())
@@ -238,6 +238,11 @@ class Equilibrium:
         du, lam = scale @ x[:n], x[n:]
         pulled = R + self.L.T @ lam
         slope = float(du @ pulled)
+        terms = np.abs(self.F) + abs(K) @ np.abs(u) + abs(self.L).T @ np.abs(lam)
+        reach = ROUNDING * (abs(self.L) @ (np.abs(u) + terms / d))
+        if np.abs(du) @ np.abs(pulled) <= ROUNDING * (np.abs(du) @ terms):
+            if np.all(np.abs(jump) <= reach):
+                return _Trial(du, lam, 0.0)
         return _Trial(du, lam, slope) if np.isfinite(slope) and slope > 0.0 else None
 
     def _slope(self, u: np.ndarray, load: float, trial: _Trial, x: float) -> float:
