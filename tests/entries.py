@@ -553,6 +553,7 @@ def models(rng):
         (m.shear_frame, {"masses": np.ones(3), "stiffnesses": [2.0, 1.0, 1.0]}),
         (pm.readers.asymmetry, {"A": K3}),
         (pm.readers.symmetrized, {"A": sp.csr_array(K3), "tol": 1e-9}),
+        (pm.readers.completed, {"A": np.tril(K3)}),
         (pm.SupportMotion, {"record": np.sin(np.arange(9.0)), "dt": 0.1, "kind": "acceleration"}),
     ), None
 

@@ -79,6 +79,22 @@ def test_the_first_double_step_of_a_continued_run_began_before_the_record():
     assert np.isnan(e[0]).all() and np.isfinite(e[1:]).all()
 
 
+@pytest.mark.parametrize("begin", [0, 1, 2, 5])
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_local_errors_need_all_time_levels_wherever_the_run_begins(begin, every):
+    one = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[-1.0])
+    coupler = pm.Coupler([one], dt=0.01)
+    if begin:
+        coupler.step(begin)
+    motion = coupler.run(steps=12, every=every)[0]
+    if every == 1:
+        # h^3 / 12 of the third derivative, 4 cos(2 t) of -sin(2 t) / 2: at most 3.4e-7
+        assert np.abs(motion.local_error()).max() <= 4.0 * 0.01**3 / 12
+        return
+    with pytest.raises(ValueError, match="local_error needs all time levels"):
+        motion.local_error()
+
+
 def test_thinned_records_have_no_local_errors():
     history = tower_and_rig(0.005).run(1.0, every=4)
     with pytest.raises(ValueError, match="all time levels of 'tower'"):

@@ -13,6 +13,7 @@ import scipy.io
 import scipy.sparse as sp
 
 import pmalpha as pm
+from pmalpha import readers
 from pmalpha.readers import ExportedMatrix, asymmetry, read_abaqus, read_dmig, symmetrized
 
 BAR = np.array([[3.0, -2.0, 0.0], [-2.0, 3.0, -1.0], [0.0, -1.0, 1.0]])  # nodes 5, 9, 2
@@ -334,6 +335,35 @@ def test_symmetrizing_takes_the_mean_within_the_tolerance_given(form):
     assert pm.Subdomain([1.0, 1.0, 1.0], mean, scheme=pm.Newmark()).n == 3
     with pytest.raises(ValueError, match=r"tol = 0.0009, got 0.001: -2 at \[0, 1\] and -2.003"):
         symmetrized(form(A), tol=9e-4)
+
+
+@pytest.mark.parametrize("form", [np.asarray, sp.csr_array, sp.coo_matrix])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_triangle_is_refused_by_name_and_completed(form, seed):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(4, 4))
+    K = A @ A.T
+    triangle = form((np.tril, np.triu)[seed % 2](K))
+    with pytest.raises(ValueError, match="one triangle of a symmetric matrix, readers.completed.K"):
+        pm.Subdomain(np.ones(4), triangle, scheme=pm.Newmark())
+    whole = readers.completed(triangle)
+    np.testing.assert_array_equal(whole.toarray() if sp.issparse(whole) else whole, K)
+    with pytest.raises(ValueError, match="one side of the diagonal only, got some on both"):
+        readers.completed(form(K))
+
+
+@pytest.mark.parametrize("form", [np.asarray, sp.csr_array])
+def test_an_asymmetry_of_few_digits_is_shown_and_its_remedy_works(form):
+    # equal in the six digits that are printed: the message has the difference, relative to
+    # sqrt(K_00 K_11) = 4
+    K = np.array([[2.0, 1.0 + 1.2e-9], [1.0, 8.0]])
+    with pytest.raises(ValueError, match=r"differ by 3e-10 of it; .* readers.symmetrized\(K, tol"):
+        pm.Subdomain(np.ones(2), form(K), scheme=pm.Newmark())
+    assert asymmetry(form(K)) == pytest.approx(3e-10, rel=1e-6)
+    assert pm.Subdomain(np.ones(2), symmetrized(form(K), 1e-9), scheme=pm.Newmark()).n == 2
+    K[0, 1] = -2.0  # not by rounding
+    with pytest.raises(ValueError, match="got -2 at .* take symmetric=False"):
+        pm.Subdomain(np.ones(2), form(K), scheme=pm.Newmark())
 
 
 @pytest.mark.parametrize("A", [np.ones((2, 3)), [[np.nan]], sp.csr_array([[np.inf]])])

@@ -74,6 +74,7 @@ CALLS = {
     "reduce": lambda A: pm.reduce(np.ones(N), A, fixed=[0]),
     "pattern": lambda A: pm.InternalForce(lambda u, v, t, q: (u, PLAIN), pattern=A),
     "symmetrized": lambda A: pm.readers.symmetrized(A, tol=0.1),
+    "completed": lambda A: pm.readers.completed(A),
 }
 
 

@@ -59,6 +59,23 @@ def test_records_of_displacement_move_the_supports_and_the_mass():
     assert np.abs(history.u[:, 1] - mass).max() < 5e-3 * np.abs(mass).max()
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_displacements_that_begin_with_a_slope_are_warned_of_with_it(seed):
+    # a sine of which the phase makes the slope; the spline through it is exact to order 4, but
+    # clamped at the ends, which a tenth of the samples shows
+    rng = np.random.default_rng(seed)
+    omega, size, dt = rng.uniform(1.0, 5.0), 10.0 ** rng.uniform(-2.0, 2.0), 0.02
+    t = dt * np.arange(200)
+    still, moving = size * np.cos(omega * t), size * np.sin(omega * t)
+    pm.SupportMotion(still, dt, "displacement")  # warnings are errors
+    with pytest.warns(pm.AccuracyWarning, match="begins with the slope") as found:
+        motion = pm.SupportMotion(np.transpose([still, moving]), dt, "displacement")
+    text = str(found[0].message)
+    slope = float(text.split("slope ")[1].split(" in column 1")[0])
+    assert slope == pytest.approx(size * omega, rel=(omega * dt) ** 2)
+    assert np.abs(motion(0.0)).max() == 0.0
+
+
 def test_equal_motions_of_all_supports_are_a_base_acceleration():
     acceleration, dt = pm.models.el_centro()
     record = acceleration[:201]

@@ -25,6 +25,9 @@ Matrix: TypeAlias = np.ndarray | sp.csr_array  # a diagonal, dense, or by rows
 SYMMETRY = 1e-10
 SYMMETRY_OF_ROW = 1e-14
 
+# An asymmetry up to this is taken for the rounding of a file with few digits.
+FEW_DIGITS = 1e-4
+
 # What an error about an unsymmetric matrix of a subdomain ends with.
 ADMITTED = "gyroscopic and circulatory terms and follower forces take symmetric=False"
 
@@ -193,16 +196,37 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
     excess -= SYMMETRY_OF_ROW * largest[rows] * largest[columns]
     worst = int(np.argmax(excess))
     if excess[worst] > 0.0 and required is not False:
-        i, j = int(rows[worst]), int(columns[worst])
-        remedy = f"; {ADMITTED}" if required else ""
-        raise ValueError(
-            f"{name} must be symmetric, got {A[i, j]:g} at [{i}, {j}] and {A[j, i]:g} at "
-            f"[{j}, {i}]{remedy}"
-        )
+        raise ValueError(_unsymmetric(A, name, int(rows[worst]), int(columns[worst]), required))
     if excess[worst] > 0.0:
         return A
     mean = A * 0.5 + A.T * 0.5
     return sp.csr_array(mean) if sp.issparse(A) else mean
+
+
+def _unsymmetric(A: Any, name: str, i: int, j: int, may_be: bool | None) -> str:
+    """What is wrong with a matrix that is not symmetric at [i, j], and what to do."""
+    whole = sp.coo_array(A)
+    stored = whole.data != 0.0
+    below = bool(np.any(whole.row[stored] > whole.col[stored]))
+    above = bool(np.any(whole.row[stored] < whole.col[stored]))
+    if below != above:
+        side, other = ("below", "above") if below else ("above", "below")
+        return (
+            f"{name} must be symmetric, got one with entries {side} the diagonal and none {other} "
+            f"it; if it is one triangle of a symmetric matrix, readers.completed({name}) is the "
+            "whole"
+        )
+    got = f"{A[i, j]:g} at [{i}, {j}] and {A[j, i]:g} at [{j}, {i}]"
+    d = np.sqrt(np.abs(diagonal(A)))
+    size = d[i] * d[j] or max(abs(A[i, j]), abs(A[j, i]))
+    difference = abs(A[i, j] - A[j, i]) / size
+    if difference <= FEW_DIGITS:
+        return (
+            f"{name} must be symmetric to {SYMMETRY:g} of the diagonal, got {got}, which differ by "
+            f"{difference:.2g} of it; for a matrix of few digits, readers.symmetrized({name}, tol) "
+            "takes the mean"
+        )
+    return f"{name} must be symmetric, got {got}" + (f"; {ADMITTED}" if may_be else "")
 
 
 def _simplest(A: Any) -> Matrix | None:

@@ -8,9 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, counted, real_array, require_moderate, sampling_step
+from ..errors import AccuracyWarning, warn
 from .record import Record, takes_record
 
 __all__ = ["SupportMotion"]
+
+# Initial velocity of a record of displacements, as a share of its largest velocity, from which on
+# a beginning at rest is warned of.
+MOVING = 0.1
 
 
 class SupportMotion:
@@ -31,13 +36,19 @@ class SupportMotion:
         "acceleration": linear between the samples; velocity and displacement are its exact
         integrals. After the record the acceleration is zero: a record whose velocity does not
         return to zero keeps moving the support. "displacement": a cubic spline through the samples
-        minus the first one, with zero velocity at both ends; at rest after the record.
+        minus the first one, with zero velocity at both ends; at rest after the record. A record
+        that begins with a slope moves at once: its first samples are then not those of the motion.
 
     Raises
     ------
     TypeError, ValueError
         For records of the wrong shape or with values that are not finite, dt not positive, another
         kind.
+
+    Warns
+    -----
+    AccuracyWarning
+        For displacements that begin with a slope above a tenth of their largest velocity.
 
     Notes
     -----
@@ -84,6 +95,7 @@ class SupportMotion:
             self._velocity = PPoly(linear, t).antiderivative()
             self._displacement = self._velocity.antiderivative()
         else:
+            _warn_of_slope(samples, dt)
             self._displacement = CubicSpline(t, samples - samples[0], bc_type="clamped")
             self._velocity = self._displacement.derivative()
         self.k = samples.shape[1]
@@ -112,3 +124,19 @@ class SupportMotion:
 
     def __repr__(self) -> str:
         return f"<SupportMotion of {counted(self.k, 'support')}, {self.end:g} long>"
+
+
+def _warn_of_slope(samples: np.ndarray, dt: float) -> None:
+    """AccuracyWarning for displacements that begin with a velocity."""
+    rates = np.diff(samples, axis=0) / dt
+    slopes = rates[0] if len(rates) == 1 else 1.5 * rates[0] - 0.5 * rates[1]  # of order 2
+    column = int(np.argmax(np.abs(slopes)))
+    slope, largest = slopes[column], np.max(np.abs(rates))
+    if abs(slope) > MOVING * largest:
+        warn(
+            f"record of displacements begins with the slope {slope:.4g} in column {column}, of a "
+            f"largest velocity of {largest:.4g}, and is taken with velocity 0 at t = 0: the "
+            "structure and its supports begin at rest; begin the record where it is at rest, or "
+            "give its accelerations",
+            AccuracyWarning,
+        )

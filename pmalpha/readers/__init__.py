@@ -9,12 +9,13 @@ from .abaqus import read_abaqus
 from .exported import ExportedMatrix
 from .nastran import read_dmig
 from .peer import read_at2
-from .symmetry import asymmetry, symmetrized
+from .symmetry import asymmetry, completed, symmetrized
 
 __all__ = [
     "ExportedMatrix",
     "Record",
     "asymmetry",
+    "completed",
     "read_abaqus",
     "read_at2",
     "read_dmig",

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from .._checks import real_array, real_number
 from ..problem.matrices import plain_matrix, rectangular
 
-__all__ = ["asymmetry", "symmetrized"]
+__all__ = ["asymmetry", "completed", "symmetrized"]
 
 
 def asymmetry(A: Any) -> float:
@@ -41,6 +41,44 @@ def asymmetry(A: Any) -> float:
     0.25
     """
     return _worst_pair(_square(A))[0]
+
+
+def completed(A: Any) -> Any:
+    """The symmetric matrix of which A is one triangle with the diagonal.
+
+    Some programs write one triangle of a symmetric matrix, which `Subdomain` refuses.
+
+    Parameters
+    ----------
+    A : (n, n) array or scipy.sparse matrix or array
+        With real entries, on one side of the diagonal only and on it.
+
+    Returns
+    -------
+    (n, n) ndarray or csr_array
+        A + A^T with the diagonal once, exactly symmetric.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a matrix that is not real, square and finite, or has entries on both sides.
+
+    Examples
+    --------
+    >>> from pmalpha.readers import completed
+    >>> completed([[4.0, 0.0], [1.0, 3.0]]).tolist()
+    [[4.0, 1.0], [1.0, 3.0]]
+    """
+    A = _square(A)
+    entries = sp.coo_array(A)
+    side = np.sign(entries.row - entries.col)[entries.data != 0.0]
+    if np.any(side > 0) and np.any(side < 0):
+        raise ValueError("A must have entries on one side of the diagonal only, got some on both")
+    whole = A + A.T
+    if sp.issparse(A):
+        return sp.csr_array(whole - sp.diags_array(A.diagonal()))
+    whole[np.diag_indices(len(A))] = A.diagonal()
+    return whole
 
 
 def symmetrized(A: Any, tol: float) -> Any:

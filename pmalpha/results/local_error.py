@@ -12,7 +12,13 @@ from .._core import step_errors
 def is_complete(history: Any) -> bool:
     """Whether every time level of the subdomain was recorded."""
     t, h = history.t, history.substep
-    return h is not None and (t.size < 2 or abs(t[1] - t[0] - h) <= 1e-6 * h)
+    return h is not None and _farthest(t, h) <= 1e-6 * h
+
+
+def _farthest(t: np.ndarray, h: float) -> float:
+    """The largest difference of a distance of two levels from h; with `every` the first may be
+    h, where a run begins just before a recorded level."""
+    return float(np.max(np.abs(np.diff(t) - h), initial=0.0))
 
 
 def previous_level(history: Any, steps: np.ndarray) -> np.ndarray:
@@ -34,7 +40,7 @@ def local_error(history: Any) -> np.ndarray:
     if not is_complete(history):
         raise ValueError(
             f"local_error needs all time levels of {history.name!r}, run(every=None): its substep "
-            f"is {history.substep:g}, got levels {history.t[1] - history.t[0]:g} apart"
+            f"is {history.substep:g}, got levels up to {np.max(np.diff(history.t)):g} apart"
         )
     begin = previous_level(history, np.arange(history.t.size - 1))
     known = begin >= 0
