@@ -83,8 +83,8 @@ def study_row(count, rounds):
     cases = [
         {
             "force": {
-                "lower": pm.BaseAcceleration(x, DT, [1.0], [18e3]),
-                "upper": pm.BaseAcceleration(x, DT, np.ones(3), [2e3, 20e3, 20e3]),
+                "lower": pm.BaseAcceleration(x, [1.0], [18e3], dt=DT),
+                "upper": pm.BaseAcceleration(x, np.ones(3), [2e3, 20e3, 20e3], dt=DT),
             }
         }
         for x in records

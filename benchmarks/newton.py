@@ -153,7 +153,7 @@ class Frame:
             DAMPING * self.M,
             scheme=pm.Newmark(),
             internal=pm.Bilinear(self.pairs, self.k, self.fy, self.hardening),
-            force=pm.BaseAcceleration(self.acceleration, SAMPLE, self.direction, self.M),
+            force=pm.BaseAcceleration(self.acceleration, self.direction, self.M, dt=SAMPLE),
             name="frame",
         )
 

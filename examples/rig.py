@@ -57,7 +57,7 @@ def hybrid(restoring, dt=dt, coupling="pm", **options):
         0.002 * K,
         scheme=pm.GeneralizedAlpha(0.8),
         double_step=True,
-        force=pm.BaseAcceleration(record, record_step, np.ones(4), M),
+        force=pm.BaseAcceleration(record, np.ones(4), M, dt=record_step),
         name="frame",
     )
     rig = pm.Subdomain(
@@ -65,7 +65,7 @@ def hybrid(restoring, dt=dt, coupling="pm", **options):
         None,
         scheme=pm.GeneralizedAlpha(0.8, explicit=True),
         substeps=substeps,
-        force=pm.BaseAcceleration(record, record_step, np.ones(1), m[:1] / 2),
+        force=pm.BaseAcceleration(record, np.ones(1), m[:1] / 2, dt=record_step),
         restoring=restoring,
         restoring_stiffness=[specimen["k"]],
         name="rig",

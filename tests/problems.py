@@ -259,7 +259,7 @@ def _set_random_force(rng, s, massless):
         s.force = pm.SampledForce(samples, 0.07, shape=direction)
         s.reference_force = lambda t: direction * sampled(t)
     elif kind == 4:
-        s.force = pm.BaseAcceleration(samples, 0.07, direction, s.M)
+        s.force = pm.BaseAcceleration(samples, direction, s.M, dt=0.07)
         s.reference_force = lambda t: -s.M @ direction * sampled(t, right=0.0)
 
 

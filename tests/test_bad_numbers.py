@@ -58,8 +58,8 @@ ARGUMENTS = {  # the name in the message, and the call that brings the value
     "velocity": lambda x: pm.Constraint({subdomain(): np.eye(2)}, velocity=x),
     "values": lambda x: pm.SampledForce(x, 0.1),
     "shape": lambda x: pm.SampledForce([1.0], 0.1, shape=x),
-    "record": lambda x: pm.BaseAcceleration(x, 0.1, [1.0], [1.0]),
-    "direction": lambda x: pm.BaseAcceleration([1.0], 0.1, x, [1.0, 1.0]),
+    "record": lambda x: pm.BaseAcceleration(x, [1.0], [1.0], dt=0.1),
+    "direction": lambda x: pm.BaseAcceleration([1.0], x, [1.0, 1.0], dt=0.1),
     "u0 of 'a'": lambda x: coupled().reset(u0={"a": x}),
     "v0 of 'a'": lambda x: coupled().reset(v0={"a": x}),
 }
@@ -285,7 +285,9 @@ def test_gyroscopic_damping_and_follower_stiffness_are_refused_with_the_entry(fo
     assert "-1 at [0, 1]" in message and "-0.25 at [1, 0]" in message
     refused(ValueError, lambda: subdomain(M=form(FOLLOWER)), "M must be symmetric")
     refused(
-        ValueError, lambda: pm.BaseAcceleration([1.0], 0.1, [1.0, 1.0], form(FOLLOWER)), "symmetric"
+        ValueError,
+        lambda: pm.BaseAcceleration([1.0], [1.0, 1.0], form(FOLLOWER), dt=0.1),
+        "symmetric",
     )
 
 

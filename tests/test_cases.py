@@ -40,7 +40,7 @@ def random_cases(c, count, seed=0):
                 pm.SampledForce(rng.standard_normal((5, s.n)), 0.11),
                 rng.standard_normal(s.n),
                 None,
-                pm.BaseAcceleration(values[:, 0], 0.13, np.ones(s.n), np.ones(s.n)),
+                pm.BaseAcceleration(values[:, 0], np.ones(s.n), np.ones(s.n), dt=0.13),
             )[(i + k) % 5]
         cases.append({"force": force})
     return cases

@@ -179,7 +179,7 @@ def test_sampled_loads_are_compared_by_their_numbers_and_callables_are_not(tmp_p
         pm.SampledForce(values, 0.11),
         pm.SampledForce(2.0 * values, 0.1),
         pm.SampledForce(values, 0.1, shape=[1.0]),
-        pm.BaseAcceleration(-values, 0.1, [1.0], [1.0]),
+        pm.BaseAcceleration(-values, [1.0], [1.0], dt=0.1),
         lambda t: [0.0],
         None,
     ):

@@ -271,7 +271,7 @@ def test_loads_of_every_kind_are_divided():
     kinds = [
         pm.SampledForce(samples, 0.1, shape=rng.standard_normal((n, 2))),
         pm.SampledForce(rng.standard_normal((6, n)), 0.1),
-        pm.BaseAcceleration(samples, 0.1, rng.standard_normal((n, 2)), structure.M),
+        pm.BaseAcceleration(samples, rng.standard_normal((n, 2)), structure.M, dt=0.1),
         lambda t: np.sin(t * np.arange(n)),
     ]
     for force in kinds:
@@ -291,10 +291,10 @@ def test_the_load_of_a_ground_motion_with_fixed_supports_moves_the_whole():
     fixed = structure.dofs([0, 3])
     along = np.zeros(structure.n)
     along[structure.dofs(np.arange(len(structure.points)), "ux")] = 1.0
-    quake = pm.BaseAcceleration(rng.standard_normal(30), 0.02, along, structure.M)
+    quake = pm.BaseAcceleration(rng.standard_normal(30), along, structure.M, dt=0.02)
     parts = pm.cut(structure, np.arange(20) // 4, fixed=fixed, force=quake)
     held = pm.reduce(structure.M, structure.K, fixed=fixed)
-    load = pm.BaseAcceleration(quake.values, 0.02, along[held.free], held.M)
+    load = pm.BaseAcceleration(quake.values, along[held.free], held.M, dt=0.02)
     one = pm.Subdomain(held.M, held.K, scheme=pm.GeneralizedAlpha(0.5), force=load)
     compare(parts, one, held.expand, 0.02, 15)
 

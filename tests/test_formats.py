@@ -439,9 +439,9 @@ def sampled():
     """Runs with samples as plain arrays."""
     return {
         "shape": history(force=pm.SampledForce(SAMPLES, 0.25, shape=DIRECTION)),
-        "base": history(force=pm.BaseAcceleration(SAMPLES, 0.25, DIRECTION, M)),
+        "base": history(force=pm.BaseAcceleration(SAMPLES, DIRECTION, M, dt=0.25)),
         "series": history(force=pm.SampledForce(SERIES, 0.5, shape=SPATIAL)),
-        "full": history(M=FULL_M, force=pm.BaseAcceleration(SAMPLES, 0.5, DIRECTION, FULL_M)),
+        "full": history(M=FULL_M, force=pm.BaseAcceleration(SAMPLES, DIRECTION, FULL_M, dt=0.5)),
     }
 
 
@@ -450,7 +450,7 @@ def test_samples_and_their_shapes_may_have_any_format(sampled, form):
     samples, direction = VECTORS[form](SAMPLES), VECTORS[form](DIRECTION)
     ours = pm.SampledForce(samples, 0.25, shape=direction)
     check_same(history(force=ours), sampled["shape"])
-    ours = pm.BaseAcceleration(samples, 0.25, direction, M)
+    ours = pm.BaseAcceleration(samples, direction, M, dt=0.25)
     check_same(history(force=ours), sampled["base"])
 
 
@@ -466,7 +466,7 @@ def test_several_series_of_samples_may_have_any_format(sampled, form):
 def test_the_mass_of_a_base_acceleration_may_have_any_format(sampled, form):
     given = FORMATS[form](FULL_M)
     before = snapshot(given)
-    force = pm.BaseAcceleration(SAMPLES, 0.5, DIRECTION, given)
+    force = pm.BaseAcceleration(SAMPLES, DIRECTION, given, dt=0.5)
     check_same(history(M=FULL_M, force=force), sampled["full"])
     assert snapshot(given) == before
 

@@ -74,10 +74,12 @@ VALUES = {
     ),
     "dofs_a must be below": lambda: pm.tie("a", [2**63 - 1], "b", [0]),
     "direction must have a column for each of the 2 series of record": lambda: pm.BaseAcceleration(
-        [[1.0, 2.0]], 0.1, [1.0, 1.0], [1.0, 1.0]
+        [[1.0, 2.0]], [1.0, 1.0], [1.0, 1.0], dt=0.1
     ),
     "values times shape must be finite": lambda: pm.SampledForce([1e200], 0.1, shape=[1e200]),
-    "M times direction must be finite": lambda: pm.BaseAcceleration([1.0], 0.1, [1e200], [1e200]),
+    "M times direction must be finite": lambda: pm.BaseAcceleration(
+        [1.0], [1e200], [1e200], dt=0.1
+    ),
     "record must not exceed": lambda: pm.SupportMotion([0.0, 1e308], 0.1, "acceleration"),
     "M must have as many indices as blocks": lambda: pm.Subdomain(
         damaged_blocks(), K, scheme=pm.Newmark()

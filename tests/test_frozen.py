@@ -25,7 +25,7 @@ def subdomain():
 def made():
     s = subdomain()
     load = pm.SampledForce([0.0, 1.0], 0.1, shape=[1.0, 0.0])
-    quake = pm.BaseAcceleration([0.0, 1.0], 0.1, [1.0, 1.0], [1.0, 2.0])
+    quake = pm.BaseAcceleration([0.0, 1.0], [1.0, 1.0], [1.0, 2.0], dt=0.1)
     constraint = pm.Constraint({s: [[1.0, 0.0]]})
     return [*SCHEMES, s, load, quake, constraint, pm.Gap([0], k=1.0, gap=0.1)]
 

@@ -71,7 +71,7 @@ def everything(form, *, coupling="pm", start="rebased"):
     for dof in (2, 3):
         a.M[dof, dof] = 0.0
         a.C[dof, :] = a.C[:, dof] = 0.0
-    b.force = pm.BaseAcceleration(SAMPLES, 0.017, np.array([1.0, -0.5, 2.0]), b.forms[0](b.M))
+    b.force = pm.BaseAcceleration(SAMPLES, np.array([1.0, -0.5, 2.0]), b.forms[0](b.M), dt=0.017)
     c.force, d.force = swing, np.array([0.3, -1.1])
     L = [np.array(Li) for Li in CONDITIONS]
     states = [consistent(rng.normal(size=sum(sizes)), L) for _ in range(2)]
@@ -387,7 +387,7 @@ def coupler_of(x, spoil):
     """A coupler of these arrays; `spoil` is called on arrays as soon as they were passed."""
     sampled = pm.SampledForce(x["values"], 0.05, shape=x["shape"])
     spoil("values", "shape")
-    ground = pm.BaseAcceleration(x["record"], 0.05, x["direction"], x["M"])
+    ground = pm.BaseAcceleration(x["record"], x["direction"], x["M"], dt=0.05)
     spoil("record", "direction")
     matrices = x["M"], x["K"], x["C"]
     soft = {"u0": x["u0"], "v0": x["v0"], "scheme": pm.GeneralizedAlpha(0.5)}

@@ -162,7 +162,7 @@ def test_initial_velocities_must_fit_a_prescribed_one():
     ("velocity", "error"),
     [
         (pm.SampledForce(np.zeros((4, 2)), 0.1), ValueError),
-        (pm.BaseAcceleration([0.0], 0.1, [1.0], [1.0]), TypeError),
+        (pm.BaseAcceleration([0.0], [1.0], [1.0], dt=0.1), TypeError),
         ("fast", TypeError),
         ([1.0, 2.0], ValueError),
         ([np.nan], ValueError),

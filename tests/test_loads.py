@@ -17,11 +17,12 @@ SOFT = pm.GeneralizedAlpha(0.5)
 FAST = pm.GeneralizedAlpha(0.5, explicit=True)
 
 
-def loads_seen(force, n, dt, steps, substeps=1, scheme=SOFT):
-    """t (k,) and F (k, n) on a free unit mass at each dof."""
-    mass = pm.Subdomain(np.ones(n), np.zeros(n), scheme=scheme, substeps=substeps, force=force)
+def loads_seen(force, n, dt, steps, substeps=1, scheme=SOFT, M=None):
+    """t (k,) and F (k, n) on free masses, a unit mass at each dof by default."""
+    M = np.ones(n) if M is None else M
+    mass = pm.Subdomain(M, np.zeros(n), scheme=scheme, substeps=substeps, force=force)
     history = pm.solve(mass, dt=dt, steps=steps)
-    return history.t, history.a
+    return history.t, history.a * M if np.ndim(M) == 1 else history.a @ M
 
 
 def pair(force_a, force_b, *, coupling="pm", n=2):
@@ -240,8 +241,8 @@ RECORDS = (SAMPLES, [1.0, 1.0, 0.0]), (TWO, SHAPE), (SAMPLES[:, None], [[1.0], [
 )
 def test_a_base_acceleration_is_minus_M_direction_record_and_zero_after_its_end(M, given):
     record, direction = given
-    force = pm.BaseAcceleration(record, 0.07, direction, M)
-    t, F = loads_seen(force, 3, 0.061, 12, substeps=3)
+    force = pm.BaseAcceleration(record, direction, M, dt=0.07)
+    t, F = loads_seen(force, 3, 0.061, 12, substeps=3, M=M)
     dense = M.toarray() if sp.issparse(M) else np.diag(M) if M.ndim == 1 else M
     weight = -dense @ np.reshape(direction, (3, -1))
     series = np.reshape(record, (6, -1))
@@ -296,20 +297,20 @@ def test_a_record_ends_at_its_last_sample_also_where_decimals_round(spacing, dt,
     steps = 4 * per_sample + 2
     times = [Fraction(k, substeps) * Fraction(dt) for k in range(steps * substeps + 1)]
     for kind, hold in ((pm.SampledForce, True), (pm.BaseAcceleration, False)):
-        args = ([1.0],) if hold else ([-1.0], [1.0])
-        force = kind(samples, float(spacing), *args)
+        force = kind(samples, **({} if hold else {"direction": [-1.0]}), dt=float(spacing))
         t, F = loads_seen(force, 1, float(dt), steps, substeps)
         # a few roundings of t / dt, which is up to 6, times slopes up to 3
         expected = at_decimals(samples, spacing, times, hold)
         np.testing.assert_allclose(F[:, 0], expected, rtol=0, atol=1e-13)
-        np.testing.assert_allclose([force(ti) for ti in t], F, rtol=0, atol=1e-13)
+        one = pm.Subdomain([1.0], [1.0], scheme=SOFT, force=force).force
+        np.testing.assert_allclose([one(ti) for ti in t], F, rtol=0, atol=1e-13)
         assert F[4 * per_sample * substeps, 0] == 5.0
 
 
 def test_a_record_of_one_sample_is_held_or_a_kick_at_zero():
     _, F = loads_seen(pm.SampledForce([3.0], 0.1, shape=[1.0, 2.0]), 2, 0.1, 3)
     np.testing.assert_array_equal(F, np.tile([3.0, 6.0], (4, 1)))
-    _, F = loads_seen(pm.BaseAcceleration([3.0], 0.1, [1.0, 2.0], [1.0, 1.0]), 2, 0.1, 3)
+    _, F = loads_seen(pm.BaseAcceleration([3.0], [1.0, 2.0], [1.0, 1.0], dt=0.1), 2, 0.1, 3)
     np.testing.assert_array_equal(F, [[-3.0, -6.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 
 
@@ -504,4 +505,4 @@ def test_a_load_may_run_another_coupler_even_one_of_the_same_subdomains():
 
 def test_a_mass_that_does_not_fit_the_direction_is_named():
     with pytest.raises(ValueError, match="M must be of size 1 like direction, got size 2"):
-        pm.BaseAcceleration([3.0], 0.1, [1.0], [1.0, 1.0])
+        pm.BaseAcceleration([3.0], [1.0], [1.0, 1.0], dt=0.1)

@@ -267,7 +267,7 @@ def test_the_exact_response_rounds_to_the_published_peaks():
 def test_an_oscillator_under_the_record_reaches_the_published_peak(period):
     record, dt = models.el_centro()
     omega = 2.0 * np.pi / period
-    load, C = pm.BaseAcceleration(record, dt, [1.0], [1.0]), [2.0 * RATIO * omega]
+    load, C = pm.BaseAcceleration(record, [1.0], [1.0], dt=dt), [2.0 * RATIO * omega]
     how = dict(scheme=pm.GeneralizedAlpha(1.0), force=load)
     history = pm.solve(pm.Subdomain([1.0], [omega**2], C, **how), 0.005, 31.2)
     peak = np.abs(history.u).max() / 0.0254

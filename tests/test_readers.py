@@ -424,7 +424,7 @@ def test_what_a_reader_returns_is_taken_as_a_matrix(written):
         assert A.toarray().tolist() == [[2.0, -1.0], [-1.0, 1.0]]
     omega = pm.structures.modes(K=K, M=M, k=2)[0]
     np.testing.assert_allclose(omega, pm.structures.modes(M.matrix, K.matrix, 2)[0], rtol=1e-12)
-    quake = pm.BaseAcceleration([0.0, 1.0], 0.1, [1.0, 1.0], M)
+    quake = pm.BaseAcceleration([0.0, 1.0], [1.0, 1.0], M, dt=0.1)
     assert quake(0.1).tolist() == [-3.0, -4.0]
 
 

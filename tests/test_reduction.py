@@ -244,6 +244,6 @@ def test_a_consistent_mass_on_moving_ground_needs_the_load_of_the_whole_matrix()
     # both are of order 2: omega dt = 0.017, and u is of size 1; without the coupling term the load
     # is 2/6 instead of 3/6
     np.testing.assert_allclose(u, absolute[:, 1] - absolute[:, 0], rtol=0, atol=1e-4)
-    short = pm.BaseAcceleration(ramp, 0.01, [1.0], reduction.M)
+    short = pm.BaseAcceleration(ramp, [1.0], reduction.M, dt=0.01)
     wrong = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=short)
     assert np.max(np.abs(pm.solve(wrong, 0.01, 2.0).u[:, 0] - u)) > 0.1

@@ -100,7 +100,7 @@ def test_a_spectrum_is_that_of_runs_with_tiny_steps():
             [omega**2],
             [0.1 * omega],
             scheme=pm.Newmark(),
-            force=pm.BaseAcceleration(record, dt, [1.0], [1.0]),
+            force=pm.BaseAcceleration(record, [1.0], [1.0], dt=dt),
         )
         run = pm.solve(oscillator, dt / 100, 6.0)
         ground = np.interp(run.t, dt * np.arange(record.size), record)[:, None]

@@ -111,7 +111,7 @@ def test_means_of_a_straight_line_are_its_values():
 
 def test_a_ground_motion_ends_with_its_last_sample_in_the_mean_too():
     """A constant record of 10 samples, 0.09 s: a step of 0.04 s ends at 0.08 and has 0.03 of it."""
-    quake = pm.BaseAcceleration(np.ones(10), 0.01, [1.0], [2.0], average=True)
+    quake = pm.BaseAcceleration(np.ones(10), [1.0], [2.0], dt=0.01, average=True)
     a = pm.solve(pm.Subdomain([2.0], [0.0], scheme=TRAPEZOIDAL, force=quake), dt=0.04, steps=4).a
     np.testing.assert_allclose(a[:, 0], [-1.0, -1.0, -0.75, 0.0, 0.0], rtol=0, atol=1e-12)
 
@@ -135,7 +135,7 @@ def record_pair(coupling="pm", **options):
         M,
         K,
         scheme=pm.GeneralizedAlpha(0.5),
-        force=pm.BaseAcceleration(quake, 0.01, [1.0, 1.0], M, average=True),
+        force=pm.BaseAcceleration(quake, [1.0, 1.0], M, dt=0.01, average=True),
         name="a",
     )
     force = pm.SampledForce(quake, 0.01, [1.0], average=True)
@@ -195,7 +195,7 @@ def test_a_coupler_with_means_is_another_problem(tmp_path):
 def test_a_cut_structure_keeps_the_means():
     bar = structures.rod(4, 1.0, EA=1.0, rhoA=1.0)
     for force in (
-        pm.BaseAcceleration([0.0, 1.0], 0.1, np.ones(5), bar.M, average=True),
+        pm.BaseAcceleration([0.0, 1.0], np.ones(5), bar.M, dt=0.1, average=True),
         pm.SampledForce(np.ones((2, 5)), 0.1, average=True),
     ):
         cut = pm.cut(bar, [0, 0, 1, 1], scheme=TRAPEZOIDAL, force=force)
@@ -215,7 +215,7 @@ def test_average_is_checked():
 
 def quake(**options):
     record, dt = models.el_centro()
-    return pm.BaseAcceleration(record, dt, [1.0], [1.0], **options), dt
+    return pm.BaseAcceleration(record, [1.0], [1.0], dt=dt, **options), dt
 
 
 def skips(*arguments, **options):

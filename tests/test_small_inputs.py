@@ -166,7 +166,7 @@ def test_an_alpha_of_neither_sign_gets_no_advice(alpha):
 def test_constraints_and_loads_print_what_they_are():
     a, b, c = chain(3, "a"), chain(1, "b"), chain(1)
     push = pm.SampledForce([0.0, 1.0], dt=0.5)
-    quake = pm.BaseAcceleration(np.ones((11, 2)), 0.02, np.ones((3, 2)), np.ones(3))
+    quake = pm.BaseAcceleration(np.ones((11, 2)), np.ones((3, 2)), np.ones(3), dt=0.02)
     shown = {
         pm.tie(a, 0, b, 0): "<1 constraint on 'a' and 'b'>",
         pm.tie(a, [0, 1], chain(2, "d"), [0, 1]): "<2 constraints on 'a' and 'd'>",

@@ -197,7 +197,7 @@ def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
         C,
         scheme=IMPLICIT,
         restoring=pm.BoucWen([0], **isolator),
-        force=pm.BaseAcceleration(record, step, np.ones(3), M),
+        force=pm.BaseAcceleration(record, np.ones(3), M, dt=step),
     )
     whole = pm.solve(uncut, dt=dt, t_end=20.0, record_springs={0: None})
     half = M.copy()
@@ -207,7 +207,7 @@ def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
         K,
         C,
         scheme=IMPLICIT,
-        force=pm.BaseAcceleration(record, step, np.ones(3), half),
+        force=pm.BaseAcceleration(record, np.ones(3), half, dt=step),
         name="frame",
     )
     rig = pm.Subdomain(
@@ -215,7 +215,7 @@ def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
         None,
         scheme=EXPLICIT,
         restoring=pm.BoucWen([0], **isolator),
-        force=pm.BaseAcceleration(record, step, [1.0], [2.0]),
+        force=pm.BaseAcceleration(record, [1.0], [2.0], dt=step),
         name="rig",
     )
     coupler = pm.Coupler([frame, rig], pm.tie(frame, [0], rig, [0]), dt=dt, coupling="pm")

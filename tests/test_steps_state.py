@@ -286,7 +286,7 @@ def test_loads_go_on_over_a_change(coupling, kind):
             lambda t: shape * np.interp(t, times, samples),
         ),
         "base": (
-            pm.BaseAcceleration(samples, 0.03, shape, M[0]),
+            pm.BaseAcceleration(samples, shape, M[0], dt=0.03),
             lambda t: -M[0] * shape * np.interp(t, times, samples, right=0.0),
         ),
         "constant": (shape, lambda t: shape),

@@ -49,7 +49,7 @@ def coupler(kind):
         K,
         None if kind == "mean" else 0.01 * K,  # which grows there
         scheme=soft,
-        force=pm.BaseAcceleration(record, 0.03, np.ones(3), np.ones(3)),
+        force=pm.BaseAcceleration(record, np.ones(3), np.ones(3), dt=0.03),
         v0=np.full(3, 4.0),
         name="frame",
         **laws,

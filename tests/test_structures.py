@@ -789,7 +789,7 @@ def test_loads_and_initial_values_of_all_dofs_are_those_of_the_free_ones():
     whole = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     loads = [
         (whole, whole[free]),
-        (pm.BaseAcceleration(record, 0.1, np.ones(5), bar.M), None),
+        (pm.BaseAcceleration(record, np.ones(5), bar.M, dt=0.1), None),
         (pm.SampledForce(np.outer(record, whole), 0.1), None),
         (lambda t: whole[free], whole[free]),
     ]

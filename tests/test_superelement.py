@@ -189,7 +189,7 @@ FORCES = {
     "function": lambda n, M: lambda t: np.sin(t + np.arange(n)),
     "samples": lambda n, M: sampled(n),
     "shape": lambda n, M: pm.SampledForce([[0.0, 1.0], [2.0, 0.0]], 0.2, np.ones((n, 2))),
-    "ground": lambda n, M: pm.BaseAcceleration([0.0, 1.0, -1.0], 0.2, np.ones(n), M),
+    "ground": lambda n, M: pm.BaseAcceleration([0.0, 1.0, -1.0], np.ones(n), M, dt=0.2),
     "none": lambda n, M: None,
 }
 

@@ -85,7 +85,7 @@ def test_equal_motions_of_all_supports_are_a_base_acceleration():
         [1.0],
         [sum(STIFFNESS)],
         scheme=pm.GeneralizedAlpha(0.9),
-        force=pm.BaseAcceleration(record, dt, [1.0], [1.0]),
+        force=pm.BaseAcceleration(record, [1.0], [1.0], dt=dt),
     )
     relative = pm.solve(oscillator, 0.0025, 4.0).u[:, 0]
     found = absolute.u[:, 1] - absolute.u[:, 0]

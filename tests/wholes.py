@@ -59,7 +59,7 @@ class Load:
         if self.kind == "called":
             return lambda t: self.direction * np.cos(self.omega * t)
         if self.kind == "base":
-            return pm.BaseAcceleration(self.samples, self.step, self.direction, M)
+            return pm.BaseAcceleration(self.samples, self.direction, M, dt=self.step)
         return pm.SampledForce(self.samples, self.step, shape=self.direction)
 
 

@@ -38,8 +38,8 @@ PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each)
     for (Py_ssize_t l = 0; arrays && *each && l < PMA_LANES; l++) {
         (*each)[l] = (pma_load){.kind = PMA_LOAD_NONE, .n = load->n / PMA_LANES};
         PyObject *own = pma_take_load(PyTuple_GetItem(obj, l), &(*each)[l]);
-        const pma_load_kind kind = (*each)[l].kind;
-        if (own && (kind == PMA_LOAD_CALLED || kind == PMA_LOAD_TABLE))
+        if (own && (pma_load_has(&(*each)[l], PMA_LOAD_CALLED) ||
+                    pma_load_has(&(*each)[l], PMA_LOAD_TABLE)))
             PyErr_SetString(PyExc_TypeError, "a load in lanes must not be a function or a table");
         if (!own || PyErr_Occurred() || PyList_Append(arrays, own) < 0)
             Py_CLEAR(arrays);

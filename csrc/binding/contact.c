@@ -116,7 +116,7 @@ PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj)
         return NULL;
     pma_load load = {.kind = PMA_LOAD_NONE, .n = 2 * pma_coupler_contacts(self->core)};
     PyObject *arrays = pma_take_load(obj, &load);
-    const bool fits = arrays && load.kind != PMA_LOAD_CALLED;
+    const bool fits = arrays && !pma_load_has(&load, PMA_LOAD_CALLED);
     if (fits) {
         pma_coupler_set_obstacle(self->core, load);
         pma_swap(&self->obstacle, &arrays);

@@ -247,8 +247,7 @@ enum { POLL_ENTRIES = 20000 };
 /* true unless a table lacks the loads of some substeps, `substeps` in a macro step */
 static bool covers(const pma_load *load, int64_t begin, int64_t end, int64_t substeps)
 {
-    return load->kind != PMA_LOAD_TABLE ||
-           (begin * substeps >= load->first && end * substeps <= load->first + (int64_t)load->rows);
+    return pma_load_covers(load, begin * substeps, end * substeps);
 }
 
 static int check_tables(CouplerObject *self, int64_t steps)

@@ -62,10 +62,14 @@ static int take_force(PyObject *obj, PyObject *arrays, pma_load *load)
     return load->work && load->function ? PyList_Append(arrays, function) : -1;
 }
 
+static int take_sum(PyObject *obj, PyObject *arrays, pma_load *load);
+
 static int take_any_load(PyObject *obj, PyObject *arrays, pma_load *load)
 {
     if (obj == Py_None)
         return 0;
+    if (PyList_Check(obj))
+        return take_sum(obj, arrays, load);
     if (!PyTuple_Check(obj)) {
         load->kind = PMA_LOAD_CONSTANT;
         return pma_take_doubles(obj, (npy_intp)load->n, "load", arrays, &load->values);
@@ -75,6 +79,30 @@ static int take_any_load(PyObject *obj, PyObject *arrays, pma_load *load)
     if (PyTuple_Size(obj) == 2 && pma_is_compiled(PyTuple_GetItem(obj, 0)))
         return take_force(obj, arrays, load);
     return take_table(obj, arrays, load);
+}
+
+/* A list of other loads, which is not changed meanwhile. */
+static int take_sum(PyObject *obj, PyObject *arrays, pma_load *load)
+{
+    const size_t count = (size_t)PyList_Size(obj);
+    const size_t size = (count * sizeof(pma_load) + sizeof(double)) / sizeof(double);
+    pma_load *each = (pma_load *)(void *)pma_add_scratch((npy_intp)size, arrays);
+    if (!each)
+        return -1;
+    for (size_t i = 0; i < count; i++) {
+        PyObject *own = PyList_GetItem(obj, (Py_ssize_t)i);
+        each[i] = (pma_load){.kind = PMA_LOAD_NONE, .n = load->n};
+        if (!own)
+            return -1;
+        if (PyList_Check(own))
+            return pma_refuse(PyExc_TypeError, "a load in a list must not be a list");
+        if (take_any_load(own, arrays, &each[i]) < 0)
+            return -1;
+    }
+    load->kind = PMA_LOAD_SUM;
+    load->each = each;
+    load->count = count;
+    return 0;
 }
 
 PyObject *pma_take_load(PyObject *obj, pma_load *load)

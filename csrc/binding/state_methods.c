@@ -65,7 +65,7 @@ PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)
         return NULL;
     pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
     PyObject *arrays = pma_take_load(obj, &load), *old = NULL;
-    const bool fits = arrays && load.kind != PMA_LOAD_CALLED;
+    const bool fits = arrays && !pma_load_has(&load, PMA_LOAD_CALLED);
     if (fits) {
         old = Py_NewRef(PyList_GetItem(self->motions, i));
         pma_coupler_set_motion(self->core, (size_t)i, load);

@@ -341,11 +341,6 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
         Py_XDECREF(F);
         return NULL;
     }
-    if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE) {
-        pma_subdomain_release(self);
-        Py_DECREF(F);
-        return PyErr_Format(PyExc_ValueError, "load must not be a table, got one");
-    }
     const pma_status status = pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
     return result_of(self, status, F);
 }
@@ -510,7 +505,8 @@ static PyGetSetDef subdomain_getset[] = {
 
 static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
-     "set_load(None | f | (values, shape, dt, hold, begin) | (rows, first) | (function, order))"},
+     "set_load(None | f | (values, shape, dt, hold, begin) | (rows, first) | (function, order)"
+     " | a list of these, whose sum acts)"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"rebase", (PyCFunction)subdomain_rebase, METH_VARARGS,
      "rebase(twice, lam): the stored free velocity that gives the present velocity with lam"},

@@ -78,7 +78,7 @@ def cut(
         Default: ``GeneralizedAlpha(0.5)``, with "steps" ``GeneralizedAlpha(0.5, explicit=True)``.
         With "auto" an explicit one and an implicit one, by default these two; with `layer_of` the
         explicit one for the layer, the implicit one for the bulk.
-    force : (n,) array, callable, `SampledForce` or `BaseAcceleration`, optional
+    force : (n,) array, callable, `SampledForce` or `BaseAcceleration`, or list of these, optional
         Load of the uncut structure, as for `Subdomain`. On a dof of several subdomains it is
         divided in proportion to their masses, those of a ground motion like the mass matrix. A
         callable is evaluated for each subdomain.
@@ -182,7 +182,8 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
     for member, portion, mass in zip(members, portions, masses):
         if member.scheme.explicit:
             _require_mass(member, portion.dofs, mass)
-    loads = division.divided(values.force, [portion.M for portion in portions])
+    masses_of = [portion.M for portion in portions]
+    loads = division.divided(values.force, masses_of, whole.mass)
     u0, v0 = (division.scatter(x) for x in (values.u0, values.v0))
     subdomains = []
     for i, member in enumerate(members):

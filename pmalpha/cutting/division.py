@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, require_finite, vector
-from ..problem.forces import SampledForce, checked_force, depends_on_motion, is_callback
+from ..problem.forces import (
+    Mass,
+    SampledForce,
+    checked_force,
+    has_ground,
+    is_callback,
+    is_of_motion,
+    terms_of,
+)
 from ..problem.matrices import product
 
 # Rounding of zeros in a computed motion, relative to its largest entry.
@@ -77,15 +85,18 @@ class Division:
         """(..., n_i) of each subdomain, from (..., n)."""
         return [u[..., own] for own in self.dofs]
 
-    def divided(self, force: Any, masses: Sequence[Any]) -> list[Any]:
+    def divided(self, force: Any, masses: Sequence[Any], mass: Callable[[], Any]) -> list[Any]:
         """The load of each subdomain; their sum is the load of the uncut structure.
 
         A ground motion is that of the mass of each subdomain, `masses`, and of what couples fixed
-        dofs to free ones by shares.
+        dofs to free ones by shares. `mass` returns that of the uncut structure.
         """
-        if force is None:
-            return [None] * len(self.dofs)
-        force = checked_force(force, self.n)
+        known = Mass(mass()) if has_ground(force) else None
+        terms = terms_of(checked_force(force, self.n, mass=known))
+        divided = [self._divided(term, masses) for term in terms]
+        return [list(own) or None for own in zip(*divided)] or [None] * len(self.dofs)
+
+    def _divided(self, force: Any, masses: Sequence[Any]) -> list[Any]:
         direction = getattr(force, "direction", None)
         if direction is not None:
             return self._of_ground(force, direction, masses)
@@ -137,7 +148,7 @@ def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
         return share * force[dofs]
     if is_callback(force):
         return DividedForce(force, dofs, share)
-    kind = "function of t, u and v" if depends_on_motion(force) else "LowLevelCallable"
+    kind = "function of t, u and v" if is_of_motion(force) else "LowLevelCallable"
     raise TypeError(
         f"force must not be a {kind}, which cannot be divided; give each subdomain its own by "
         "pm.Subdomain"

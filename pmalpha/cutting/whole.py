@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from .._checks import counted, listing, numbered
 from ..problem.dofs import dof_array
 from ..problem.internal import InternalForce
-from ..problem.matrices import sparse
+from ..problem.matrices import combination, sparse
 from ..structures.element_force import Selected
 from ..structures.pattern import Pattern
 from ..structures.structure import Structure, idle_dofs
@@ -234,6 +234,10 @@ class WholeStructure(Whole):
             unused = listing(np.flatnonzero(~used))
             raise ValueError(f"structure must have an element at every node, not at {unused}")
 
+    def mass(self) -> Any:
+        """The mass matrix of all dofs."""
+        return self._structure.M
+
     def nodes(self, value: Any, name: str) -> np.ndarray:
         sets = self._structure.sets
         if isinstance(value, str):
@@ -324,6 +328,12 @@ class WholeElements(Whole):
                 f"structure must have an element at every dof in 0..{self.n - 1}, not at "
                 f"{numbered('dof', missing)}; a fixed dof has a negative number"
             )
+
+    def mass(self) -> Any:
+        """The mass matrix of all dofs in inner form; None without."""
+        groups = (group for group in self._groups if group.M is not None)
+        own = [assembled_mass(group.dofs, group.M, self.n) for group in groups]
+        return combination([(1.0, M) for M in own])
 
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         picked = [

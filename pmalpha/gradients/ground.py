@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
-from ..problem.forces import BaseAcceleration, Force
+from ..problem.forces import BaseAcceleration, Force, each_term, terms_of
 from ..problem.matrices import product
 from ..problem.subdomain import Subdomain
 from .parameters import Parameters
@@ -16,9 +16,9 @@ from .parameters import Parameters
 ROUNDING = 1e-12
 
 
-def of_own_mass(force: Force, M: Any) -> bool:
+def of_own_mass(force: BaseAcceleration, M: Any) -> bool:
     """Whether a ground motion is that of this mass matrix, -M direction record."""
-    assert isinstance(force, BaseAcceleration) and force.shape is not None
+    assert force.shape is not None
     if force.direction is None:
         return False
     error = np.abs(force.shape + product(M, force.direction)).max()
@@ -26,10 +26,18 @@ def of_own_mass(force: Force, M: Any) -> bool:
 
 
 def with_mass(force: Force, M: Any) -> Force:
-    """A load of a subdomain for another mass matrix."""
-    if not isinstance(force, BaseAcceleration) or force.direction is None:
-        return force
-    return force._changed(shape=-product(M, force.direction))
+    """The loads of a subdomain for another mass matrix."""
+
+    def changed(term: Any) -> Any:
+        if not _is_ground(term) or term.direction is None:
+            return term
+        return term._changed(shape=-product(M, term.direction))
+
+    return each_term(force, changed)
+
+
+def _is_ground(term: Any) -> TypeGuard[BaseAcceleration]:
+    return isinstance(term, BaseAcceleration)
 
 
 def check_masses(
@@ -45,9 +53,9 @@ def check_masses(
     own = {name: (s, force) for (name, s), force in zip(keys, forces)}
     for p, name in zip(parameters, names):
         s, force = own[name]
-        if "M" not in p.matrices or not isinstance(force, BaseAcceleration):
+        if "M" not in p.matrices:
             continue
-        if not of_own_mass(force, s.M):
+        if not all(of_own_mass(x, s.M) for x in filter(_is_ground, terms_of(force))):
             raise ValueError(
                 "parameters of M need a BaseAcceleration that is made of the M of the same "
                 f"subdomain, got another one on {name!r}, whose dependence on the parameters is "
@@ -58,7 +66,5 @@ def check_masses(
 def acceleration(force: Force, t: np.ndarray) -> np.ndarray:
     """That of the ground in the direction of each dof, (levels, n), as the load has it; without
     a ground motion (1, 1), zero."""
-    if not isinstance(force, BaseAcceleration) or force.direction is None:
-        return np.zeros((1, 1))
-    result: np.ndarray = force._series(t) @ force.direction.T
-    return result
+    found = (x for x in filter(_is_ground, terms_of(force)) if x.direction is not None)
+    return sum((x._series(t) @ x.direction.T for x in found), np.zeros((1, 1)))

@@ -5,10 +5,11 @@ A load is evaluated at the end of a step only, as its value there or as a mean (
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from inspect import signature
+from numbers import Real
 from sys import float_info
-from typing import Any, TypeAlias, TypeGuard, overload
+from typing import Any, NamedTuple, TypeAlias, TypeGuard, overload
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -17,10 +18,13 @@ from .._checks import counted, flag, real_array, time_step, vector
 from .argument_types import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
-from .matrices import canonical, product
+from .matrices import Matrix, canonical, product
 from .record import Record, takes_record
 
 __all__ = ["BaseAcceleration", "SampledForce"]
+
+# Rounding of M times a direction, relative to its largest entry: of two forms of one matrix.
+SAME_MASS = 1e-9
 
 
 class SampledForce(Frozen):
@@ -83,10 +87,7 @@ class SampledForce(Frozen):
         self.average = flag(average, "average")
         self.shape = None if shape is None else _columns(shape, "shape")
         if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
-            raise ValueError(
-                f"{self._shape_name} must have a column for each of the {self.values.shape[1]} "
-                f"series of {self._values_name}, got {self.shape.shape[1]}"
-            )
+            raise ValueError(_columns_differ(self, self.shape.shape[1]))
         if self.shape is not None:
             with np.errstate(over="ignore"):
                 largest = np.abs(self.values).max() * np.abs(self.shape).sum(axis=1).max()
@@ -157,18 +158,23 @@ def _position(x: np.ndarray) -> np.ndarray:
 class BaseAcceleration(SampledForce):
     """Load of a ground motion: -M direction record(t), with displacements relative to the ground.
 
+    Without M it is that of the mass of its subdomain, in which ``s.force`` has it. Outputs
+    ``"absolute a"``, ``"absolute v"`` and ``"absolute u"`` of `Coupler.run` add the motion of the
+    ground.
+
     Parameters
     ----------
-    record : (m,) or (m, k) array, or Record
+    record : Record, or (m,) or (m, k) array
         Ground acceleration at t = 0, dt, 2 dt, ..., in the unit of u / t^2 (multiply a record in
         units of g by g). Zero after its end. Between samples and between steps as for
-        `SampledForce`. A Record has its dt: ``BaseAcceleration(record, direction, M)``.
+        `SampledForce`.
+    direction : (n,) or (n, k) array, optional
+        Displacement of each dof for a unit displacement of the ground; a column for each series of
+        the record. Default: ones, where all dofs are displacements along the ground motion.
+    M : (n,) or (n, n) array or scipy.sparse matrix, optional
+        The mass matrix of the same subdomain; another one is refused there.
     dt : float
-        Time between two samples, positive.
-    direction : (n,) or (n, k) array
-        Displacement of each dof for a unit displacement of the ground; a column for each record.
-    M : (n,) or (n, n) array or scipy.sparse matrix
-        The mass matrix of the same subdomain.
+        Time between two samples, positive. A Record has it.
     average : bool, default False
         As for `SampledForce`: True takes means over the steps of the subdomain.
 
@@ -179,36 +185,130 @@ class BaseAcceleration(SampledForce):
 
     Examples
     --------
-    >>> quake = BaseAcceleration([0.0, 3.0], dt=0.02, direction=[1.0, 1.0], M=[10.0, 20.0])
-    >>> quake(0.02).tolist()
+    >>> quake = BaseAcceleration([0.0, 3.0], dt=0.02)
+    >>> tower = Subdomain([10.0, 20.0], [5.0, 5.0], scheme=Newmark(), force=quake)
+    >>> tower.force(0.02).tolist()
     [-30.0, -60.0]
     """
 
     hold = False
     _values_name, _shape_name = "record", "direction"
+    # whose mass it has: "own", that of any subdomain; "given", by the user, to be compared; "part"
+    # of a load of a larger structure
+    _mass = "own"
 
-    @overload
-    def __init__(self, record: Record, direction: Any, M: MatrixLike, *, average: bool = False): ...
-
-    @overload
     def __init__(
-        self, record: Any, dt: float, direction: Any, M: MatrixLike, *, average: bool = False
-    ): ...
-
-    @takes_record
-    def __init__(
-        self, record: Any, dt: float, direction: Any, M: MatrixLike, *, average: bool = False
+        self,
+        record: Any,
+        direction: Any = None,
+        M: MatrixLike | None = None,
+        *,
+        dt: float | None = None,
+        average: bool = False,
     ):
-        direction = _columns(direction, "direction")
-        mass, n = canonical(M, "M")
-        if n != len(direction):
-            raise ValueError(f"M must be of size {len(direction)} like direction, got size {n}")
-        with np.errstate(over="ignore"):  # refused next
-            shape = -product(mass, direction)
-        if not np.all(np.isfinite(shape)):
-            raise ValueError("M times direction must be finite")
+        values, dt = _samples(record, dt)
+        mass, n = (None, None) if M is None else canonical(M, "M")
+        if direction is not None:
+            direction = _directions(direction, n)
+        elif n is not None:
+            direction = np.ones((n, 1))
         self.direction = direction
-        super().__init__(record, dt, shape, average=average)
+        if M is not None:
+            direction = _against(mass, direction)
+            self._mass = "given"
+        super().__init__(values, dt, direction, average=average)
+        if M is None:
+            object.__setattr__(self, "shape", None)
+
+    @property
+    def n(self) -> int:
+        """Number of dofs the force acts on; 0 where its subdomain has to give it."""
+        known = self.direction if self.shape is None else self.shape
+        return 0 if known is None else len(known)
+
+    def __repr__(self) -> str:
+        of = "" if self.shape is not None else ", of the mass of its subdomain"
+        return super().__repr__().replace(" on 0 dofs", "")[:-1] + f"{of}>"
+
+    def __call__(self, t: float) -> np.ndarray:
+        """F(t), shape (n,), for t >= 0, evaluated like in the core."""
+        if self.shape is None:
+            raise TypeError(
+                "a BaseAcceleration without M has a value in its subdomain only, s.force(t)"
+            )
+        return super().__call__(t)
+
+    def _of(self, M: Matrix | None, n: int, name: str) -> BaseAcceleration:
+        """The load of a subdomain with this mass; ValueError for another M that was given."""
+        if self._mass == "part":
+            return self
+        direction = np.ones((n, 1)) if self.direction is None else self.direction
+        if direction.shape[1] != self.values.shape[1]:
+            raise ValueError(_columns_differ(self, direction.shape[1]))
+        shape = _against(M, direction)
+        if self._mass == "own":
+            return self._changed(shape=shape, direction=direction)
+        largest = np.abs(shape).max()
+        wrong = np.abs(self.shape - shape).max(axis=1)
+        if wrong.max() <= SAME_MASS * largest:
+            return self
+        dof = int(np.argmax(wrong))
+        raise ValueError(
+            f"M of the BaseAcceleration in {name} must be the mass matrix of the subdomain, or be "
+            f"left out; got one that gives {self.shape[dof, 0]:g} at dof {dof} for a unit "
+            f"acceleration, not {shape[dof, 0]:g}"
+        )
+
+    def _part(self, dofs: np.ndarray, share: np.ndarray | float = 1.0) -> SampledForce:
+        return super()._part(dofs, share)._changed(_mass="part")
+
+    def _projected(self, T: np.ndarray) -> SampledForce:
+        return super()._projected(T)._changed(_mass="part")
+
+
+def _samples(record: Any, dt: Any) -> tuple[Any, Any]:
+    """The samples and dt of a Record, or those that are given."""
+    if isinstance(record, Record):
+        if dt is not None and dt != record.dt:
+            raise ValueError(f"dt must be {record.dt!r} as in {record!r}, got {dt!r}")
+        return record.values, record.dt
+    if dt is None:
+        raise TypeError(
+            "dt must be given with an array, BaseAcceleration(values, direction, M, dt=0.01); a "
+            "Record has it"
+        )
+    return record, dt
+
+
+def _directions(direction: Any, n: int | None) -> np.ndarray:
+    if np.ndim(direction) == 0:
+        rule = "a number for each dof" if n is None else f"have shape ({n},)"
+        got = f"one number, {direction!r}; dt is a keyword, dt=0.01"
+        raise TypeError(f"direction must {'be ' if n is None else ''}{rule}, got {got}")
+    columns = _columns(direction, "direction")
+    if n not in (None, len(columns)):
+        raise ValueError(f"M must be of size {len(columns)} like direction, got size {n}")
+    return columns
+
+
+def _against(M: Matrix | None, direction: np.ndarray) -> np.ndarray:
+    """-M direction, finite."""
+    with np.errstate(over="ignore"):  # refused next
+        shape = -product(M, direction)
+    if not np.all(np.isfinite(shape)):
+        raise ValueError("M times direction must be finite")
+    return shape
+
+
+def _columns_differ(force: SampledForce, columns: int) -> str:
+    """What is wrong with another number of columns than there are series."""
+    values = force.values
+    rises = len(values) > 2 and bool(np.all(np.diff(values[:, 0]) > 0.0))
+    table = "; if the first column is time, take Record.from_times(t, values)" if rises else ""
+    return (
+        f"{force._shape_name} must have a column for each of the {values.shape[1]} series of "
+        f"{force._values_name}, got {columns}{table}"
+    )
 
 
 def _columns(value: Any, name: str) -> np.ndarray:
@@ -218,34 +318,113 @@ def _columns(value: Any, name: str) -> np.ndarray:
     return array.reshape(len(array), -1)
 
 
-Force: TypeAlias = np.ndarray | SampledForce | Callable[..., Any] | LowLevelCallable | None
+Term: TypeAlias = np.ndarray | SampledForce | Callable[..., Any] | LowLevelCallable
+# Several loads act together, as a tuple.
+Force: TypeAlias = Term | tuple[Term, ...] | None
 
 
-def checked_force(force: Any, n: int, name: str = "force") -> Force:
-    """A user's force, checked against the number of dofs as far as possible without calling it."""
+def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = None) -> Force:
+    """A user's force, checked against the number of dofs as far as possible without calling it.
+
+    mass: that of the dofs, of which ground motions are; None where there are none.
+    """
+    if name != "velocity" and _is_list_of_loads(force):
+        terms = [checked_force(x, n, f"{name}[{i}]", mass) for i, x in enumerate(force)]
+        return _together([x for term in terms for x in terms_of(term)])
     if force is None:
         return None
+    if isinstance(force, BaseAcceleration) and mass is not None and force.n in (0, n):
+        force = force._of(mass.M, n, name)
     if isinstance(force, SampledForce):
         if force.n != n:
             kind = type(force).__name__
-            what = counted(n, "dof" if name == "force" else "row")
+            what = counted(n, "row" if name == "velocity" else "dof")
             raise ValueError(f"{name} must act on {what}, got a {kind} on {force.n}")
         return force
-    if isinstance(force, LowLevelCallable) and name == "force":
+    if isinstance(force, LowLevelCallable) and name != "velocity":
         check_signature(force, name)
         return force
     if isinstance(force, LowLevelCallable):
         raise TypeError(f"{name} must not be a LowLevelCallable")
     if callable(force):
         count = required_arguments(force)
-        if count == 1 or count == 3 and name == "force":
+        if count == 1 or count == 3 and name != "velocity":
             return force
-        rule = "t alone, or of t, u and v" if name == "force" else "t alone"
+        rule = "t alone" if name == "velocity" else "t alone, or of t, u and v"
         raise TypeError(
             f"{name} must be a function of {rule}, got one with {count} required arguments: "
             f"{force!r}"
         )
     return vector(force, n, name)
+
+
+class Mass(NamedTuple):
+    """A mass matrix in inner form; None is zero."""
+
+    M: Matrix | None
+
+
+def has_ground(force: Any) -> bool:
+    """Whether a user's force has a ground motion."""
+    if isinstance(force, (list, tuple)) and not isinstance(force, LowLevelCallable):
+        return any(map(has_ground, force))
+    return isinstance(force, BaseAcceleration)
+
+
+def _is_list_of_loads(force: Any) -> bool:
+    """Whether something in it is a load; a list of numbers is the force on each dof."""
+    if not isinstance(force, (list, tuple)) or isinstance(force, LowLevelCallable):
+        return False
+    return any(
+        x is None or callable(x) or isinstance(x, LowLevelCallable) or np.ndim(x) > 0
+        for x in force
+        if not _is_plain(x)
+    )
+
+
+def _is_plain(x: Any) -> bool:
+    """Whether it is a list of numbers or of such lists, or one number."""
+    if isinstance(x, (list, tuple)) and not isinstance(x, LowLevelCallable):
+        return all(map(_is_plain, x))
+    return isinstance(x, (Real, np.number))
+
+
+def _together(terms: Sequence[Term]) -> Force:
+    """Loads that act together, in their order; constant ones are added."""
+    constant = [x for x in terms if isinstance(x, np.ndarray)]
+    others = [x for x in terms if not isinstance(x, np.ndarray)]
+    found = [sum(constant[1:], constant[0]), *others] if constant else others
+    if len(found) < 2:
+        return found[0] if found else None
+    return tuple(found)
+
+
+def terms_of(force: Force) -> tuple[Term, ...]:
+    """The loads that act together."""
+    if force is None:
+        return ()
+    if isinstance(force, tuple) and not isinstance(force, LowLevelCallable):
+        return force
+    return (force,)
+
+
+def load_of_free(force: Any, reduced: Any, M: Matrix | None) -> Any:
+    """A load of all dofs, of a structure with mass M, as that of the free ones, of a `Reduction`;
+    other loads as they are."""
+    if _is_list_of_loads(force):
+        return [load_of_free(x, reduced, M) for x in force]
+    if isinstance(force, BaseAcceleration) and force.n in (0, reduced.n):
+        return force._of(M, reduced.n, "force")._part(reduced.free)
+    if isinstance(force, SampledForce):
+        return force._part(reduced.free) if force.n == reduced.n else force
+    if callable(force) or isinstance(force, LowLevelCallable) or np.shape(force) != (reduced.n,):
+        return force
+    return reduced.reduce_load(force)
+
+
+def each_term(force: Force, change: Callable[[Term], Any]) -> Force:
+    """The sum of changed loads."""
+    return _together([change(x) for x in terms_of(force)])
 
 
 def required_arguments(function: Callable[..., Any]) -> int:
@@ -263,21 +442,31 @@ def required_arguments(function: Callable[..., Any]) -> int:
     return 1 if required == 0 and takes_one else required
 
 
-def depends_on_motion(force: Force) -> TypeGuard[Callable[..., Any]]:
+def is_of_motion(force: Term) -> TypeGuard[Callable[..., Any]]:
     """True for a force f(t, u, v), which is evaluated like a restoring force."""
     return is_function(force) and required_arguments(force) == 3
 
 
-def core_load(force: Force, order: np.ndarray) -> Any:
-    """A force that is not a Python callable of t, in a form of the core, in elimination order."""
-    if force is None:
-        return None
+def depends_on_motion(force: Force) -> bool:
+    """Whether some of it is a force f(t, u, v)."""
+    return any(map(is_of_motion, terms_of(force)))
+
+
+def core_load(force: Force, order: np.ndarray, tables: Sequence[Any] = ()) -> Any:
+    """A force in a form of the core, in elimination order, without Python callables.
+
+    tables: values of callables of t, (rows, first).
+    """
+    terms = [_core_term(x, order) for x in terms_of(force) if not is_function(x)]
+    terms += tables
+    return terms if len(terms) > 1 else terms[0] if terms else None
+
+
+def _core_term(force: Any, order: np.ndarray) -> Any:
     if isinstance(force, np.ndarray):
         return force[order]
     if isinstance(force, LowLevelCallable):
         return force, order
-    if depends_on_motion(force):
-        return None  # part of the restoring forces
     assert isinstance(force, SampledForce)
     times = force.dt, force.hold, force._begin
     if force.shape is None:
@@ -285,10 +474,25 @@ def core_load(force: Force, order: np.ndarray) -> Any:
     return force.values, np.ascontiguousarray(force.shape[order].T), *times
 
 
-def is_callback(force: Force) -> TypeGuard[Callable[[float], Any]]:
+def is_callback(force: Any) -> TypeGuard[Callable[[float], Any]]:
     """True for a force that is a Python callable of t alone, to be evaluated in advance."""
-    return is_function(force) and not depends_on_motion(force)
+    return is_function(force) and not is_of_motion(force)
 
 
-def is_function(force: Force) -> TypeGuard[Callable[..., Any]]:
+def is_function(force: Any) -> TypeGuard[Callable[..., Any]]:
     return callable(force) and not isinstance(force, SampledForce)
+
+
+def summed(functions: Sequence[Callable[..., Any]], n: int) -> Callable[..., Any] | None:
+    """The sum of functions of the same arguments, each (n,); None without."""
+    if len(functions) < 2:
+        return functions[0] if functions else None
+
+    def total(*arguments: Any) -> np.ndarray:
+        copies = (tuple(np.copy(x) if np.ndim(x) else x for x in arguments) for _ in functions)
+        return sum(
+            (vector(f(*x), n, "the value of each function") for f, x in zip(functions, copies)),
+            np.zeros(n),
+        )
+
+    return total

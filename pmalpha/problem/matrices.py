@@ -219,7 +219,8 @@ def _unsymmetric(A: Any, name: str, i: int, j: int, may_be: bool | None) -> str:
     got = f"{A[i, j]:g} at [{i}, {j}] and {A[j, i]:g} at [{j}, {i}]"
     d = np.sqrt(np.abs(diagonal(A)))
     size = d[i] * d[j] or max(abs(A[i, j]), abs(A[j, i]))
-    difference = abs(A[i, j] - A[j, i]) / size
+    with np.errstate(over="ignore"):
+        difference = abs(A[i, j] - A[j, i]) / size
     if difference <= FEW_DIGITS:
         return (
             f"{name} must be symmetric to {SYMMETRY:g} of the diagonal, got {got}, which differ by "

@@ -15,12 +15,18 @@ from .frozen import Frozen
 
 __all__ = ["Record"]
 
+# Times that differ from even ones by less than this share of their distance are even, written with
+# few digits.
+EVEN = 1e-3
+ROUNDING = 1e-12  # of a length over dt
+MOST_SAMPLES = 1e7
+
 
 class Record(Frozen):
     """Samples at t = 0, dt, 2 dt, ..., as `readers.read_at2` and `models.el_centro` return them.
 
     `BaseAcceleration`, `SampledForce`, `SupportMotion` and `analysis.response_spectrum` take it in
-    place of samples and dt: ``BaseAcceleration(record, direction, M)``. ``values, dt = record``
+    place of samples and dt: ``BaseAcceleration(record, direction)``. ``values, dt = record``
     unpacks it, ``9.81 * record`` changes its unit, and where an array is expected it is its values.
 
     Parameters
@@ -59,6 +65,63 @@ class Record(Frozen):
                 raise TypeError(f"{word} must be a string, got {text!r}")
         self.name, self.header = name, header
         self._freeze()
+
+    @classmethod
+    def from_times(cls, t: Any, values: Any, dt: float | None = None) -> Record:
+        """A Record of a series with its times, which may be uneven: linear between them.
+
+        Parameters
+        ----------
+        t : (m,) array_like
+            In rising order, m >= 2. The first is t = 0 of the Record.
+        values : (m,) or (m, k) array_like
+            The samples at these times.
+        dt : float, optional
+            Time between two samples of the Record, which ends at the last one within t. Default:
+            that of t where it is even; else the largest one that divides the whole and is not
+            longer than the shortest time between two samples, so that the ends agree.
+
+        Returns
+        -------
+        Record
+            Samples of the straight lines. A dt longer than the times between samples skips some.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For times that do not rise, another number of values, and a dt that is not positive;
+            without dt for times so uneven that a Record would have more than ten million samples.
+
+        Examples
+        --------
+        >>> from pmalpha.readers import Record
+        >>> Record.from_times([1.0, 1.1, 1.3], [0.0, 2.0, 4.0]).values.round(9).tolist()
+        [0.0, 2.0, 3.0, 4.0]
+        """
+        t, values = real_array(t, "t"), real_array(values, "values", (1, 2))
+        if t.size < 2:
+            raise ValueError(f"t must be at least 2 times, got {t.size}")
+        steps = np.diff(t)
+        if not np.all(steps > 0.0):
+            i = int(np.argmin(steps > 0.0))
+            raise ValueError(f"t must rise, got {t[i + 1]:g} after {t[i]:g}")
+        if len(values) != t.size:
+            raise ValueError(
+                f"values must have a row for each of {t.size} times, got {len(values)}"
+            )
+        length = float(t[-1] - t[0])
+        if dt is None:
+            even = length / steps.size
+            if np.all(np.abs(t - t[0] - even * np.arange(t.size)) <= EVEN * even):
+                return cls(values, even)
+            count = np.ceil(length / steps.min() - EVEN)
+            if not count < MOST_SAMPLES:
+                raise ValueError(f"dt must be given where times are {steps.min():g} apart")
+            dt = length / count
+        dt = time_step(dt, "dt")
+        at = t[0] + dt * np.arange(int(length / dt * (1.0 + ROUNDING)) + 1)
+        columns = [np.interp(at, t, x) for x in values.reshape(t.size, -1).T]
+        return cls(columns[0] if values.ndim == 1 else np.transpose(columns), dt)
 
     def __repr__(self) -> str:
         m = len(self.values)

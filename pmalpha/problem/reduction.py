@@ -233,7 +233,7 @@ def reduce(
     Notes
     -----
     Under a ground motion the mass that couples free dofs to fixed ones also acts on the free dofs.
-    ``BaseAcceleration(record, dt, direction, reduction.M)`` neglects it, which is exact for a
+    ``BaseAcceleration(record, direction, reduction.M, dt=dt)`` neglects it, which is exact for a
     lumped mass. For a consistent mass use the load of the unreduced matrix, and append a zero to
     the record: ``SampledForce(record, dt, shape=-reduction.reduce_load(M @ direction))``, where M
     and direction have all dofs.

@@ -24,7 +24,7 @@ from .argument_types import (
 from .damping import checked_rayleigh, damping_matrix, stiffness_at_start
 from .discrete_gradient import internal_for
 from .dofs import checked_names
-from .forces import checked_force, depends_on_motion
+from .forces import Mass, checked_force, depends_on_motion, terms_of
 from .frozen import Frozen
 from .internal import Internal
 from .limits import Limits, limits_of_dofs
@@ -90,7 +90,8 @@ def described(s: Any, name: str) -> str:
     """A load, or the number of springs and whether there are functions."""
     value = getattr(s, name)
     if name == "force":
-        return "constant" if isinstance(value, np.ndarray) else repr(value)
+        found = ("constant" if isinstance(x, np.ndarray) else repr(x) for x in terms_of(value))
+        return " and ".join(found)
     springs = s.restoring_springs if name == "restoring" else value.springs
     count = sum(len(spring) for spring in springs)
     functions = s.has_functions if name == "restoring" else bool(value.forces)
@@ -131,7 +132,8 @@ class Subdomain(Frozen):
         Whether to take double steps, from t_{n-1} to t_{n+1}. Default under "pm": if implicit and
         coarser than the finest, or the first of equal ones; else False.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
-        External load at the end of each substep. A callable ``f(t)`` is evaluated in advance;
+        External load at the end of each substep; of a list of these, ``[gravity, earthquake]``,
+        the sum. A callable ``f(t)`` is evaluated in advance;
         ``f(t, u, v)``, such as a controller, when `restoring` is. A ``scipy.LowLevelCallable`` is
         ``int (double t, intptr_t n, double *f, void *user)``.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
@@ -244,7 +246,7 @@ class Subdomain(Frozen):
             )
         self.K = self._matrix(K, "K")
         self.damping = damping
-        self.force = checked_force(force, self.n)
+        self.force = checked_force(force, self.n, mass=Mass(self.M))
         self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
         if self.restoring_springs and self.internal is not None and self.internal.springs:
             raise ValueError(

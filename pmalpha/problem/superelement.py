@@ -23,7 +23,7 @@ from ..memory import require
 from .argument_types import DofsLike
 from .dofs import dof_array, dof_list
 from .eigenmodes import FLOATING, block, modes, positive_definite, scale_to_one, softest
-from .forces import SampledForce, depends_on_motion
+from .forces import SampledForce, each_term, is_of_motion
 from .matrices import Matrix, dense, diagonal, is_symmetric, product, sparse
 from .reduction import numbers_along
 
@@ -176,7 +176,7 @@ def reduced_arguments(
         for name in ("restoring_stiffness", "restoring_damping"):
             A = getattr(subdomain, name)
             arguments[name] = None if A is None else _of_kept(A, kept, r, name)
-        arguments["force"] = _projected(subdomain.force, T)
+        arguments["force"] = each_term(subdomain.force, lambda term: _projected(term, T))
         for name in ("u0", "v0"):
             arguments[name] = _coordinates(subdomain, getattr(subdomain, name), basis, name)
     return arguments, basis
@@ -303,11 +303,9 @@ class ProjectedForce:
 
 
 def _projected(force: Any, T: np.ndarray) -> Any:
-    if force is None:
-        return None
     if isinstance(force, LowLevelCallable):
         raise ValueError("force must not be a compiled function for a reduction")
-    if depends_on_motion(force):
+    if is_of_motion(force):
         raise ValueError("force must not be a function of t, u and v for a reduction")
     if isinstance(force, SampledForce):
         return force._projected(T)

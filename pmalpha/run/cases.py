@@ -20,7 +20,7 @@ from .._core import LANES, split_lanes
 from ..errors import CasesError
 from ..files import HDF5, checked_path
 from ..memory import require
-from ..problem.forces import Force, core_load, is_callback
+from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
 from ..results.history import History
 from ..results.recording import Recording
@@ -65,7 +65,9 @@ def lanes_are_possible(members: Sequence[Member], motions: Sequence[Motion]) -> 
 
 def fits(forces: Sequence[Force]) -> bool:
     """Whether a case with these forces can be one of several side by side."""
-    return not any(isinstance(f, LowLevelCallable) or is_callback(f) for f in forces)
+    return not any(
+        isinstance(x, LowLevelCallable) or is_callback(x) for f in forces for x in terms_of(f)
+    )
 
 
 class Lanes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -13,7 +13,17 @@ from scipy import LowLevelCallable
 from .. import _core
 from .._checks import listing
 from ..errors import AccuracyWarning, CallbackError, LimitError, warn
-from ..problem.forces import Force, SampledForce, core_load, depends_on_motion, is_callback
+from ..problem.forces import (
+    Force,
+    SampledForce,
+    core_load,
+    depends_on_motion,
+    is_callback,
+    is_function,
+    is_of_motion,
+    summed,
+    terms_of,
+)
 from ..problem.limits import check_first_command
 from ..problem.matrices import product
 from ..problem.newton import Newton
@@ -34,6 +44,8 @@ JUDGED_SERIES = 32
 # Samples after the end of a record for which the motion is followed, which takes a period.
 MOST_SAMPLES = 1_000_000
 Values = TypeVar("Values")  # of a compiled function
+# With what means go on, by subdomain and number of the load among those that act together.
+Begins: TypeAlias = dict[tuple[int, int], Begin]
 
 
 # ---- what steps skip ---------------------------------------------------------------------------
@@ -49,8 +61,10 @@ def warn_of_skipped(
 
     fine: time between two interface problems, at which those are evaluated.
     """
-    taken = [
-        (f"the force on {member.name!r}", f, member.step) for member, f in zip(members, forces)
+    taken: list[tuple[str, Any, float]] = [
+        (f"the force on {member.name!r}", f, member.step)
+        for member, force in zip(members, forces)
+        for f in terms_of(force)
     ]
     taken += [(f"the {motion.what}", motion.velocity, fine) for motion in motions]
     known: dict[tuple[object, ...], tuple[float, float]] = {}
@@ -135,7 +149,7 @@ class Loads:
 
     names: the subdomains as the core numbers them. Default: those of the members.
     obstacles: of contacts.
-    begins: with what the means of averaged forces go on, by subdomain; see `next_begins`.
+    begins: with what the means of averaged forces go on; see `next_begins`.
     """
 
     def __init__(
@@ -148,27 +162,34 @@ class Loads:
         newton: Newton,
         names: Sequence[str] | None = None,
         obstacles: Obstacles | None = None,
-        begins: Sequence[Begin | None] = (),
+        begins: Begins | None = None,
     ):
         self.newton = newton
         self.names = [member.name for member in members] if names is None else names
         self.core, self.members, self.clock = core, members, clock
         fine, self.forces = core.instants, forces
         self.means = {
-            i: Means(force, member, clock, begins[i] if begins else None)
+            (i, k): Means(term, member, clock, (begins or {}).get((i, k)))
             for i, (member, force) in enumerate(zip(members, forces))
-            if is_averaged(force)
+            for k, term in enumerate(terms_of(force))
+            if is_averaged(term)
         }
-        # the forces as the steps of the subdomains take them
-        self.seen = [self.means[i].force if i in self.means else f for i, f in enumerate(forces)]
+        # the terms of the forces as the steps of the subdomains take them
+        self.seen = [
+            tuple(
+                self.means[i, k].force if (i, k) in self.means else term
+                for k, term in enumerate(terms_of(force))
+            )
+            for i, force in enumerate(forces)
+        ]
         self.motions = [motion.renewed(fine, clock) for motion in motions]
         self.obstacles = None if obstacles is None else obstacles.renewed(fine, clock)
         self.callbacks = {
             i: CallbackLoad(
-                force, f"force of subdomain {member.name!r}", member.order, member.substeps, clock
+                of_time, f"force of subdomain {member.name!r}", member.order, member.substeps, clock
             )
             for i, (member, force) in enumerate(zip(members, forces))
-            if is_callback(force)
+            if (of_time := summed([*filter(is_callback, terms_of(force))], member.n)) is not None
         }
         moved = [motion.callback for motion in self.motions]
         moved += [] if self.obstacles is None else [self.obstacles.callback]
@@ -184,7 +205,7 @@ class Loads:
         members: Sequence[Member],
         clock: Clock,
         forces: Sequence[Force] | None = None,
-        begins: Sequence[Begin | None] = (),
+        begins: Begins | None = None,
     ) -> Loads:
         """The same loads, or others, for other steps; without stored values of callables."""
         forces = self.forces if forces is None else forces
@@ -192,40 +213,36 @@ class Loads:
         return Loads(core, members, clock, forces, *others, begins)
 
     @property
-    def begins(self) -> list[Begin | None]:
-        """With what the means of averaged forces went on where steps changed, by subdomain."""
-        return [
-            self.means[i].begin if i in self.means and self.means[i].goes_on else None
-            for i in range(len(self.members))
-        ]
+    def begins(self) -> Begins:
+        """With what the means of averaged forces went on where steps changed."""
+        return {place: means.begin for place, means in self.means.items() if means.goes_on}
 
     def begin_arrays(self, first: int) -> dict[str, np.ndarray]:
         """The same for a checkpoint; `first` is the number of the first subdomain."""
-        return {f"{i}.means": begin.array() for i, begin in enumerate(self.begins, first) if begin}
+        return {_means_array(first + i, k): begin.array() for (i, k), begin in self.begins.items()}
 
     def begins_of(
         self, arrays: Mapping[str, np.ndarray], first: int, low: int, high: int
-    ) -> list[Begin | None]:
+    ) -> Begins:
         """The inverse; ValueError for wrong arrays, and for steps that did not change at one of the
         macro steps from `low` to `high`."""
-        begins: list[Begin | None] = []
-        for i, force in enumerate(self.forces):
-            x, begin = arrays.get(f"{first + i}.means"), None
-            if x is not None and is_averaged(force):
-                begin = Begin.of_array(x, force.values.shape[1])
-                if not low <= begin.step <= high:
-                    raise ValueError(f"{first + i}.means has steps that change at {begin.step}")
-            begins.append(begin)
+        begins: Begins = {}
+        for (i, k), means in self.means.items():
+            name = _means_array(first + i, k)
+            if name in arrays:
+                begins[i, k] = Begin.of_array(arrays[name], means.original.values.shape[1])
+                if not low <= begins[i, k].step <= high:
+                    raise ValueError(f"{name} has steps that change at {begins[i, k].step}")
         return begins
 
     def next_begins(
         self, step: int, members: Sequence[Member], lengths: Callable[[int], Any]
-    ) -> list[Begin | None]:
+    ) -> Begins:
         """The same for these members from a macro step on; `lengths` of their variables a."""
-        return [
-            self.means[i].next(step, member, lengths(i)) if i in self.means else None
-            for i, member in enumerate(members)
-        ]
+        found = {
+            (i, k): means.next(step, members[i], lengths(i)) for (i, k), means in self.means.items()
+        }
+        return {place: begin for place, begin in found.items() if begin is not None}
 
     def moved_to(self, core: _core.Coupler, members: Sequence[Member]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""
@@ -239,7 +256,9 @@ class Loads:
         """Whether there are functions of the user, which only `run` and `step` may evaluate."""
         return (
             bool(self.callbacks)
-            or any(isinstance(force, LowLevelCallable) for force in self.forces)
+            or any(
+                isinstance(x, LowLevelCallable) for force in self.forces for x in terms_of(force)
+            )
             or not all_known(self.motions)
             or (self.obstacles is not None and not self.obstacles.known)
             or any(member.subdomain.has_functions for member in self.members)
@@ -258,11 +277,10 @@ class Loads:
 
     def to_core(self) -> None:
         """Give the core all loads but those of callables, which `prepare` gives it."""
-        for i, (member, force) in enumerate(zip(self.members, self.seen)):
+        for member, force in zip(self.members, self.seen):
             if member.feedback is not None:
-                member.feedback.function = force if depends_on_motion(force) else None
-            if i not in self.callbacks:
-                member.core.set_load(core_load(force, member.order))
+                member.feedback.function = summed([*filter(is_of_motion, force)], member.n)
+            member.core.set_load(core_load(force, member.order))
         for i, motion in enumerate(self.motions):
             if motion.known:
                 self.core.set_motion(i, motion.core_load())
@@ -287,7 +305,8 @@ class Loads:
             end, failure = callback.prepare(begin, end)
             first_failure = failure if failure is not None else first_failure
         for i, callback in self.callbacks.items():
-            self.members[i].core.set_load((callback.rows, callback.first))
+            table, order = (callback.rows, callback.first), self.members[i].order
+            self.members[i].core.set_load(core_load(self.seen[i], order, [table]))
         for i, motion in enumerate(self.motions):
             if motion.callback is not None:
                 rows = motion.in_core(motion.callback.rows)
@@ -315,12 +334,8 @@ class Loads:
 
         Without a force that depends on the motion, which is one of the terms of the motion.
         """
-        force, member = self.seen[i], self.members[i]
-        if i in self.callbacks:
-            return self.callbacks[i].near_start_value(0.0)
-        if isinstance(force, LowLevelCallable):
-            return self._values(member.core.force(0.0), "force", i, step)
-        return force_at(force, member, 0.0)
+        of_time = self.callbacks[i].near_start_value(0.0) if i in self.callbacks else None
+        return self._sum(i, 0.0, step, of_time)
 
     def static(self, i: int, motion: tuple[np.ndarray, np.ndarray], step: int) -> np.ndarray:
         """The same, with a force that depends on the motion at (u, v), in elimination order."""
@@ -336,12 +351,21 @@ class Loads:
         step, member = self.core.step_count, self.members[i]
         if step == 0:
             return self.at_start(i)
+        of_time = None
         if i in self.callbacks:
-            return self.callbacks[i].value_at(self.clock.count(step) * member.substeps)
-        force, t = self.seen[i], self.clock.time(step)
-        if isinstance(force, LowLevelCallable):
-            return self._values(member.core.force(t), "force", i, step)
-        return force_at(force, member, t)
+            of_time = self.callbacks[i].value_at(self.clock.count(step) * member.substeps)
+        return self._sum(i, self.clock.time(step), step, of_time)
+
+    def _sum(self, i: int, t: float, step: int, of_time: np.ndarray | None) -> np.ndarray:
+        """All loads of a subdomain at one time, with the value of those that are callables of t."""
+        member = self.members[i]
+        values = [] if of_time is None else [of_time]
+        compiled = [isinstance(x, LowLevelCallable) for x in self.seen[i]]
+        known = [x for x, is_one in zip(self.seen[i], compiled) if not (is_one or is_function(x))]
+        values += [force_at(tuple(known), member, t)] if known else []
+        if any(compiled):
+            values.append(self._values(member.core.force(t), "force", i, step))
+        return sum(values[1:], values[0]) if values else np.zeros(member.n)
 
     def evaluate_present(self, i: int) -> None:
         """Let the core evaluate the internal forces of a subdomain at the present time."""
@@ -387,8 +411,11 @@ def first_answer(member: Member, u: np.ndarray, v: np.ndarray) -> np.ndarray | i
 
 
 def force_at(force: Force, member: Member, t: float) -> np.ndarray:
-    """A force that is no function, at one time in elimination order."""
-    if force is None or depends_on_motion(force):
-        return np.zeros(member.n)
-    result: np.ndarray = (force(t) if callable(force) else force)[member.order]
-    return result
+    """Loads that are no functions, at one time in elimination order."""
+    values = [(x(t) if callable(x) else x)[member.order] for x in terms_of(force)]
+    return sum(values[1:], values[0]) if values else np.zeros(member.n)
+
+
+def _means_array(i: int, k: int) -> str:
+    """The name in a checkpoint of the means of load k on subdomain i."""
+    return f"{i}.means" + (f".{k}" if k else "")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from ..problem.forces import Force, SampledForce
+from ..problem.forces import Force, SampledForce, terms_of
 from ..problem.schemes import Scheme
 from ..results.clock import Clock
 from ..setup.member import Member
@@ -18,13 +18,15 @@ from .transfer import Lengths
 SHORT = 1.0 / 16.0
 
 
-def is_averaged(force: Force) -> TypeGuard[SampledForce]:
+def is_averaged(force: Any) -> TypeGuard[SampledForce]:
     return isinstance(force, SampledForce) and force.average
 
 
 def taken_from_start(member: Member, force: Force, clock: Clock) -> Force:
     """A force as the steps of a subdomain take it: averaged ones as means."""
-    return Means(force, member, clock, None).force if is_averaged(force) else force
+    return tuple(
+        Means(x, member, clock, None).force if is_averaged(x) else x for x in terms_of(force)
+    )
 
 
 class FreeMass(NamedTuple):
@@ -106,7 +108,7 @@ class Means:
         self.table = np.empty((0, 0)) if self.values else self._table()
 
     @property
-    def force(self) -> Force:
+    def force(self) -> SampledForce:
         """The means as a force that is linear between the time levels; or the force itself."""
         if self.values:
             return self.original

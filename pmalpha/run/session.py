@@ -17,7 +17,7 @@ from .. import _core
 from .._core import Guard
 from ..errors import warn
 from ..problem.argument_types import Coupling
-from ..problem.forces import Force, checked_force, depends_on_motion
+from ..problem.forces import Force, Mass, checked_force, depends_on_motion
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from ..results.clock import Clock
@@ -310,7 +310,7 @@ def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Fo
 
 
 def _checked_force(force: Any, s: Subdomain, name: str) -> Force:
-    checked = checked_force(force, s.n)
+    checked = checked_force(force, s.n, mass=Mass(s.M))
     if depends_on_motion(checked) and not s.has_feedback:
         raise ValueError(
             f"force of {name!r} can only be a function of t, u and v where that of the Subdomain "

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import LowLevelCallable
 
 from .._checks import counted, listing, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
 from ..problem.dofs import NodeNames, dof_list
-from ..problem.forces import SampledForce
+from ..problem.forces import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.reduction import Reduction, reduce
 from ..problem.schemes import Scheme
@@ -674,22 +673,16 @@ class Structure:
             own = [force.reduced(reduced.free) for force in self.internal]
             options["internal"] = [*(own if reduced.fixed.size else self.internal), *further]
         M, K = (reduced.M, reduced.K) if reduced.fixed.size else (self.M, self.K)
-        options |= {
-            x: _of_free(options[x], reduced, x) for x in ("force", "u0", "v0") if x in options
-        }
+        options |= {x: _of_free(options[x], reduced, x) for x in ("u0", "v0") if x in options}
+        if "force" in options:
+            options["force"] = load_of_free(options["force"], reduced, self.M)
         options.setdefault("dof_names", reduced.dof_names)
         return Subdomain(M, K, scheme=scheme, **options)
 
 
 def _of_free(given: Any, reduced: Reduction, name: str) -> Any:
-    """A load or initial values of all dofs as those of the free ones; others as they are."""
-    if isinstance(given, SampledForce):
-        return given._part(reduced.free) if given.n == reduced.n else given
-    if given is None or callable(given) or isinstance(given, LowLevelCallable):
-        return given
-    if np.shape(given) != (reduced.n,):
-        return given
-    return reduced.reduce_load(given) if name == "force" else reduced.reduce_motion(given)
+    """Initial values of all dofs as those of the free ones; others as they are."""
+    return reduced.reduce_motion(given) if np.shape(given) == (reduced.n,) else given
 
 
 def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:

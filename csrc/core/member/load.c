@@ -79,18 +79,23 @@ static void add_value(const pma_load *load, range rows, double *g)
 
 enum { PIECE = 256 }; /* dofs at a time, whose g stays in the first cache from lane to lane */
 
+static void add_in_lane(const pma_load *own, double t, range rows, double *g)
+{
+    if (own->kind == PMA_LOAD_CONSTANT)
+        add_scaled(rows, 1.0, own->values, g);
+    if (own->kind == PMA_LOAD_SAMPLED) {
+        const sum_of_samples sum = samples_at(own, t);
+        add_samples(own, &sum, rows, g);
+    }
+    for (size_t i = 0; own->kind == PMA_LOAD_SUM && i < own->count; i++)
+        add_in_lane(&own->each[i], t, rows, g);
+}
+
 static void add_piece(const pma_load *load, double t, size_t begin, size_t end, double *g)
 {
-    for (size_t l = 0; l < PMA_LANES; l++) {
-        const pma_load *own = &load->each[l];
-        const range rows = {begin, end, PMA_LANES};
-        if (own->kind == PMA_LOAD_CONSTANT)
-            add_scaled(rows, 1.0, own->values, g + l);
-        if (own->kind != PMA_LOAD_SAMPLED)
-            continue;
-        const sum_of_samples sum = samples_at(own, t);
-        add_samples(own, &sum, rows, g + l);
-    }
+    const range rows = {begin, end, PMA_LANES};
+    for (size_t l = 0; l < PMA_LANES; l++)
+        add_in_lane(&load->each[l], t, rows, g + l);
 }
 
 static void add_lanes(const pma_load *load, double t, size_t begin, size_t end, double *g)
@@ -101,13 +106,41 @@ static void add_lanes(const pma_load *load, double t, size_t begin, size_t end, 
 
 /* ---- any load ------------------------------------------------------------------------------- */
 
+bool pma_load_has(const pma_load *load, pma_load_kind kind)
+{
+    bool found = load->kind == kind;
+    for (size_t i = 0; load->kind == PMA_LOAD_SUM && i < load->count; i++)
+        found = found || pma_load_has(&load->each[i], kind);
+    return found;
+}
+
+bool pma_load_covers(const pma_load *load, int64_t begin, int64_t end)
+{
+    bool all = load->kind != PMA_LOAD_TABLE ||
+               (begin >= load->first && end <= load->first + (int64_t)load->rows);
+    for (size_t i = 0; load->kind == PMA_LOAD_SUM && i < load->count; i++)
+        all = all && pma_load_covers(&load->each[i], begin, end);
+    return all;
+}
+
 pma_status pma_load_evaluate(const pma_load *load, double t, int *code)
 {
-    if (load->kind != PMA_LOAD_CALLED)
-        return PMA_OK;
+    pma_status status = PMA_OK;
+    for (size_t i = 0; load->kind == PMA_LOAD_SUM && i < load->count && status == PMA_OK; i++)
+        status = pma_load_evaluate(&load->each[i], t, code);
+    if (status != PMA_OK || load->kind != PMA_LOAD_CALLED)
+        return status;
     memset(load->work, 0, load->n * sizeof(double));
     *code = load->function(t, (intptr_t)load->n, load->work, load->user);
     return *code == 0 ? PMA_OK : PMA_FORCE_FAILED;
+}
+
+void pma_load_add_called(const pma_load *load, double *g)
+{
+    if (load->kind == PMA_LOAD_CALLED)
+        add_value(load, (range){0, load->n, 1}, g);
+    for (size_t i = 0; load->kind == PMA_LOAD_SUM && i < load->count; i++)
+        pma_load_add_called(&load->each[i], g);
 }
 
 void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t begin, size_t end,
@@ -129,6 +162,10 @@ void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t be
         break;
     case PMA_LOAD_CALLED:
         add_value(load, rows, g);
+        break;
+    case PMA_LOAD_SUM:
+        for (size_t i = 0; i < load->count; i++)
+            pma_load_add_rows(&load->each[i], t, number, begin, end, g);
         break;
     case PMA_LOAD_IN_LANES:
         add_lanes(load, t, begin / PMA_LANES, end / PMA_LANES, g);

@@ -14,6 +14,7 @@ typedef enum {
     PMA_LOAD_SAMPLED,
     PMA_LOAD_TABLE,
     PMA_LOAD_CALLED,
+    PMA_LOAD_SUM,
     PMA_LOAD_IN_LANES
 } pma_load_kind;
 
@@ -36,11 +37,19 @@ typedef struct pma_load {
     void *user;
     const int64_t *order;        /* called: n, the user's dof of each of ours, each in 0..n-1 */
     double *work;                /* called: n, the last value */
-    const struct pma_load *each; /* in lanes: PMA_LANES loads, constant, sampled or none,
-                                    of n / PMA_LANES dofs */
+    const struct pma_load *each; /* sum: count loads of n dofs, none of them a sum or in lanes;
+                                    in lanes: PMA_LANES loads of n / PMA_LANES dofs, constant,
+                                    sampled, sums of these, or none */
+    size_t count;                /* sum */
 } pma_load;
 
-/* Evaluates a called load at t; does nothing for any other. PMA_FORCE_FAILED when the function
+/* Whether it is of this kind, or one of a sum. */
+bool pma_load_has(const pma_load *load, pma_load_kind kind);
+
+/* False for a table without a row for each of the substeps begin..end-1, or one of a sum. */
+bool pma_load_covers(const pma_load *load, int64_t begin, int64_t end);
+
+/* Evaluates called loads at t; does nothing for any other. PMA_FORCE_FAILED when a function
  * returns other than 0, which goes to *code. */
 pma_status pma_load_evaluate(const pma_load *load, double t, int *code);
 
@@ -48,7 +57,10 @@ pma_status pma_load_evaluate(const pma_load *load, double t, int *code);
  * evaluated to last. Does not allocate. */
 void pma_load_add(const pma_load *load, double t, int64_t number, double *g);
 
-/* the same for the rows begin..end-1 of g alone */
+/* g (n) += the last values of called loads alone */
+void pma_load_add_called(const pma_load *load, double *g);
+
+/* the same as pma_load_add for the rows begin..end-1 of g alone */
 void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t begin, size_t end,
                        double *g);
 

@@ -44,9 +44,8 @@ static size_t opened(const void *self)
 static bool is_known(const void *self, const pma_substep *step)
 {
     const pma_subdomain *s = self;
-    if (s->load.kind == PMA_LOAD_TABLE)
-        return step->number - s->load.first < (int64_t)s->load.rows;
-    return s->load.kind != PMA_LOAD_CALLED;
+    return pma_load_covers(&s->load, step->number, step->number + 1) &&
+           !pma_load_has(&s->load, PMA_LOAD_CALLED);
 }
 
 static void push(void *self, const double *lam)

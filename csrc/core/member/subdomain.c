@@ -256,7 +256,7 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
     const pma_status status = pma_load_evaluate(&s->load, t, &s->code);
     memset(F, 0, s->parts.n * sizeof(double));
     if (status == PMA_OK)
-        pma_load_add(&s->load, t, 0, F);
+        pma_load_add_called(&s->load, F);
     return status;
 }
 

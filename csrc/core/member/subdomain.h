@@ -110,7 +110,7 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s);
 
 /* ---- what set-up evaluates ------------------------------------------------------------------ */
 
-/* F (n) := F(t) of a load that is no table, as `open` evaluates it */
+/* F (n) := the functions among the loads at t, as `open` evaluates them */
 pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 
 /* r (n) := r(u, v, t) + f(u, v, t; q): the restoring force as `open` evaluates it, with springs

@@ -182,8 +182,6 @@ __attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_s
 
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
 {
-    if (s->load.kind != PMA_LOAD_CALLED)
-        return PMA_OK;
     return pma_load_evaluate(&s->load, step->t1, &s->code);
 }
 
