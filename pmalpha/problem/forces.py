@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from inspect import signature
-from numbers import Real
 from sys import float_info
 from typing import Any, NamedTuple, TypeAlias, TypeGuard, overload
 
@@ -342,7 +341,7 @@ def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = N
             raise ValueError(f"{name} must act on {what}, got a {kind} on {force.n}")
         return force
     if isinstance(force, LowLevelCallable) and name != "velocity":
-        check_signature(force, name)
+        check_signature(force, "force")
         return force
     if isinstance(force, LowLevelCallable):
         raise TypeError(f"{name} must not be a LowLevelCallable")
@@ -376,17 +375,14 @@ def _is_list_of_loads(force: Any) -> bool:
     if not isinstance(force, (list, tuple)) or isinstance(force, LowLevelCallable):
         return False
     return any(
-        x is None or callable(x) or isinstance(x, LowLevelCallable) or np.ndim(x) > 0
+        x is None
+        or callable(x)
+        or isinstance(x, LowLevelCallable)
+        or isinstance(x, np.ndarray)
+        and x.ndim > 0
+        or _is_list_of_loads(x)
         for x in force
-        if not _is_plain(x)
     )
-
-
-def _is_plain(x: Any) -> bool:
-    """Whether it is a list of numbers or of such lists, or one number."""
-    if isinstance(x, (list, tuple)) and not isinstance(x, LowLevelCallable):
-        return all(map(_is_plain, x))
-    return isinstance(x, (Real, np.number))
 
 
 def _together(terms: Sequence[Term]) -> Force:
@@ -483,16 +479,19 @@ def is_function(force: Any) -> TypeGuard[Callable[..., Any]]:
     return callable(force) and not isinstance(force, SampledForce)
 
 
-def summed(functions: Sequence[Callable[..., Any]], n: int) -> Callable[..., Any] | None:
-    """The sum of functions of the same arguments, each (n,); None without."""
+def summed(functions: Sequence[Callable[..., Any]], n: int, what: str) -> Callable[..., Any] | None:
+    """The sum of functions of the same arguments, t first, each (n,); None without.
+
+    what: its name in messages, such as "force of subdomain 'rig'".
+    """
     if len(functions) < 2:
         return functions[0] if functions else None
 
-    def total(*arguments: Any) -> np.ndarray:
-        copies = (tuple(np.copy(x) if np.ndim(x) else x for x in arguments) for _ in functions)
-        return sum(
-            (vector(f(*x), n, "the value of each function") for f, x in zip(functions, copies)),
-            np.zeros(n),
-        )
+    def total(t: float, *motion: np.ndarray) -> np.ndarray:
+        values = [f(t, *(x.copy() for x in motion)) for f in functions]
+        try:
+            return sum((vector(x, n, "the value of each function") for x in values), np.zeros(n))
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{what} at t = {t:g}: {error}") from None
 
     return total

@@ -19,6 +19,8 @@ from .keys import by_index
 from .quantities import OF_SUBDOMAIN
 
 QUANTITIES = ("u", "v", "a")
+# Those with the motion of the ground added.
+ABSOLUTE = tuple(f"absolute {quantity}" for quantity in QUANTITIES)
 # Names of other columns of `to_pandas` and `to_xarray`.
 RESERVED = (*OF_SUBDOMAIN, "time", "dof", "spring")
 
@@ -30,6 +32,9 @@ class Outputs:
     sizes: dict[str, int]  # number of rows by name
     # W_u, W_v and W_a of all outputs; None without entries
     weights: tuple[sp.csr_array | None, ...]
+    ground: tuple[
+        sp.csr_array | None, ...
+    ] = ()  # those of them that act on the ground's motion too
 
     @property
     def rows(self) -> int:
@@ -72,17 +77,19 @@ def _outputs(given: Any, subdomain: Subdomain, what: str) -> Outputs:
     n = subdomain.n
     blocks = {name: _terms(value, subdomain, f"{what}[{name!r}]") for name, value in given.items()}
     sizes = {name: next(iter(terms.values())).shape[0] for name, terms in blocks.items()}
-    return Outputs(sizes, tuple(_stacked(blocks, sizes, n, quantity) for quantity in QUANTITIES))
+    weights = tuple(_stacked(blocks, sizes, n, x) for x in zip(QUANTITIES, ABSOLUTE))
+    ground = tuple(_stacked(blocks, sizes, n, [x]) for x in ABSOLUTE)
+    return Outputs(sizes, weights, () if all(W is None for W in ground) else ground)
 
 
 def _terms(value: Any, subdomain: Subdomain, what: str) -> dict[str, sp.csr_array]:
     """The matrices of an output, (rows, n), by the quantity that each acts on."""
     by_quantity = _is_dict(value) and not _is_weights(value)
     given: Any = value if by_quantity else {"u": value}
-    if not given or any(quantity not in QUANTITIES for quantity in given):
+    if not given or any(quantity not in QUANTITIES + ABSOLUTE for quantity in given):
         raise ValueError(
             f"{what} must be a matrix, weights by dof, or a dict of these by 'u', 'v' or 'a', got "
-            f"keys {list(given)}"
+            f"keys {list(given)}; 'absolute a' and so on add the motion of the ground"
         )
     terms = {
         quantity: _weights(W, subdomain, f"{what}[{quantity!r}]" if by_quantity else what)
@@ -123,11 +130,14 @@ def _stacked(
     blocks: Mapping[str, Mapping[str, sp.csr_array]],
     sizes: Mapping[str, int],
     n: int,
-    quantity: str,
+    quantities: Sequence[str],
 ) -> sp.csr_array | None:
-    """The matrices of all outputs for one quantity, one below the other."""
+    """The matrices of all outputs for some quantities, one below the other."""
     whole = sp.vstack(
-        [terms.get(quantity, sp.csr_array((sizes[name], n))) for name, terms in blocks.items()],
+        [
+            sum((terms[x] for x in quantities if x in terms), sp.csr_array((sizes[name], n)))
+            for name, terms in blocks.items()
+        ],
         format="csr",
     )
     return whole if whole.nnz else None

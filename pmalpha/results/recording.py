@@ -24,6 +24,7 @@ from ..setup.member import Member
 from .clock import Clock
 from .contact_history import layouts
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
+from .ground import Loads, added, check_ground
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, output_array, row_count
 from .keys import by_index
@@ -107,6 +108,12 @@ class Recorded:
             for name in IN_INTERFACE[x]
         }
 
+    def check_ground(self, loads: Sequence[Loads]) -> None:
+        """ValueError for absolute outputs of a subdomain whose loads have no ground motion."""
+        for own, outputs, (name, _) in zip(loads, self.outputs, self.keys):
+            if outputs is not None and outputs.ground:
+                check_ground(own, name)
+
     def levels_of(self, name: str) -> int:
         """Time levels per macro step of an array of the interface."""
         return 1 if OF_INTERFACE[name].axis == "macro" else self.fine
@@ -146,6 +153,7 @@ class Recording:
     wanted: what the History has of it; all without.
     coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
+    loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     """
 
     def __init__(
@@ -159,8 +167,9 @@ class Recording:
         every: int | None,
         conserved: str | None = None,
         wanted: Wanted | None = None,
+        loads: Sequence[Loads] = (),
     ):
-        self.wanted = wanted
+        self.wanted, self.loads = wanted, loads
         self.whole: History | None = None  # the last one made, where less is wanted
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
@@ -172,9 +181,12 @@ class Recording:
         require(8.0 * self.numbers, "the History", advice)
         self._make_arrays()
 
-    def again(self) -> Recording:
-        """The same record of another case, in arrays of its own; their memory is not checked."""
+    def again(self, loads: Sequence[Loads]) -> Recording:
+        """The same record of a case with other loads, in arrays of its own; their memory is not
+        checked."""
+        self.of.check_ground(loads)
         other = copy(self)
+        other.loads = loads
         other._make_arrays()
         return other
 
@@ -320,7 +332,7 @@ class Recording:
                 t=self.times(member.substeps, end),
                 dofs=dofs.copy(),
                 springs=None if springs is None else springs.copy(),
-                outputs={} if outputs is None or values is None else outputs.split(values[:own]),
+                outputs=self._outputs(i, outputs, values, own, end),
                 substep=member.h,
                 double_after=self._double_after(member),
                 n=member.n,
@@ -345,6 +357,18 @@ class Recording:
             contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
         )
+
+    def _outputs(
+        self, i: int, outputs: Outputs | None, values: np.ndarray | None, rows: int, end: int
+    ) -> dict[str, np.ndarray]:
+        """The outputs of a subdomain, absolute ones with the motion of the ground."""
+        if outputs is None or values is None:
+            return {}
+        found = values[:rows]
+        if outputs.ground:
+            t = self.times(self.of.members[i].substeps, end)
+            found = found + added(self.loads[i], outputs.ground, t)
+        return outputs.split(found)
 
     def _double_after(self, member: Member) -> float | None:
         if not member.double:

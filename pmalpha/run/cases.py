@@ -22,6 +22,7 @@ from ..files import HDF5, checked_path
 from ..memory import require
 from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
+from ..results.ground import Loads
 from ..results.history import History
 from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
@@ -370,7 +371,7 @@ def checked_recording(
     """
     kept = 0.0
     for path in set(paths) or {None}:
-        recording = recording_of(session, 0, end, path, **chosen)
+        recording = recording_of(session, 0, end, path, checks_loads=False, **chosen)
         recording.release()
         kept += recording.numbers_kept * paths.count(path)
     advice = "choose dofs with record= or fewer time levels with every="
@@ -448,6 +449,10 @@ def prepared(
         for case in cases
     ]
     try:
+        recordings = [
+            plan.recording.again([Loads(*own) for own in zip(plan.cases[k].forces, seen)])
+            for k, seen in zip(group, forces)
+        ]
         if session.accelerations is None:
             p, rows = session.rows.p, session.core_rows.numbers
             session.accelerations = InitialAccelerations(session.members, p, rows)
@@ -460,7 +465,7 @@ def prepared(
         )
     except Exception:  # of which case, is found by running each alone
         return None
-    return start, forces, [plan.recording.again() for _ in group]
+    return start, forces, recordings
 
 
 def finish_group(session: Session, group: Group, plan: Plan) -> None:

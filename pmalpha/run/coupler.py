@@ -302,6 +302,8 @@ class Coupler:
             Linear combinations of the motion, such as base shears, by subdomain and name: a matrix
             W, (rows, n) or (n,), for W u, weights by dof, ``{"roof": 1.0, "floor": -1.0}``, names
             of dofs, or a dict of these by "u", "v" and "a"; in ``history[name].outputs[output]``.
+            "absolute u", "absolute v" and "absolute a" add the motion of the ground under a
+            `BaseAcceleration`: its exact integrals, from rest.
         tolerance : float or dict of float, optional
             With "gc": choose substeps so that the local error of the displacements per unit of time
             stays below this, (Q5) and (Q6).

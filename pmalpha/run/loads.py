@@ -184,13 +184,13 @@ class Loads:
         ]
         self.motions = [motion.renewed(fine, clock) for motion in motions]
         self.obstacles = None if obstacles is None else obstacles.renewed(fine, clock)
-        self.callbacks = {
-            i: CallbackLoad(
-                of_time, f"force of subdomain {member.name!r}", member.order, member.substeps, clock
-            )
-            for i, (member, force) in enumerate(zip(members, forces))
-            if (of_time := summed([*filter(is_callback, terms_of(force))], member.n)) is not None
-        }
+        self.callbacks = {}
+        for i, (member, force) in enumerate(zip(members, forces)):
+            what = f"force of subdomain {member.name!r}"
+            of_time = summed([*filter(is_callback, terms_of(force))], member.n, what)
+            if of_time is not None:
+                how = member.order, member.substeps, clock
+                self.callbacks[i] = CallbackLoad(of_time, what, *how)
         moved = [motion.callback for motion in self.motions]
         moved += [] if self.obstacles is None else [self.obstacles.callback]
         self.stored = [*self.callbacks.values(), *(x for x in moved if x is not None)]
@@ -279,7 +279,8 @@ class Loads:
         """Give the core all loads but those of callables, which `prepare` gives it."""
         for member, force in zip(self.members, self.seen):
             if member.feedback is not None:
-                member.feedback.function = summed([*filter(is_of_motion, force)], member.n)
+                functions = [*filter(is_of_motion, force)]
+                member.feedback.function = summed(functions, member.n, member.feedback.what)
             member.core.set_load(core_load(force, member.order))
         for i, motion in enumerate(self.motions):
             if motion.known:

@@ -18,6 +18,7 @@ from ..files import HDF5, checked_path
 from ..memory import fits
 from ..problem.matrices import core_matrix, skew_part
 from ..results.energy import conserved_quantity, stiffness_weight
+from ..results.ground import Loads
 from ..results.history import History
 from ..results.history_file import write_master
 from ..results.recording import (
@@ -96,18 +97,22 @@ def recording_of(
     overwrite: bool = False,
     *,
     kind: Callable[..., Callable[..., Recording]] = recording_class,
+    checks_loads: bool = True,
     energy: bool = False,
     every: int | None = None,
     **chosen: Any,
 ) -> Recording:
     """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`,
-    `kind` makes what makes them."""
+    `kind` makes what makes them. Without `checks_loads` the loads are not those of the run."""
     energy, conserved = flag(energy, "energy"), None
     if energy:
         conserved = conserved_quantity(session.members, session.options, session.ranks)
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
     of, wanted = recorded_of(session, energy, chosen), None
+    loads = [Loads(*own) for own in zip(session.loads.forces, session.loads.seen)]
+    if checks_loads:
+        of.check_ground(loads)
     if session.judges and kind is recording_class and not append:
         every = None if every is None else whole_number(every, "every", low=1)
         whole = whole_of(session, of, {**chosen, "record": None}, end - first, every)
@@ -122,6 +127,7 @@ def recording_of(
         every=every,
         conserved=conserved,
         wanted=wanted,
+        loads=loads,
     )
 
 
