@@ -162,6 +162,38 @@ static void a_called_load_is_evaluated_once_and_added_in_elimination_order(void)
     CHECK_STATUS(pma_load_evaluate(&none, 4.0, &code), PMA_OK);
 }
 
+static void a_sum_has_the_kinds_the_rows_and_the_values_of_its_loads(void)
+{
+    const double F[3] = {1.0, -2.0, 0.5}, rows[2][3] = {{1.0, 2.0, 3.0}, {-4.0, 5.0, 6.0}};
+    const int64_t order[3] = {2, 0, 1};
+    double work[3] = {0.0, 0.0, 0.0}, g[3] = {0.0, 0.0, 0.0};
+    int returned = 0, code = -1;
+    const pma_load each[3] = {
+        {.kind = PMA_LOAD_CONSTANT, .n = 3, .values = F},
+        {.kind = PMA_LOAD_TABLE, .n = 3, .values = rows[0], .first = 10, .rows = 2},
+        {.kind = PMA_LOAD_CALLED,
+         .n = 3,
+         .function = push,
+         .user = &returned,
+         .order = order,
+         .work = work},
+    };
+    const pma_load sum = {.kind = PMA_LOAD_SUM, .n = 3, .each = each, .count = 3};
+    CHECK(pma_load_has(&sum, PMA_LOAD_TABLE) && pma_load_has(&sum, PMA_LOAD_CALLED));
+    CHECK(!pma_load_has(&sum, PMA_LOAD_SAMPLED));
+    CHECK(pma_load_covers(&sum, 10, 12));
+    CHECK(!pma_load_covers(&sum, 9, 10) && !pma_load_covers(&sum, 11, 13));
+    CHECK_STATUS(pma_load_evaluate(&sum, 4.0, &code), PMA_OK);
+    const double called[3] = {12.0, 4.0, 8.0}; /* k + 1 times t, of dofs 2, 0, 1 */
+    pma_load_add_called(&sum, g);
+    CHECK_BITS(3, g, called);
+    const double expected[3] = {9.0, 7.0, 14.5}; /* F, row 1 and these */
+    check_load(&sum, 0.0, 11, expected);
+    returned = -5;
+    CHECK_STATUS(pma_load_evaluate(&sum, 4.0, &code), PMA_FORCE_FAILED);
+    CHECK_INT(code, -5);
+}
+
 const test LOAD_TESTS[] = {
     TEST(no_load_adds_nothing_and_a_constant_load_itself),
     TEST(a_table_gives_the_row_of_the_substep),
@@ -170,5 +202,6 @@ const test LOAD_TESTS[] = {
     TEST(a_sample_instant_typed_as_a_decimal_gives_the_sample_itself),
     TEST(a_time_just_beside_a_sample_is_not_the_sample),
     TEST(a_called_load_is_evaluated_once_and_added_in_elimination_order),
+    TEST(a_sum_has_the_kinds_the_rows_and_the_values_of_its_loads),
     END_OF_TESTS,
 };
