@@ -21,10 +21,10 @@ from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
+from .base_motion import Loads, added, check_ground
 from .clock import Clock
 from .contact_history import layouts
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
-from .ground import Loads, added, check_ground
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, output_array, row_count
 from .keys import by_index

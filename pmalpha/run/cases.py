@@ -22,7 +22,7 @@ from ..files import HDF5, checked_path
 from ..memory import require
 from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
-from ..results.ground import Loads
+from ..results.base_motion import Loads
 from ..results.history import History
 from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows

@@ -17,8 +17,8 @@ from ..errors import noted, warn
 from ..files import HDF5, checked_path
 from ..memory import fits
 from ..problem.matrices import core_matrix, skew_part
+from ..results.base_motion import Loads
 from ..results.energy import conserved_quantity, stiffness_weight
-from ..results.ground import Loads
 from ..results.history import History
 from ..results.history_file import write_master
 from ..results.recording import (
