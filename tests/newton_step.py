@@ -119,7 +119,6 @@ class Trial:
         self.ut, self.vt, self.g = self.step.right_side(old, t1)
         self.guess = (old.v - self.vt) / self.al2  # (N4)  v_1 = v_n
         self.iterations = 0
-        self.seen = False
         self.renews = True  # the tangent of the iterate is the one that will solve
         # the forces at the beginning, with the load at the end
         self.forces = abs(self.s.load(t1)) + abs(self.L.T) @ abs(Lam) + abs(self.s.M) @ abs(old.w)
@@ -161,10 +160,9 @@ class Trial:
         found = np.sqrt(max(0.0, -s2))  # (N9)
         whole = abs(np.diag(tangent) - base) / self.al1 * abs(self.displacement(self.w))
         self.rounding = root * max(EPS * max((100.0 * terms + 10.0 * whole) / root), found)
-        self.forces = np.maximum(self.forces, terms) if not self.seen else self.forces
-        self.seen = True
-        largest = max(max((self.forces - pull) / root), np.sqrt(max(0.0, s2)))
-        self.scale = np.maximum(self.forces, SHARE * largest * root)
+        forces = np.maximum(self.forces, terms)
+        largest = max(max((forces - pull) / root), np.sqrt(max(0.0, s2)))
+        self.scale = np.maximum(forces, SHARE * largest * root)
 
     def part(self, R):
         """The largest |R_j| in parts of its scale, of the rows in which it is not rounding."""
@@ -183,12 +181,16 @@ class Trial:
         G = self.al2 * self.L @ self.solve(self.L.T)
         return self.L @ (self.velocity(self.w) + self.al2 * self.solve(self.R)) - G @ self.Lam, G
 
-    def correction(self, Lam):
-        """dw, with its energy (N5) and the scale it leads to (N6)."""
+    def correction(self, Lam, tied):
+        """dw, with its energy (N5) and the scale it leads to (N6).
+
+        `tied`: the iterate satisfies the constraints, so that only multipliers change if dw is
+        rounding.
+        """
         load = self.R + self.L.T @ (Lam - self.Lam)
-        dw = self.solve(load)  # (N3)
-        du = self.displacement(self.w + dw) - self.old.u
         self.residual = self.part(load)
+        dw = self.solve(load) if self.residual or not tied else 0.0 * load  # (N3)
+        du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
 
     def closed(self):
@@ -285,11 +287,12 @@ class Iteration:
 
     def rounding(self):
         """Whether corrections that do not shrink are rounding; they are then accepted (N9)."""
-        if self.last is None:
+        leap = max(y.part(y.R) / max(y.residual, 1e-11) for y in self.trials)
+        if self.last is None or not leap <= 1e3:
             return False
         ends = [(y.w, y.Lam) for y in self.trials]
-        # the slope does not follow the tangent over 2^-10 of the last correction, but over 2^30
-        if self.departure(2.0**-10) <= 0.1 or not self.departure(2.0**30) <= 0.1:
+        # the slope does not follow the tangent over 2^-20 of the last correction, but over 2^30
+        if self.departure(2.0**-20) <= 0.1 or not self.departure(2.0**30) <= 0.1:
             return False
         self.move(ends)
         self.scales = [
@@ -372,7 +375,7 @@ class Iteration:
             for x in trials:
                 x.refresh()
         Lam = self.multipliers()
-        parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
+        parts = [x.correction(y, self.tied) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
         e = np.sqrt(sum(self.energies))
         theta = e / self.e if self.e else None

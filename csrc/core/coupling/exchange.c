@@ -402,7 +402,7 @@ static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to
 {
     const pma_measure *own = &member_in(c, m)->measure;
     const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope, own->residual,
-                                          own->pull};
+                                          own->pull, own->leap};
     memcpy(to, numbers, measure_size(c, m) * sizeof(double));
 }
 
@@ -413,7 +413,8 @@ static void read_measure(pma_coupler *c, const pma_coupled *m, const double *fro
                                                  .motion = from[1],
                                                  .slope = from[2],
                                                  .residual = from[3],
-                                                 .pull = from[4]};
+                                                 .pull = from[4],
+                                                 .leap = from[5]};
 }
 
 pma_status pma_messages_measures(pma_coupler *c)

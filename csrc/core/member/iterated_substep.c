@@ -19,6 +19,9 @@
 #define MARGIN 100.0
 #define BALANCED 1e-6
 
+/* No residual is a leap that began with less than this part of the forces.                  (N9) */
+#define BEGAN 1e-11
+
 static const pma_operator *operator_of(const pma_iterate *it)
 {
     return pma_operator_of(it->of, it->step.twice);
@@ -109,7 +112,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
-    it->linearized = it->begun = it->evaluated = it->has_tangent = false;
+    it->linearized = it->tied = it->evaluated = it->has_tangent = false;
     it->measure.correction = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
@@ -132,7 +135,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
 static void restart(void *self, const double *lam)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
-    it->linearized = it->evaluated = it->has_tangent = false;
+    it->linearized = it->tied = it->evaluated = it->has_tangent = false;
     memcpy(iterate_of(it)->w, it->guess, it->of->parts.n * sizeof(double));
     load_interface(it, lam, it->pull);
 }
@@ -212,7 +215,7 @@ static double largest_part(const pma_iterate *it)
     return largest;
 }
 
-/* (N7)  T: the forces at the beginning, and at the first guess; rows by the root of D
+/* (N7)  T: the forces at the beginning, and at the iterate; rows by the root of D
  * (N8)  rounding: of the largest terms t and displacements of all rows, or what was found (N9) */
 static void measure_residual(pma_iterate *it)
 {
@@ -231,15 +234,15 @@ static void measure_residual(pma_iterate *it)
         terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + fabs(it->fixed[i]) + pull;
         const double whole = tangent / al1 * fabs(it->u[i]);
         rounding = fmax(rounding, (OF_TERMS * terms[i] + OF_DISPLACEMENTS * whole) / root[i]);
-        it->forces[i] = it->begun ? it->forces[i] : fmax(it->forces[i], terms[i]);
-        own = fmax(own, (it->forces[i] - pull) / root[i]);
+        it->limit[i] = fmax(it->forces[i], terms[i]);
+        own = fmax(own, (it->limit[i] - pull) / root[i]);
     }
     for (size_t i = 0; i < n; i++) {
-        it->limit[i] = fmax(it->forces[i], SHARE * own * root[i]);
+        it->limit[i] = fmax(it->limit[i], SHARE * own * root[i]);
         root[i] *= rounding;
     }
-    it->begun = true;
     it->measure.residual = largest_part(it);
+    it->measure.leap = it->tied ? it->measure.residual / fmax(it->left, BEGAN) : 0.0;
 }
 
 /* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
@@ -344,7 +347,8 @@ static double motion(const pma_iterate *it, double al1)
     return dot(n, it->size, it->product) / al1;
 }
 
-/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                         (N3) (N12) */
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw, where the right-hand side is more than rounding: if it
+ * is not, and constraints hold, only the multipliers change                          (N3) (N12) */
 static void correct(void *self, const double *lam, pma_measure *m)
 {
     pma_subdomain *s = self;
@@ -362,12 +366,15 @@ static void correct(void *self, const double *lam, pma_measure *m)
         pull = fmax(pull, fabs(s->closing[i]) / rounding_b[i]); /* not a number: 0 of 0 */
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
+    it->left = largest_part(it);
+    if (it->tied && it->left == 0.0)
+        memset(it->dw, 0, n * sizeof(double));
+    it->tied = true;
     for (size_t i = 0; i < n; i++) {
         x->w[i] += it->dw[i];
         it->u[i] = x->u[i] + c->al1 * x->w[i];
     }
     const double step = dot(n, it->dw, it->R), s2 = motion(it, c->al1);
-    it->left = largest_part(it);
     if (s2 > MARGIN * -it->scale)
         it->motion = fmax(it->scale, s2);
     it->measure.correction = fabs(c->al1 * step);

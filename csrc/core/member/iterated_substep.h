@@ -31,12 +31,12 @@ struct pma_iterate {
                               with the iterate */
     double left;           /* the residual that the last correction began with, with L^T dLam */
     pma_measure measure;   /* of the residual at the iterate, and of the last correction */
-    bool begun;            /* the substep has a residual: its forces are those of the first */
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
     bool refactored;             /* the tangent was written since the present */
     bool overwritten;            /* the tangent is not the one that is factored */
+    bool tied;                   /* the iterate is one after a correction */
     bool linearized;             /* with a fresh tangent at the iterate where it is */
     bool evaluated, has_tangent; /* R, and the tangent, are those of the iterate where it is */
 

@@ -15,10 +15,12 @@
 #define ENOUGH 0.5
 
 /* Parts of a correction over which rounding shows, and over which it does not; where nothing but
- * rounding shows, the slope departs from the tangent by no more than this.                 (N9) */
-#define NEAR 0x1p-10
+ * rounding shows, the slope departs from the tangent by no more than this, and the residual is no
+ * larger multiple of the one before.                                                       (N9) */
+#define NEAR 0x1p-20
 #define FAR 0x1p30
 #define FOLLOWS 0.1
+#define LEAP 1e3
 
 /* Shorter corrections tried at most. */
 enum { MOST_TRIALS = 8 };
@@ -169,11 +171,11 @@ static double departure(const iteration *it, double *from, double x)
 }
 
 /* The slope does not follow the tangent over a small part of the last correction, but does over a
- * large multiple. */
+ * large multiple, and the residual is one for which such a correction stands. */
 static bool is_rounding(const iteration *it)
 {
     double x = 1.0;
-    const bool rounding = it->count >= 2 && !(departure(it, &x, NEAR) <= FOLLOWS) &&
+    const bool rounding = it->count >= 2 && it->at.leap <= LEAP && !(departure(it, &x, NEAR) <= FOLLOWS) &&
                           departure(it, &x, FAR) <= FOLLOWS;
     it->equations->move(it->ctx, 1.0 - x);
     return rounding;

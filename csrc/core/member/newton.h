@@ -24,6 +24,7 @@ typedef struct {
     double slope; /* al2 dw . R: of the last correction at the iterate, of one at its beginning */
     double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8) */
     double pull;     /* of a correction: |L^T dLam| in parts of what is rounding in its row (N8) */
+    double leap;     /* the residual in parts of that which the last correction began with  (N9) */
 } pma_measure;
 
 static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
@@ -33,6 +34,7 @@ static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
     sum->slope += m->slope;
     sum->residual = m->residual > sum->residual ? m->residual : sum->residual;
     sum->pull = m->pull > sum->pull ? m->pull : sum->pull;
+    sum->leap = m->leap > sum->leap ? m->leap : sum->leap;
 }
 
 /* Operations on the iterate. Those that return a status end the iteration with it, but that a value
