@@ -149,6 +149,11 @@ static void move(void *self, double by)
         w[i] += by * it->dw[i];
 }
 
+static void take_back(void *self)
+{
+    move(self, -1.0);
+}
+
 /* ---- residual and tangent (N2) -------------------------------------------------------------- */
 
 /* tangent += al1 K_t of the springs */
@@ -347,8 +352,7 @@ static double motion(const pma_iterate *it, double al1)
     return dot(n, it->size, it->product) / al1;
 }
 
-/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw, where the right-hand side is more than rounding: if it
- * is not, and constraints hold, only the multipliers change                          (N3) (N12) */
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                         (N3) (N12) */
 static void correct(void *self, const double *lam, pma_measure *m)
 {
     pma_subdomain *s = self;
@@ -366,9 +370,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
         pull = fmax(pull, fabs(s->closing[i]) / rounding_b[i]); /* not a number: 0 of 0 */
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
-    it->left = largest_part(it);
-    if (it->tied && it->left == 0.0)
-        memset(it->dw, 0, n * sizeof(double));
+    it->measure.residual = it->left = largest_part(it);
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
         x->w[i] += it->dw[i];
@@ -475,6 +477,7 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
     static const pma_equations EQUATIONS = {.evaluate = alone_evaluate,
                                             .correct = alone_correct,
                                             .move = move,
+                                            .take_back = take_back,
                                             .restart = alone_restart,
                                             .remember_rounding = remember_rounding};
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
