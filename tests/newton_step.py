@@ -181,11 +181,16 @@ class Trial:
         G = self.al2 * self.L @ self.solve(self.L.T)
         return self.L @ (self.velocity(self.w) + self.al2 * self.solve(self.R)) - G @ self.Lam, G
 
-    def correction(self, Lam):
-        """dw, with its energy (N5) and the scale it leads to (N6)."""
+    def correction(self, Lam, tied):
+        """dw, with its energy (N5) and the scale it leads to (N6).
+
+        `tied`: the iterate satisfies the constraints, so that only multipliers change if dw is
+        rounding.
+        """
         load = self.R + self.L.T @ (Lam - self.Lam)
         self.residual = self.part(load)
-        dw = self.solve(load)  # (N3)
+        within = tied and (abs(load) <= 100.0 * self.rounding).all()
+        dw = 0.0 * load if within else self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
 
@@ -248,7 +253,6 @@ class Iteration:
         self.tied = False  # the iterates satisfy the constraints
         self.parted = False  # ... but not with those that are not iterated
         self.close = False  # the last correction was small enough (N7)
-        self.began = np.inf  # the residual before it, with the multipliers after it
         self.last = None  # the last correction, if its slope is to be tested
 
     def move(self, iterates):
@@ -259,7 +263,7 @@ class Iteration:
         """Iterate up to the accepted iterates."""
         for count in range(1, self.newton.iterations + 1):
             self.evaluate()
-            if self.accepts(self.balanced() or self.taken_back()):
+            if self.accepts(self.balanced()):
                 count -= 1
                 break
             self.count = count
@@ -267,7 +271,7 @@ class Iteration:
         else:
             for x in self.trials:
                 x.evaluate()
-            if not self.accepts(self.balanced() or self.taken_back()) and not self.rounding():
+            if not self.accepts(self.balanced()) and not self.rounding():
                 self.fail()
         for x, scale in zip(self.trials, self.scales, strict=True):
             x.iterations += count
@@ -275,21 +279,8 @@ class Iteration:
 
     def balanced(self):
         """Whether the residual at the iterates is small enough (N7)."""
-        return self.holds() and self.enough(max(x.part(x.R) for x in self.trials))
-
-    def enough(self, residual):
-        return residual == 0.0 or (self.close and residual <= self.newton.tol)
-
-    def was_balanced(self):
-        """The same of the iterates before the last correction, with the multipliers after it."""
-        return self.last is not None and self.enough(self.began)
-
-    def taken_back(self):
-        """Whether the last correction is not needed; it is then taken back."""
-        if not self.was_balanced():
-            return False
-        self.move([(w, Lam) for (w, _), (_, Lam) in zip(self.last.start, self.ends, strict=True)])
-        return True
+        left = max(x.part(x.R) for x in self.trials)
+        return self.holds() and (left == 0.0 or (self.close and left <= self.newton.tol))
 
     def fail(self):
         worst = self.trials[int(np.argmax(self.energies))]
@@ -322,17 +313,16 @@ class Iteration:
         for x in self.trials:
             x.renews = self.fresh
         s_1 = self.slope() if self.last else None
-        if self.last is None or self.balanced() or self.was_balanced():
+        if self.last is None or self.balanced():
             pass
         elif self.last.stale:
             if not abs(s_1) <= 0.8 * abs(self.last.slope):
                 # a stale tangent overshoots: back, and with fresh tangents from now on
                 self.move(self.last.start)
                 self.always, self.fresh, self.close, self.e = True, True, False, None
-                self.began = np.inf
         elif self.last.slope > 0.0 and not s_1 >= -0.8 * self.last.slope:
             self.e *= self.search(s_1)
-            self.close, self.parted, self.began = False, True, np.inf
+            self.close, self.parted = False, True
         for x in self.trials:
             x.renews = self.fresh
             x.evaluate()
@@ -386,7 +376,7 @@ class Iteration:
             for x in trials:
                 x.refresh()
         Lam = self.multipliers()
-        parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
+        parts = [x.correction(y, self.tied) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
         e = np.sqrt(sum(self.energies))
         theta = e / self.e if self.e else None
@@ -408,9 +398,7 @@ class Iteration:
             (abs(x.L.T @ dLam) > 100.0 * x.rounding).any()
             for x, (_, dLam) in zip(trials, change, strict=True)
         )
-        self.ends = [(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)]
-        self.move(self.ends)
-        self.began = max(x.residual for x in trials)
+        self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
         self.e, self.due = e, theta is not None and theta > 0.2
         motions = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
         motion = np.sqrt(sum(motions))

@@ -203,14 +203,6 @@ static void move(void *ctx, double by)
     pma_share(c, move_one, is_iterated);
 }
 
-/* Each in its row: what is taken back is small. */
-static void take_back(void *ctx)
-{
-    pma_coupler *c = ctx;
-    c->iteration->by = -1.0;
-    pma_share(c, move_one, is_iterated);
-}
-
 static void restart(void *ctx)
 {
     pma_coupler *c = ctx;
@@ -262,7 +254,6 @@ static pma_status iterate(pma_coupler *c)
     static const pma_equations EQUATIONS = {.evaluate = evaluate,
                                             .correct = correct,
                                             .move = move,
-                                            .take_back = take_back,
                                             .restart = restart,
                                             .remember_rounding = remember_rounding};
     pma_iteration *it = c->iteration;

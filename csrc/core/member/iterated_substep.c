@@ -12,6 +12,10 @@
 #define OF_TERMS (100.0 * DBL_EPSILON)
 #define OF_DISPLACEMENTS (10.0 * DBL_EPSILON)
 
+/* Where constraints hold, R + L^T dLam up to this many times that is rounding: multipliers are less
+ * exact than residuals.                                                                     (N8) */
+#define OF_LOAD 100.0
+
 /* No row has to be nearer to balance than this part of the largest own force asks for.      (N7) */
 #define SHARE 1e-3
 
@@ -149,11 +153,6 @@ static void move(void *self, double by)
         w[i] += by * it->dw[i];
 }
 
-static void take_back(void *self)
-{
-    move(self, -1.0);
-}
-
 /* ---- residual and tangent (N2) -------------------------------------------------------------- */
 
 /* tangent += al1 K_t of the springs */
@@ -207,6 +206,16 @@ static double dot(size_t n, const double *x, const double *y)
     for (size_t i = 0; i < n; i++)
         sum += x[i] * y[i];
     return sum;
+}
+
+/* Is R at most this many times what is rounding, in every row? */
+static bool is_within(const pma_iterate *it, double times)
+{
+    for (size_t i = 0; i < it->of->parts.n; i++) {
+        if (!(fabs(it->R[i]) <= times * it->rounding[i]))
+            return false;
+    }
+    return true;
 }
 
 /* max |R_i| / T_i of the rows in which R is more than rounding                       (N7) (N8) */
@@ -352,7 +361,8 @@ static double motion(const pma_iterate *it, double al1)
     return dot(n, it->size, it->product) / al1;
 }
 
-/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                         (N3) (N12) */
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw, where the right-hand side is more than rounding: if it
+ * is not, and constraints hold, only the multipliers change                          (N3) (N12) */
 static void correct(void *self, const double *lam, pma_measure *m)
 {
     pma_subdomain *s = self;
@@ -370,7 +380,9 @@ static void correct(void *self, const double *lam, pma_measure *m)
         pull = fmax(pull, fabs(s->closing[i]) / rounding_b[i]); /* not a number: 0 of 0 */
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
-    it->measure.residual = it->left = largest_part(it);
+    it->left = largest_part(it);
+    if (it->tied && is_within(it, OF_LOAD))
+        memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
         x->w[i] += it->dw[i];
@@ -477,7 +489,6 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
     static const pma_equations EQUATIONS = {.evaluate = alone_evaluate,
                                             .correct = alone_correct,
                                             .move = move,
-                                            .take_back = take_back,
                                             .restart = alone_restart,
                                             .remember_rounding = remember_rounding};
     pma_iterate *it = ((pma_subdomain *)self)->iterate;

@@ -37,7 +37,6 @@ typedef struct {
     bool has_factor; /* ... and there is one */
     bool slow;       /* ... which is to be made again */
     bool close;      /* the last correction was small enough */
-    double began;    /* the residual of the iterate before it, with the multipliers after it */
     pma_measure at;  /* the residual at the iterate */
 } iteration;
 
@@ -51,20 +50,10 @@ static double rate_of(double theta)
 }
 
 /* At an iterate that satisfies the constraints, as all do after a correction. */
-static bool is_enough(const iteration *it, double residual)
-{
-    return residual == 0.0 || (it->close && residual <= it->newton->tolerance);
-}
-
 static bool is_balanced(const iteration *it)
 {
-    return it->count > 0 && is_enough(it, it->at.residual);
-}
-
-/* The same of the iterate before the last correction, with the multipliers after it. */
-static bool was_balanced(const iteration *it)
-{
-    return it->count > 1 && is_enough(it, it->began);
+    const double left = it->at.residual;
+    return it->count > 0 && (left == 0.0 || (it->close && left <= it->newton->tolerance));
 }
 
 /* A correction, theta to the one before. */
@@ -113,7 +102,6 @@ static pma_status search(iteration *it, double s1)
     }
     it->e *= x;
     it->close = false;
-    it->began = INFINITY;
     return status;
 }
 
@@ -129,7 +117,6 @@ static void give_up_tangents(iteration *it)
 {
     it->keeps = it->close = false;
     it->e = 0.0;
-    it->began = INFINITY;
 }
 
 /* Is the last correction, seen from its end, one that led astray? Corrections after the first
@@ -155,7 +142,7 @@ static pma_status evaluate(iteration *it, bool *fresh)
     const double slope = it->at.slope;
     if (status != PMA_OK && status != PMA_NOT_FINITE)
         return status;
-    if ((status == PMA_OK && (is_balanced(it) || was_balanced(it))) || !led_astray(it, status, slope))
+    if ((status == PMA_OK && is_balanced(it)) || !led_astray(it, status, slope))
         return status;
     if (it->keeps && status == PMA_NOT_FINITE) {
         give_up_tangents(it);
@@ -194,18 +181,6 @@ static bool is_rounding(const iteration *it)
     return rounding;
 }
 
-/* An iterate that is in balance: where it is not, but would be without the last correction, that is
- * taken back. */
-static bool accepts(const iteration *it)
-{
-    if (is_balanced(it))
-        return true;
-    if (!was_balanced(it))
-        return false;
-    it->equations->take_back(it->ctx);
-    return true;
-}
-
 pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equations, void *ctx,
                             bool has_factor)
 {
@@ -218,7 +193,7 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
         pma_measure m = {0};
         bool fresh = false;
         pma_status status = evaluate(&it, &fresh);
-        if (status == PMA_OK && accepts(&it))
+        if (status == PMA_OK && is_balanced(&it))
             return PMA_OK;
         if (status == PMA_OK)
             status = equations->correct(ctx, fresh, &m);
@@ -234,7 +209,6 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
             continue;
         }
         it.close = is_small(&it, &m, theta);
-        it.began = m.residual;
         it.slow = it.count > 1 && theta > SLOW;
         it.e = e;
         it.slope = m.slope;
@@ -242,7 +216,7 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
     const pma_status status = equations->evaluate(ctx, false, &it.at);
     if (status != PMA_OK)
         return status == PMA_NOT_FINITE ? PMA_NOT_CONVERGED : status;
-    if (accepts(&it))
+    if (is_balanced(&it))
         return PMA_OK;
     if (!is_rounding(&it))
         return PMA_NOT_CONVERGED;

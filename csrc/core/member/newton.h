@@ -22,8 +22,7 @@ typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
     double slope; /* al2 dw . R: of the last correction at the iterate, of one at its beginning */
-    double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8);
-                        of a correction: |R + L^T dLam| */
+    double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8) */
     double pull;     /* of a correction: |L^T dLam| in parts of what is rounding in its row (N8) */
     double leap;     /* the residual in parts of that which the last correction began with  (N9) */
 } pma_measure;
@@ -47,8 +46,6 @@ typedef struct {
     pma_status (*correct)(void *ctx, bool fresh, pma_measure *measure);
     /* The iterate goes on along the last correction by this part of it; by -1: back. */
     void (*move)(void *ctx, double by);
-    /* The iterate is the one before the last correction, with the multipliers after it. */
-    void (*take_back)(void *ctx);
     /* The iterate is the first guess again. */
     void (*restart)(void *ctx);
     /* The residuals of this substep are rounding, and such of their size are from now on. (N9) */
