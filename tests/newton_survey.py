@@ -1,16 +1,22 @@
 """How far from balance Newton's method accepts, and how many iterations it takes.
 
-    python tests/newton_survey.py [held] [wrong] [strings] [iterations] [--seeds N]
+    python tests/newton_survey.py [held] [wrong] [strings] [iterations] [--seeds N] [--kernels A B]
 
 `held`: the random problems of tests/test_newton_held.py with a subdomain that constraints hold,
 under "gc" and "pm". `wrong`: the same with tangents that are wrong by a factor (even seeds) or
 forces that jump (odd ones), which may be refused but not accepted out of balance. `strings`: random
 strings under prestress, at rest. `iterations`: corrections in a substep, and evaluations, of stiff
 chains, contact, oscillators and pendula in all schedules. Balance is in tolerances, each row of the
-residual relative to the sum of its absolute terms. Minutes in all.
+residual relative to the sum of its absolute terms. Minutes in all. `--kernels`, with `held` and
+`wrong`: once for each of these kernels of OpenBLAS (Prescott, Nehalem, Haswell, SkylakeX), and the
+runs that do not end alike under all of them.
 """
 
 import argparse
+import json
+import os
+import subprocess
+import sys
 import warnings
 from collections import Counter
 from dataclasses import replace
@@ -44,15 +50,48 @@ def balance(seed, coupling, wrong):
     return max(found) / TOL
 
 
+def balances(seeds, wrong):
+    """`balance` of all runs, by seed and coupling."""
+    couplings = ("gc", "pm")
+    return {f"{seed} {x}": balance(seed, x, wrong) for seed in seeds for x in couplings}
+
+
+def balances_under(kernel, seeds, wrong):
+    """The same in a process that runs with this kernel of OpenBLAS."""
+    what = ["wrong" if wrong else "held", "--json"]
+    first = ["--first", str(seeds.start), "--seeds", str(len(seeds))]
+    command = [sys.executable, __file__, *what, *first]
+    environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
+    return json.loads(subprocess.check_output(command, env=environment))
+
+
+def verdict(found):
+    if isinstance(found, str):
+        return found
+    return "accepted" if found <= 10.0 else "above 10 tol"
+
+
+def compare(kernels, seeds, wrong):
+    """Print how runs end under each kernel, and those that do not end alike."""
+    results = {kernel: balances_under(kernel, seeds, wrong) for kernel in kernels}
+    for kernel, found in results.items():
+        print(f"{kernel:12}", dict(Counter(verdict(x) for x in found.values())))
+    runs = list(results[kernels[0]])
+    ends = {run: [verdict(results[kernel][run]) for kernel in kernels] for run in runs}
+    unlike = {run: x for run, x in ends.items() if len(set(x)) > 1}
+    print(f"not alike: {len(unlike)} of {len(runs)}")
+    for run, x in unlike.items():
+        print("   ", run, *x)
+
+
 def survey(seeds, wrong):
     counts, worst = Counter(), []
-    for seed in seeds:
-        for coupling in ("gc", "pm"):
-            found = balance(seed, coupling, wrong)
-            kind = ("factor", "jump")[seed % 2] if wrong else "held"
-            counts[kind, found if isinstance(found, str) else "accepted"] += 1
-            if not isinstance(found, str) and found > 10.0:
-                worst.append((round(found, 1), kind, seed, coupling))
+    for run, found in balances(seeds, wrong).items():
+        seed, coupling = int(run.split()[0]), run.split()[1]
+        kind = ("factor", "jump")[seed % 2] if wrong else "held"
+        counts[kind, found if isinstance(found, str) else "accepted"] += 1
+        if not isinstance(found, str) and found > 10.0:
+            worst.append((round(found, 1), kind, seed, coupling))
     print(dict(counts), f"above 10 tol: {len(worst)}")
     for line in sorted(worst, reverse=True):
         print("   ", *line)
@@ -142,15 +181,22 @@ if __name__ == "__main__":
     parser.add_argument("what", nargs="*", default=["held", "wrong", "strings", "iterations"])
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kernels", nargs="*", default=[])
+    parser.add_argument("--json", action="store_true", help="balances only, of one kind")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.seeds)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for what in given.what:
+            if given.json:
+                print(json.dumps(balances(seeds, what == "wrong")))
+                continue
             print(what)
             if what == "iterations":
                 iterations()
             elif what == "strings":
                 strings(seeds)
+            elif given.kernels:
+                compare(given.kernels, seeds, what == "wrong")
             else:
                 survey(seeds, what == "wrong")

@@ -233,6 +233,21 @@ def test_a_residual_that_jumps_in_the_last_correction_is_seen(seed, coupling):
             assert imbalance(s, Li, x, history.multipliers, jump) < 1e-7
 
 
+def test_the_forces_of_a_first_guess_far_away_are_no_scale_of_the_residual():
+    # the guess h v_n is up to 1.5 from where a spring 1000 u^3 has stopped the mass before
+    def internal(u, v, t, q):
+        return 1e3 * u**3, 2.0 * 3e3 * u**2  # the tangent is twice the right one
+
+    s = pm.Subdomain([1.0], None, scheme=pm.GeneralizedAlpha(0.5), internal=internal, v0=[3.0])
+    mass = pm.Coupler([s], dt=0.5).run(steps=20)[0]
+    inertia, spring = mass.a[:, 0], 1e3 * mass.u[:, 0] ** 3
+    residual = abs(inertia + spring)[1:]
+    forces = np.maximum(abs(inertia) + abs(spring), np.roll(abs(inertia), 1))[1:]
+    # the tolerance and rounding; 15 tolerances where the forces of the guess counted
+    assert (residual <= 1.01e-8 * forces).all()
+    assert residual.max() > 1e-12  # the wrong tangent leaves something to be judged
+
+
 def test_a_force_without_equilibrium_is_refused():
     def leap(u, v, t, q):  # of the velocity, which no constraint holds
         return np.where(v > 0.0, 1.0, -2.0), np.eye(1), np.eye(1), q

@@ -17,6 +17,7 @@ typedef struct {
     double (*slope)(double x);
     double x, first, K;              /* iterate; first guess; tangent that is factored */
     double motion, forces, rounding; /* |R| counts against the latter two */
+    double leap;                     /* of all residuals */
     size_t fails_at;    /* evaluation that returns `status`, counted from 1; never for 0 */
     size_t singular_at; /* the same of corrections */
     pma_status status;
@@ -41,7 +42,7 @@ static pma_status evaluate(void *ctx, bool tangent, pma_measure *measure)
     if (tangent)
         q->K_new = q->slope(q->x);
     q->s1 = q->dx * q->R;
-    *measure = (pma_measure){.slope = q->s1, .residual = part_of(q)};
+    *measure = (pma_measure){.slope = q->s1, .residual = part_of(q), .leap = q->leap};
     return isfinite(q->R) ? PMA_OK : PMA_NOT_FINITE;
 }
 
@@ -399,6 +400,20 @@ static void corrections_that_are_rounding_are_accepted_in_the_end(void)
     CHECK_INT(q.remembered, 1); /* so that the next steps need one or two */
 }
 
+/* As where constraints hold what jumps: no residual is in proportion to the corrections. */
+static void corrections_that_leave_a_much_larger_residual_than_before_are_not(void)
+{
+    scalar q = equation(noisy, one, 1.0);
+    q.motion = 0.0;
+    q.leap = 1001.0;
+    CHECK_STATUS(pma_newton_solve(&FULL, &SCALAR, &q, false), PMA_NOT_CONVERGED);
+    CHECK_INT(q.remembered, 0);
+    q = equation(noisy, one, 1.0);
+    q.motion = 0.0;
+    q.leap = 999.0;
+    CHECK_STATUS(pma_newton_solve(&FULL, &SCALAR, &q, false), PMA_OK);
+}
+
 static void they_are_accepted_at_once_where_the_residual_is_rounding_by_rows(void)
 {
     scalar q = equation(noisy, one, 1.0);
@@ -440,6 +455,7 @@ const test NEWTON_TESTS[] = {
     TEST(an_equation_without_a_root_is_not_converged),
     TEST(what_an_operation_comes_back_with_is_returned),
     TEST(corrections_that_are_rounding_are_accepted_in_the_end),
+    TEST(corrections_that_leave_a_much_larger_residual_than_before_are_not),
     TEST(they_are_accepted_at_once_where_the_residual_is_rounding_by_rows),
     TEST(other_corrections_that_do_not_fall_are_not),
     END_OF_TESTS,

@@ -20,10 +20,10 @@ class Newton(Frozen):
     ----------
     tol : float, default 1e-8
         Relative accuracy of forces and motion, in (0, 1). An iterate is accepted when in every row
-        the residual is at most ``tol`` of the forces that act there, or did when the step began, and the
-        error that is left, estimated from the rate of convergence, at most ``tol`` of the largest
-        motion in a step so far. Where all residuals are rounding, as at rest or in a subdomain that
-        constraints hold, they decide alone.
+        the residual is at most ``tol`` of the forces that act there, or did when the step began,
+        and the error that is left, estimated from the rate of convergence, at most ``tol`` of the
+        largest motion in a step so far. Where all residuals are rounding, as at rest or in a
+        subdomain that constraints hold, they decide alone.
     iterations : int, default 40
         Largest number of iterations in a substep; more are a `ConvergenceError`. At least 1.
     tangent : {"full", "reuse"}, default "full"

@@ -401,8 +401,8 @@ static size_t measure_size(const pma_coupler *c, const pma_coupled *m)
 static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to)
 {
     const pma_measure *own = &member_in(c, m)->measure;
-    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope, own->residual,
-                                          own->pull, own->leap};
+    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope,
+                                          own->residual,   own->pull,   own->leap};
     memcpy(to, numbers, measure_size(c, m) * sizeof(double));
 }
 

@@ -175,7 +175,8 @@ static double departure(const iteration *it, double *from, double x)
 static bool is_rounding(const iteration *it)
 {
     double x = 1.0;
-    const bool rounding = it->count >= 2 && it->at.leap <= LEAP && !(departure(it, &x, NEAR) <= FOLLOWS) &&
+    const bool rounding = it->count >= 2 && it->at.leap <= LEAP &&
+                          !(departure(it, &x, NEAR) <= FOLLOWS) &&
                           departure(it, &x, FAR) <= FOLLOWS;
     it->equations->move(it->ctx, 1.0 - x);
     return rounding;
