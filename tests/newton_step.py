@@ -184,12 +184,13 @@ class Trial:
     def correction(self, Lam, tied):
         """dw, with its energy (N5) and the scale it leads to (N6).
 
-        `tied`: the iterate satisfies the constraints, so that only multipliers change if dw is
-        rounding.
+        `tied`: the iterate satisfies the constraints, so that only multipliers change where the
+        load is rounding.
         """
         load = self.R + self.L.T @ (Lam - self.Lam)
         self.residual = self.part(load)
-        within = tied and (abs(load) <= 100.0 * self.rounding).all()
+        pulls = (self.L.T @ (Lam - self.Lam)).any()
+        within = tied and pulls and (abs(load) <= 100.0 * self.rounding).all()
         dw = 0.0 * load if within else self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1

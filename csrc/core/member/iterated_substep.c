@@ -361,8 +361,8 @@ static double motion(const pma_iterate *it, double al1)
     return dot(n, it->size, it->product) / al1;
 }
 
-/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw, where the right-hand side is more than rounding: if it
- * is not, and constraints hold, only the multipliers change                          (N3) (N12) */
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw; where constraints hold and the right-hand side is
+ * rounding, only the multipliers change                                              (N3) (N12) */
 static void correct(void *self, const double *lam, pma_measure *m)
 {
     pma_subdomain *s = self;
@@ -381,7 +381,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
     it->left = largest_part(it);
-    if (it->tied && is_within(it, OF_LOAD))
+    if (it->tied && pull > 0.0 && is_within(it, OF_LOAD))
         memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
@@ -494,6 +494,7 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
     it->alone = (alone){.lam = lam, .stop = stop, .ctx = ctx};
     PMA_TRY(pma_newton_solve(newton, &EQUATIONS, self, has_factor(self)));
+    it->tied = false; /* under multipliers that are given, not with those of all subdomains */
     it->scale = it->motion;
     return PMA_OK;
 }
