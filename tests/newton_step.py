@@ -119,6 +119,7 @@ class Trial:
         self.ut, self.vt, self.g = self.step.right_side(old, t1)
         self.guess = (old.v - self.vt) / self.al2  # (N4)  v_1 = v_n
         self.iterations = 0
+        self.keeps = False  # the last correction changed multipliers only
         self.renews = True  # the tangent of the iterate is the one that will solve
         # the forces at the beginning, with the load at the end
         self.forces = abs(self.s.load(t1)) + abs(self.L.T) @ abs(Lam) + abs(self.s.M) @ abs(old.w)
@@ -190,8 +191,9 @@ class Trial:
         load = self.R + self.L.T @ (Lam - self.Lam)
         self.residual = self.part(load)
         pulls = (self.L.T @ (Lam - self.Lam)).any()
-        within = tied and pulls and (abs(load) <= 100.0 * self.rounding).all()
-        dw = 0.0 * load if within else self.solve(load)  # (N3)
+        small = self.residual <= 1e-11 and (abs(load) <= 100.0 * self.rounding).all()
+        self.keeps = bool(tied and pulls and small and not self.keeps)
+        dw = 0.0 * load if self.keeps else self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
 

@@ -23,7 +23,8 @@
 #define MARGIN 100.0
 #define BALANCED 1e-6
 
-/* No residual is a leap that began with less than this part of the forces.                  (N9) */
+/* No residual is a leap that began with less than this part of the forces, (N9), and none above it
+ * is left as it is. */
 #define BEGAN 1e-11
 
 static const pma_operator *operator_of(const pma_iterate *it)
@@ -116,7 +117,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
-    it->linearized = it->tied = it->evaluated = it->has_tangent = false;
+    it->linearized = it->tied = it->keeps = it->evaluated = it->has_tangent = false;
     it->measure.correction = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
@@ -381,7 +382,8 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
     it->left = largest_part(it);
-    if (it->tied && pull > 0.0 && is_within(it, OF_LOAD))
+    it->keeps = it->tied && pull > 0.0 && !it->keeps && it->left <= BEGAN && is_within(it, OF_LOAD);
+    if (it->keeps)
         memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
