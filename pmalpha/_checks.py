@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Collection, Iterable, Sequence
 from numbers import Real
 from typing import Any
@@ -178,3 +179,19 @@ def listing(numbers: Collection[Any] | np.ndarray, most: int = 5) -> str:
     """``1, 2, 3, ... (12 in all)``"""
     shown = ", ".join(str(x) for x in list(numbers)[:most])
     return shown if len(numbers) <= most else f"{shown}, ... ({len(numbers)} in all)"
+
+
+# "3.+5", "-1.25D-3", "2.5+10": the letter of the exponent is optional
+FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
+
+
+def fortran_real(text: str) -> float:
+    """A number as Python or Fortran writes it; ValueError for other text."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    match = FORTRAN.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"must have numbers, got {text!r}")
+    return float(f"{match[1]}e{match[2] or match[3] or 0}")

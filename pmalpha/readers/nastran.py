@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._checks import listing
+from .._checks import fortran_real, listing
 from ..files import checked_path
 from .exported import ExportedMatrix
 from .text import Entries, labelled, refuse, text_lines
 
 __all__ = ["read_dmig"]
 
-# "3.+5", "-1.25D-3", "2.5+10": the letter of the exponent is optional
-NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
 SYMMETRIC, SQUARE = 6, (1, 2)
 REAL, COMPLEX = (1, 2), (3, 4)
 
@@ -213,11 +211,10 @@ def _component(path: str, field: _Field) -> int:
 
 
 def _real(path: str, field: _Field) -> float:
-    match = NUMBER.fullmatch(field.text)
-    value = np.inf
-    if match:
-        digits, exponent, plain = match.groups()
-        value = float(f"{digits}e{exponent or plain or 0}")
+    try:
+        value = fortran_real(field.text)
+    except ValueError:
+        value = np.inf
     if not np.isfinite(value):
         refuse(path, field.line, f"value must be a finite number, got {field.text!r}")
     return value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -19,9 +19,11 @@ from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
 from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
-from .mesh_files import FileMesh, read_mesh
+from .mesh import FileMesh
+from .mesh_files import read_mesh
 from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
+from .unread import Unread
 
 __all__ = ["from_mesh", "submesh"]
 
@@ -90,6 +92,7 @@ def from_mesh(
     plane: str = "stress",
     mass: str = "consistent",
     names: str | None = None,
+    ignore: Iterable[str] = (),
 ) -> Structure:
     """A linear structure on a mesh of gmsh, Abaqus, VTK or another program that meshlane reads.
 
@@ -133,14 +136,17 @@ def from_mesh(
     FileNotFoundError
         When there is no such file.
     TypeError, ValueError
-        For elements that are unknown, flat or inverted (by their numbers), without a material or
+        For entries of a file that move, make or remove nodes or elements in a way that is not read,
+        elements that are unknown, flat or inverted (by their numbers), without a material or
         with two, surfaces that are not in a plane z = constant, names that the mesh does not have,
         materials with other numbers, or not positive ones.
 
     Warns
     -----
     UserWarning
-        For elements of an ``.inp`` file that are not of these kinds, such as springs.
+        For what is left out or taken as something else, with its number: springs, masses, ties and
+        all other entries of the file that are not read, shells beside solids, shells of a plane
+        mesh, which have no bending, and clockwise surfaces, which are turned.
 
     Examples
     --------
@@ -157,9 +163,16 @@ def from_mesh(
     """
     check_word(plane, "plane", ("stress", "strain"))
     is_lumped(mass)
-    read = read_mesh(mesh, names)
+    unread = Unread(
+        os.path.basename(mesh) if isinstance(mesh, (str, os.PathLike)) else "mesh", ignore
+    )
+    read = read_mesh(mesh, names, unread)
     top, d = _dimensions(read)
+    if d == 2:
+        read = _counter_clockwise(read, unread)
     choice = _chosen(read, material, top, d)
+    _say_of_types(read, choice, top, plane, unread)
+    unread.warn()
     order = sorted(choice, key=lambda number: -KINDS[read.blocks[number].kind].dimension)
     return _structure(read, {number: choice[number] for number in order}, d, plane, mass)
 
@@ -180,6 +193,7 @@ def _dimensions(read: FileMesh) -> tuple[int, int]:
         raise ValueError(
             f"mesh must have elements of {', '.join(SHAPES)}, got "
             f"{listing(dict.fromkeys(unknown)) or 'none'}"
+            + ("; gmsh writes others with Mesh.SecondOrderIncomplete=1" * _is_complete(unknown))
         )
     top = max(KINDS[block.kind].dimension for block in known)
     if read.points.shape[1] < 3:
@@ -187,6 +201,63 @@ def _dimensions(read: FileMesh) -> tuple[int, int]:
     height = np.concatenate([read.points[b.nodes.ravel(), 2] for b in known])
     flat = np.ptp(height) <= COINCIDENT * np.abs(read.points).max()
     return top, 2 if flat and top < 3 else 3
+
+
+def _is_complete(kinds: Iterable[str]) -> bool:
+    """Whether there is one with nodes in its faces or its middle."""
+    return not {"hexahedron27", "wedge18", "pyramid14", "hexahedron24"}.isdisjoint(kinds)
+
+
+def _counter_clockwise(read: FileMesh, unread: Unread) -> FileMesh:
+    """With surfaces in a plane as seen from above, where the file has them from below."""
+    blocks = []
+    for block in read.blocks:
+        kind = KINDS.get(block.kind)
+        if kind is None or kind.dimension != 2 or not len(block.nodes):
+            blocks.append(block)
+            continue
+        x, y = np.moveaxis(read.points[block.nodes[:, : len(kind.edges)], :2], 2, 0)
+        area = np.sum(x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1), axis=1)
+        turned = area < 0.0
+        count = int(np.count_nonzero(turned))
+        what = "surfaces {} are clockwise, and turned"
+        unread.leave_out(what, block.kind, "GEOMETRY", count)
+        nodes = block.nodes.copy()
+        nodes[turned] = nodes[turned][:, _reversed(block.kind)]
+        blocks.append(block._replace(nodes=nodes))
+    return read._replace(blocks=blocks)
+
+
+def _reversed(kind: str) -> list[int]:
+    """The nodes of a surface the other way around, from the same first one."""
+    corners = len(KINDS[kind].edges)
+    order = [0, *range(corners - 1, 0, -1)]
+    if KINDS[kind].nodes > corners:
+        order += range(2 * corners - 1, corners - 1, -1)
+    return order + list(range(2 * corners, KINDS[kind].nodes))
+
+
+# What is said of elements that are used, by their family
+USED = {
+    "SHELL": "elements of type {} are taken as plane, without bending",
+    "AXISYMMETRIC": "elements of type {} are taken as plane",
+    "PLANE STRAIN": 'elements of type {} are of plane strain, but plane is "stress"',
+    "PLANE STRESS": 'elements of type {} are of plane stress, but plane is "strain"',
+}
+
+
+def _say_of_types(
+    read: FileMesh, choice: dict[int, MaterialElements], top: int, plane: str, unread: Unread
+) -> None:
+    """Count elements of a file that are no such ones in the structure."""
+    for i, (block, element) in enumerate(zip(read.blocks, read.types)):
+        used = len(choice[i].numbers) if i in choice else 0
+        if used and element.family in USED and element.family != f"PLANE {plane.upper()}":
+            family = "PLANE" if element.family.startswith("PLANE") else element.family
+            unread.leave_out(USED[element.family], element.name, family, used)
+        if element.name and _dimension(block.kind) < top:
+            what = "elements of type {} are left out"
+            unread.leave_out(what, element.name, element.family, len(block.nodes) - used)
 
 
 def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, MaterialElements]:

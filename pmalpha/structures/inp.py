@@ -1,255 +1,497 @@
-"""The mesh in an input file of Abaqus or CalculiX: nodes, elements and sets.
+"""The mesh in an input file of Abaqus or CalculiX: nodes, elements, sets, parts and instances.
 
-Of a type of element only the shape is taken, such as that of C3D8R; sections, materials and steps
-are not read. meshio reads these files too, but gives the sets of a file with several blocks of
-elements to the wrong ones, and knows no CPE4 or CPS8.
+Of a type of element the shape is taken, such as that of C3D8R. meshio reads these files too, but
+gives the sets of a file with several blocks of elements to the wrong ones.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Iterator
-from io import TextIOWrapper
+import copy
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from ..errors import warn
-from ..files import reading
+from .._checks import fortran_real
 from ..problem.kinds import KINDS
-from .mesh import Block
+from .included import Included
+from .inp_keywords import LEFT_OUT, OF_ANALYSIS, REFUSED, type_of
+from .mesh import Block, ElementType, FileMesh
+from .unread import Unread, refused_at
 
-Member = TypeVar("Member")
-# How often the files may be read, all of them together, and how many may include each other in a
-# row.
-MOST_OFTEN, MOST_ABOVE = 16, 50
+Key = TypeVar("Key", int, tuple[int, int])
 
-# Shapes by the beginning of a type
-_SHAPES = {
-    "C3D20": "hexahedron20",
-    "C3D15": "wedge15",
-    "C3D10": "tetra10",
-    "C3D8": "hexahedron",
-    "C3D6": "wedge",
-    "C3D5": "pyramid",
-    "C3D4": "tetra",
-    "STRI65": "triangle6",
-    "STRI3": "triangle",
-    **dict.fromkeys(("T2D2", "T3D2", "B21", "B23", "B31", "B33"), "line"),
-    **{
-        f"{family}{nodes}": kind
-        for family in ("CPS", "CPE", "CPEG", "CAX", "S", "M3D", "R3D")
-        for nodes, kind in ((8, "quad8"), (6, "triangle6"), (4, "quad"), (3, "triangle"))
-    },
-}
+# Numbers of nodes or elements of *NGEN and *ELGEN
+MOST_MADE = 10**7
 
 
-class Input:
-    """What is read: points, blocks of elements, and sets by name.
+class Section(NamedTuple):
+    """A keyword with its options and rows of data."""
 
-    Sets hold pairs (block, number) of elements and numbers of points, each once: sets of sets may
-    name the same ones many times over.
-    """
+    keyword: str
+    options: dict[str, str]
+    rows: list[list[str]]
+    where: str  # file, line and keyword
 
-    def __init__(self, path: Path):
-        self.blocks: list[Block] = []
-        self.elements: dict[str, set[tuple[int, int]]] = {}
-        self.nodes: dict[str, set[int]] = {}
-        self._coordinates: list[list[float]] = []
-        # by the numbers in the file; None for elements of other types
-        self._point: dict[int, int] = {}
-        self._element: dict[int, tuple[int, int] | None] = {}
-        self._skipped: set[str] = set()
-        self._axisymmetric: set[str] = set()
-        readers = {
-            "NODE": self._read_nodes,
-            "ELEMENT": self._read_elements,
-            "NSET": self._read_node_set,
-            "ELSET": self._read_element_set,
-            "INSTANCE": self._refuse_moved,
+    def option(self, name: str) -> str:
+        if not self.options.get(name):
+            raise ValueError(f"{name}= is missing")
+        return self.options[name]
+
+
+class Scope:
+    """What is numbered together: a part, an instance, the assembly, or a file without parts."""
+
+    def __init__(self, name: str = ""):
+        self.name = name
+        self.nodes: dict[int, tuple[float, ...]] = {}  # coordinates
+        self.elements: dict[int, list[int]] = {}  # numbers of nodes, also of what is left out
+        self.blocks: list[tuple[ElementType, str, list[int]]] = []  # with numbers of elements
+        # by the name in capitals, the name and the members: numbers, or a section that lists them
+        self.sets: dict[str, dict[str, tuple[str, list[Section | set[int]]]]] = {
+            "NSET": {},
+            "ELSET": {},
         }
-        for keyword, options, rows in _sections(path, (), Sizes()):
-            if keyword in readers:
-                try:
-                    readers[keyword](options, rows)
-                except (LookupError, OverflowError, ValueError) as error:
-                    raise ValueError(f"{path.name}, *{keyword}: {error}") from None
-        width = max(map(len, self._coordinates), default=0)
-        padded = [row + (width - len(row)) * [0.0] for row in self._coordinates]
-        self.points = np.array(padded, dtype=float).reshape(len(padded), width)
-        for types, what in ((self._skipped, "left out"), (self._axisymmetric, "taken as plane")):
-            if types:
-                named = ", ".join(sorted(types))
-                warn(f"{path.name}: elements of type {named} are {what}", UserWarning)
+        self.axes: tuple[np.ndarray, np.ndarray] | None = None  # of *SYSTEM: origin and rows
 
-    def _read_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        first = len(self._coordinates)
-        for row in rows:
-            number = int(row[0])
-            if number in self._point:
-                raise ValueError(f"node {number} is given twice; write a file without parts")
-            self._point[number] = len(self._coordinates)
-            self._coordinates.append([float(x) for x in row[1:4] if x])
-        _extend(self.nodes, options.get("NSET"), range(first, len(self._coordinates)))
+    def extend(self, kind: str, name: str | None, members: Section | set[int]) -> None:
+        if name is not None:
+            self.sets[kind].setdefault(name.upper(), (name, []))[1].append(members)
 
-    def _read_elements(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        name = _option(options, "TYPE").upper()
-        kind = _SHAPES.get(
-            max((key for key in _SHAPES if name.startswith(key)), key=len, default="")
-        )
-        if name.startswith("CAX"):
-            self._axisymmetric.add(name)
-        if kind is None:
-            self._skipped.add(name)
-            self._element.update((int(row[0]), None) for row in rows)
+    def copied(self, name: str) -> Scope:
+        new = Scope(name)
+        new.nodes, new.elements = dict(self.nodes), dict(self.elements)
+        new.blocks = [(kind, name, list(numbers)) for kind, name, numbers in self.blocks]
+        new.sets = copy.deepcopy(self.sets)
+        return new
+
+
+def read_input(path: Path, unread: Unread) -> FileMesh:
+    """The mesh of a file; several instances have sets called "instance.set"."""
+    reader = _Reader(unread)
+    for section in _sections(path):
+        try:
+            reader.read(section)
+        except (LookupError, OverflowError, ValueError) as error:
+            refused_at(section.where, _reason(error, section))
+    return _Joined(reader.scopes()).mesh()
+
+
+def _reason(error: Exception, section: Section) -> str:
+    text = str(error)
+    if "could not convert string" in text or "invalid literal" in text:
+        return f"must have numbers, got {text.rpartition(': ')[2]}"
+    return text.removeprefix(f"{section.where}: ")
+
+
+class _Reader:
+    """The scopes of a file, filled section by section."""
+
+    def __init__(self, unread: Unread):
+        self.unread = unread
+        self.root = Scope()  # of the assembly, or of a file without parts
+        self.scope = self.root
+        self.parts: dict[str, Scope] = {}
+        self.instances: dict[str, Scope] = {}
+        self.moved: list[list[str]] = []
+        self.readers: dict[str, Callable[[Section], None]] = {
+            "NODE": self._nodes,
+            "NGEN": self._generated_nodes,
+            "SYSTEM": self._system,
+            "ELEMENT": self._elements,
+            "ELGEN": self._generated_elements,
+            "NSET": lambda x: self.scope.extend("NSET", x.option("NSET"), x),
+            "ELSET": lambda x: self.scope.extend("ELSET", x.option("ELSET"), x),
+            "PART": self._part,
+            "END PART": self._end,
+            "INSTANCE": self._instance,
+            "END INSTANCE": self._end,
+        }
+
+    def read(self, section: Section) -> None:
+        keyword = section.keyword
+        if keyword in self.readers:
+            self.readers[keyword](section)
+        elif keyword in REFUSED:
+            self.unread.refuse(keyword, "GEOMETRY", section.where, REFUSED[keyword])
+        elif keyword not in OF_ANALYSIS and not keyword.startswith("END "):
+            family = LEFT_OUT.get(keyword, "UNKNOWN")
+            self.unread.leave_out("keywords {} are not read", keyword, family)
+
+    def scopes(self) -> list[Scope]:
+        """The assembly, then the instances, or the parts where nothing is assembled."""
+        return [self.root, *(self.instances or self.parts).values()]
+
+    # ---- nodes --------------------------------------------------------------------------------
+
+    def _nodes(self, section: Section) -> None:
+        system = section.options.get("SYSTEM", "R").upper()
+        if system not in ("R", "C"):
+            raise ValueError(f"SYSTEM must be R or C, got {system!r}")
+        added = set()
+        for row in section.rows:
+            number, values = int(row[0]), [_real(x) for x in row[1:4]]
+            if system == "C":
+                r, angle, z = (*values, 0.0, 0.0, 0.0)[:3]
+                values = [r * np.cos(np.deg2rad(angle)), r * np.sin(np.deg2rad(angle)), z]
+            if self.scope.axes is not None:
+                origin, axes = self.scope.axes
+                values = (origin + np.array((*values, 0.0, 0.0)[:3]) @ axes).tolist()
+            point = tuple(map(float, values))
+            if self.scope.nodes.setdefault(number, point) != point:
+                raise ValueError(f"node {number} is given twice, at different places")
+            added.add(number)
+        self.scope.extend("NSET", section.options.get("NSET"), added)
+
+    def _generated_nodes(self, section: Section) -> None:
+        if {"LINE", "SYSTEM"} & set(section.options):
+            self.unread.refuse("NGEN", "GEOMETRY", section.where, "it makes nodes along a curve")
             return
-        numbers = np.array([int(x) for row in rows for x in row if x], dtype=np.int64)
-        width = KINDS[kind].nodes + 1
-        if numbers.size % width:
-            raise ValueError(f"elements of type {name} must have {width - 1} nodes")
-        table = numbers.reshape(-1, width)
-        places = [(len(self.blocks), i) for i in range(len(table))]
-        self._element.update(zip(table[:, 0].tolist(), places))
-        nodes = [_found(self._point, x, "node") for x in table[:, 1:].ravel().tolist()]
-        self.blocks.append(Block(kind, np.array(nodes, dtype=np.int64).reshape(len(table), -1)))
-        _extend(self.elements, options.get("ELSET"), places)
+        nodes, added = self.scope.nodes, set()
+        for row in section.rows:
+            first, last, *step = (int(x) for x in row[:3] if x)
+            numbers = range(first, last + 1, *step)
+            if last not in numbers or len(numbers) > MOST_MADE:
+                raise ValueError(f"numbers must lead from {first} to {last}, got steps of {step}")
+            ends = np.array([nodes[_known(nodes, x, "node")] for x in (first, last)])
+            for k, number in enumerate(numbers):
+                at = ends[0] + (ends[1] - ends[0]) * (k / (len(numbers) - 1))
+                nodes.setdefault(number, tuple(at.tolist()))
+            added.update(numbers)
+        self.scope.extend("NSET", section.options.get("NSET"), added)
 
-    def _read_node_set(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        members: set[int] = set()
-        if "ELSET" in options:
-            for block, i in self.elements[_key(self.elements, options["ELSET"])]:
-                members.update(self.blocks[block].nodes[i].tolist())
-        for entry in _entries(options, rows):
-            if isinstance(entry, int):
-                members.add(_found(self._point, entry, "node"))
-            else:
-                members |= self.nodes[_key(self.nodes, entry)]
-        _extend(self.nodes, _option(options, "NSET"), members)
+    def _system(self, section: Section) -> None:
+        values = [_real(x) for row in section.rows for x in row if x]
+        if not values:
+            self.scope.axes = None
+            return
+        if len(values) not in (3, 9):
+            raise ValueError(f"must have one point or three in space, got {len(values)} numbers")
+        origin = np.array(values[:3])
+        axes = np.eye(3)
+        if len(values) == 9:
+            x, y = np.array(values[3:6]) - origin, np.array(values[6:]) - origin
+            axes = _axes(x, np.cross(x, y))
+        self.scope.axes = origin, axes
 
-    def _read_element_set(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        members: set[tuple[int, int]] = set()
-        for entry in _entries(options, rows):
-            if isinstance(entry, int):
-                place = _found(self._element, entry, "element")
-                members |= set() if place is None else {place}
-            else:
-                members |= self.elements[_key(self.elements, entry)]
-        _extend(self.elements, _option(options, "ELSET"), members)
+    # ---- elements -----------------------------------------------------------------------------
 
-    def _refuse_moved(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        if rows:
-            raise ValueError("a part is moved; write a file without parts and instances")
-
-
-class Sizes:
-    """Bytes that were read, and those of the different files: what files include twice, which
-    include others twice, would double with each of them."""
-
-    def __init__(self) -> None:
-        self.of_files: dict[Path, int] = {}
-        self.read = 0
-
-    def add(self, path: Path, size: int) -> None:
-        """ValueError if files were read too often."""
-        self.of_files[path.resolve()] = size
-        self.read += size
-        if self.read > MOST_OFTEN * sum(self.of_files.values()):
-            raise ValueError(
-                f"{path.name}, *INCLUDE: all files together must be read at most {MOST_OFTEN} times"
-            )
-
-
-def _sections(
-    path: Path, above: tuple[Path, ...], sizes: Sizes
-) -> Iterator[tuple[str, dict[str, str], list[list[str]]]]:
-    """Keywords with their options and rows of data; included files are read in their place.
-
-    `above` are the files that include this one.
-    """
-    keyword = ""
-    options: dict[str, str] = {}
-    rows: list[list[str]] = []
-    for line in _lines(path, sizes):
-        if line.startswith("*"):
-            yield keyword, options, rows
-            name, *given = (x.strip() for x in line[1:].split(","))
-            pairs = (x.partition("=") for x in given)
-            keyword, rows = name.upper(), []
-            options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-            if keyword == "INCLUDE":
-                yield from _sections(_included(path, above, options), (*above, path), sizes)
+    def _elements(self, section: Section) -> None:
+        kind, element_type = type_of(section.option("TYPE"))
+        if kind is None:
+            added = self._left_out(section, element_type)
         else:
-            rows.append([x.strip() for x in line.split(",")])
-    yield keyword, options, rows
+            rows = _elements(section, KINDS[kind].nodes, element_type)
+            added = {number for number, _ in rows}
+            self._add(rows)
+            self.scope.blocks.append((element_type, kind, [number for number, _ in rows]))
+        self.scope.extend("ELSET", section.options.get("ELSET"), added)
+
+    def _add(self, rows: Iterable[tuple[int, list[int]]]) -> None:
+        for number, nodes in rows:
+            if self.scope.elements.setdefault(number, nodes) is not nodes:
+                raise ValueError(f"element {number} is given twice")
+
+    def _left_out(self, section: Section, element_type: ElementType) -> set[int]:
+        """Numbers of the elements, as far as they have one; nodes of an instance have a name."""
+        added = set()
+        for row in section.rows:
+            numbers = [int(x) if x.isdigit() else 0 for x in row if x]
+            if numbers and numbers[0] and numbers[0] not in added:
+                self.scope.elements[numbers[0]] = [x for x in numbers[1:] if x]
+                added.add(numbers[0])
+        self._count(element_type, len(added))
+        return added
+
+    def _count(self, element_type: ElementType, count: int) -> None:
+        what = "elements of type {} are left out"
+        self.unread.leave_out(what, element_type.name, element_type.family, count)
+
+    def _generated_elements(self, section: Section) -> None:
+        added = set()
+        for row in section.rows:
+            master, *given = (int(x) if x else 0 for x in row)
+            count, nodes, step = _steps(given)
+            if np.prod(count, dtype=float) > MOST_MADE:
+                raise ValueError(f"must make at most {MOST_MADE} elements, got {count}")
+            base = self.scope.elements[_known(self.scope.elements, master, "element")]
+            numbers = next((x for *_, x in self.scope.blocks if master in x[-1:]), None)
+            if numbers is None:
+                numbers = next((x for *_, x in self.scope.blocks if master in x), [])
+            for at in np.ndindex(*count[::-1]):
+                new, by = (int(np.dot(at[::-1], x)) for x in (step, nodes))
+                if new:
+                    self._add([(master + new, [x + by for x in base])])
+                    numbers.append(master + new)
+                added.add(master + new)
+        self.scope.extend("ELSET", section.options.get("ELSET"), added)
+
+    # ---- parts --------------------------------------------------------------------------------
+
+    def _part(self, section: Section) -> None:
+        name = section.option("NAME")
+        self.scope = self.parts[name.upper()] = Scope(name)
+
+    def _instance(self, section: Section) -> None:
+        name = section.option("NAME")
+        if name.upper() in self.instances:
+            raise ValueError(f"instance {name!r} is given twice")
+        if "PART" in section.options:
+            part = section.options["PART"]
+            if part.upper() not in self.parts:
+                raise ValueError(f"part {part!r} does not exist")
+            self.scope = self.parts[part.upper()].copied(name)
+        else:
+            self.unread.refuse("INSTANCE", "GEOMETRY", section.where, "it is of another analysis")
+            self.scope = Scope(name)
+        self.instances[name.upper()] = self.scope
+        self.moved = section.rows
+
+    def _end(self, section: Section) -> None:
+        if section.keyword == "END INSTANCE" and self.moved:
+            shift, *turn = ([_real(x) for x in row] for row in self.moved)
+            nodes = self.scope.nodes
+            points = np.array([(*x, 0.0, 0.0)[:3] for x in nodes.values()]).reshape(-1, 3)
+            points += (*shift, 0.0, 0.0)[:3]
+            if turn:
+                a, b = np.reshape(turn[0][:6], (2, 3))
+                axis = _unit(b - a)
+                rotation = Rotation.from_rotvec(np.deg2rad(turn[0][6]) * axis)
+                points = a + rotation.apply(points - a)
+            flat = max(map(len, nodes.values()), default=3) < 3 and not points[:, 2].any()
+            self.scope.nodes = dict(zip(nodes, map(tuple, points[:, : 2 if flat else 3].tolist())))
+        self.moved = []
+        self.scope = self.root
 
 
-def _included(path: Path, above: tuple[Path, ...], options: dict[str, str]) -> Path:
-    """A file in the folder of the first file or below it: a file may come from a stranger."""
-    name, folder = _option(options, "INPUT"), (*above, path)[0].parent.resolve()
-    found = (path.parent / name.replace("\0", "")).resolve()
-    try:
-        is_file = "\0" not in name and folder in found.parents and found.is_file()
-    except OSError:  # a name that is too long
-        is_file = False
-    if not is_file:
+def _elements(
+    section: Section, width: int, element_type: ElementType
+) -> list[tuple[int, list[int]]]:
+    """Number and nodes of each element; the lines of one are read until it has all nodes."""
+    found: list[tuple[int, list[int]]] = []
+    begun: list[int] = []
+    most = width + 1 + (element_type.family == "BEAM")  # a node that gives the direction
+    for row in section.rows:
+        begun += [int(x) for x in row if x]
+        if len(begun) > most:
+            break
+        if len(begun) > width:
+            found.append((begun[0], begun[1 : width + 1]))
+            begun = []
+    if begun:
         raise ValueError(
-            f"{path.name}, *INCLUDE: INPUT must be a file in the folder of the first file or below "
-            f"it, got {name!r}"
+            f"elements of type {element_type.name} must have {width} nodes, got "
+            f"{len(begun) - 1} in element {begun[0]}"
         )
-    if len(above) > MOST_ABOVE:
-        raise ValueError(f"{path.name}, *INCLUDE: {MOST_ABOVE} files include each other in a row")
-    if found in {x.resolve() for x in (*above, path)}:
-        raise ValueError(f"{path.name}, *INCLUDE: {name!r} includes itself")
     return found
 
 
-def _lines(path: Path, sizes: Sizes) -> Iterator[str]:
-    """Lines without comments and empty ones; a line of options that ends in a comma goes on."""
-    begun = ""
-    with TextIOWrapper(reading(path), encoding="utf-8", errors="replace") as file:
-        sizes.add(path, os.fstat(file.fileno()).st_size)
-        for line in file:
-            line = begun + line.strip()
-            begun = ""
-            if line.startswith("*") and not line.startswith("**") and line.endswith(","):
-                begun = line
-            elif line and not line.startswith("**"):
-                yield line
+def _steps(given: list[int]) -> tuple[list[int], list[int], list[int]]:
+    """Of *ELGEN in three directions: numbers of elements, steps of nodes and of elements."""
+    triples = [given[k : k + 3] for k in (0, 3, 6)]
+    count = [(x or [1])[0] or 1 for x in triples]
+    if min(count) < 1:
+        raise ValueError(f"must have positive numbers of elements, got {count}")
+    steps = [[(*x, 0, 0, 0)[k] or 1 for x in triples] for k in (1, 2)]
+    return count, steps[0], steps[1]
 
 
-def _entries(options: dict[str, str], rows: list[list[str]]) -> Iterator[int | str]:
-    """Numbers, and names of other sets."""
-    for row in rows:
+# ---- all scopes together --------------------------------------------------------------------
+
+Members = set[tuple[int, int]]
+
+
+class _Joined:
+    """One mesh of all scopes. Members of sets are pairs of a scope and a number in it."""
+
+    def __init__(self, scopes: list[Scope]):
+        self.scopes = scopes
+        self.index = {scope.name.upper(): i for i, scope in enumerate(scopes) if i}
+        self.known: dict[tuple[int, str, str], Members | None] = {}
+
+    def mesh(self) -> FileMesh:
+        points = [x for scope in self.scopes for x in scope.nodes.values()]
+        width = max(map(len, points), default=0)
+        padded = np.array([(*x, 0.0, 0.0)[:width] for x in points], dtype=float)
+        pairs = ((i, n) for i, scope in enumerate(self.scopes) for n in scope.nodes)
+        point = {pair: row for row, pair in enumerate(pairs)}
+        blocks, types, place = [], [], {}
+        for i, scope in enumerate(self.scopes):
+            for element_type, kind, numbers in scope.blocks:
+                nodes = [
+                    point[_known(point, (i, n), f"element {x} must have nodes that exist: node")]
+                    for x in numbers
+                    for n in scope.elements[x]
+                ]
+                place.update({(i, x): (len(blocks), row) for row, x in enumerate(numbers)})
+                table = np.array(nodes, dtype=np.int64).reshape(len(numbers), KINDS[kind].nodes)
+                blocks.append(Block(kind, table))
+                types.append(element_type)
+        groups = {}
+        for name, members in self._named("ELSET"):
+            pairs_of = np.array([place[x] for x in members if x in place], dtype=np.int64).reshape(
+                -1, 2
+            )
+            groups[name] = [np.unique(pairs_of[pairs_of[:, 0] == b, 1]) for b in range(len(blocks))]
+        points_of = {
+            name: np.array(sorted(point[x] for x in members), dtype=np.int64)
+            for name, members in self._named("NSET")
+        }
+        return FileMesh(padded.reshape(len(points), width), blocks, groups, points_of, types)
+
+    def _named(self, kind: str) -> Iterator[tuple[str, Members]]:
+        """Sets, of several instances and of a name that the assembly has too as "instance.set"."""
+        several = len(self.scopes) > 2
+        for i, scope in enumerate(self.scopes):
+            for key, (name, _) in scope.sets[kind].items():
+                plain = i == 0 or not (several or key in self.scopes[0].sets[kind])
+                yield name if plain else f"{scope.name}.{name}", self._members(i, kind, key)
+            if i and several and kind == "ELSET":
+                yield scope.name, {(i, x) for x in scope.elements}
+
+    def _members(self, i: int, kind: str, key: str) -> Members:
+        if key not in self.scopes[i].sets[kind]:
+            raise ValueError(f"set {key!r} does not exist")
+        if (i, kind, key) in self.known:
+            found = self.known[i, kind, key]
+            if found is None:
+                raise ValueError(f"set {key!r} must not hold itself")
+            return found
+        self.known[i, kind, key] = None
+        members: Members = set()
+        for part in self.scopes[i].sets[kind][key][1]:
+            members |= {(i, x) for x in part} if isinstance(part, set) else self._listed(i, part)
+        self.known[i, kind, key] = members
+        return members
+
+    def _listed(self, i: int, section: Section) -> Members:
+        try:
+            members: Members = set()
+            target = self._instance(section.options.get("INSTANCE"), i)
+            if section.keyword == "NSET" and "ELSET" in section.options:
+                for j, x in self._members(target, "ELSET", section.options["ELSET"].upper()):
+                    members |= {(j, n) for n in self.scopes[j].elements[x]}
+            for entry in _entries(section, self._numbers(target, section.keyword)):
+                members |= self._entry(target, section.keyword, entry)
+            return members
+        except (LookupError, OverflowError, ValueError) as error:
+            text = str(error)
+            refused_at(section.where, text.rpartition(f"*{section.keyword}: ")[2])
+
+    def _instance(self, name: str | None, default: int) -> int:
+        if name is None:
+            return default
+        if name.upper() not in self.index:
+            raise ValueError(f"instance {name!r} does not exist")
+        return self.index[name.upper()]
+
+    def _numbers(self, i: int, kind: str) -> Collection[int]:
+        return self.scopes[i].nodes if kind == "NSET" else self.scopes[i].elements
+
+    def _entry(self, i: int, kind: str, entry: int | str) -> Members:
+        if isinstance(entry, str) and entry.upper() not in self.scopes[i].sets[kind]:
+            instance, dot, rest = entry.rpartition(".")
+            if dot and instance.upper() in self.index:
+                i, entry = self.index[instance.upper()], int(rest) if rest.isdigit() else rest
+        if isinstance(entry, str):
+            return self._members(i, kind, entry.upper())
+        what = "node" if kind == "NSET" else "element"
+        return {(i, _known(self._numbers(i, kind), entry, what))}
+
+
+def _entries(section: Section, numbers: Collection[int]) -> Iterator[int | str]:
+    """Numbers, and names of other sets; of a range the numbers that there are."""
+    for row in section.rows:
         given = [x for x in row if x]
-        if "GENERATE" in options:
+        if "GENERATE" in section.options:
             first, last, step = (*map(int, given), 1)[:3]
-            yield from range(first, last + 1, step)
+            listed = range(first, last + 1, step)
+            if len(listed) < len(numbers):
+                yield from (x for x in listed if x in numbers)
+            else:
+                yield from (x for x in numbers if x in listed)
         else:
             yield from (int(x) if x.isdigit() else x.strip('"') for x in given)
 
 
-def _option(options: dict[str, str], name: str) -> str:
-    if not options.get(name):
-        raise ValueError(f"{name}= is missing")
-    return options[name]
-
-
-def _found(places: dict[int, Any], number: int, what: str) -> Any:
+def _known(places: Collection[Key], number: Key, what: str) -> Key:
     if number not in places:
-        raise ValueError(f"{what} {number} does not exist")
-    return places[number]
+        shown = number[1] if isinstance(number, tuple) else number
+        raise ValueError(f"{what} {shown} does not exist")
+    return number
 
 
-def _key(sets: dict[str, Any], name: str) -> str:
-    """The name as it was first written; upper and lower case are equal."""
-    for known in sets:
-        if known.upper() == name.upper():
-            return known
-    raise ValueError(f"set {name!r} does not exist")
+def _real(text: str) -> float:
+    """A number; nothing is zero."""
+    return fortran_real(text) if text else 0.0
 
 
-def _extend(sets: dict[str, set[Member]], name: str | None, members: Iterable[Member]) -> None:
-    if name is not None:
-        known = next((x for x in sets if x.upper() == name.upper()), name)
-        sets.setdefault(known, set()).update(members)
+def _unit(x: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(x)
+    if not size > 0.0:
+        raise ValueError("an axis must be given by two different points")
+    return x / size
+
+
+def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Rows of unit vectors along x, and across it, and along z."""
+    x, z = _unit(x), _unit(z)
+    return np.array([x, np.cross(z, x), z])
+
+
+# ---- lines of files -------------------------------------------------------------------------
+
+
+def _sections(path: Path) -> Iterator[Section]:
+    """Sections of a file, and of the files that it includes in their places."""
+    return _sections_below((path,), Included(path))
+
+
+def _sections_below(above: tuple[Path, ...], included: Included) -> Iterator[Section]:
+    """Those of the last of `above`, which include each other in turn."""
+    current: Section | None = None
+    for number, line in _lines(above[-1]):
+        if not line.startswith("*"):
+            if current is not None:
+                current.rows.append(_fields(line))
+            continue
+        if current is not None:
+            yield current
+        current = _section(above[-1], number, line)
+        name = current.options.get("INPUT")
+        if current.keyword == "INCLUDE":
+            found = included.find(name or "", above, current.where)
+            current = None
+            yield from _sections_below((*above, found), included)
+        elif name:
+            found = included.find(name, above, current.where)
+            current.rows.extend(_fields(text) for _, text in _lines(found))
+    if current is not None:
+        yield current
+
+
+def _fields(line: str) -> list[str]:
+    return [x.strip() for x in line.split(",")]
+
+
+def _section(path: Path, number: int, line: str) -> Section:
+    name, *given = (x.strip() for x in line[1:].split(","))
+    keyword = " ".join(name.upper().split())
+    pairs = (x.partition("=") for x in given)
+    options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+    return Section(keyword, options, [], f"{path.name}, line {number}, *{keyword}")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines without comments and empty ones; a line of options that ends in a comma goes on."""
+    begun = ""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for number, text in enumerate(file, start=1):
+            line = begun + text.strip()
+            begun = ""
+            if line.startswith("*") and not line.startswith("**") and line.endswith(","):
+                begun = line
+            elif line and not line.startswith("**"):
+                yield number, line

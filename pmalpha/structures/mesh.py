@@ -18,6 +18,67 @@ class Block(NamedTuple):
     nodes: np.ndarray
 
 
+class ElementType(NamedTuple):
+    """What a file says of the elements of a block beyond their kind; empty where it says nothing.
+
+    The family is "SOLID", "PLANE STRESS", "PLANE STRAIN", "AXISYMMETRIC", "MEMBRANE", "SHELL",
+    "BAR" or "BEAM", or of what is left out one of `unread`.
+    """
+
+    name: str = ""
+    family: str = ""
+
+
+class FileMesh(NamedTuple):
+    """What a file has: points (N, dim), blocks of cells, each of a type.
+
+    Groups have the numbers of their cells in each block; points are those of named sets of points.
+    """
+
+    points: np.ndarray
+    blocks: list[Block]
+    groups: dict[str, list[np.ndarray]]
+    points_of: dict[str, np.ndarray]
+    types: list[ElementType]
+
+
+def merged(read: FileMesh) -> FileMesh:
+    """With cells of one kind and the same nodes as one cell of several groups.
+
+    Formats that know one group of a cell, such as MSH 2.2 of gmsh, repeat those of several.
+    """
+    start = np.cumsum([0, *(len(block.nodes) for block in read.blocks)])
+    same = np.arange(start[-1])  # for each cell the first of those equal to it
+    for kind in dict.fromkeys(block.kind for block in read.blocks):
+        own = [i for i, block in enumerate(read.blocks) if block.kind == kind]
+        cells = np.concatenate([np.arange(start[i], start[i + 1]) for i in own])
+        nodes = np.sort(np.concatenate([read.blocks[i].nodes for i in own]), axis=1)
+        if _have_equal_rows(nodes):
+            _, first, inverse = np.unique(nodes, axis=0, return_index=True, return_inverse=True)
+            same[cells] = cells[first[inverse.reshape(-1)]]
+    kept = same == np.arange(same.size)
+    if kept.all():
+        return read
+    number = np.cumsum(kept) - 1  # of a cell that is kept
+    blocks = [
+        block._replace(nodes=block.nodes[kept[a:b]])
+        for block, a, b in zip(read.blocks, start, start[1:])
+    ]
+    ends = np.cumsum([0, *(len(block.nodes) for block in blocks)])
+    groups = {}
+    for name, members in read.groups.items():
+        all_of = np.concatenate([a + own for a, own in zip(start, members)])
+        new = np.unique(number[same[all_of]])
+        groups[name] = [new[(new >= a) & (new < b)] - a for a, b in zip(ends, ends[1:])]
+    return read._replace(blocks=blocks, groups=groups)
+
+
+def _have_equal_rows(nodes: np.ndarray) -> bool:
+    """Whether two rows may be equal: by one number of each, which is sorted fast."""
+    factors = np.random.default_rng(0).integers(1, 2**62, size=nodes.shape[1])
+    return bool(np.unique(nodes @ (2 * factors + 1)).size < len(nodes))
+
+
 class Mesh(NamedTuple):
     """Points (N, dim) and blocks of elements, checked."""
 

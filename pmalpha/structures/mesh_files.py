@@ -11,11 +11,11 @@ import io
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,24 +25,23 @@ from ..memory import require
 from ..problem.kinds import KINDS
 from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
-from .inp import Input
-from .mesh import Block, checked_mesh, nodal_vectors, padded
+from .bulk import is_model, read_bulk, read_model
+from .inp import read_input
+from .mesh import Block, ElementType, FileMesh, checked_mesh, merged, nodal_vectors, padded
+from .unread import Unread
 
 # Formats of both by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
 # Tecplot, TetGen and WKT, whose readers do not end for some damaged files, XDMF and DOLFIN, which
 # name other files, and formats of libraries that are not tested here.
 FORMATS = {
     ".avs": "avsucd",
-    ".bdf": "nastran",
     ".cgns": "cgns",
     ".dato": "permas",
-    ".fem": "nastran",
     ".h5m": "h5m",
     ".med": "med",
     ".mesh": "medit",
     ".meshb": "medit",
     ".msh": "gmsh",
-    ".nas": "nastran",
     ".obj": "obj",
     ".post": "permas",
     ".stl": "stl",
@@ -57,34 +56,34 @@ HISTORY = "tstt/history"
 POINT_OF_GRID = 200
 # Reads at the end that a reader may make.
 MOST_ENDS = 100
+OWN_READERS: dict[str, Callable[[Path, Unread], FileMesh]] = {
+    ".inp": read_input,
+    **dict.fromkeys((".bdf", ".dat", ".fem", ".nas"), read_bulk),
+}
 
 
-class FileMesh(NamedTuple):
-    """Points (N, dim) and blocks of cells.
-
-    Groups have the numbers of their cells in each block; points are those of named sets of points.
-    """
-
-    points: np.ndarray
-    blocks: list[Block]
-    groups: dict[str, list[np.ndarray]]
-    points_of: dict[str, np.ndarray]
-
-
-def read_mesh(mesh: Any, names: str | None) -> FileMesh:
+def read_mesh(mesh: Any, names: str | None, unread: Unread | None = None) -> FileMesh:
     """A file, or a mesh of a library; `names` is the name of cell data that number groups."""
     if isinstance(mesh, (str, os.PathLike)):
         path = Path(mesh)
         if not path.is_file():
             raise FileNotFoundError(f"mesh must be a file, got {str(mesh)!r}, which does not exist")
-        if path.suffix.lower() == ".inp":
-            return _of_input(Input(path), names)
-        mesh = _read(path)
-    if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
-        raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
-    read = _of_library(mesh, names)
+        unread = unread or Unread(path.name)
+        own = OWN_READERS.get(path.suffix.lower())
+        if own is not None and names is not None:
+            raise ValueError(f"names must be None for a {path.suffix} file, which has sets")
+        read = own(path, unread) if own is not None else _of_library(_read(path), names)
+    elif is_model(mesh):
+        read = read_model(mesh, unread or Unread("mesh"))
+    elif all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
+        read = _of_library(mesh, names)
+    else:
+        raise TypeError(
+            "mesh must be a path, a mesh of meshlane or meshio, or a model of pyNastran, got "
+            f"{mesh!r}"
+        )
     _check(read)
-    return read
+    return read if any(x.name for x in read.types) else merged(read)
 
 
 def mesh_library(use: str) -> Any:
@@ -127,21 +126,6 @@ def _format(path: Path) -> str:
         return "ansys" if suffix == ".msh" and file.read(1) == b"(" else FORMATS[suffix]
 
 
-class _Text(io.TextIOWrapper):
-    """Lines of a file, of which there is an end."""
-
-    def __init__(self, path: Path):
-        super().__init__(reading(path), encoding="utf-8")
-        self.ends = 0
-
-    def readline(self, size: int = -1, /) -> str:  # type: ignore[override]  # as TextIOWrapper
-        line = super().readline(size)
-        self.ends += not line
-        if self.ends > MOST_ENDS:
-            raise EOFError("it ends too early")
-        return line
-
-
 class _Bytes(io.BufferedReader):
     """Bytes of a file, of which there is an end."""
 
@@ -162,7 +146,7 @@ class _Bytes(io.BufferedReader):
         return found
 
 
-ENDING: dict[str, Any] = {"nastran": _Text, "ansys": _Bytes}
+ENDING: dict[str, Any] = {"ansys": _Bytes}
 
 
 def _require_own_arrays(path: Path) -> None:
@@ -198,17 +182,6 @@ def _require_memory_of_grids(path: Path) -> None:
             require(POINT_OF_GRID * points, f"the grid of {path.name!r}")
 
 
-def _of_input(read: Input, names: str | None) -> FileMesh:
-    if names is not None:
-        raise ValueError(f"names must be None for an .inp file, which has sets, got {names!r}")
-    groups = {}
-    for name, places in read.elements.items():
-        pairs = np.array(list(places), dtype=np.int64).reshape(-1, 2)
-        groups[name] = [np.unique(pairs[pairs[:, 0] == b, 1]) for b in range(len(read.blocks))]
-    points_of = {name: np.array(sorted(x), dtype=np.int64) for name, x in read.nodes.items()}
-    return FileMesh(read.points, read.blocks, groups, points_of)
-
-
 def _of_library(mesh: Any, names: str | None) -> FileMesh:
     blocks = [Block(cells.type, _rows(cells)) for cells in mesh.cells]
     groups: dict[str, list[np.ndarray]] = {}
@@ -219,7 +192,8 @@ def _of_library(mesh: Any, names: str | None) -> FileMesh:
         known = groups.get(name, len(blocks) * [_numbers(None)])
         groups[name] = [np.union1d(a, b) for a, b in zip(known, own)]
     points_of = {name: np.unique(_numbers(x)) for name, x in (mesh.point_sets or {}).items()}
-    return FileMesh(np.asarray(mesh.points, dtype=float), blocks, groups, points_of)
+    points = np.asarray(mesh.points, dtype=float)
+    return FileMesh(points, blocks, groups, points_of, len(blocks) * [ElementType()])
 
 
 def _rows(cells: Any) -> np.ndarray:
@@ -265,7 +239,10 @@ def _numbers(members: Any) -> np.ndarray:
 
 
 def _physical(mesh: Any, blocks: list[Block]) -> dict[str, list[np.ndarray]]:
-    """The physical groups of gmsh: by name, or by number where they have none."""
+    """The physical groups of gmsh: by name, or by number where they have none.
+
+    A negative number is that of the group in which the entity is reversed.
+    """
     tags = mesh.cell_data.get("gmsh:physical")
     if tags is None:
         return {}
@@ -273,11 +250,12 @@ def _physical(mesh: Any, blocks: list[Block]) -> dict[str, list[np.ndarray]]:
     groups: dict[str, list[np.ndarray]] = {}
     for number, (block, own) in enumerate(zip(blocks, tags)):
         d = KINDS[block.kind].dimension if block.kind in KINDS else 0
-        for tag in np.unique(own).tolist():
+        group = np.abs(own)
+        for tag in np.unique(group).tolist():
             if tag != 0:  # no group
                 name = named.get((tag, d), str(tag))
                 members = groups.setdefault(name, len(blocks) * [_numbers(None)])
-                members[number] = np.flatnonzero(np.asarray(own) == tag)
+                members[number] = np.flatnonzero(group == tag)
     return groups
 
 

@@ -1,0 +1,317 @@
+"""The mesh in bulk data of Nastran: grid points, elements, and groups by property.
+
+Of an element the shape is taken. Libraries of meshes read less of these files (no coordinate
+systems, no free fields); pyNastran reads all of them, and its models are taken as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._checks import fortran_real, listing
+from .bulk_cards import ELEMENTS, REFUSED, Element, family_of, is_of_analysis
+from .included import Included
+from .mesh import Block, ElementType, FileMesh
+from .unread import Unread, refused_at
+
+# By the name of a card number, group and nodes of elements
+Rows = dict[str, list[tuple[int, int, list[int]]]]
+
+
+class Card(NamedTuple):
+    """An entry with its fields from the second on; those of continuations follow."""
+
+    name: str
+    fields: list[str]
+    where: str  # file, line and name
+
+    def text(self, i: int) -> str:
+        return self.fields[i] if i < len(self.fields) else ""
+
+    def number(self, i: int, default: int | None = None) -> int:
+        text = self.text(i)
+        if not text and default is not None:
+            return default
+        try:
+            return int(text)
+        except ValueError:
+            refused_at(self.where, f"field {i + 2} must be a whole number, got {text!r}")
+
+    def real(self, i: int) -> float:
+        text = self.text(i)
+        try:
+            return fortran_real(text) if text else 0.0
+        except ValueError:
+            refused_at(self.where, f"field {i + 2} must be a number, got {text!r}")
+
+
+def read_bulk(path: Path, unread: Unread) -> FileMesh:
+    """The mesh of a file, with groups "1", "2", ... of the elements of each property."""
+    cards = list(_cards(path))
+    read = frozenset(("GRID", "GRDSET", *SYSTEMS, *ELEMENTS))
+    for card in cards:
+        if card.name in REFUSED:
+            unread.refuse(card.name, "GEOMETRY", card.where, REFUSED[card.name])
+        elif card.name not in read:
+            _leave_out(card.name, 1, unread)
+    points = _Points(cards)
+    rows: Rows = {name: [] for name in ELEMENTS}
+    seen: set[int] = set()
+    for card in cards:
+        if card.name in ELEMENTS:
+            number, group, nodes = _element(card, ELEMENTS[card.name])
+            if number in seen:
+                refused_at(card.where, f"element {number} is given twice")
+            seen.add(number)
+            rows[card.name].append((number, group, nodes))
+    return _joined(points.all(), rows, unread)
+
+
+def is_model(mesh: Any) -> bool:
+    """Whether it is a model as pyNastran has it."""
+    return all(isinstance(getattr(mesh, name, None), dict) for name in ("nodes", "elements"))
+
+
+def read_model(model: Any, unread: Unread) -> FileMesh:
+    """The mesh of a model of pyNastran, of which positions, nodes and properties are taken."""
+    counts = dict(getattr(model, "card_count", {}))
+    for name in ("GRID", "GRDSET", *SYSTEMS, *ELEMENTS):
+        counts.pop(name, None)
+    for name, count in counts.items():
+        _leave_out(str(name).upper(), int(count), unread)
+    points = {int(n): np.asarray(node.get_position()) for n, node in model.nodes.items()}
+    rows: Rows = {name: [] for name in ELEMENTS}
+    for number, element in model.elements.items():
+        name = str(element.type).upper()
+        if name in ELEMENTS:
+            fields = ["" if n is None else str(int(n)) for n in element.nodes]
+            card = Card(name, [str(number), "0", *fields], f"{name} {number}")
+            nodes = _element(card, ELEMENTS[name]._replace(group=1, first=2))[2]
+            group = int(getattr(element, "pid", None) or 0)
+            rows[name].append((int(number), group, nodes))
+        elif not counts:
+            _leave_out(name, 1, unread)
+    return _joined(points, rows, unread)
+
+
+def _leave_out(name: str, count: int, unread: Unread) -> None:
+    if not is_of_analysis(name):
+        unread.leave_out("cards {} are not read", name, family_of(name), count)
+
+
+def _element(card: Card, element: Element) -> tuple[int, int, list[int]]:
+    """Number, group (0 for none) and nodes in the order of their kind."""
+    number = card.number(0)
+    group = card.number(element.group, number) if element.group else 0
+    texts = [card.text(element.first + k) for k in range(max(element.kinds))]
+    width = max((n for n in element.kinds if all(texts[:n])), default=0)
+    if not width or any(texts[width:]):
+        counts = " or ".join(map(str, sorted(element.kinds)))
+        refused_at(card.where, f"must have {counts} grid points, got {listing(texts)}")
+    nodes = [card.number(element.first + k) for k in range(width)]
+    return number, group, [nodes[k] for k in ORDER.get((card.name, width), range(width))]
+
+
+# Nodes of the middles of edges in the order of a kind, where the cards have another one
+ORDER = {
+    ("CHEXA", 20): (*range(12), *range(16, 20), *range(12, 16)),
+    ("CPENTA", 15): (*range(9), *range(12, 15), *range(9, 12)),
+}
+
+
+def _joined(
+    points: dict[int, np.ndarray],
+    rows: Rows,
+    unread: Unread,
+) -> FileMesh:
+    row_of = {number: row for row, number in enumerate(points)}
+    blocks: list[Block] = []
+    types: list[ElementType] = []
+    groups: dict[str, dict[int, list[int]]] = {}
+    for name, elements in rows.items():
+        for width, kind in ELEMENTS[name].kinds.items():
+            own = [x for x in elements if len(x[2]) == width]
+            if not own:
+                continue
+            for number, _, nodes in own:
+                missing = [n for n in nodes if n not in row_of]
+                if missing:
+                    where = f"{unread.file}, {name} {number}"
+                    refused_at(where, f"grid point {missing[0]} does not exist")
+            table = np.array([[row_of[n] for n in nodes] for *_, nodes in own], dtype=np.int64)
+            for row, (_, group, _) in enumerate(own):
+                if group:
+                    groups.setdefault(str(group), {}).setdefault(len(blocks), []).append(row)
+            blocks.append(Block(kind, table.reshape(len(own), width)))
+            types.append(ElementType(name, ELEMENTS[name].family))
+    members = {
+        name: [np.array(rows_of.get(b, []), dtype=np.int64) for b in range(len(blocks))]
+        for name, rows_of in groups.items()
+    }
+    return FileMesh(
+        np.array(list(points.values()), dtype=float).reshape(-1, 3), blocks, members, {}, types
+    )
+
+
+# ---- grid points and coordinate systems -----------------------------------------------------
+
+SYSTEMS = tuple(f"CORD{given}{kind}" for given in "12" for kind in "RCS")
+
+
+class _Points:
+    """Grid points in the basic system; systems may be given in each other and by grid points."""
+
+    def __init__(self, cards: list[Card]):
+        self.cards: dict[int, Card] = {}
+        self.systems: dict[int, tuple[str, Card, int]] = {}  # with the first field of the system
+        self.default = 0
+        for card in cards:
+            if card.name == "GRID":
+                self._add(self.cards, card.number(0), card, card)
+            elif card.name == "GRDSET":
+                self.default = card.number(1, 0)
+            elif card.name in SYSTEMS:
+                both = (0, 4) if card.name[4] == "1" and card.text(4) else (0,)
+                for first in both:
+                    self._add(self.systems, card.number(first), (card.name, card, first), card)
+        self.points: dict[int, np.ndarray | None] = {}
+        self.axes: dict[int, tuple[np.ndarray, np.ndarray] | None] = {}
+
+    def _add(self, known: dict[int, Any], number: int, value: Any, card: Card) -> None:
+        if number in known:
+            refused_at(card.where, f"{number} is given twice")
+        known[number] = value
+
+    def all(self) -> dict[int, np.ndarray]:
+        return {number: self.point(number, card) for number, card in self.cards.items()}
+
+    def point(self, number: int, by: Card) -> np.ndarray:
+        if number in self.points:
+            return self._finished(self.points[number], by)
+        if number not in self.cards:
+            refused_at(by.where, f"grid point {number} does not exist")
+        card = self.cards[number]
+        self.points[number] = None
+        values = np.array([card.real(k) for k in (2, 3, 4)])
+        self.points[number] = point = self.basic(values, card.number(1, self.default), card)
+        return point
+
+    def basic(self, values: np.ndarray, system: int, by: Card) -> np.ndarray:
+        """The point with these coordinates in a system, in the basic one."""
+        if system == 0:
+            return values
+        if system not in self.systems:
+            refused_at(by.where, f"coordinate system {system} does not exist")
+        origin, axes = self._system(system, by)
+        a, b, c = values
+        kind = self.systems[system][0][-1]
+        if kind == "C":
+            values = np.array([a * np.cos(np.deg2rad(b)), a * np.sin(np.deg2rad(b)), c])
+        elif kind == "S":
+            theta, phi = np.deg2rad([b, c])
+            across = a * np.sin(theta)
+            values = np.array([across * np.cos(phi), across * np.sin(phi), a * np.cos(theta)])
+        return origin + values @ axes
+
+    def _system(self, number: int, by: Card) -> tuple[np.ndarray, np.ndarray]:
+        """Origin and unit vectors, as rows: the second point is on z, the third in the plane xz."""
+        if number in self.axes:
+            return self._finished(self.axes[number], by)
+        self.axes[number] = None
+        name, card, first = self.systems[number]
+        if name[4] == "1":
+            origin, on_z, in_xz = (self.point(card.number(first + k), card) for k in (1, 2, 3))
+        else:
+            given = np.array([card.real(2 + k) for k in range(9)]).reshape(3, 3)
+            origin, on_z, in_xz = (self.basic(x, card.number(1, 0), card) for x in given)
+        z = on_z - origin
+        y = np.cross(z, in_xz - origin)
+        if not (np.linalg.norm(z) > 0.0 and np.linalg.norm(y) > 0.0):
+            refused_at(card.where, "must have three points that are not on a line")
+        z, y = z / np.linalg.norm(z), y / np.linalg.norm(y)
+        found = origin, np.array([np.cross(y, z), y, z])
+        self.axes[number] = found
+        return found
+
+    def _finished(self, value: Any, by: Card) -> Any:
+        if value is None:
+            refused_at(by.where, "coordinate systems must not depend on themselves")
+        return value
+
+
+# ---- lines ----------------------------------------------------------------------------------
+
+
+def _cards(path: Path) -> Iterator[Card]:
+    """Cards in fields of 8 or 16 columns or between commas, with their continuations."""
+    current: Card | None = None
+    marker = ""
+    for where, text in _bulk_lines((path,), Included(path)):
+        name, fields, mark = _split(text)
+        if name.startswith("BEGIN"):
+            refused_at(where, f"must be one model, got {name!r}")
+        if name and name[0] not in "+*":
+            if current is not None:
+                yield current
+            current = Card(name.rstrip("*"), fields, f"{where}, {name.rstrip('*')}")
+        elif current is not None:
+            own = name.lstrip("+*")
+            if own and marker and own != marker:
+                refused_at(
+                    where, f"continuation must follow its card, got {name!r} after {marker!r}"
+                )
+            current.fields.extend(fields)
+        marker = mark.lstrip("+*")
+    if current is not None:
+        yield current
+
+
+def _split(text: str) -> tuple[str, list[str], str]:
+    """First field, the fields of data, each line as many as it can have, and the marker."""
+    text = text.upper()
+    if "," in text:
+        name, *fields = (x.strip() for x in text.split(","))
+        count = 4 if name.endswith("*") or name.startswith("*") else 8
+    else:
+        text = text.expandtabs(8)
+        name = text[:8].strip()
+        wide = 16 if name.endswith("*") or name.startswith("*") else 8
+        count = 64 // wide
+        ends = [8 + wide * k for k in range(count + 1)]
+        fields = [text[a:b].strip() for a, b in zip(ends, ends[1:])] + [text[72:80].strip()]
+    data = fields[:count] + (count - len(fields)) * [""]
+    return name, data, "".join(fields[count : count + 1])
+
+
+def _bulk_lines(above: tuple[Path, ...], included: Included) -> Iterator[tuple[str, str]]:
+    """File and line, and text without comments, of bulk data and the files that it includes."""
+    path = above[-1]
+    with open(path, encoding="utf-8", errors="replace") as file:
+        lines = [line.partition("$")[0].rstrip() for line in file]
+    starts = [
+        i + 1 for i, x in enumerate(lines) if x.upper().replace(",", " ").split()[:2] == BEGIN
+    ]
+    numbered = iter(enumerate(lines[starts[0] if starts else 0 :], start=1 + (starts or [0])[0]))
+    for number, line in numbered:
+        word = line.replace(",", " ").split()[:1]
+        if not word:
+            continue
+        if word[0].upper() == "ENDDATA":
+            return
+        where = f"{path.name}, line {number}"
+        if word[0].upper() == "INCLUDE":
+            name = line.strip()[len("INCLUDE") :].strip()
+            while name[:1] in ("'", '"') and name.count(name[0]) < 2:
+                number, line = next(numbered, (0, name[0]))
+                name += line.strip()
+            found = included.find(name.strip("'\" "), above, f"{where}, INCLUDE")
+            yield from _bulk_lines((*above, found), included)
+        else:
+            yield where, line
+
+
+BEGIN = ["BEGIN", "BULK"]
