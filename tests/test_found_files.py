@@ -154,12 +154,11 @@ def test_a_mesh_may_include_files_below_its_folder(tmp_path):
 
 def test_a_damaged_mesh_ends_no_program(tmp_path, mesh_library):
     path = tmp_path / "mesh.vtu"
-    for text, why in (
-        ("<VTKFile", "the reader of vtu gives no reason"),
-        ("<a/>", "Expected tag 'VTKFile'"),
+    for text, *words in (
+        ("<VTKFile", "mesh must be a whole file", "the reader of vtu gives no reason"),
+        ("<a/>", f"mesh must be a file that {mesh_library.__name__} reads", "'VTKFile'"),
     ):
         path.write_text(text)
-        words = "mesh must be a whole file", why
         refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), *words)
 
 
@@ -339,18 +338,15 @@ def test_polygons_of_different_sizes_are_refused_by_name():
     refused(ValueError, lambda: pm.structures.from_mesh(mesh, STEEL), words)
 
 
-# what the campaign was left with after damage: each made both libraries read on for ever
-ENDLESS = {
-    "ansys.msh": '(1 "meshio")\n(2 2)\n(10 (0 1 4 0))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n',
-    "nastran.bdf": "BEGIN BULK\n",
-}
+# what the campaign was left with after damage: it made both libraries read on for ever
+ENDLESS = '(1 "meshio")\n(2 2)\n(10 (0 1 4 0))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n'
 
 
-@pytest.mark.parametrize("name", ENDLESS)
-def test_a_mesh_that_is_cut_off_ends(tmp_path, mesh_library, name):
-    path = tmp_path / name
-    path.write_text(ENDLESS[name])
-    refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), name, "it ends too early")
+def test_a_mesh_that_is_cut_off_ends(tmp_path, mesh_library):
+    path = tmp_path / "ansys.msh"
+    path.write_text(ENDLESS)
+    words = "ansys.msh", "must be a whole file", "it ends too early"
+    refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), *words)
 
 
 def test_formats_whose_readers_may_read_other_files_are_read_by_their_library_itself(
@@ -370,9 +366,9 @@ def test_a_mesh_is_read_whatever_it_is_read_by(tmp_path, mesh_library, name):
         pytest.importorskip("h5py")
     meshio.write(tmp_path / name, mesh, "ansys" if name.endswith("msh") else None)
     expected = pm.structures.from_mesh(mesh, STEEL).K.toarray()
-    np.testing.assert_array_equal(
-        pm.structures.from_mesh(tmp_path / name, STEEL).K.toarray(), expected
-    )
+    # surfaces of Nastran have bending
+    read = pm.structures.from_mesh(tmp_path / name, STEEL, ignore=["SHELL"])
+    np.testing.assert_array_equal(read.K.toarray(), expected)
 
 
 IN_HDF5 = {
@@ -414,7 +410,8 @@ def test_sets_of_sets_hold_each_node_once(tmp_path):
 def test_a_number_that_no_integer_holds_is_refused(tmp_path):
     path = tmp_path / "mesh.inp"
     path.write_text(INPUT.replace("1, 1, 2, 3, 4", "1, 1, 2, 3, 99999999999999999999"))
-    refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), "mesh.inp, *ELEMENT")
+    words = "mesh.inp, line 6, *ELEMENT"
+    refused(ValueError, lambda: pm.structures.from_mesh(path, STEEL), words)
 
 
 def test_an_element_too_large_for_its_volume_is_refused_without_another_warning(tmp_path):

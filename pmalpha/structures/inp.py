@@ -48,7 +48,8 @@ class Scope:
         self.name = name
         self.nodes: dict[int, tuple[float, ...]] = {}  # coordinates
         self.elements: dict[int, list[int]] = {}  # numbers of nodes, also of what is left out
-        self.blocks: list[tuple[ElementType, str, list[int]]] = []  # with numbers of elements
+        # type and kind, numbers of elements, and file, line and keyword
+        self.blocks: list[tuple[ElementType, str, list[int], str]] = []
         # by the name in capitals, the name and the members: numbers, or a section that lists them
         self.sets: dict[str, dict[str, tuple[str, list[Section | set[int]]]]] = {
             "NSET": {},
@@ -63,7 +64,7 @@ class Scope:
     def copied(self, name: str) -> Scope:
         new = Scope(name)
         new.nodes, new.elements = dict(self.nodes), dict(self.elements)
-        new.blocks = [(kind, name, list(numbers)) for kind, name, numbers in self.blocks]
+        new.blocks = [(a, kind, list(numbers), where) for a, kind, numbers, where in self.blocks]
         new.sets = copy.deepcopy(self.sets)
         return new
 
@@ -186,7 +187,8 @@ class _Reader:
             rows = _elements(section, KINDS[kind].nodes, element_type)
             added = {number for number, _ in rows}
             self._add(rows)
-            self.scope.blocks.append((element_type, kind, [number for number, _ in rows]))
+            numbers = [number for number, _ in rows]
+            self.scope.blocks.append((element_type, kind, numbers, section.where))
         self.scope.extend("ELSET", section.options.get("ELSET"), added)
 
     def _add(self, rows: Iterable[tuple[int, list[int]]]) -> None:
@@ -217,9 +219,7 @@ class _Reader:
             if np.prod(count, dtype=float) > MOST_MADE:
                 raise ValueError(f"must make at most {MOST_MADE} elements, got {count}")
             base = self.scope.elements[_known(self.scope.elements, master, "element")]
-            numbers = next((x for *_, x in self.scope.blocks if master in x[-1:]), None)
-            if numbers is None:
-                numbers = next((x for *_, x in self.scope.blocks if master in x), [])
+            numbers = next((x for _, _, x, _ in reversed(self.scope.blocks) if master in x), [])
             for at in np.ndindex(*count[::-1]):
                 new, by = (int(np.dot(at[::-1], x)) for x in (step, nodes))
                 if new:
@@ -319,9 +319,9 @@ class _Joined:
         point = {pair: row for row, pair in enumerate(pairs)}
         blocks, types, place = [], [], {}
         for i, scope in enumerate(self.scopes):
-            for element_type, kind, numbers in scope.blocks:
+            for element_type, kind, numbers, where in scope.blocks:
                 nodes = [
-                    point[_known(point, (i, n), f"element {x} must have nodes that exist: node")]
+                    point[_known(point, (i, n), f"{where}: node")]
                     for x in numbers
                     for n in scope.elements[x]
                 ]
@@ -347,17 +347,18 @@ class _Joined:
         for i, scope in enumerate(self.scopes):
             for key, (name, _) in scope.sets[kind].items():
                 plain = i == 0 or not (several or key in self.scopes[0].sets[kind])
-                yield name if plain else f"{scope.name}.{name}", self._members(i, kind, key)
+                yield name if plain else f"{scope.name}.{name}", self._members(i, kind, name)
             if i and several and kind == "ELSET":
                 yield scope.name, {(i, x) for x in scope.elements}
 
-    def _members(self, i: int, kind: str, key: str) -> Members:
+    def _members(self, i: int, kind: str, name: str) -> Members:
+        key = name.upper()
         if key not in self.scopes[i].sets[kind]:
-            raise ValueError(f"set {key!r} does not exist")
+            raise ValueError(f"set {name!r} does not exist")
         if (i, kind, key) in self.known:
             found = self.known[i, kind, key]
             if found is None:
-                raise ValueError(f"set {key!r} must not hold itself")
+                raise ValueError(f"set {name!r} must not hold itself")
             return found
         self.known[i, kind, key] = None
         members: Members = set()
@@ -371,7 +372,7 @@ class _Joined:
             members: Members = set()
             target = self._instance(section.options.get("INSTANCE"), i)
             if section.keyword == "NSET" and "ELSET" in section.options:
-                for j, x in self._members(target, "ELSET", section.options["ELSET"].upper()):
+                for j, x in self._members(target, "ELSET", section.options["ELSET"]):
                     members |= {(j, n) for n in self.scopes[j].elements[x]}
             for entry in _entries(section, self._numbers(target, section.keyword)):
                 members |= self._entry(target, section.keyword, entry)
@@ -396,7 +397,7 @@ class _Joined:
             if dot and instance.upper() in self.index:
                 i, entry = self.index[instance.upper()], int(rest) if rest.isdigit() else rest
         if isinstance(entry, str):
-            return self._members(i, kind, entry.upper())
+            return self._members(i, kind, entry)
         what = "node" if kind == "NSET" else "element"
         return {(i, _known(self._numbers(i, kind), entry, what))}
 

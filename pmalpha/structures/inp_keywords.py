@@ -91,6 +91,7 @@ _PLANE = {
     "CAX": "AXISYMMETRIC",
     "CGAX": "AXISYMMETRIC",
     "S": "SHELL",
+    "R3D": "SHELL",  # rigid; meshio calls triangles so
     "M3D": "MEMBRANE",
 }
 _SURFACES = ((8, "quad8"), (6, "triangle6"), (4, "quad"), (3, "triangle"))

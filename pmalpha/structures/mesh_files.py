@@ -11,6 +11,7 @@ import io
 import math
 import os
 import re
+import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib import import_module
@@ -62,28 +63,29 @@ OWN_READERS: dict[str, Callable[[Path, Unread], FileMesh]] = {
 }
 
 
-def read_mesh(mesh: Any, names: str | None, unread: Unread | None = None) -> FileMesh:
+def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
     """A file, or a mesh of a library; `names` is the name of cell data that number groups."""
+    if is_model(mesh):
+        return read_model(mesh, unread)
     if isinstance(mesh, (str, os.PathLike)):
         path = Path(mesh)
         if not path.is_file():
             raise FileNotFoundError(f"mesh must be a file, got {str(mesh)!r}, which does not exist")
-        unread = unread or Unread(path.name)
         own = OWN_READERS.get(path.suffix.lower())
         if own is not None and names is not None:
-            raise ValueError(f"names must be None for a {path.suffix} file, which has sets")
-        read = own(path, unread) if own is not None else _of_library(_read(path), names)
-    elif is_model(mesh):
-        read = read_model(mesh, unread or Unread("mesh"))
-    elif all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
-        read = _of_library(mesh, names)
-    else:
-        raise TypeError(
-            "mesh must be a path, a mesh of meshlane or meshio, or a model of pyNastran, got "
-            f"{mesh!r}"
-        )
+            raise ValueError(
+                f"names must be None for an {path.suffix} file, which has groups, got {names!r}"
+            )
+        if own is not None:
+            read = own(path, unread)
+            require_finite(read.points, f"points of {path.name}")
+            return read
+        mesh = _read(path)
+    if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
+        raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
+    read = _of_library(mesh, names)
     _check(read)
-    return read if any(x.name for x in read.types) else merged(read)
+    return merged(read)
 
 
 def mesh_library(use: str) -> Any:
@@ -102,6 +104,7 @@ def _read(path: Path) -> Any:
         _require_own_arrays(path)
         if file_format == "vtk":
             _require_memory_of_grids(path)
+            return _read_vtk(path, read)
         if file_format not in ENDING:
             return read(str(path))
         with ENDING[file_format](path) as file:
@@ -110,7 +113,22 @@ def _read(path: Path) -> Any:
         raise
     except Exception as error:  # of a dozen types, for damaged files
         reason = str(error) or f"the reader of {file_format} gives no reason"
-        raise ValueError(f"mesh must be a whole file, but {str(path)!r}: {reason}") from error
+        is_cut_off = isinstance(error, EOFError) or not str(error)
+        what = "a whole file" if is_cut_off else f"a file that {reader.__name__} reads"
+        raise ValueError(f"mesh must be {what}, but {str(path)!r}: {reason}") from error
+
+
+def _read_vtk(path: Path, read: Callable[[str], Any]) -> Any:
+    """Numbers that are called vtkIdType, of which libraries do not know the size, have 32 bits."""
+    with reading(path) as file:
+        text = file.read()
+    known = re.sub(rb"(?i)(?<=\s)vtkIdType(?=\s)", b"int", text)
+    if known == text:
+        return read(str(path))
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        copy.write_bytes(known)
+        return read(str(copy))
 
 
 def _format(path: Path) -> str:
