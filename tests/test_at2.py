@@ -77,6 +77,12 @@ def test_another_file_is_refused_with_its_line(tmp_path, text, message):
     assert str(path) in str(caught.value)
 
 
+def test_fields_may_follow_each_other_without_a_blank_and_text_the_last_one(tmp_path):
+    rows = "0.1000E-010.2000E-01-.3000E+00\n 4.0D-03 5\n*** End Data ***\n"
+    text = f"{TITLE}{UNITS}NPTS= 5, DT= .005 SEC\n{rows}"
+    assert read_at2(written(tmp_path, text)).values.tolist() == [0.01, 0.02, -0.3, 0.004, 5.0]
+
+
 def test_a_file_that_is_not_there_is_an_os_error(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_at2(tmp_path / "missing.AT2")

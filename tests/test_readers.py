@@ -144,7 +144,7 @@ def test_labels_are_not_given_where_the_file_has_them(written):
         ("1 1 3. 0.\n", ["line 1", "3 fields", "or 5", "got 4"]),
         ("", ["must hold lines"]),
         ("** nothing\n", ["must hold lines"]),
-        ("*USER ELEMENT, NODES=3\n1, 2\n", ["line 1", "*MATRIX INPUT", "'*USER ELEMENT, NODES=3'"]),
+        ("*USER ELEMENT, NODES=3\n1, 2\n", ["line 1", "must have NODES=, and nodes"]),
         ("*MATRIX INPUT, NAME=K\n" + INPUT + "*MATRIX INPUT, NAME=M\n", ["line 7", "only matrix"]),
         ("*MATRIX INPUT, NAME=K, SCALE FACTOR=2.\n" + INPUT, ["line 1", "SCALE FACTOR"]),
         ("%%MatrixMarket matrix coordinate real general\n", ["line 1", "scipy.io.mmread"]),

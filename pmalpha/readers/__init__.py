@@ -10,8 +10,10 @@ from .exported import ExportedMatrix
 from .nastran import read_dmig
 from .peer import read_at2
 from .symmetry import asymmetry, completed, symmetrized
+from .user_elements import ElementMatrices
 
 __all__ = [
+    "ElementMatrices",
     "ExportedMatrix",
     "Record",
     "asymmetry",

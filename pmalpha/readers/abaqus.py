@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import MOST
+from .._checks import MOST, listing
+from ..errors import warn
 from ..files import checked_path
 from .exported import ExportedMatrix, checked_labels
 from .text import Entries, Line, labelled, refuse, text_lines
+from .user_elements import ElementMatrices, element_matrices, is_user_element
 
 __all__ = ["read_abaqus"]
 
@@ -21,7 +23,9 @@ ROW_COLUMN, NODE_DOF = 3, 5  # fields of a line in the two formats
 ROWS_PER_ENTRY = 10
 
 
-def read_abaqus(path: str | os.PathLike[str], labels: Any = None) -> ExportedMatrix:
+def read_abaqus(
+    path: str | os.PathLike[str], labels: Any = None
+) -> ExportedMatrix | ElementMatrices:
     """Read a matrix of ``*MATRIX OUTPUT`` of Abaqus, or of MATRIXSTORAGE of CalculiX.
 
     Two formats, distinguished by the number of columns: FORMAT=COORDINATE, "row column value", and
@@ -35,7 +39,8 @@ def read_abaqus(path: str | os.PathLike[str], labels: Any = None) -> ExportedMat
         The file, such as job_STIF1.mtx.
     labels : (n, 2) array_like of int, optional
         Node and component of each row of a coordinate list, which does not have them: from the file
-        .dof of CalculiX, or from the model. Default: (row, 0) with rows from 1 to the largest in
+        .dof of CalculiX, in which nodes of shells and beams, which it expands, repeat, or from the
+        model. Default: (row, 0) with rows from 1 to the largest in
         the file.
 
     Returns
@@ -43,6 +48,15 @@ def read_abaqus(path: str | os.PathLike[str], labels: Any = None) -> ExportedMat
     ExportedMatrix
         The rows of the format with labels are in the order of nodes, then components; internal
         nodes of Abaqus, with numbers below 0, come last.
+    ElementMatrices
+        For a file of ``*ELEMENT MATRIX OUTPUT``, which has user elements: labels (e, k, 2) and the
+        matrices K, M and C (e, k, k) or None, for `pmalpha.Elements`.
+
+    Warns
+    -----
+    UserWarning
+        For 1e36 on the diagonal, which Abaqus writes for dofs with boundary conditions, with their
+        rows: they are to be left out (`ExportedMatrix.constrained`).
 
     Raises
     ------
@@ -73,8 +87,11 @@ def read_abaqus(path: str | os.PathLike[str], labels: Any = None) -> ExportedMat
     """
     path = str(checked_path(path))
     if labels is not None:
-        labels = checked_labels(labels)
-    lines, unsymmetric = _abaqus_data(path)
+        labels = checked_labels(labels, differ=False)
+    lines = list(text_lines(path))
+    if any(is_user_element(line) for line in lines):
+        return element_matrices(path, lines)
+    lines, unsymmetric = _abaqus_data(path, lines)
     table = _table(path, lines)
     numbers = np.array([line.number for line in lines])
     if table.shape[1] == ROW_COLUMN:
@@ -88,14 +105,22 @@ def read_abaqus(path: str | os.PathLike[str], labels: Any = None) -> ExportedMat
     entries = Entries(path, numbers, rows, columns, table[:, -1], labels)
     entries.require_once()
     complete = not unsymmetric and not entries.have_transposed().any()
-    return ExportedMatrix(entries.matrix(complete), labels, os.path.basename(path))
+    expanded = len(np.unique(labels, axis=0)) < len(labels)
+    matrix = ExportedMatrix(entries.matrix(complete), labels, os.path.basename(path), expanded)
+    if matrix.constrained.size:
+        warn(
+            f"{matrix.name}: rows {listing(matrix.constrained)} have 1e36 on the diagonal, which "
+            "stands for a boundary condition: leave them out, or fix them",
+            UserWarning,
+        )
+    return matrix
 
 
-def _abaqus_data(path: str) -> tuple[list[Line], bool]:
+def _abaqus_data(path: str, whole: Sequence[Line]) -> tuple[list[Line], bool]:
     """The data lines, and whether a keyword line has TYPE=UNSYMMETRIC."""
     lines: list[Line] = []
     unsymmetric, keywords = False, 0
-    for line in text_lines(path):
+    for line in whole:
         text = line.text.lstrip()
         if text[0] not in "*%":
             lines.append(line)

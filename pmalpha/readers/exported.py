@@ -12,6 +12,8 @@ from .._checks import counted, listing, plain_array
 
 __all__ = ["ExportedMatrix"]
 
+FIXED = 1e36  # on the diagonal of a dof with a boundary condition
+
 
 @dataclass(frozen=True, eq=False)
 class ExportedMatrix:
@@ -28,6 +30,8 @@ class ExportedMatrix:
         displacements, 4, 5, 6 rotations; 0 if the file has no components.
     name : str
         Name of the matrix or of the file.
+    expanded : bool
+        Labels may repeat: CalculiX expands a node of a shell or beam to several.
 
     Examples
     --------
@@ -39,9 +43,10 @@ class ExportedMatrix:
     matrix: sp.csr_array
     labels: Any
     name: str = ""
+    expanded: bool = False
 
     def __post_init__(self) -> None:
-        labels = checked_labels(self.labels)
+        labels = checked_labels(self.labels, differ=not self.expanded)
         if self.matrix.shape != (len(labels), len(labels)):
             raise ValueError(
                 f"labels must be as many as the rows of the matrix, got {len(labels)} for shape "
@@ -63,6 +68,11 @@ class ExportedMatrix:
     def nnz(self) -> int:
         """Number of stored entries."""
         return int(self.matrix.nnz)
+
+    @property
+    def constrained(self) -> np.ndarray:
+        """Rows with at least 1e36 on the diagonal, as Abaqus writes for boundary conditions."""
+        return np.flatnonzero(np.abs(self.matrix.diagonal()) >= FIXED)
 
     def tocsr(self, copy: bool = False) -> sp.csr_array:
         """The matrix, as a matrix of SciPy returns itself.
@@ -154,6 +164,8 @@ class ExportedMatrix:
         [[0.0, 0.0], [0.0, 5.0]]
         """
         wanted = checked_labels(labels)
+        if self.expanded:
+            checked_labels(self.labels)  # ValueError for those that repeat
         row_of = {label: i for i, label in enumerate(map(tuple, wanted.tolist()))}
         own = list(map(tuple, self.labels.tolist()))
         missing = [label for label in own if label not in row_of]
@@ -166,14 +178,14 @@ class ExportedMatrix:
         return ExportedMatrix(sp.csr_array(matrix), wanted, self.name)
 
 
-def checked_labels(value: Any) -> np.ndarray:
+def checked_labels(value: Any, *, differ: bool = True) -> np.ndarray:
     labels = plain_array(value, "labels")
     if labels.dtype.kind not in "iu":
         raise TypeError(f"labels must be whole numbers, got dtype {labels.dtype}")
     if labels.ndim != 2 or labels.shape[1] != 2:
         raise ValueError(f"labels must be pairs (node, component), got shape {labels.shape}")
     unique, counts = np.unique(labels, axis=0, return_counts=True)
-    if len(unique) < len(labels):
+    if differ and len(unique) < len(labels):
         twice = [tuple(label) for label in unique[counts > 1].tolist()]
         raise ValueError(f"labels must be different, got {listing(twice)} more than once")
     return labels.astype(np.int64)

@@ -13,7 +13,9 @@ from .text import refuse
 
 __all__ = ["read_at2"]
 
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
+# An exponent has two digits where the next field follows without a blank: 0.1000E-010.2000E-01
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?(?:\d+(?![\d.])|\d\d(?=\d*\.)))?"
+NO_NUMBER = re.compile(rf"(?!{NUMBER}|[+-]?(?:nan|inf))", re.IGNORECASE)
 # The line of a header with the number of samples and the time between them. "NPTS=  4000, DT=
 # .0050 SEC" is that of today; before, the numbers came first: "4000  0.0050  NPTS, DT", on one line
 # or with the labels on the line above or below.
@@ -28,8 +30,8 @@ def read_at2(path: str | os.PathLike[str]) -> Record:
 
     A header of some lines, whose last gives the number of samples and the time between them, as
     ``NPTS=  4000, DT=   .0050 SEC`` or in the old forms ``4000  0.0050  NPTS, DT``, on one line or
-    on two. Then the samples, any number in a line. The files of velocities (.VT2) and displacements
-    (.DT2) have the same form.
+    on two. Then the samples, any number in a line; text may follow the last one. The files of
+    velocities (.VT2) and displacements (.DT2) have the same form.
 
     Parameters
     ----------
@@ -69,7 +71,7 @@ def read_at2(path: str | os.PathLike[str]) -> Record:
         refuse(name, 1, "must be text, got a binary file")
     lines = [line.rstrip() for line in content.decode("latin-1").splitlines()]
     count, dt, first = _header(name, lines)
-    values = _samples(name, lines, first)
+    values = _samples(name, lines, first, count)
     if values.size != count:
         rule = f"must give the number of samples, got NPTS = {count} and {values.size} samples"
         refuse(name, first, rule)
@@ -97,9 +99,12 @@ def _header(name: str, lines: list[str]) -> tuple[int, float, int]:
     refuse(name, 1, f"must begin with a header that gives NPTS and DT, got {got!r}")
 
 
-def _samples(name: str, lines: list[str], first: int) -> np.ndarray:
+def _samples(name: str, lines: list[str], first: int, count: int) -> np.ndarray:
+    """The numbers of the lines; a line of text may follow the last of them."""
     samples: list[float] = []
     for i, line in enumerate(lines[first:], start=first + 1):
+        if len(samples) == count and NO_NUMBER.match(line.strip()):
+            break
         if re.sub(NUMBER, "", line).strip():
             refuse(name, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
         row = [_number(word) for word in re.findall(NUMBER, line)]

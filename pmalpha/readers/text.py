@@ -25,12 +25,17 @@ def refuse(path: str, line: int, rule: str) -> NoReturn:
 
 def text_lines(path: str) -> Iterator[Line]:
     """The lines that are not blank; ValueError for a binary file or one that ends in a line."""
+    if path.lower().endswith((".op2", ".op4")):
+        raise ValueError(
+            f"{path}: OUTPUT2 and OUTPUT4 are not read; their matrices can be given as arrays, "
+            "such as those of pyNastran.op4"
+        )
     with io.TextIOWrapper(reading(path), encoding="latin-1", newline=None) as file:
         for number, text in enumerate(file, start=1):
             if "\0" in text:
                 refuse(path, number, "must be text, got a binary file")
             if text.strip():
-                if not text.endswith("\n"):
+                if not text.endswith("\n") and text.strip().upper() != "ENDDATA":
                     end = text.strip()[-30:]
                     refuse(path, number, f"must end with a new line, or is cut off, got {end!r}")
                 yield Line(number, text.rstrip())

@@ -106,10 +106,12 @@ def from_mesh(
     ----------
     mesh : path, or a mesh of meshlane or meshio
         Files need one of the two (``pip install pmalpha[mesh]``; meshlane is used where both are),
-        except ``.inp``: gmsh, VTK (``.vtk``, ``.vtu``), MED, Nastran, CGNS, Medit, Netgen, STL,
+        except those of Abaqus and Nastran: gmsh, VTK (``.vtk``, ``.vtu``), MED, Nastran, CGNS, Medit, Netgen, STL,
         Ansys (``.msh``) and others. For formats whose readers may read other files, or not end,
-        such as XDMF, give ``meshlane.read(path)``. Of an ``.inp`` file nodes, elements and sets
-        are read, of element types only the shape.
+        such as XDMF, give ``meshlane.read(path)``. Of ``.inp`` files of Abaqus and CalculiX and of
+        bulk data of Nastran (``.bdf``, ``.dat``, ``.fem``, ``.nas``) nodes, elements, sets and
+        groups by property are read, of element types the shape; for what else is in such a file see
+        Warns. A model of pyNastran is taken too.
     material : dict
         ``{"E": ..., "nu": ..., "rho": ...}`` of plates and solids, for plates also "t", the
         thickness, default 1; ``{"EA": ..., "rhoA": ...}`` of bars, ``{"EA": ..., "EI": ...,
@@ -122,6 +124,10 @@ def from_mesh(
     names : str, optional
         The name of cell data of whole numbers, such as "material", whose values are the names of
         groups ("1", "2"): for formats without names, such as VTK.
+    ignore : sequence of str, optional
+        Names that the file is read without, in silence: of keywords, cards or types of elements in
+        it ("TIE", "CONM2", "S4R"), or of families of them: "AXISYMMETRIC", "BEAM", "CONNECTION",
+        "DAMPER", "GEOMETRY", "MASS", "MATRIX", "PLANE", "SHELL", "SPRING", "UNKNOWN".
 
     Returns
     -------
