@@ -507,3 +507,29 @@ def test_numbers_of_vtk_that_are_called_ids_are_read(tmp_path):
     text += "CELL_DATA 1\nFIELD FieldData 1\nCellId 1 1 vtkIdType\n7\n"
     structure, _ = read(tmp_path, text, name="mesh.vtk")
     assert mass(structure) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_bodies_and_points_that_are_not_joined_are_counted(Mesh):
+    # two squares that share no node; the second touches the first along a side, or is apart
+    points = np.array(
+        [(x, y, 0.0) for x0 in (0.0, 1.0) for x, y in [(x0, 0), (x0 + 1, 0), (x0 + 1, 1), (x0, 1)]]
+    )
+    quads = [[0, 1, 2, 3], [4, 5, 6, 7]]
+    both = structures.from_mesh(Mesh(points, [("quad", quads)]), SOLID)
+    assert (both.bodies, both.coincident) == (2, 2)
+    assert repr(both).endswith(
+        "2 bodies that no element connects, 6 rigid modes, 2 points at the place of another one>"
+    )
+    apart = structures.from_mesh(
+        Mesh(
+            points + [0.0, 0.0, 0.0] + (np.arange(8) > 3)[:, None] * [5.0, 0, 0], [("quad", quads)]
+        ),
+        SOLID,
+    )
+    assert (apart.bodies, apart.coincident) == (2, 0)
+    frequencies = structures.modes(both.M, both.K, 8)[0]
+    assert np.count_nonzero(frequencies < 1e-5) == 6
+    one = structures.from_mesh(Mesh(PLANE, [("quad", QUADS)]), SOLID)
+    assert (one.bodies, one.coincident) == (1, 0) and repr(
+        one
+    ) == "<Structure 6 points, 2 quad, 12 dofs>"

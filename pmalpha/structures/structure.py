@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
 
 from .._checks import counted, listing, real_number
 from .._tables import html_facts
@@ -119,7 +121,18 @@ class Structure:
         counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
         points, dofs = counted(len(self.points), "point"), counted(self.n, "dof")
         forces = f", {counted(len(self.internal), 'internal force')}" if self.internal else ""
-        return f"<Structure {points}, {counts}, {dofs}{forces}>"
+        return f"<Structure {points}, {counts}, {dofs}{forces}{self._separate()}>"
+
+    def _separate(self) -> str:
+        """What a mesh that should be one body must not have, or nothing."""
+        words = ""
+        if self.bodies > 1:
+            words += f", {self.bodies} bodies that no element connects"
+            if set(self.moduli) == set(self.elements):
+                words += f", {self.bodies * (3 if self.points.shape[1] == 2 else 6)} rigid modes"
+        if self.coincident:
+            words += f", {counted(self.coincident, 'point')} at the place of another one"
+        return words
 
     def _repr_html_(self) -> str:
         low, high = self.points.min(axis=0), self.points.max(axis=0)
@@ -137,6 +150,27 @@ class Structure:
             if found
         ]
         return html_facts("Structure", facts)
+
+    @cached_property
+    def bodies(self) -> int:
+        """Number of parts of the mesh that no element connects."""
+        N = len(self.points)
+        edges = [np.empty((0, 2), dtype=np.int64)]
+        for nodes in self.elements.values():
+            first = np.broadcast_to(nodes[:, :1], nodes[:, 1:].shape)
+            edges.append(np.stack([first, nodes[:, 1:]], axis=-1).reshape(-1, 2))
+        i, j = np.concatenate(edges).T
+        graph = sp.coo_array((np.ones(i.size, dtype=bool), (i, j)), shape=(N, N))
+        return int(connected_components(graph, directed=False)[0])
+
+    @cached_property
+    def coincident(self) -> int:
+        """Number of points at the place of another one, which no element joins to it."""
+        size = np.abs(self.points).max(initial=0.0) or 1.0
+        places = np.round(self.points / (COINCIDENT * size)).astype(np.int64)
+        factors = np.random.default_rng(0).integers(1, 2**62, size=places.shape[1])
+        keys = places @ (2 * factors + 1)  # one number of each place, modulo 2^64
+        return len(keys) - len(np.unique(keys))
 
     @property
     def dofs_per_node(self) -> int:
