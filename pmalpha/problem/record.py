@@ -20,6 +20,7 @@ __all__ = ["Record"]
 EVEN = 1e-3
 ROUNDING = 1e-12  # of a length over dt
 MOST_SAMPLES = 1e7
+UNIT = "unit: "
 
 
 class Record(Frozen):
@@ -123,13 +124,19 @@ class Record(Frozen):
         columns = [np.interp(at, t, x) for x in values.reshape(t.size, -1).T]
         return cls(columns[0] if values.ndim == 1 else np.transpose(columns), dt)
 
+    @property
+    def unit(self) -> str:
+        """What the last line of the header says after "unit: ", or nothing."""
+        last = self.header.rpartition("\n")[2]
+        return last.removeprefix(UNIT) if last.startswith(UNIT) else ""
+
     def __repr__(self) -> str:
         m = len(self.values)
         label = f" {self.name!r}" if self.name else ""
         largest = np.abs(self.values).max(initial=0.0)
         return (
             f"<Record{label}: {m} samples, dt = {self.dt:g}, to t = {(m - 1) * self.dt:g}, "
-            f"largest {largest:.4g}>"
+            f"largest {largest:.4g}{f' {self.unit}' if self.unit else ''}>"
         )
 
     def __iter__(self) -> Iterator[Any]:
@@ -148,7 +155,8 @@ class Record(Frozen):
         if not isinstance(factor, Real):
             return NotImplemented
         values = real_number(factor, "factor") * self.values
-        return Record(values, self.dt, self.name, header=self.header)
+        header = self.header.rpartition(UNIT)[0] if self.unit else self.header
+        return Record(values, self.dt, self.name, header=header)
 
     __rmul__ = __mul__
 

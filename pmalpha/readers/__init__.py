@@ -9,6 +9,7 @@ from .abaqus import read_abaqus
 from .exported import ExportedMatrix
 from .nastran import read_dmig
 from .peer import read_at2
+from .records import read_record
 from .symmetry import asymmetry, completed, symmetrized
 from .user_elements import ElementMatrices
 
@@ -21,6 +22,7 @@ __all__ = [
     "read_abaqus",
     "read_at2",
     "read_dmig",
+    "read_record",
     "symmetrized",
 ]
 

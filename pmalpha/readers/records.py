@@ -1,0 +1,247 @@
+"""Ground motion records in the text formats of networks and data bases."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from .._checks import fortran_real
+from ..files import checked_path, reading
+from ..problem.record import UNIT, Record
+from .peer import read_at2
+from .text import refuse
+
+__all__ = ["read_record"]
+
+_REAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
+# CSMIP: "4000 points of accel data equally spaced at .020 sec, in cm/sec2. (8f10.3)"
+_CSMIP = re.compile(
+    rf"^\s*(\d+)\s+points of accel\w* data equally spaced at\s+({_REAL})\s*sec.*?"
+    r"in\s+([\w/^]+)\W*\((\d+)[fFeEgG](\d+)",
+    re.IGNORECASE,
+)
+# COSMOS: "12091 acceleration pts, approx  120 secs, units=cm/s^2 (4),Format=(8F10.5)"
+_COSMOS = re.compile(
+    r"^\s*(\d+)\s+accel\w*\s+pts,\s*approx\.?\s+(\d+)\s*secs?,\s*units\s*=\s*([^,]*?)\s*,"
+    r"\s*Format\s*=\s*\(\s*(\d+)[A-Za-z](\d+)",
+    re.IGNORECASE,
+)
+_REAL_HEADER = re.compile(
+    r"^\s*(\d+)\s+Real-header values follow on\s+(\d+)\s+lines", re.IGNORECASE
+)
+_UNKNOWN = -999.0
+_NPTS = re.compile(r"NPTS\b.*\bDT\b", re.IGNORECASE)
+# Times of a list that differ by less than this part of a step are those of equal steps: files have
+# few digits.
+_EQUAL = 1e-3
+
+
+class _File(NamedTuple):
+    path: str
+    lines: list[str]
+
+    @property
+    def name(self) -> str:
+        return os.path.basename(self.path)
+
+
+def read_record(path: str | os.PathLike[str]) -> Record:
+    """Read a ground motion record; its format is found by what is in the file.
+
+    PEER (``.AT2``, see `read_at2`); corrected records of CSMIP (``.V2``) and of COSMOS (``.V1``,
+    ``.V2``), of which the first accelerogram is read; ESM and ITACA (``.ASC``); K-NET and KiK-net;
+    and two columns, time and value.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+
+    Returns
+    -------
+    Record
+        In the unit that the file names, which is the last line of `Record.header`: "unit: cm/s2".
+        Values of K-NET are multiplied with the scale factor of the file; their mean is not removed.
+        Of two columns with uneven times see `Record.from_times`.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be read.
+    ValueError
+        For a file in none of these formats, and with file and line for a number of samples that is
+        not that of the header, values that are not finite, and times that do not increase.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "valley.txt")
+    ...     _ = path.write_text("# time  acceleration\\n0.00 0.1\\n0.02 0.3\\n0.04 -0.2\\n")
+    ...     record = read_record(path)
+    >>> record.values.tolist(), record.dt
+    ([0.1, 0.3, -0.2], 0.02)
+    """
+    name = str(checked_path(path))
+    with reading(path) as file:
+        content = file.read()
+    if b"\0" in content:
+        refuse(name, 1, "must be text, got a binary file")
+    whole = _File(name, content.decode("latin-1").splitlines())
+    if any(_NPTS.search(line) for line in whole.lines[:10]):
+        record = read_at2(path)
+        unit = re.search(r"UNITS? OF\s+(\S+)", record.header, re.IGNORECASE)
+        return _with_unit(record, unit[1] if unit else "not given")
+    for read in (_csmip, _cosmos, _esm, _k_net, _columns):
+        found = read(whole)
+        if found is not None:
+            return found
+    refuse(
+        name,
+        1,
+        "must be a record of PEER, CSMIP, COSMOS, ESM, K-NET or two columns of numbers, got "
+        f"{(whole.lines or [''])[0].strip()[:60]!r}",
+    )
+
+
+def _with_unit(record: Record, unit: str) -> Record:
+    header = f"{record.header}\n{UNIT}{unit}".lstrip("\n")
+    return Record(record.values, record.dt, record.name, header=header)
+
+
+def _record(whole: _File, values: np.ndarray, dt: float, first: int, unit: str) -> Record:
+    if not 0.0 < dt < np.inf:
+        refuse(whole.path, first, f"the time between samples must be positive, got {dt:g}")
+    header = "\n".join(line.strip() for line in whole.lines[:first])
+    return _with_unit(Record(values, dt, whole.name, header=header), unit)
+
+
+def _csmip(whole: _File) -> Record | None:
+    for i, line in enumerate(whole.lines):
+        found = _CSMIP.match(line)
+        if found:
+            count, columns, width = int(found[1]), int(found[4]), int(found[5])
+            values = _fixed(whole, i + 1, count, columns, width)
+            return _record(whole, values, fortran_real(found[2]), i + 1, found[3])
+    return None
+
+
+def _cosmos(whole: _File) -> Record | None:
+    dt = np.nan
+    for i, line in enumerate(whole.lines):
+        head, found = _REAL_HEADER.match(line), _COSMOS.match(line)
+        if head:
+            rows = whole.lines[i + 1 : i + 1 + int(head[2])]
+            dt = _cosmos_step([fortran_real(x) for row in rows for x in row.split()])
+        if found:
+            count, seconds = int(found[1]), int(found[2])
+            if not abs(count * dt - seconds) <= 1.0 + 1e-2 * seconds:
+                rule = f"the step of the header must fit {count} samples in {seconds} s, got {dt:g}"
+                refuse(whole.path, i + 1, rule)
+            values = _fixed(whole, i + 1, count, int(found[4]), int(found[5]))
+            return _record(whole, values, dt, i + 1, found[3])
+    return None
+
+
+def _cosmos_step(values: list[float]) -> float:
+    """Value 62 is the step of the record in ms, value 34 that of the recorder in s."""
+    for i, factor in ((61, 1e-3), (33, 1.0)):
+        if i < len(values) and values[i] not in (_UNKNOWN, 0.0):
+            return factor * values[i]
+    return np.nan
+
+
+def _esm(whole: _File) -> Record | None:
+    pairs = [line.partition(":") for line in whole.lines]
+    first = next((i for i, (_, colon, _) in enumerate(pairs) if not colon), len(pairs))
+    fields = {key.strip().upper(): value.strip() for key, _, value in pairs[:first]}
+    if not {"SAMPLING_INTERVAL_S", "NDATA", "UNITS"} <= set(fields):
+        return None
+    values = _free(whole, first, int(fields["NDATA"]))
+    dt = fortran_real(fields["SAMPLING_INTERVAL_S"])
+    return _record(whole, values, dt, first, fields["UNITS"])
+
+
+def _k_net(whole: _File) -> Record | None:
+    text = {line[:18].strip(): line[18:].strip() for line in whole.lines[:17]}
+    scale = re.match(rf"({_REAL})\((\w+)\)/({_REAL})", text.get("Scale Factor", ""))
+    rate = re.match(rf"({_REAL})\s*Hz", text.get("Sampling Freq(Hz)", ""))
+    if not scale or not rate:
+        return None
+    rate_of = fortran_real(rate[1])
+    if not rate_of > 0.0:
+        refuse(whole.path, 1, f"the sampling rate must be positive, got {rate[1]} Hz")
+    factor = fortran_real(scale[1]) / fortran_real(scale[3])
+    first = 1 + next(i for i, line in enumerate(whole.lines) if line.startswith("Memo"))
+    return _record(whole, factor * _free(whole, first), 1.0 / rate_of, first, scale[2])
+
+
+def _columns(whole: _File) -> Record | None:
+    """Lines of text, then lines of time and value; None for anything else."""
+    rows = [re.split(r"[\s,;]+", line.strip()) for line in whole.lines]
+    first = next((i for i, row in enumerate(rows) if len(row) == 2 and _are_numbers(row)), None)
+    if first is None:
+        return None
+    values = _free(whole, first, width=2).reshape(-1, 2)
+    t, a = values.T
+    steps = np.diff(t)
+    if t.size < 2 or not (steps > 0.0).all():
+        wrong = first + 2 + int(np.argmin(steps > 0.0)) if t.size > 1 else first + 1
+        refuse(whole.path, wrong, "times must increase")
+    dt = float((t[-1] - t[0]) / (t.size - 1))
+    if np.abs(steps - dt).max() > _EQUAL * dt + np.spacing(np.abs(t).max()) * 4:
+        record = Record.from_times(t - t[0], a)
+        header = "\n".join(whole.lines[:first])
+        record = Record(record.values, record.dt, whole.name, header=header)
+        return _with_unit(record, "not given")
+    digits = float(f"{dt:.6g}")  # that of a file that gives times with few digits
+    return _record(whole, a, digits, first, "not given")
+
+
+def _are_numbers(words: list[str]) -> bool:
+    try:
+        return bool(np.isfinite([fortran_real(x) for x in words]).all())
+    except ValueError:
+        return False
+
+
+def _fixed(whole: _File, first: int, count: int, columns: int, width: int) -> np.ndarray:
+    """The numbers in columns of fixed width, which may follow each other without a blank."""
+    lines = -(-count // columns)
+
+    def split(line: str) -> list[str]:
+        return [line[k * width : (k + 1) * width].strip() for k in range(columns)]
+
+    return _numbers(whole, first, whole.lines[first : first + lines], count, split)
+
+
+def _free(
+    whole: _File, first: int, count: int | None = None, width: int | None = None
+) -> np.ndarray:
+    """The numbers between blanks, commas or semicolons up to the end of the file."""
+
+    def split(line: str) -> list[str]:
+        words = [x for x in re.split(r"[\s,;]+", line.strip()) if x]
+        return words if width is None or len(words) in (0, width) else ["a line of another length"]
+
+    return _numbers(whole, first, whole.lines[first:], count, split)
+
+
+def _numbers(
+    whole: _File, first: int, lines: list[str], count: int | None, split: Callable[[str], list[str]]
+) -> np.ndarray:
+    values: list[float] = []
+    for i, line in enumerate(lines, start=first + 1):
+        words = [x for x in split(line) if x]
+        if not _are_numbers(words):
+            refuse(whole.path, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
+        values += [fortran_real(x) for x in words]
+    if count is not None and len(values) != count:
+        refuse(whole.path, first, f"must give {count} samples, got {len(values)}")
+    if not values:
+        refuse(whole.path, first, "must give samples, got none")
+    return np.array(values)

@@ -1,0 +1,103 @@
+"""Ground motions: every format gives its samples, step and unit; another file is refused."""
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+from pmalpha.readers import read_record
+
+VALUES = [0.01, -0.02, 0.3, 4e-3, -5.0]
+
+
+def written(tmp_path, text, name="valley.txt"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def fixed(values, columns, width, digits):
+    """Fields that may follow each other without a blank."""
+    fields = [f"{x:{width}.{digits}f}" for x in values]
+    return "".join("".join(fields[k : k + columns]) + "\n" for k in range(0, len(fields), columns))
+
+
+PEER = "PEER\nA VALLEY\nACCELERATION TIME HISTORY IN UNITS OF G\nNPTS=  5, DT=   .0200 SEC\n"
+CSMIP = "Corrected accelerogram\n a valley\n  5 points of accel data equally spaced at  .020 sec, "
+CSMIP += "in cm/sec2.  (3f8.4)\n"
+REAL = [-999.0] * 100
+COSMOS = "Corrected acceleration\n  100 Real-header values follow on 20 lines, Format=(5F15.6)\n"
+
+
+def cosmos(at, value, seconds=0):
+    real = list(REAL)
+    real[at] = value
+    rows = "".join("".join(f"{x:15.6f}" for x in real[k : k + 5]) + "\n" for k in range(0, 100, 5))
+    text = f"{COSMOS}{rows}   1 Comment line(s) follow, each starting with a |:\n| a valley\n"
+    text += f"    5 acceleration pts, approx {seconds} secs, units=cm/s^2 (4),Format=(3F8.4)\n"
+    return text + fixed(VALUES, 3, 8, 4) + "End-of-data for Chan  1 acceleration\n"
+
+
+ESM = "EVENT_NAME: A VALLEY\nSAMPLING_INTERVAL_S: 0.020000\nNDATA: 5\nUNITS: cm/s^2\nUSER5:\n"
+K_NET = """Origin Time       2011/03/11 14:46:00
+Sampling Freq(Hz) 50Hz
+Duration Time(s)  1
+Dir.              N-S
+Scale Factor      2000(gal)/8000
+Max. Acc. (gal)   5.0
+Memo.
+"""
+FORMATS = {
+    "g": PEER + ".1E-01 -.2E-01 .3 4.0E-03\n -5\n*** End ***\n",
+    "cm/sec2": CSMIP + fixed(VALUES, 3, 8, 4) + "  5 points of veloc data equally spaced\n 9. 9.\n",
+    "cm/s^2 (4)": cosmos(61, 20.0),
+    "cm/s^2": ESM + "".join(f"{x}\n" for x in VALUES),
+    "gal": K_NET + "0.04 -0.08 1.2 0.016\n -20\n",
+    "not given": "# t, a\n" + "".join(f"{0.02 * i:.3f}, {x}\n" for i, x in enumerate(VALUES)),
+}
+
+
+@pytest.mark.parametrize("unit", FORMATS)
+def test_a_record_has_its_samples_step_and_unit(tmp_path, unit):
+    record = read_record(written(tmp_path, FORMATS[unit]))
+    np.testing.assert_allclose(record.values, VALUES, rtol=1e-15)
+    assert record.dt == pytest.approx(0.02, rel=1e-15) and record.name == "valley.txt"
+    assert record.header.splitlines()[-1].lower() == f"unit: {unit}"
+    assert ("not given" in repr(record)) == (unit == "not given") and unit in repr(record).lower()
+    assert "unit" not in repr(0.01 * record)  # in which the unit is another one
+
+
+def test_the_recorder_of_cosmos_has_the_step_where_the_record_has_none(tmp_path):
+    assert read_record(written(tmp_path, cosmos(33, 0.02))).dt == 0.02
+    with pytest.raises(ValueError, match="step of the header must fit 5 samples in 90 s, got 0.02"):
+        read_record(written(tmp_path, cosmos(33, 0.02, 90)))
+
+
+def test_uneven_times_are_resampled_between_the_samples(tmp_path):
+    t = np.array([0.0, 0.02, 0.05, 0.06, 0.1])
+    text = "".join(f"{a} {b}\n" for a, b in zip(t, VALUES))
+    record = read_record(written(tmp_path, text))
+    expected = pm.readers.Record.from_times(t, VALUES)
+    np.testing.assert_array_equal(record.values, expected.values)
+    assert record.dt == expected.dt
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "must be a record of PEER, .* or two columns of numbers, got ''"),
+        ("a b\nc d\n", "must be a record of PEER"),
+        ("1\n2\n3\n", "must be a record of PEER"),
+        ("0 1\n0.1 2\n0.1 3\n", "line 3: times must increase"),
+        ("0 1\n0.1 2\n0.2 nan\n", "line 3: must hold finite numbers"),
+        ("0 1\n0.1 2\n0.2 3 4\n", "line 3: must hold finite numbers"),
+        (FORMATS["g"].replace("NPTS=  5", "NPTS=  7"), "line 7: must hold finite numbers"),
+        (FORMATS["cm/sec2"].replace("  5 points of accel", "  9 points of accel"), "must "),
+        (FORMATS["cm/s^2"].replace("NDATA: 5", "NDATA: 6"), "must give 6 samples, got 5"),
+        (FORMATS["gal"].replace("-20", "x"), "line 9: must hold finite numbers"),
+        (FORMATS["gal"].replace("50Hz", "0Hz"), "must be positive"),
+        ("\0", "must be text, got a binary file"),
+    ],
+)
+def test_a_file_that_is_wrong_is_refused_with_its_line(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        read_record(written(tmp_path, text))
