@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .bulk_cards import ELEMENTS, REFUSED, Element, family_of, is_of_analysis
 from .included import Included
 from .mesh import Block, ElementType, FileMesh
 from .unread import Unread, refused_at
+
+Found = TypeVar("Found")
 
 # By the name of a card number, group and nodes of elements
 Rows = dict[str, list[tuple[int, int, list[int]]]]
@@ -215,7 +217,7 @@ class _Points:
             theta, phi = np.deg2rad([b, c])
             across = a * np.sin(theta)
             values = np.array([across * np.cos(phi), across * np.sin(phi), a * np.cos(theta)])
-        return origin + values @ axes
+        return np.asarray(origin + values @ axes)
 
     def _system(self, number: int, by: Card) -> tuple[np.ndarray, np.ndarray]:
         """Origin and unit vectors, as rows: the second point is on z, the third in the plane xz."""
@@ -237,7 +239,7 @@ class _Points:
         self.axes[number] = found
         return found
 
-    def _finished(self, value: Any, by: Card) -> Any:
+    def _finished(self, value: Found | None, by: Card) -> Found:
         if value is None:
             refused_at(by.where, "coordinate systems must not depend on themselves")
         return value

@@ -150,7 +150,8 @@ class _Reader:
         if {"LINE", "SYSTEM"} & set(section.options):
             self.unread.refuse("NGEN", "GEOMETRY", section.where, "it makes nodes along a curve")
             return
-        nodes, added = self.scope.nodes, set()
+        nodes = self.scope.nodes
+        added: set[int] = set()
         for row in section.rows:
             first, last, *step = (int(x) for x in row[:3] if x)
             numbers = range(first, last + 1, *step)
@@ -317,7 +318,9 @@ class _Joined:
         padded = np.array([(*x, 0.0, 0.0)[:width] for x in points], dtype=float)
         pairs = ((i, n) for i, scope in enumerate(self.scopes) for n in scope.nodes)
         point = {pair: row for row, pair in enumerate(pairs)}
-        blocks, types, place = [], [], {}
+        blocks: list[Block] = []
+        types: list[ElementType] = []
+        place: dict[tuple[int, int], tuple[int, int]] = {}
         for i, scope in enumerate(self.scopes):
             for element_type, kind, numbers, where in scope.blocks:
                 nodes = [
@@ -433,7 +436,7 @@ def _unit(x: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(x)
     if not size > 0.0:
         raise ValueError("an axis must be given by two different points")
-    return x / size
+    return np.asarray(x / size)
 
 
 def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
