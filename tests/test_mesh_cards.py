@@ -55,6 +55,8 @@ def cylindrical(system):
         ("*SYSTEM\n5., 5., 5., 5., 6., 5.\n4., 5., 5.\n" + CUBE, 1.0),
         ("*SYSTEM\n1., 2., 3.\n" + CUBE, 1.0),
         (CUBE.replace("4,5,6", "4,\n5,6"), 1.0),
+        (CUBE + "*SUBMODEL, TYPE=NODE, INPUT=not_there.frd\n*ENDSTEP\n*El  Print\n*\n", 1.0),
+        (CUBE + "*NSET, NSET=A, INSTANCE=Part-1-1\n1\n", 1.0),
         (CUBE.partition("*ELEMENT")[2].join(["*ELEMENT", CUBE.partition("*ELEMENT")[0]]), 1.0),
     ],
 )
@@ -218,7 +220,7 @@ def test_what_moves_or_makes_nodes_or_elements_is_refused_unless_ignored(tmp_pat
         (CUBE + "*ELEMENT, TYPE=C3D8\n1, 1,2,3,4,5,6,7,8\n", "element 1 is given twice"),
         (CUBE + "*ELGEN\n7, 2\n", r"\*ELGEN: element 7 does not exist"),
         (CUBE + "*NGEN\n1, 2, 3\n", r"\*NGEN: numbers must lead from 1 to 2, got steps of \[3\]"),
-        (CUBE + "*NSET, NSET=A, INSTANCE=I\n1\n", "instance 'I' does not exist"),
+        (assembly("").replace("INSTANCE=P-1", "INSTANCE=I"), "instance 'I' does not exist"),
         (CUBE + "*SYSTEM\n1., 2.\n", "must have one point or three in space, got 2 numbers"),
         (CUBE + "*INCLUDE, INPUT=job.inp\n", "'job.inp' includes itself"),
     ],
@@ -295,6 +297,9 @@ def wide(text):
         free(grids() + HEXA),
         free(grids() + HEXA).replace("\n,", "\n+,"),
         wide(grids() + HEXA),
+        BULK.replace("5       6       ", "5       6       +A1     ").replace(
+            "\n        7", "\n+A1     7"
+        ),
         free(grids() + HEXA).replace(",", "\t"),
         BULK.replace("1.0     1.0     1.0", "1.+0    10.-1   .1E1").replace("CHEXA", "$ no\nCHEXA"),
         grids().replace("\n", " $ comment\n", 1) + "GRDSET\n" + HEXA,

@@ -261,13 +261,12 @@ def _cards(path: Path) -> Iterator[Card]:
                 yield current
             current = Card(name.rstrip("*"), fields, f"{where}, {name.rstrip('*')}")
         elif current is not None:
-            own = name.lstrip("+*")
-            if own and marker and own != marker:
+            if len(name) > 1 and len(marker) > 1 and name[1:] != marker[1:]:
                 refused_at(
                     where, f"continuation must follow its card, got {name!r} after {marker!r}"
                 )
             current.fields.extend(fields)
-        marker = mark.lstrip("+*")
+        marker = mark
     if current is not None:
         yield current
 

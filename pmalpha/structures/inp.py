@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from .._checks import fortran_real
 from ..problem.kinds import KINDS
 from .included import Included
-from .inp_keywords import LEFT_OUT, OF_ANALYSIS, REFUSED, type_of
+from .inp_keywords import LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
 from .mesh import Block, ElementType, FileMesh
 from .unread import Unread, refused_at
 
@@ -117,7 +117,7 @@ class _Reader:
             self.readers[keyword](section)
         elif keyword in REFUSED:
             self.unread.refuse(keyword, "GEOMETRY", section.where, REFUSED[keyword])
-        elif keyword not in OF_ANALYSIS and not keyword.startswith("END "):
+        elif not is_of_analysis(keyword):
             family = LEFT_OUT.get(keyword, "UNKNOWN")
             self.unread.leave_out("keywords {} are not read", keyword, family)
 
@@ -385,7 +385,7 @@ class _Joined:
             refused_at(section.where, text.rpartition(f"*{section.keyword}: ")[2])
 
     def _instance(self, name: str | None, default: int) -> int:
-        if name is None:
+        if name is None or not self.index:  # CalculiX knows no instances
             return default
         if name.upper() not in self.index:
             raise ValueError(f"instance {name!r} does not exist")
@@ -469,7 +469,7 @@ def _sections_below(above: tuple[Path, ...], included: Included) -> Iterator[Sec
             found = included.find(name or "", above, current.where)
             current = None
             yield from _sections_below((*above, found), included)
-        elif name:
+        elif name and current.keyword in READ:
             found = included.find(name, above, current.where)
             current.rows.extend(_fields(text) for _, text in _lines(found))
     if current is not None:
@@ -482,7 +482,7 @@ def _fields(line: str) -> list[str]:
 
 def _section(path: Path, number: int, line: str) -> Section:
     name, *given = (x.strip() for x in line[1:].split(","))
-    keyword = " ".join(name.upper().split())
+    keyword = spelled(name)
     pairs = (x.partition("=") for x in given)
     options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
     return Section(keyword, options, [], f"{path.name}, line {number}, *{keyword}")

@@ -14,6 +14,11 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(x.strip() for x in re.split(r"[|\n]", text)) - {""}
 
 
+# What is read, in `inp`
+READ = frozenset(
+    ("NODE", "NGEN", "SYSTEM", "ELEMENT", "ELGEN", "NSET", "ELSET", "PART", "END PART", "INSTANCE")
+)
+
 # Materials, sections, loads, supports, steps and output belong to an analysis; a Structure has its
 # own. Keywords of one group begin with the same word: "OUTPUT", "EL PRINT".
 OF_ANALYSIS = _words(
@@ -47,7 +52,9 @@ OF_ANALYSIS = _words(
     TRUSS SECTION|UNCOUPLED TEMPERATURE-DISPLACEMENT|USER DEFINED FIELD|USER MATERIAL
     USER OUTPUT VARIABLES|VALUES AT INFINITY|VARIABLE MASS SCALING|VIEWFACTOR|VISCO
     VISCOELASTIC|VISCOUS
-    MASS|ROTARY INERTIA|SPRING|DASHPOT|CONNECTOR SECTION|GAP
+    MASS|ROTARY INERTIA|SPRING|DASHPOT|CONNECTOR SECTION|GAP|CFD|CONSTRAINT|CONTACT DAMPING
+    CORRELATION LENGTH|DAMAGE INITIATION|DESIGN RESPONSE|DESIGNVARIABLES|FEASIBLE DIRECTION|FILTER
+    FLUID SECTIONS|GEOMETRIC TOLERANCES|INITIAL STRAIN INCREASE|ROBUST DESIGN|USER SECTION
     """
 )
 
@@ -80,8 +87,26 @@ REFUSED = {
     "NFILL": "it makes nodes between others",
     "NMAP": "it moves nodes",
     "PARAMETER": "it gives values under a name",
+    "REFINE MESH": "it makes elements from others",
     "SYMMETRIC MODEL GENERATION": "it makes elements from others",
 }
+
+_NAMES = {
+    name.replace(" ", ""): name
+    for name in (*READ, "END INSTANCE", *OF_ANALYSIS, *LEFT_OUT, *REFUSED)
+}
+
+
+def spelled(name: str) -> str:
+    """A keyword in capitals with the blanks that it has in the tables, which CalculiX ignores."""
+    words = name.upper().split()
+    return _NAMES.get("".join(words), " ".join(words))
+
+
+def is_of_analysis(keyword: str) -> bool:
+    """Whether the keyword has nothing to do with nodes, elements and their connection."""
+    return not keyword or keyword in OF_ANALYSIS or keyword.startswith(("END ", "CHANGE "))
+
 
 # Kinds by the beginning of a type of element, and what the type means beyond its shape
 _PLANE = {
