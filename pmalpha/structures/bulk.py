@@ -288,10 +288,12 @@ def _split(text: str) -> tuple[str, list[str], str]:
     return name, data, "".join(fields[count : count + 1])
 
 
-def _bulk_lines(above: tuple[Path, ...], included: Included) -> Iterator[tuple[str, str]]:
+def _bulk_lines(
+    above: tuple[Path, ...], included: Included, where: str = ""
+) -> Iterator[tuple[str, str]]:
     """File and line, and text without comments, of bulk data and the files that it includes."""
     path = above[-1]
-    with open(path, encoding="utf-8", errors="replace") as file:
+    with included.open(path, where) as file:
         lines = [line.partition("$")[0].rstrip() for line in file]
     starts = [
         i + 1 for i, x in enumerate(lines) if x.upper().replace(",", " ").split()[:2] == BEGIN
@@ -310,7 +312,7 @@ def _bulk_lines(above: tuple[Path, ...], included: Included) -> Iterator[tuple[s
                 number, line = next(numbered, (0, name[0]))
                 name += line.strip()
             found = included.find(name.strip("'\" "), above, f"{where}, INCLUDE")
-            yield from _bulk_lines((*above, found), included)
+            yield from _bulk_lines((*above, found), included, f"{where}, INCLUDE")
         else:
             yield where, line
 

@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
+import os
+from io import TextIOWrapper
 from pathlib import Path
 
+from ..files import reading
 from .unread import refused_at
 
-# Files that a file may include, those in its includes among them
-MOST_INCLUDES = 1000
+# How often the files may be read, all of them together, and how many may include each other in a
+# row.
+MOST_OFTEN, MOST_ABOVE = 16, 50
 
 
 class Included:
-    """Where the files are that one file and its includes name, and how many there were."""
+    """A file and those that it includes, which may come from a stranger.
+
+    What files include twice, which include others twice, would double with each of them: bytes that
+    were read are counted, and those of the different files.
+    """
 
     def __init__(self, path: Path):
         self.folder = path.parent.resolve()
-        self.count = 0
+        self.sizes: dict[Path, int] = {}
+        self.read = 0
+
+    def open(self, path: Path, where: str) -> TextIOWrapper:
+        """The lines of one of the files; ValueError if all were read too often."""
+        file = TextIOWrapper(reading(path), encoding="utf-8", errors="replace")
+        size = os.fstat(file.fileno()).st_size
+        self.sizes[path.resolve()] = size
+        self.read += size
+        if self.read > MOST_OFTEN * sum(self.sizes.values()):
+            file.close()
+            refused_at(where, f"all files together must be read at most {MOST_OFTEN} times")
+        return file
 
     def find(self, name: str, above: tuple[Path, ...], where: str) -> Path:
         """The file of this name beside the last of `above`, which include each other in turn.
 
-        It must be in the folder of the first file or below it: a file may come from a stranger.
+        It must be in the folder of the first file or below it.
         """
         found = (above[-1].parent / name.replace("\0", "")).resolve()
         try:
@@ -31,9 +51,8 @@ class Included:
             refused_at(
                 where, f"must name a file in the folder of the first file or below it, got {name!r}"
             )
+        if len(above) > MOST_ABOVE:
+            refused_at(where, f"{MOST_ABOVE} files include each other in a row")
         if found in {path.resolve() for path in above}:
             refused_at(where, f"{name!r} includes itself")
-        self.count += 1
-        if self.count > MOST_INCLUDES:
-            refused_at(where, f"must include at most {MOST_INCLUDES} files")
         return found

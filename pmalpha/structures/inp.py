@@ -453,10 +453,12 @@ def _sections(path: Path) -> Iterator[Section]:
     return _sections_below((path,), Included(path))
 
 
-def _sections_below(above: tuple[Path, ...], included: Included) -> Iterator[Section]:
-    """Those of the last of `above`, which include each other in turn."""
+def _sections_below(
+    above: tuple[Path, ...], included: Included, where: str = ""
+) -> Iterator[Section]:
+    """Those of the last of `above`, which include each other in turn; `where` names it."""
     current: Section | None = None
-    for number, line in _lines(above[-1]):
+    for number, line in _lines(above[-1], included, where):
         if not line.startswith("*"):
             if current is not None:
                 current.rows.append(_fields(line))
@@ -466,12 +468,13 @@ def _sections_below(above: tuple[Path, ...], included: Included) -> Iterator[Sec
         current = _section(above[-1], number, line)
         name = current.options.get("INPUT")
         if current.keyword == "INCLUDE":
-            found = included.find(name or "", above, current.where)
+            found, place = included.find(name or "", above, current.where), current.where
             current = None
-            yield from _sections_below((*above, found), included)
+            yield from _sections_below((*above, found), included, place)
         elif name and current.keyword in READ:
             found = included.find(name, above, current.where)
-            current.rows.extend(_fields(text) for _, text in _lines(found))
+            lines = _lines(found, included, current.where)
+            current.rows.extend(_fields(text) for _, text in lines)
     if current is not None:
         yield current
 
@@ -488,10 +491,10 @@ def _section(path: Path, number: int, line: str) -> Section:
     return Section(keyword, options, [], f"{path.name}, line {number}, *{keyword}")
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def _lines(path: Path, included: Included, where: str) -> Iterator[tuple[int, str]]:
     """Lines without comments and empty ones; a line of options that ends in a comma goes on."""
     begun = ""
-    with open(path, encoding="utf-8", errors="replace") as file:
+    with included.open(path, where) as file:
         for number, text in enumerate(file, start=1):
             line = begun + text.strip()
             begun = ""
