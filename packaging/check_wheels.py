@@ -59,13 +59,18 @@ def of_elf(binary: lief.ELF.Binary, system: str) -> set[str]:
 
 
 def of_macho(binary: lief.MachO.Binary) -> set[str]:
-    """Python's names are found at run time; all others have to be of a library that is linked."""
+    """Python's names are found at run time; all others have to be of a library that is linked.
+
+    What the system looks up are the bindings. The table of symbols also has names that only code
+    without callers refers to, which the linker has left out: zig's runtime library asks for the
+    version of macOS by `_availability_version_check`.
+    """
     require(binary.build_version.minos[:2] == [11, 0], f"for macOS {binary.build_version.minos}")
-    for symbol in binary.imported_symbols:
-        python = symbol.name[1:] in STABLE_ABI
-        named = symbol.has_binding_info and symbol.binding_info.has_library
-        require(python or named, f"{symbol.name} is of no library")
-    return {symbol.name[1:] for symbol in binary.imported_symbols}
+    taken = {bound.symbol.name[1:] for bound in binary.bindings}
+    of_libraries = {bound.symbol.name[1:] for bound in binary.bindings if bound.has_library}
+    missing = taken - of_libraries - set(STABLE_ABI)
+    require(not missing, f"of no library: {sorted(missing)}")
+    return taken
 
 
 def check_extension(content: bytes, tag: str) -> int:

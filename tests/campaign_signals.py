@@ -1,7 +1,8 @@
-"""Ctrl-C at random instants of `run` and `step`.
+"""Signals at random instants of `run` and `step`, whose handlers raise an exception.
 
 After each interrupt the coupler is at a completed macro step, not busy, and `last_history` is the
-run up to that step; the continued run is bitwise identical to one without interrupts.
+run up to that step; the continued run is bitwise identical to one without interrupts. What is
+raised is the exception of the handler and no other.
 """
 
 import signal
@@ -17,23 +18,50 @@ from campaign import arguments, seeds, tried
 import pmalpha as pm
 
 STEPS = 60
+ALL, CALLS = 40 * STEPS, 400  # of one coupler at most
 
 
-def made(threads, with_load):
-    """Two subdomains with substeps, one with a callable load."""
-    load = (lambda t: np.full(3, np.sin(3.0 * t))) if with_load else None
+# what Python evaluates during a run, as arguments of the first subdomain or of the second
+CALLABLES = {
+    "nothing": ({}, {}),
+    "load": ({"force": lambda t: np.full(3, np.sin(3.0 * t))}, {}),
+    "restoring force": ({}, {"restoring": lambda u, v, t: 0.1 * u}),
+    "internal force": ({}, {"internal": lambda u, v, t, q: (0.1 * u**3, np.diag(0.3 * u**2))}),
+}
+
+
+def made(threads, what, coupling="pm"):
+    """Two subdomains with substeps, one with a callable."""
+    of_a, of_b = CALLABLES[what]
     K = np.diag([4.0, 4.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     scheme = pm.GeneralizedAlpha(0.5)
-    a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], force=load, name="a")
-    b = pm.Subdomain(np.ones(2), [3.0, 3.0], scheme=scheme, substeps=4, u0=[0.2, 0.0], name="b")
-    return pm.Coupler([a, b], pm.tie(a, [2], b, [0]), dt=0.05, threads=threads, coupling="pm")
+    a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], name="a", **of_a)
+    b = pm.Subdomain(
+        np.ones(2), [3.0, 3.0], scheme=scheme, substeps=4, u0=[0.2, 0.0], name="b", **of_b
+    )
+    return pm.Coupler([a, b], pm.tie(a, [2], b, [0]), dt=0.05, threads=threads, coupling=coupling)
+
+
+def interrupting(number, frame):
+    raise KeyboardInterrupt
+
+
+def limiting(number, frame):
+    raise TimeoutError("of a handler")
+
+
+RAISED = (KeyboardInterrupt, TimeoutError)
+HANDLERS = (signal.default_int_handler, interrupting, limiting)
 
 
 class Interrupts:
-    """Raises KeyboardInterrupt after a time, in the way Ctrl-C does."""
+    """Raises an exception after a time, in the way Ctrl-C does."""
+
+    def __init__(self, handler):
+        self.handler = handler
 
     def __enter__(self):
-        self.before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+        self.before = signal.signal(signal.SIGALRM, self.handler)
         return self
 
     def __exit__(self, *exception):
@@ -52,7 +80,7 @@ def interrupted(interrupts, seconds, call):
         interrupts.after(seconds)
         call()
         interrupts.after(0.0)
-    except KeyboardInterrupt:
+    except RAISED:
         return True
     return False
 
@@ -74,15 +102,20 @@ def check(coupler, begin, runs, u, counts):
 
 
 def attempt(seed, counts):
-    """One coupler that is interrupted until it has done all its steps."""
+    """One coupler that is interrupted in many calls, at most until it has done all its steps."""
     rng = np.random.default_rng(seed)
-    threads, with_load, filed = int(rng.integers(1, 3)), rng.random() < 0.5, rng.random() < 0.2
+    what = list(CALLABLES)[rng.integers(len(CALLABLES))]
+    coupling = ["pm", "gc", "macro"][rng.integers(3)]
+    threads, filed = int(rng.integers(1, 3)), rng.random() < 0.2
     filed = filed and find_spec("h5py") is not None
-    u = made(1, with_load).run(steps=40 * STEPS)["b"].u
-    coupler = made(threads, with_load)
+    u = made(1, what, coupling).run(steps=ALL)["b"].u
+    coupler = made(threads, what, coupling)
     mean = 10.0 ** rng.uniform(-4.0, -2.5)
-    with Interrupts() as interrupts, tempfile.TemporaryDirectory() as folder:
-        while coupler.step_count + STEPS <= 40 * STEPS:
+    handler = HANDLERS[rng.integers(3)]
+    with Interrupts(handler) as interrupts, tempfile.TemporaryDirectory() as folder:
+        for call_number in range(CALLS):
+            if coupler.step_count + STEPS > ALL:
+                break
             begin, runs = coupler.step_count, bool(rng.integers(2))
             seconds = rng.exponential(mean)
             options = {"record_to": Path(folder, f"{rng.integers(2**60)}.h5")} if filed else {}
@@ -96,8 +129,8 @@ def attempt(seed, counts):
                 check(coupler, begin, runs, u, counts)
             else:
                 assert coupler.step_count == begin + STEPS
-            if counts["calls"] % 7 == 0:
-                with suppress(KeyboardInterrupt):
+            if call_number % 7 == 0:
+                with suppress(*RAISED):
                     coupler.state("a")
 
 

@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 
+import kernels
 import pytest
 
 
@@ -19,6 +20,10 @@ def pytest_configure(config):
     # Orders, stability and equality with the reference are tested at coarse steps on purpose;
     # test_accuracy.py makes it an error again. In pyproject.toml pytest would import the package.
     config.addinivalue_line("filterwarnings", "ignore::pmalpha.AccuracyWarning")
+
+
+def pytest_report_header():
+    return kernels.header()
 
 
 def pytest_ignore_collect(collection_path, config):

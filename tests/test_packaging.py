@@ -1,9 +1,12 @@
 """What an installation brings, and what is said where pymetis is missing."""
 
 import json
+import os
 import re
+import subprocess
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +19,7 @@ from pmalpha.setup.factors import structure_of
 
 ROOT = Path(__file__).parent.parent
 PYPROJECT = ROOT / "pyproject.toml"
+WORKFLOW = ROOT / ".github" / "workflows" / "wheels.yml"
 
 
 def environment(system, machine, python, implementation="CPython"):
@@ -131,3 +135,35 @@ def test_recipe_citation_and_changelog_have_the_version_and_the_requirements_of_
     listed = set(re.findall(r"\b(numpy|scipy|threadpoolctl|pymetis)>=([\d.]+)", project))
     for name, lowest in listed - {("numpy", "2")}:
         assert f"    - {name} >={lowest}\n" in recipe, name
+
+
+def test_the_workflow_pins_its_actions_and_what_it_installs():
+    text, pins = WORKFLOW.read_text(), (ROOT / "packaging" / "tests.txt").read_text()
+    actions = re.findall(r"uses: (\S+)@([0-9a-f]{40})  # v([\d.]+)\n", text)
+    assert len(actions) == text.count("uses: ") > 0
+    (version,) = {v for name, _, v in actions if name == "pypa/gh-action-pypi-publish"}
+    # its twine accepts Metadata-Version 2.4, which a package with a License-Expression has
+    assert tuple(map(int, version.split("."))) >= (1, 12, 3)
+    installs = re.findall(r"pip install ((?:.*\\\n)*.*)", text)
+    assert all(line.startswith("--constraint packaging/tests.txt ") for line in installs)
+    pinned = dict(re.findall(r"^([\w-]+)==([\d.]+)$", pins, re.M))
+    assert len(pinned) == pins.count("\n") - 1  # but for its first line, a comment
+    project = tomllib.loads(PYPROJECT.read_text())["project"]
+    extras = [project["optional-dependencies"][x] for x in ("hdf5", "mesh", "plot", "progress")]
+    needed = [*project["dependencies"], *sum(extras, []), *re.findall(r"[\w-]+", installs[0])[-6:]]
+    assert {re.match(r"[\w-]+", line)[0] for line in needed} <= set(pinned)
+
+
+@pytest.mark.skipif(not find_spec("setuptools"), reason="needs setuptools in the environment")
+def test_a_build_without_a_compiler_ends_with_where_to_read_on(tmp_path):
+    out = ("--build-lib", tmp_path, "--build-temp", tmp_path)
+    done = subprocess.run(
+        [sys.executable, "setup.py", "build_ext", *out],
+        cwd=ROOT,
+        env={**os.environ, "CC": "false"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode != 0
+    assert done.stderr.splitlines()[-1].endswith("see docs/install.md#without-a-compiler")
+    assert "\n## Without a compiler\n" in (ROOT / "docs" / "install.md").read_text()
