@@ -27,7 +27,7 @@ OPTIONS = {
 }
 
 
-WITHOUT_A_COMPILER = "pmalpha needs a C compiler (gcc or clang); for other ways see docs/install.md#without-a-compiler"
+WITHOUT_A_COMPILER = "a C compiler is needed; without one, see docs/install.md#without-a-compiler"
 
 
 class Build(build_ext):

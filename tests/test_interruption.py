@@ -214,3 +214,71 @@ def test_signals_wait_until_the_context_is_left(interrupt):
         signal.raise_signal(signal.SIGALRM)
         reached = True
     assert reached
+
+
+def stop_as_ctrl_c(number, frame):
+    raise KeyboardInterrupt
+
+
+def stop_by_a_limit_of_time(number, frame):
+    raise TimeoutError("of a handler")
+
+
+@pytest.mark.parametrize(
+    ("handler", "raised"),
+    [(stop_as_ctrl_c, KeyboardInterrupt), (stop_by_a_limit_of_time, TimeoutError)],
+)
+@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
+@pytest.mark.parametrize("where", ["force", "restoring", "internal"])
+def test_an_exception_of_a_handler_in_a_function_of_the_user_ends_the_run(
+    where, coupling, fails, handler, raised, interrupt
+):
+    """Also where the function fails at that moment; the run continues bitwise identically."""
+    arrival = np.inf  # from this time on a signal arrives in the function, once
+
+    def meet(t):
+        nonlocal arrival
+        if t < arrival:
+            return
+        arrival = np.inf
+        try:
+            if fails:
+                raise ValueError("of the function")
+        finally:
+            signal.raise_signal(signal.SIGALRM)
+
+    def force(t):
+        meet(t)
+        return [np.sin(t)]
+
+    def restoring(u, v, t):
+        meet(t)
+        return 0.1 * u
+
+    def internal(u, v, t, q):
+        meet(t)
+        return 0.1 * u, 0.1 * np.eye(1)
+
+    functions = {"force": force, "restoring": restoring, "internal": internal}
+
+    def made():
+        scheme = pm.GeneralizedAlpha(0.5)
+        function = {where: functions[where]}
+        a = pm.Subdomain([1.0], [4.0], scheme=scheme, u0=[1.0], name="a", **function)
+        b = pm.Subdomain([1.0], [9.0], scheme=scheme, substeps=2, u0=[1.0], name="b")
+        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, coupling=coupling)
+
+    whole = made().run(steps=10)["b"].u
+    coupler = made()
+    signal.signal(signal.SIGALRM, handler)  # the fixture puts back the one before
+    arrival = 0.045
+    with pytest.raises(raised) as error:
+        coupler.run(steps=10)
+    assert error.traceback[-1].name == handler.__name__
+    # loads are evaluated ahead of the steps; what is no Exception ends a run before them
+    done = 0 if where == "force" and raised is KeyboardInterrupt else 4
+    assert coupler.step_count == done
+    if done:
+        np.testing.assert_array_equal(coupler.last_history["b"].u, whole[: 2 * done + 1])
+    np.testing.assert_array_equal(coupler.run(steps=10 - done)["b"].u, whole[2 * done :])
