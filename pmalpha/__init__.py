@@ -48,7 +48,7 @@ from .run.coupler import Coupler, solve
 
 if _TYPE_CHECKING:
     __version__: str
-    from . import analysis, export, models, plot, readers, remote, rig, structures  # noqa: F401
+    from . import analysis, export, models, plot, readers, rig, structures  # noqa: F401
     from .cutting.cut import cut
     from .cutting.element_factors import element_parameters
     from .cutting.elements import Elements
@@ -129,43 +129,19 @@ _LATER = {
     "Parameters": "gradients.parameters",
     "Study": "run.study",
 }
-_MODULES = ("analysis", "export", "models", "plot", "readers", "remote", "rig", "structures")
-
-# What is only returned is found in its module; the old names end with version 0.4.
-_MOVED = {
-    "CaseResult": "run.study",
-    "Energy": "results.energy",
-    "Gradient": "gradients.gradient",
-    "Pacing": "results.pacing",
-    "Plan": "cutting.plan",
-    "PlanRow": "cutting.plan",
-    "ReducedBasis": "problem.superelement",
-    "Reduction": "problem.reduction",
-    "Snapshot": "run.snapshot",
-    "SpringState": "problem.springs",
-    "State": "run.state",
-    "TangentCheck": "problem.tangent_check",
-}
+_MODULES = ("analysis", "export", "models", "plot", "readers", "rig", "structures")
 
 
 def __getattr__(name: str) -> _Any:
-    """What is loaded when it is first used, and what has moved."""
+    """What is loaded when it is first used."""
     if name in _MODULES:
         return _import_module(f".{name}", __name__)
     if name == "__version__":
         return _import_module(".files", __name__).package_version()
-    home = _LATER.get(name) or _MOVED.get(name)
-    if home is None:
+    if name not in _LATER:
         text = f"module {__name__!r} has no attribute {name!r}"
         raise AttributeError(text, name=name, obj=_sys.modules[__name__])  # and what is near
-    value = getattr(_import_module(f".{home}", __name__), name)
-    if name in _LATER:
-        globals()[name] = value
-        return value
-    from .errors import warn
-
-    old = f"pmalpha.{name} is pmalpha.{home}.{name}; the old name ends with version 0.4"
-    warn(old, DeprecationWarning)
+    value = globals()[name] = getattr(_import_module(f".{_LATER[name]}", __name__), name)
     return value
 
 

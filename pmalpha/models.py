@@ -3,7 +3,6 @@
 The formulas are in docs/method.md. Units are any consistent set unless stated otherwise.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -40,14 +39,6 @@ __all__ = [
 
 def __dir__() -> list[str]:
     return sorted(__all__)
-
-
-def __getattr__(name: str) -> Any:
-    if name not in structures.__all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    message = f"models.{name} is structures.{name}; the old name ends with version 0.4"
-    warnings.warn(message, DeprecationWarning, stacklevel=2)
-    return getattr(structures, name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -760,15 +760,13 @@ def test_input_of_another_type_is_refused_by_name(call, text):
         call()
 
 
-def test_a_tuple_of_counts_warns_and_makes_the_same_solid():
+def test_numbers_of_elements_come_one_by_one_and_the_rest_also_by_name():
     for counts in ((2, 1), (2, 1, 3)):
         block = structures.nonlinear_solid(*counts, 0.5, RUBBER, rho=1.0)
         named = structures.nonlinear_solid(*counts, h=0.5, material=RUBBER, rho=1.0)
-        with pytest.warns(DeprecationWarning, match="nx, ny and nz one by one") as found:
-            old = structures.nonlinear_solid(counts, 0.5, RUBBER, rho=1.0)
-        assert found[0].filename == __file__
-        for one in (named, old):
-            assert (one.points == block.points).all() and (one.M != block.M).nnz == 0
+        assert (named.points == block.points).all() and (named.M != block.M).nnz == 0
+        with pytest.raises(ValueError, match="needs two or three numbers of elements"):
+            structures.nonlinear_solid(counts, 0.5, RUBBER, rho=1.0)
 
 
 def test_an_assembly_takes_nodes_before_components_in_forces_and_tangents():

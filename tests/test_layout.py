@@ -30,7 +30,7 @@ LAYERS = (
     ("run",),
     ("structures", "readers"),
     ("rig",),
-    ("export", "remote"),
+    ("export",),
     ("models",),
     ("analysis",),
     ("plot",),
@@ -214,7 +214,7 @@ def test_dir_shows_public_names_only():
     assert all(hasattr(pm, name) for name in pm.__all__)
     hidden = {"problem", "setup", "results", "run", "errors", "files", "memory", "blas", "version"}
     assert hidden.isdisjoint(dir(pm))
-    for name in (*PUBLIC_PACKAGES, "export", "models", "remote"):
+    for name in (*PUBLIC_PACKAGES, "export", "models"):
         package = importlib.import_module(f"pmalpha.{name}")
         assert package is getattr(pm, name)
         assert dir(package) == sorted(package.__all__)
@@ -228,17 +228,10 @@ def test_a_public_name_is_at_one_place():
     assert not {name for name in names if names.count(name) > 1}
 
 
-def test_what_is_only_returned_is_found_in_its_module_and_warns_under_its_old_name():
-    for name, home in pm._MOVED.items():
-        text = f"pmalpha.{name} is pmalpha.{home}.{name}"
-        with pytest.warns(DeprecationWarning, match=text) as w:
-            found = getattr(pm, name)
-        module = importlib.import_module(f"pmalpha.{home}")
-        assert found is getattr(module, name)
-        assert dir(module) == sorted(module.__all__)  # np, Any and os are not offered
-        assert name not in pm.__all__ and w[0].filename == __file__
-    with pytest.raises(AttributeError, match="module 'pmalpha' has no attribute 'Coupled'"):
-        pm.Coupled  # noqa: B018
+@pytest.mark.parametrize("name", ["Coupled", "Energy", "Plan", "State", "remote"])
+def test_an_unknown_name_is_refused_and_so_is_one_that_is_only_returned(name):
+    with pytest.raises(AttributeError, match=f"module 'pmalpha' has no attribute '{name}'"):
+        getattr(pm, name)
 
 
 def test_type_checkers_see_what_is_loaded_when_it_is_first_used():

@@ -280,10 +280,3 @@ def test_the_examples_in_the_docstrings_run():
     result = doctest.testmod(models)
     assert result.attempted > 10
     assert result.failed == 0
-
-
-def test_a_name_of_structures_is_found_here_with_a_warning():
-    with pytest.warns(DeprecationWarning, match="models.plate is structures.plate"):
-        assert models.plate is pm.structures.plate
-    with pytest.raises(AttributeError, match="no attribute 'bridge'"):
-        _ = models.bridge

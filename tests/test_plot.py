@@ -204,13 +204,6 @@ def test_constraints_can_be_chosen():
     np.testing.assert_array_equal(axes[-1].lines[0].get_ydata(), lam[:, 7])
 
 
-def test_the_earlier_name_of_the_constraints_to_draw_warns():
-    lam = np.random.default_rng(0).normal(size=(50, 9))
-    with pytest.warns(DeprecationWarning, match="plot takes constraints=; conditions= ends"):
-        axes = made_up(lam, lam).plot(conditions=[7]).figure.axes
-    assert list(lines(axes[-1])) == ["constraint 7"]
-
-
 def test_a_long_history_is_drawn_by_its_extremes():
     rng = np.random.default_rng(1)
     k = 100_003

@@ -674,7 +674,3 @@ def test_an_exception_of_a_served_function_ends_both_sides():
             there(np.ones(1), np.zeros(1), 0.0)
     with pytest.raises(RuntimeError, match="torn off"):
         raise results[0]
-
-
-def test_the_earlier_module_is_the_same():
-    assert pm.remote.serve is rig.remote.serve and pm.remote.Client is rig.Client

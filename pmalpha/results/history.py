@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import counted
-from ..errors import warn
 from ..problem.subdomain import Subdomain
 from .contact_history import Contacts, Recorded, recorded_contacts
 from .contact_nodes import contact_fields
@@ -271,7 +270,6 @@ class History:
         title: str | None = None,
         units: Mapping[str, str] | None = None,
         ax: Axes | None = None,
-        conditions: Any = None,
     ) -> Axes:
         """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
@@ -299,8 +297,6 @@ class History:
             whose unit does not follow from those given is labelled without.
         ax : matplotlib.axes.Axes, optional
             Axes to draw into, without the panels of the interface. Default: a new figure of pyplot.
-        conditions : int or list of int
-            The earlier name of `constraints`, until version 0.4.
 
         Returns
         -------
@@ -326,9 +322,6 @@ class History:
         """
         from ..plot.histories import time_histories
 
-        if conditions is not None:
-            warn("plot takes constraints=; conditions= ends with version 0.4", DeprecationWarning)
-            constraints = conditions
         return time_histories(
             self, dofs, constraints=constraints, quantity=quantity, title=title, units=units, ax=ax
         )

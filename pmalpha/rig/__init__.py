@@ -8,7 +8,6 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 from ..problem.actuators import Compensated, Response, SimulatedActuator
 from ..problem.limits import Limits
 from ..results.ring import Monitored, read_monitor
-from . import calls as remote  # noqa: F401  earlier a module of its own
 from .calls import Client, RemoteError, started
 from .calls import serve as serve_calls
 from .connecting import Connected, connect

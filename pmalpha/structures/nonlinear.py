@@ -11,7 +11,6 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, whole_number
-from ..errors import warn
 from .checked import dimension_of, is_lumped, mesh_arguments, positive
 from .continuum import grid
 from .elasticity import gradients, mass_matrix
@@ -77,7 +76,7 @@ def nonlinear_solid(
     ----------
     *arguments : int
         Numbers of elements nx, ny and nz along the axes, at least 1: two of quadrilaterals,
-        three of hexahedra. Until version 0.4 also as one tuple, with a warning.
+        three of hexahedra.
     h : float, or one for each axis
         Edge lengths of an element.
     material : StVenantKirchhoff, NeoHookean or J2Plasticity
@@ -119,13 +118,6 @@ def nonlinear_solid(
             f"{given!r}"
         )
     *counts, h, material = given
-    if len(counts) == 1 and np.ndim(counts[0]) == 1:
-        (counts,) = counts
-        warn(
-            "nonlinear_solid takes nx, ny and nz one by one, as solid does; a tuple of them ends "
-            "with version 0.4",
-            DeprecationWarning,
-        )
     if len(counts) not in (2, 3):
         raise ValueError(f"nonlinear_solid needs two or three numbers of elements, got {counts!r}")
     numbers = tuple(whole_number(n, name, low=1) for n, name in zip(counts, ("nx", "ny", "nz")))
