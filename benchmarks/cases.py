@@ -4,7 +4,6 @@ Only the ends are recorded, so that the steps alone count; and a study of many r
 frame with springs of notebooks/fragility.ipynb, with everything recorded.
 """
 
-import warnings
 
 import numpy as np
 from step_profile import PROBLEMS
@@ -101,7 +100,6 @@ def study_row(count, rounds):
 
 
 def rows(quick):
-    warnings.simplefilter("ignore", pm.AccuracyWarning)
     rounds, count = (1, LANES) if quick else (7, RECORDS)
     names = ["four dofs, ss = 20"] if quick else STEPS
     return [

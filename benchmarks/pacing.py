@@ -118,12 +118,10 @@ def make_workers(coupler):
 
 def paced(coupler, t_end, priority):
     """Its Pacing, or None where the priority is not allowed."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", pm.AccuracyWarning)
-        try:
-            return coupler.run_paced(t_end, on_late="continue", record={}, priority=priority).pacing
-        except PermissionError:
-            return None
+    try:
+        return coupler.run_paced(t_end, on_late="continue", record={}, priority=priority).pacing
+    except PermissionError:
+        return None
 
 
 def row(what, coupling, frequency, neighbours, priority, pacing, slowest):

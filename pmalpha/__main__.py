@@ -3,14 +3,12 @@
 import argparse
 import sys
 import time
-import warnings
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from . import __version__
-from .errors import AccuracyWarning
 from .models import FourDof, four_dof
 from .plot.styling import LINES, save, style
 from .results.history import History
@@ -76,9 +74,7 @@ def _run(model: FourDof, steps: int) -> tuple[History, float]:
     """The History of a run and its time in seconds."""
     coupler = model.coupler(model.macro_step, coupling="pm")
     begin = time.perf_counter()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", AccuracyWarning)  # the steps are those of the paper
-        history = coupler.run(steps=steps)
+    history = coupler.run(steps=steps)
     return history, time.perf_counter() - begin
 
 

@@ -7,7 +7,6 @@ raised is the exception of the handler and no other.
 
 import signal
 import tempfile
-import warnings
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -136,5 +135,4 @@ def attempt(seed, counts):
 
 if __name__ == "__main__":
     given = arguments(__doc__)
-    warnings.simplefilter("ignore", pm.AccuracyWarning)  # of long runs with one step
     print(dict(tried(attempt, seeds(given.seed, given.seconds))))

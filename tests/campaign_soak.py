@@ -9,7 +9,6 @@ the process after the first tenth of the time must not grow; time levels are tho
 import gc
 import resource
 import tempfile
-import warnings
 import weakref
 from collections import Counter
 from importlib.util import find_spec
@@ -84,8 +83,7 @@ def campaign(seconds=600.0, least=10, steps=2000):
     """Counts; `least` rounds of `steps` and more at least. AssertionError where something grows."""
     counts, begin, at_first = Counter(), monotonic(), None
     couplers = {kind: made(kind) for kind in KINDS}
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore", pm.AccuracyWarning)
+    with tempfile.TemporaryDirectory() as folder:
         while monotonic() < begin + seconds or counts["rounds"] < least:
             for kind in KINDS:
                 use(couplers[kind], Path(folder), counts, steps)

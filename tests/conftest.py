@@ -17,9 +17,6 @@ def pytest_configure(config):
         import pmalpha  # noqa: F401
     except ImportError as error:  # not in a traceback for each file
         pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
-    # Orders, stability and equality with the reference are tested at coarse steps on purpose;
-    # test_accuracy.py makes it an error again. In pyproject.toml pytest would import the package.
-    config.addinivalue_line("filterwarnings", "ignore::pmalpha.AccuracyWarning")
 
 
 def pytest_report_header():

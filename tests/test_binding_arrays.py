@@ -218,14 +218,6 @@ def test_steps_whose_errors_are_estimated_must_be_recorded():
         check_refused(lambda others=others: estimated(**others))
 
 
-def test_a_recursion_needs_a_square_matrix_of_its_size():
-    P, x = np.array([[2.0]]), np.array([[1.0], [10.0], [100.0]])
-    assert _core.follow_recursion(P, x).ravel().tolist() == [1.0, 12.0, 124.0]
-    assert x[1, 0] == 10.0
-    for bad in ((P, x[:, 0]), (np.ones((1, 2)), x), (np.ones((2, 2)), x), (P, None), (x, P)):
-        check_refused(lambda bad=bad: _core.follow_recursion(*bad))
-
-
 def test_a_matrix_is_permuted_by_a_permutation_of_its_size():
     A = compressed(ptr=(0, 2, 3), index=(1, 0, 1), values=(2.0, 3.0, 4.0))
     for bad in (i64(0), i64(0, 1, 2), i64(0, 0), i64(0, 2), i64(0, -1), i32(0, 1), None, f64(0, 1)):

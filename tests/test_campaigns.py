@@ -19,7 +19,6 @@ from campaign import tried
 pytestmark = pytest.mark.gate
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")  # long runs with one step
 def test_ctrl_c_at_any_instant_leaves_the_last_macro_step_and_its_history():
     counts = tried(campaign_signals.attempt, range(6))
     # an interrupt after less than the duration of a call, on average, hits most calls

@@ -108,7 +108,6 @@ def softened(coupling="pm", **options):
     return pm.Coupler([a, b], pm.tie(a, [3], b, [0]), dt=0.02, coupling=coupling, **options)
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
 def test_springs_remember_their_own_case(coupling):
     ours, theirs = softened(coupling), softened(coupling)

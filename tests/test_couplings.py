@@ -20,7 +20,6 @@ COUPLINGS = {
     "mean": dict(coupling="mean"),
 }
 SINGLE = pytest.mark.parametrize("name", COUPLINGS)
-pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 
 
 def errors(dt, name, substeps=20):

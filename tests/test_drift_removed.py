@@ -2,7 +2,6 @@
 
 import re
 
-import accuracy_survey
 import numpy as np
 import pytest
 import reference
@@ -17,7 +16,6 @@ from pmalpha.setup import interface, tied
 
 ALPHA = pm.GeneralizedAlpha
 # Drifting subdomains are allowed to be coarse here, and some schemes have no damping.
-pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 
 
 def random_loop(rho, substeps, explicit, seed=0, n=5, form=np.asarray, **options):
@@ -247,17 +245,6 @@ def test_steps_that_could_grow_and_do_not_are_not_warned_of(schemes, dt):
     ]
     coupler = coupled((made, pm.tie(made[0], 0, made[1], 0)), dt)
     assert radius(coupler) < 1.0 + 1e-7
-
-
-def test_other_steps_that_grow_are_warned_of_where_the_radius_is_cheap():
-    """A chain cut in three, of which one is undamped, by a search of 113 problems."""
-    rng = np.random.default_rng([268, 99])
-    chain = accuracy_survey.chain(rng)
-    dt = accuracy_survey.duration_of(rng, chain, 0.5)[0]
-    ours = accuracy_survey.cut(chain, rng, "gc", dt)[:2]
-    with pytest.warns(pm.StabilityWarning, match="is unstable with these schemes and steps"):
-        coupler = coupled(ours, dt)
-    assert radius(coupler) > 1.01
 
 
 def driven_shaft(schemes, dt, circulatory):

@@ -17,9 +17,7 @@ from reference import alpha
 import pmalpha as pm
 
 # random steps, long for some periods
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::pmalpha.StabilityWarning", "ignore::pmalpha.AccuracyWarning"
-)
+pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 
 DT, STEPS = 0.1, 8
 couplings = pytest.mark.parametrize("coupling", ["gc", "pm"])

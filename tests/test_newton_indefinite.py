@@ -14,8 +14,6 @@ import pmalpha as pm
 EA, GRAVITY, END, ANGLE = 2e5, 9.81, 2.0, 1.5
 WEIGHT = np.array([0.0, -GRAVITY])
 ALONG = np.array([np.cos(ANGLE), np.sin(ANGLE)])  # of both bars at the start
-# rotations of up to 2 rad/s in steps of 1/25 s: some per cent of error are the matter here
-pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 
 
 def bar(x):

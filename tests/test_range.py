@@ -32,7 +32,7 @@ def result(dt=0.1, scheme="implicit", form="diagonal", coupling="pm", force=None
         return error
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.AccuracyWarning")
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize("x", EXTREME)
 @pytest.mark.parametrize("name", ["M", "K", "C", "dt", "force"])

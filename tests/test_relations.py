@@ -52,7 +52,6 @@ def test_a_relation_that_is_broken_names_the_place(quantity):
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 def test_a_problem_that_differs_by_a_millionth_of_one_number_is_another():
     run = relations.run_of(1)

@@ -74,7 +74,6 @@ def require_equal(one, two, tolerance=0.0, but=()):
         assert off <= tolerance * largest, f"{name} differs by {off:.1e} of {largest:.1e}"
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 @pytest.mark.parametrize("internal", [False, True])
 @pytest.mark.parametrize(("coupling", "drift"), COUPLINGS)
@@ -86,7 +85,6 @@ def test_no_digit_depends_on_powers_of_two(coupling, drift, internal):
     require_equal(results(one, 1.0), results(two, EXACT))
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 @pytest.mark.parametrize(("coupling", "drift"), COUPLINGS)
 def test_nothing_but_rounding_depends_on_factors_that_are_far_apart(coupling, drift):
@@ -97,7 +95,6 @@ def test_nothing_but_rounding_depends_on_factors_that_are_far_apart(coupling, dr
     require_equal(results(one, 1.0), results(two, FAR), 1e-11, but=jumps)
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.parametrize("kind", ["constant", "callable", "sampled", "shaped"])
 def test_prescribed_velocities_are_those_of_the_rows(kind):
     one = coupler(np.ones(ROWS), velocity=kind)
@@ -106,7 +103,6 @@ def test_prescribed_velocities_are_those_of_the_rows(kind):
     assert abs(two.state("b").v[3]) > 0.1  # it moves
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
 def test_a_saved_state_and_one_in_memory_have_the_rows_of_the_user(tmp_path, coupling):
     whole = coupler(EXACT, coupling, internal=True)
@@ -156,7 +152,6 @@ def test_what_shooting_continues_with_is_a_map_of_jumps_to_multipliers(pairs):
     assert np.array_equal(back, core)
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 def test_cases_side_by_side_have_the_rows_of_the_user():
     cases = [{"force": {"a": k * np.ones(5)}} for k in (1.0, 2.0, 3.0)]
     histories = coupler(EXACT, "pm", velocity="sampled").run_each(cases, TIME)

@@ -40,7 +40,6 @@ def end(coupler):
     return np.concatenate([coupler.state(k).u for k in "AB"])
 
 
-@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_error_is_of_the_size_of_the_tolerance(name):
     """Between 0.05 and 2 times r T over three decades; the table of method.md has 0.08 to 1.7."""

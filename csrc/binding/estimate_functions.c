@@ -1,10 +1,8 @@
-/* Local errors of recorded steps, and the motion of a small system, as functions of the module. */
+/* Local errors of recorded steps, as a function of the module. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
 #include "member/scheme.h"
-
-/* ---- errors ---------------------------------------------------------------------------------- */
 
 /* An array, levels x columns, converted only if it is one of a file of another program. */
 static int take_rows(PyObject *obj, PyObject *arrays, npy_intp *levels, pma_motion_rows *motion,
@@ -63,30 +61,8 @@ static PyObject *step_errors(PyObject *Py_UNUSED(module), PyObject *args)
     return errors;
 }
 
-/* ---- a small system -------------------------------------------------------------------------- */
-
-static PyObject *follow_recursion(PyObject *Py_UNUSED(module), PyObject *args)
-{
-    PyObject *P_obj, *x_obj;
-    PyArrayObject *P, *given;
-    const npy_intp any[2] = {-1, -1};
-    if (!PyArg_ParseTuple(args, "OO", &P_obj, &x_obj) ||
-        pma_take_array(x_obj, NPY_DOUBLE, 2, any, "x", NULL, &given) < 0)
-        return NULL;
-    const npy_intp n = PyArray_DIM(given, 1), square[2] = {n, n};
-    if (pma_take_array(P_obj, NPY_DOUBLE, 2, square, "P", NULL, &P) < 0)
-        return NULL;
-    PyObject *x = PyArray_NewCopy(given, NPY_CORDER);
-    if (x)
-        pma_estimate_follow((size_t)n, (size_t)PyArray_DIM(given, 0), PyArray_DATA(P),
-                            PyArray_DATA((PyArrayObject *)x));
-    return x;
-}
-
 PyMethodDef pma_estimate_functions[] = {
     {"step_errors", step_errors, METH_VARARGS,
      "step_errors((u, v, a), begin, end, h) -> (dofs, steps): the estimates (D1)"},
-    {"follow_recursion", follow_recursion, METH_VARARGS,
-     "follow_recursion(P, x) -> y: y_0 = x_0, y_k = x_k + P y_{k-1}, by rows"},
     {NULL, NULL, 0, NULL},
 };

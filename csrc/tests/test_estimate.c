@@ -1,4 +1,4 @@
-/* test_estimate.c - local errors of recorded steps and a recursion, against hand calculation. */
+/* test_estimate.c - local errors of recorded steps, against hand calculation. */
 #include "check.h"
 #include "member/scheme.h"
 #include "tests.h"
@@ -34,17 +34,7 @@ static void a_cubic_motion_has_no_local_error_and_an_offset_is_one(void)
     CHECK_BITS(6, e, expected);
 }
 
-static void a_recursion_adds_what_comes_in_to_what_went_on(void)
-{
-    const double P[4] = {0.0, 1.0, -1.0, 0.5};
-    const double expected[6] = {1.0, 2.0, 12.0, 20.0, 120.0, 198.0};
-    double x[6] = {1.0, 2.0, 10.0, 20.0, 100.0, 200.0};
-    pma_estimate_follow(2, 3, P, x); /* (2, 0) and (20, -2) are added */
-    CHECK_BITS(6, x, expected);
-}
-
 const test ESTIMATE_TESTS[] = {
     TEST(a_cubic_motion_has_no_local_error_and_an_offset_is_one),
-    TEST(a_recursion_adds_what_comes_in_to_what_went_on),
     END_OF_TESTS,
 };

@@ -94,10 +94,8 @@ def gradient(
     block: int | None,
     differences: float | None,
     reporting: Callable[[int], AbstractContextManager[Any]],
-    judge: Callable[[Any, Any], None],
 ) -> Gradient:
-    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps, or of runs, and
-    `judge` warns of a run of this session."""
+    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps, or of runs."""
     parameters, names = checked_parameters(parameters, session)
     if not callable(objective):
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
@@ -113,9 +111,7 @@ def gradient(
         block = fitting(problem.single.members, steps) if block is None else block
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
-            result = blocks.gradient(objective, parameters, names)
-    judge(session, result.history)
-    return result
+            return blocks.gradient(objective, parameters, names)
 
 
 def _by_differences(
@@ -139,10 +135,7 @@ def _by_differences(
 
 @contextmanager
 def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
-    """At t = 0 with the present initial values and loads; afterwards as before.
-
-    Runs in between are not judged by warnings.
-    """
+    """At t = 0 with the present initial values and loads; afterwards as before."""
     if session.changed:
         dt = session.assemblies.first_layout.dt
         raise ValueError(
@@ -152,12 +145,10 @@ def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
     present, last = coupler.snapshot(), session.last_history
     names = [name for name, _ in session.keys]
     u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
-    session.judges = False
     try:
         coupler.reset(u0, v0, dict(zip(names, session.loads.forces)))
         yield
     finally:
-        session.judges = True
         coupler.restore(present)
         session.last_history = last
 

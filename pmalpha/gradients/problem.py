@@ -173,9 +173,7 @@ class Problem:
         if self.single.p:
             rows = Constraint({s: L for s, L in zip(subdomains, self.matrices) if L.nnz}, velocity)
         o = self.options
-        coupler = type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
-        coupler._session.judges = False
-        return coupler
+        return type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
 
 
 def subdomain_of(keys: Any, p: Parameters) -> str:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from os import PathLike
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -37,16 +37,11 @@ from .quantities import (
     OF_SUBDOMAIN,
     WORKS,
     column_counts,
-    joined,
-    reduced,
-    with_rows_of_all,
 )
 from .stored import EarlierRows, contents_of, fields_of, old_file, target
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
-# Of a run that is to be judged of which less is wanted: bytes up to which all of it is recorded.
-WHOLE_BYTES = 64e6
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
 # Of a subdomain, what the core takes as one tuple.
 IN_TUPLE = [name for x, names in IN_SUBDOMAIN.items() if x not in APART for name in names]
@@ -119,38 +114,9 @@ class Recorded:
         return 1 if OF_INTERFACE[name].axis == "macro" else self.fine
 
 
-class Wanted(NamedTuple):
-    """What is kept of a record that is made of all dofs and time levels, to be judged."""
-
-    of: Recorded
-    every: int | None
-
-    def numbers(self, steps: int) -> float:
-        """Numbers in a History of these macro steps."""
-        return sum(
-            rows_of(steps, self.every, levels) * count for levels, count in self.of.numbers.items()
-        )
-
-    def kept(self, whole: History, begin: int, end: int) -> History:
-        """The wanted rows and dofs of a record between two macro steps, in arrays of their own."""
-        steps = np.arange(end - begin + 1)
-        if self.every is not None:
-            later = np.arange(begin // self.every + 1, end // self.every + 1) * self.every
-            steps = np.append(0, later - begin)
-
-        def rows(x: np.ndarray) -> np.ndarray:
-            levels = (len(x) - 1) // (end - begin or 1)
-            return x if self.every is None else x[steps * levels]
-
-        found = reduced(whole, rows, self.of.dofs)
-        copied: History = with_rows_of_all(np.array, found)  # views would keep the whole record
-        return copied
-
-
 class Recording:
     """The record of a run from macro step `begin` to at most `end`.
 
-    wanted: what the History has of it; all without.
     coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
@@ -166,11 +132,9 @@ class Recording:
         clock: Clock,
         every: int | None,
         conserved: str | None = None,
-        wanted: Wanted | None = None,
         loads: Sequence[Loads] = (),
     ):
-        self.wanted, self.loads = wanted, loads
-        self.whole: History | None = None  # the last one made, where less is wanted
+        self.loads = loads
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
@@ -219,8 +183,7 @@ class Recording:
     @property
     def numbers_kept(self) -> float:
         """Numbers that the History keeps in memory."""
-        wanted = self.wanted
-        return self.numbers if wanted is None else wanted.numbers(self.end - self.begin)
+        return self.numbers
 
     @property
     def continues(self) -> bool:
@@ -309,18 +272,7 @@ class Recording:
         return rows.reshape(len(rows), len(self.of.members), len(ENERGIES))
 
     def history(self, end: int) -> History:
-        """The History up to macro step `end`, as far as it is wanted."""
-        history = self._history(end)
-        if self.wanted is None:
-            return history
-        self.whole = history
-        return self.wanted.kept(history, self.begin, end)
-
-    def judged(self, history: History) -> History:
-        """What the run with this History is judged by: all dofs and time levels, if known."""
-        return history if self.whole is None else self.whole
-
-    def _history(self, end: int) -> History:
+        """The History up to macro step `end`."""
         of, rows = self.of, {levels: self.rows(levels, end) for levels in self.of.numbers}
         subdomains: list[SubdomainHistory | None] = [None] * len(of.members)
         for i, (member, dofs, springs) in enumerate(zip(of.members, of.dofs, of.springs)):
@@ -412,9 +364,7 @@ class FiledRecording(Recording):
         self.old: Held | None = None
         self.earlier: EarlierRows | None = None
         self.unwritten: list[dict[str, np.ndarray]] = []  # by interval, as for `HistoryFile.write`
-        self.pieces: list[History] = []
         super().__init__(*args, **options)
-        self.shown = self.of if self.wanted is None else self.wanted.of
         # before the start evaluates a restoring force, on a test rig say
         self.path = target(path, may_exist=append or overwrite)
         if append or overwrite:
@@ -450,8 +400,7 @@ class FiledRecording(Recording):
 
     def pauses(self) -> Iterator[int]:
         header, arrays = contents_of(super().history(self.begin))
-        every = self.every if self.wanted is None else self.wanted.every
-        header |= {"begin": self.begin, "every": every or 0, "nodes": self._levels()}
+        header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
         if self.clock.origin == 0:  # else times are counted from a change of the steps
             header["dt"] = self.clock.dt
@@ -474,21 +423,21 @@ class FiledRecording(Recording):
     def _levels(self) -> dict[str, int]:
         """Time levels per macro step of all growing arrays, by name."""
         levels = {
-            name: self.shown.levels_of(name)
+            name: self.of.levels_of(name)
             for name, x in OF_INTERFACE.items()
-            if name in self.shown.interface or not x.columns.startswith("contact")
+            if name in self.of.interface or not x.columns.startswith("contact")
         }
         for i, (member, columns, own) in enumerate(
-            zip(self.shown.members, self.shown.columns, self.shown.outputs)
+            zip(self.of.members, self.of.columns, self.of.outputs)
         ):
-            if self.shown.dofs[i] is not None:
+            if self.of.dofs[i] is not None:
                 levels |= {f"{i}.{name}": member.substeps for name in ("t", *columns)}
                 count = 0 if own is None else len(own.sizes)
                 levels |= {output_array(i, k): member.substeps for k in range(count)}
         fields = [*ENERGY_FIELDS]
         fields += ["conserved"] * (self.conserved is not None)
-        fields += ["contact"] * (self.shown.contacts is not None)
-        return levels | {f"energy.{name}": 1 for name in fields if self.shown.has_energy}
+        fields += ["contact"] * (self.of.contacts is not None)
+        return levels | {f"energy.{name}": 1 for name in fields if self.of.has_energy}
 
     def keep(self, end: int) -> None:
         """Write the rows; those that the file does not take remain in memory."""
@@ -503,14 +452,9 @@ class FiledRecording(Recording):
                 failure = error
         if self.unwritten or failure is not None:
             self.unwritten.append({name: x.copy() for name, x in arrays.items()})
-        if self.whole is not None:
-            self.pieces.append(with_rows_of_all(np.copy, replace(self.whole, energy=None)))
         self.begin = end
         if failure is not None:
             raise failure
-
-    def judged(self, history: History) -> History:
-        return joined(self.pieces) if self.pieces else history
 
     def history(self, end: int) -> History:
         if self.file is None:

@@ -830,9 +830,8 @@ class Coupler:
             require_linear(self._session, "gradient without differences=")
         require_alone(self._session, "gradient")
         end, report = (t_end, steps), partial(reporting, progress, 0)
-        judge = recorded_run.judge
         return gradients.gradient(
-            self, self._session, objective, end, parameters, block, differences, report, judge
+            self, self._session, objective, end, parameters, block, differences, report
         )
 
     def jacobian(

@@ -10,32 +10,24 @@ from pathlib import Path
 from typing import Any
 from weakref import ref
 
-import numpy as np
-
 from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, checked_path
-from ..memory import fits
 from ..problem.matrices import core_matrix, skew_part
 from ..results.base_motion import Loads
 from ..results.energy import conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
 from ..results.recording import (
-    WHOLE_BYTES,
     FiledRecording,
     Recorded,
     Recording,
-    Wanted,
     recording_class,
-    rows_of,
 )
 from ..results.stored import target
 from ..setup.ranks import Elsewhere, file_of
-from .accuracy import FEWEST_LEVELS, estimated_error, warn_if_coarse
 from .advance import advance_to
 from .cause import warn_of_gains, warn_of_present_steps
-from .drift import warn_if_drifting
 from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
 from .works import resume, works_of
@@ -109,15 +101,10 @@ def recording_of(
         conserved = conserved_quantity(session.members, session.options, session.ranks)
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
-    of, wanted = recorded_of(session, energy, chosen), None
+    of = recorded_of(session, energy, chosen)
     loads = [Loads(*own) for own in zip(session.loads.forces, session.loads.seen)]
     if checks_loads:
         of.check_ground(loads)
-    if session.judges and kind is recording_class and not append:
-        every = None if every is None else whole_number(every, "every", low=1)
-        whole = whole_of(session, of, {**chosen, "record": None}, end - first, every)
-        if whole is not None:
-            of, wanted, every = whole, Wanted(of, every), None
     return make(
         of,
         coupling=session.coupling,
@@ -126,31 +113,8 @@ def recording_of(
         clock=session.clock,
         every=every,
         conserved=conserved,
-        wanted=wanted,
         loads=loads,
     )
-
-
-def whole_of(
-    session: Session, wanted: Recorded, chosen: Mapping[str, Any], steps: int, every: int | None
-) -> Recorded | None:
-    """All dofs, if less is wanted and the record of all of them at all time levels is small.
-
-    None with contacts, whose impulses are summed between the recorded levels, and in several
-    processes, which record the same levels.
-    """
-    members = session.members
-    if steps < FEWEST_LEVELS or session.rows.contacts is not None or session.ranks is not None:
-        return None
-    if every is None or (every == 1 and all(member.substeps == 1 for member in members)):
-        all_dofs = zip(members, wanted.dofs)
-        if all(dofs is not None and np.array_equal(dofs, np.arange(p.n)) for p, dofs in all_dofs):
-            return None
-    if steps * sum(24.0 * member.n * member.substeps for member in members) > WHOLE_BYTES:
-        return None
-    whole = recorded_of(session, wanted.has_energy, chosen)
-    size = 8.0 * sum(rows_of(steps, None, k) * count for k, count in whole.numbers.items())
-    return whole if size <= WHOLE_BYTES and fits(size) else None
 
 
 def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Recorded:
@@ -172,13 +136,13 @@ def recorded(
     signals: DeferredSignals,
     around: AbstractContextManager[None] = nullcontext(),  # noqa: B008  # has no state
 ) -> History:
-    """Run through an interval from the present on, the steps in a context, and judge the result.
+    """Run through an interval from the present on, the steps in a context, and judge the steps.
 
     `last_history` is the result too: the caller replaces it when the result is safe.
     """
     with noted() as messages:
         history = _recorded(session, recording, report, signals, around)
-        signals.during(judge, session, recording.judged(history))
+        signals.during(warn_of_gains, session.members)
     return replace(history, warnings=tuple(messages)) if messages else history
 
 
@@ -205,18 +169,6 @@ def _recorded(
             raise
         session.last_history = history = recording.history(recording.end)  # if a warning raises
     return history
-
-
-def judge(session: Session, history: History) -> None:
-    if not session.judges:
-        return
-    members, rows, motions = session.members, session.rows, session.loads.motions
-    warn_of_gains(members)
-    if history.contact_impulses is not None and history.contact_impulses.any():
-        return  # velocities that jump are no errors, and a smooth motion is not to be had
-    found = estimated_error(history.subdomains, members, rows, motions)
-    warn_if_coarse(found, history.macro_times[-1])
-    warn_if_drifting(history, members, rows, motions)
 
 
 def advance_in_intervals(

@@ -87,8 +87,6 @@ class Session:
     whole: Recorded | None = None  # what runs record of everything, until the steps change
     monitor: Any = None  # what paced runs write for another process to look at
     works: Works = Works()  # of the last run with energies, with which they go on
-    # whether results are judged by warnings; those of other runs within a call are not
-    judges: bool = True
 
     @property
     def coupling(self) -> Coupling:

@@ -35,8 +35,6 @@ SMALL = 200
 LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
 # Relative rounding of eigenvalues, by which a step may exceed the critical step.
 ROUNDING = 1e-9
-# And with which runs at the critical step are judged.
-LIMIT = 1e-6
 # How contact can be given so that the step does not have to resolve it.
 INSTEAD = "contact as internal= of an implicit scheme, or as a constraint, pmalpha.contact"
 
@@ -59,11 +57,6 @@ class StepRatio:
     def is_above(self) -> bool:
         """Whether the step is above the critical one of the subdomain alone."""
         return not self.is_bound and not self.value <= 1.0 + ROUNDING
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether errors of a run with this step are estimated: not if it may grow."""
-        return self.raised is True or self.value <= 1.0 + LIMIT
 
 
 @lru_cache(maxsize=256)

@@ -36,17 +36,3 @@ void pma_estimate_errors(const pma_motion_rows *x, const pma_recorded_steps *ste
             e[k * steps->count + s] = error(x, begin + k, end + k, h);
     }
 }
-
-void pma_estimate_follow(size_t n, size_t rows, const double *P, double *x)
-{
-    for (size_t k = 1; k < rows; k++) {
-        const double *from = x + (k - 1) * n;
-        double *to = x + k * n;
-        for (size_t i = 0; i < n; i++) {
-            double sum = 0.0;
-            for (size_t j = 0; j < n; j++)
-                sum += P[i * n + j] * from[j];
-            to[i] += sum;
-        }
-    }
-}

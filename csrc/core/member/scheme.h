@@ -42,7 +42,4 @@ typedef struct {
 /* e of column k and step s to e[k * count + s] */
 void pma_estimate_errors(const pma_motion_rows *x, const pma_recorded_steps *steps, double *e);
 
-/* x_k := x_k + P x_{k-1} for k = 1..rows-1; P (n x n), x (rows x n) by rows */
-void pma_estimate_follow(size_t n, size_t rows, const double *P, double *x);
-
 #endif
