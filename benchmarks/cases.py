@@ -4,7 +4,6 @@ Only the ends are recorded, so that the steps alone count; and a study of many r
 frame with springs of notebooks/fragility.ipynb, with everything recorded.
 """
 
-
 import numpy as np
 from step_profile import PROBLEMS
 from timing import in_turn, run

@@ -80,10 +80,8 @@ _Processes = tuple[
 
 @final
 class Subdomain:
-    alternates: float
     entries: int
-    gain: float
-    impact: tuple[float, float, float]
+    gain: tuple[float, float, float]
     def __new__(
         cls,
         n: int,
@@ -137,7 +135,7 @@ class Subdomain:
         energy: float,
         /,
     ) -> None: ...
-    def watch(self, M: _Matrix, K_r: _Matrix, looks: bool, /) -> None: ...
+    def watch(self, M: _Matrix, K_r: _Matrix, /) -> None: ...
     def begin_energy(
         self, M: _Matrix, skew: _Matrix, load: np.ndarray, lam: np.ndarray, weight: float = ..., /
     ) -> None: ...

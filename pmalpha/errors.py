@@ -240,15 +240,6 @@ class PacingError(_Made):
         self.step, self.time = step, time
 
 
-class UnboundedMotion(Exception):
-    """Raised inside a step where a motion exceeds all bounds; a run raises InstabilityError."""
-
-    def __init__(self, subdomain: str, cause: str):
-        super().__init__(subdomain, cause)
-        self.subdomain = subdomain
-        self.cause = cause
-
-
 class CallbackError(_Made):
     """A compiled function of the user did not return 0.
 

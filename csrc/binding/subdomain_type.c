@@ -449,18 +449,17 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
     Py_RETURN_NONE;
 }
 
-/* watch(M, K_r, looks): once, after the subdomain was made; the arrays are its own from then on */
+/* watch(M, K_r): once, after the subdomain was made; the arrays are its own from then on */
 static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
 {
     PyObject *M_obj, *K_r_obj;
     pma_matrix M, K_r;
-    int looks;
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    if (!PyArg_ParseTuple(args, "OOp", &M_obj, &K_r_obj, &looks) ||
+    if (!PyArg_ParseTuple(args, "OO", &M_obj, &K_r_obj) ||
         pma_take_matrix(M_obj, n, "M", self->arrays, &M) < 0 ||
         pma_take_matrix(K_r_obj, n, "K_r", self->arrays, &K_r) < 0 || !pma_subdomain_claim(self))
         return NULL;
-    const pma_status status = pma_subdomain_watch(self->core, M, K_r, looks);
+    const pma_status status = pma_subdomain_watch(self->core, M, K_r);
     pma_subdomain_release(self);
     return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "watch");
 }
@@ -468,20 +467,8 @@ static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
 static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closure))
 {
     const pma_balance *b = pma_subdomain_balance(self->core);
-    return PyFloat_FromDouble(b ? pma_balance_gain(b) : 0.0);
-}
-
-static PyObject *subdomain_get_impact(SubdomainObject *self, void *Py_UNUSED(closure))
-{
-    const pma_balance *b = pma_subdomain_balance(self->core);
-    const pma_impact impact = b ? pma_balance_impact(b) : (pma_impact){0};
-    return Py_BuildValue("(ddd)", impact.square, impact.share, impact.t);
-}
-
-static PyObject *subdomain_get_alternates(SubdomainObject *self, void *Py_UNUSED(closure))
-{
-    const pma_balance *b = pma_subdomain_balance(self->core);
-    return PyFloat_FromDouble(b ? pma_balance_alternates(b) : 0.0);
+    const pma_gain gain = b ? pma_balance_gain(b) : (pma_gain){0};
+    return Py_BuildValue("(ddd)", gain.added, gain.energy, gain.t);
 }
 
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
@@ -491,14 +478,10 @@ static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(cl
 
 static PyGetSetDef subdomain_getset[] = {
     {"gain", (getter)subdomain_get_gain, NULL,
-     "energy that the scheme has added, in multiples of that of the motion; 0 if not watched",
+     "energy that evaluated forces have added to the motion, the energy that it had then, and "
+     "since "
+     "when that is more than a tenth; zeros before, and if not watched",
      NULL},
-    {"impact", (getter)subdomain_get_impact, NULL,
-     "contact that was seen to close, the first or a much stiffer one: omega^2, the share of K_r "
-     "in it, the time; or zeros",
-     NULL},
-    {"alternates", (getter)subdomain_get_alternates, NULL,
-     "when forces were first seen to alternate with the velocity from step to step, or 0", NULL},
     {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one substep", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
@@ -525,7 +508,7 @@ static PyMethodDef subdomain_methods[] = {
      "copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
     {"watch", (PyCFunction)subdomain_watch, METH_VARARGS,
-     "watch(M, K_r, looks): the energy is summed up that the scheme adds through evaluated forces; "
+     "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces; "
      "with looks, contact that closes is seen"},
     {"limit", (PyCFunction)pma_subdomain_object_limit, METH_VARARGS,
      "limit(displacement, velocity, acceleration, force, energy): of a specimen, (n,) or None"},

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import vector
-from ..errors import UnboundedMotion
 from .actuators import Device, core_specimen, divided
 from .lowlevel import check_signature
 from .springs import Spring
@@ -18,16 +16,6 @@ from .springs import Spring
 Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable | Device
 # A function, springs, or at least one of each or several functions, in the user's order.
 Restoring = Function | tuple[Spring | Function, ...] | None
-
-
-class Watch(Protocol):
-    """What looks at the values of restoring functions."""
-
-    def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
-        """Called after each evaluation."""
-
-    def runaway(self, u: np.ndarray) -> UnboundedMotion | None:
-        """What is to be raised where r is not finite because u had grown out of all bounds."""
 
 
 def labelled(given: Any, name: str) -> list[tuple[Any, str]]:
@@ -80,10 +68,6 @@ def devices_of(restoring: Restoring) -> tuple[Device, ...]:
     return tuple(item for item in items_of(restoring) if isinstance(item, Device))
 
 
-class NotFinite(ValueError):
-    """A value of a function is not finite."""
-
-
 class Feedback:
     """A force f(t, u, v) of a subdomain, which is evaluated with its restoring forces.
 
@@ -106,12 +90,8 @@ class Feedback:
 def _checked(value: Any, n: int, where: str) -> np.ndarray:
     try:
         return vector(value, n, "its value")
-    except TypeError as error:
-        raise TypeError(f"{where}: {error}") from None
-    except ValueError as error:
-        # the values are wrong, or their number
-        kind = NotFinite if getattr(value, "size", 1) == n else ValueError
-        raise kind(f"{where}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{where}: {error}") from None
 
 
 class CheckedRestoring:
@@ -120,7 +100,6 @@ class CheckedRestoring:
     functions: sequence of (callable, str), r(u, v, t) -> (n,), and its name in messages, such as
         "restoring of subdomain 'rig'". Each gets copies of u and v, and is evaluated once in a
         call, in this order.
-    watch: called after each evaluation as ``watch(u, v, r, t)``, r the sum.
     feedback: a load, evaluated after them; the sum contains it with a minus.
     """
 
@@ -128,27 +107,13 @@ class CheckedRestoring:
         self,
         functions: Sequence[tuple[Callable[..., Any], str]],
         n: int,
-        watch: Watch | None = None,
         feedback: Feedback | None = None,
     ):
-        self.functions, self.n, self.watch, self.feedback = functions, n, watch, feedback
+        self.functions, self.n, self.feedback = functions, n, feedback
         # a function may change its arguments, the core's copies
-        self.copies = len(functions) + (feedback is not None) + (watch is not None) > 1
+        self.copies = len(functions) + (feedback is not None) > 1
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        if self.watch is None:
-            return self._sum(u, v, t)
-        runaway = self.watch.runaway(u)
-        try:
-            # overflows are the effect then, and the error says so
-            with nullcontext() if runaway is None else np.errstate(over="ignore", invalid="ignore"):
-                r = self._sum(u, v, t)
-        except NotFinite as error:
-            raise (runaway or ValueError(str(error))) from None
-        self.watch(u, v, r, t)
-        return r
-
-    def _sum(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         values = [
             _checked(
                 divided(function(*self._motion(u, v), t), self.n)[0], self.n, f"{what} at t = {t:g}"
@@ -176,7 +141,6 @@ def core_restoring(
     name: str,
     order: np.ndarray,
     h: float,
-    watch: Watch | None = None,
     feedback: Feedback | None = None,
 ) -> tuple[Any, ...] | None:
     """The functions of subdomain `name` in the form of the core, None without functions.
@@ -193,7 +157,7 @@ def core_restoring(
         x for x in named if not isinstance(x[0], (Spring, Device)) and not is_compiled(x[0])
     ]
     if called or feedback is not None:
-        functions.append(CheckedRestoring(called, order.size, watch, feedback))
+        functions.append(CheckedRestoring(called, order.size, feedback))
     for item, what in named:
         if isinstance(item, Device):
             functions.append(core_specimen(item, order.size, h, what))

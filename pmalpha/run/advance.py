@@ -17,7 +17,6 @@ from ..errors import (
     InstabilityError,
     LimitError,
     PacingError,
-    UnboundedMotion,
 )
 from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of
@@ -27,8 +26,8 @@ from ..results.keys import by_index
 from ..results.recording import Recording
 from ..setup.assembly import Assembly
 from ..setup.ranks import Elsewhere, Ranks, joined
-from .cause import cause_of
 from .checkpoint import damaged
+from .gains import cause_of
 from .loads import Loads, warn_of_skipped
 from .progress import Report
 from .session import Session, check_call, layout_of, take, together
@@ -69,12 +68,7 @@ def _advance(
         ready, failure = loads.prepare(core.step_count, chunk)
         if ranks is not None:
             ready, failure = _ready_on_all(ranks, loads, core.step_count, ready, failure)
-        try:
-            failed = core.advance(ready - core.step_count, record, call)
-        except UnboundedMotion as error:
-            step = core.step_count
-            name, t = error.subdomain, loads.clock.time(step)
-            raise InstabilityError(step, t, name, error.cause) from None
+        failed = core.advance(ready - core.step_count, record, call)
         if failed is not None:
             raise _error(failed, core.step_count, loads, 0 if ranks is None else ranks.own.start)
         if failure is not None:

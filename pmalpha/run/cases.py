@@ -28,7 +28,6 @@ from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.member import Member
 from ..setup.start import InitialAccelerations
-from .cause import least_gain
 from .initial import InitialValues, StartValues, consistent_in_lanes
 from .means import taken_from_start
 from .motion import Motion, all_known
@@ -122,7 +121,7 @@ class Lanes:
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
-        if any(core.gain > least_gain(member) for member, core in zip(self.members, self.cores)):
+        if any(core.gain[2] > 0.0 for core in self.cores):
             return False
         for k, all_lanes in enumerate(self.interface):
             split_lanes(all_lanes, tuple(own[3 + k] for own in records))

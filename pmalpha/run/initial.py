@@ -89,7 +89,7 @@ class InitialValues:
         contact = self._contact(loads)
         for member, state in zip(members, start.states):
             member.core.start(*state, start.lam)
-            member.reported.clear()
+            member.reported = False
         core.start(0, start.lam, start.g)
         core.set_numbers("displacement_jump", start.jump)
         core.set_numbers("end_multipliers", start.end_multipliers)

@@ -27,7 +27,7 @@ from ..results.recording import (
 from ..results.stored import target
 from ..setup.ranks import Elsewhere, file_of
 from .advance import advance_to
-from .cause import warn_of_gains, warn_of_present_steps
+from .gains import warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
 from .works import resume, works_of

@@ -12,7 +12,6 @@ import numpy as np
 from .. import _core
 from ..blas import one_thread
 from ..problem.subdomain import Subdomain
-from .bounce import warn_of_bounces
 from .constraint_rows import CoreRows
 from .contact_rows import Contacts
 from .factors import Eliminations, Factor
@@ -224,7 +223,6 @@ class Assemblies:
             closing = closing_tangent(member.subdomain)
             member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
         self._warn_of_growth(layout, members, core)
-        warn_of_bounces(_ratios(new))
         warn_of_light((member.name, member.subdomain, member.step) for member in new)
         own = enumerate(members, self.first_own)
         self._known.update({(i, *layout.of(i)): member for i, member in own})

@@ -24,7 +24,7 @@ from ..problem.matrices import (
     sparse,
 )
 from ..problem.ordering import graph_of, has_nested_dissection
-from ..problem.restoring import Feedback, core_restoring, functions_of, is_compiled
+from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
@@ -39,7 +39,6 @@ from .internal_forces import (
 )
 from .link import Block, Link, compliance, diagonal_compliances
 from .stability import StepRatio
-from .stiff_restoring import StiffnessWatch
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
@@ -95,9 +94,8 @@ class Member:
     response_blocks: tuple[Block, Block] | None = None
     # its step divided by its critical step, as far as set-up computed it
     step_ratio: StepRatio | None = None
-    # what its evaluated forces do by too long a step, and was warned of since the last start
-    reported: set[str] = field(default_factory=set)
-    watch: StiffnessWatch | None = None  # what looks at the values of its Python functions
+    # whether the energy that its forces add was warned of since the last start
+    reported: bool = False
     # length of its double steps, where they span a change of the steps and are not of length 2 h
     over: float | None = None
     # step length and factor of Mbar in the form of the core, by length: those of its steps and,
@@ -154,7 +152,7 @@ class Member:
             blocks={},
             response_blocks=None,
             step_ratio=None,
-            reported=set(),
+            reported=False,
         )
 
     @property
@@ -450,22 +448,10 @@ def warn_of_order(members: Sequence[Member]) -> None:
     )
 
 
-def looks_for_contact(s: Subdomain) -> bool:
-    """Whether it has functions whose values are seen by the core alone: compiled restoring ones,
-    and internal forces of the user that are evaluated once a step."""
-    internal = () if s.internal is None or not s.scheme.explicit else s.internal.forces
-    unknown = any(force.largest_tangent is None for force in internal)
-    compiled = any(map(is_compiled, functions_of(s.restoring)))
-    return (unknown or compiled) and not s.massless.size
-
-
 def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
     operators = list(map(member.operator, member.lengths))
     member.known = {operator[0]: operator for operator in operators}
-    free = member.substeps if member.has_responses else 0
-    if not member.subdomain.massless.size:
-        member.watch = StiffnessWatch(member.subdomain, member.name, member.step, free)
     member.core = core_of_steps(
         member,
         operators,
@@ -474,7 +460,6 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
             member.name,
             member.order,
             member.h,
-            member.watch,
             member.feedback,
         ),
         K_r=member.K_r
@@ -493,7 +478,7 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
     if member.subdomain.restoring is not None or member.internal is not None:
         K_r = None if member.subdomain.scheme.explicit else member.K_r
         M, K_r = (core_matrix(A, symmetric=member.symmetric) for A in (member.M, K_r))
-        member.core.watch(M, K_r, looks_for_contact(member.subdomain))
+        member.core.watch(M, K_r)
 
 
 def _internal(member: Member, threads: int) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-/* balance.h - the energy that a scheme adds to a subdomain through forces that it evaluates.
+/* balance.h - the energy that evaluated and iterated forces give to the motion of a subdomain beyond
+ * what they have taken from it.
  *
- * Between two time levels the forces r do the work  (r0 + r1) . (ut1 - ut0) / 2  along the path of
- * their evaluations, springs that of (H5); what the velocities see of it is
- * h (r0 + r1) . (v0 + v1) / 4  with the forces as they act. The difference is what the scheme adds,
- * whatever the forces are: one that feeds in energy does so in both.               (B8) to (B10) */
+ * What acts, r_a, does the work  (r_a0 + r_a1) . (u1 - u0) / 2  in a substep. Forces of springs and
+ * of specimens hold no more than they were given; what they give beyond that comes from steps that
+ * do not resolve them, a delay, or a wrong sign.                                     (B8) to (B10) */
 #ifndef PMA_BALANCE_H
 #define PMA_BALANCE_H
 
@@ -22,14 +22,13 @@ typedef struct {
     size_t lanes;               /* number i is that of lane i % lanes; otherwise 1 */
     size_t substeps;            /* of a macro step */
     bool has_responses;         /* forces are evaluated in free macro runs, */
-    bool jumps;                 /* ... functions among them, */
     bool corrects;              /* ... and K_r acts on u, not on the predictor */
+    bool is_passive;            /* functions are evaluated once a step: their path is not known */
+    bool is_pushed;             /* w is without what the interface does: mean coupling */
     double h;                   /* between two time levels */
-    pma_matrix M;               /* for the kinetic energy */
+    pma_matrix M, K;            /* for the kinetic and the strain energy */
     pma_matrix K_r, D_r;        /* as in (R2) and (M3); zero where they do not act */
     const pma_springs *springs; /* among the forces */
-    bool looks;                 /* for contact that closes; one lane */
-    bool functions;             /* of the motion are evaluated, which may alternate; one lane */
     const int64_t *ptr;         /* n + 1: the stiffness of functions that are iterated, by rows; */
     const int32_t *index;       /* ... NULL: there are none. One lane */
 } pma_balance_parts;
@@ -40,11 +39,11 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 void pma_balance_destroy(pma_balance *b); /* NULL is allowed */
 const pma_balance_parts *pma_balance_get_parts(const pma_balance *b);
 
-/* From the present on, with the velocity v (n). */
-void pma_balance_begin(pma_balance *b, const double *v);
+/* From the present on. */
+void pma_balance_begin(pma_balance *b);
 
 /* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), zeroed,
- * for the forces evaluated there. Two of them can be open. */
+ * for the forces evaluated there or, of iterated ones, at the state. Two of them can be open. */
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
 
 /* Functions that are iterated, before the substep is closed: their force (n) at its end u (n), and
@@ -62,26 +61,17 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
  * response at time level j, one after the other; its predictor is u - al1 w. */
 void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pma_state *link);
 
-/* The last time level becomes the present. It is judged, or where forces are evaluated in a free
- * macro run the first one, which is nearest to the motion. */
+/* The last time level becomes the present, and is judged. */
 void pma_balance_commit(pma_balance *b);
 
-/* The contact that was seen to close, the first one or a much stiffer one: du . dr / du . M du, the
- * share of K_r in du . dr, and
- * the time; 0 before there is one. */
+/* The energy added to the motion, that which it had then, the largest of all lanes by their ratio,
+ * and the time at which the ratio first exceeded 0.1; zeros before it did.              (B10) */
 typedef struct {
-    double square, share, t;
-} pma_impact;
-pma_impact pma_balance_impact(const pma_balance *b);
+    double added, energy, t;
+} pma_gain;
+pma_gain pma_balance_gain(const pma_balance *b);
 
-/* When forces were first seen to alternate with the velocity from step to step, as those of a
- * dashpot do that is too steep for the step; 0 before they are.                           (B13) */
-double pma_balance_alternates(const pma_balance *b);
-
-/* The energy that the scheme has added, in multiples of the largest one of the motion without it
- * (kinetic, and what the forces took up), kept over some macro steps: the largest so far, of all
- * lanes, and whether it is out of bounds. */
-double pma_balance_gain(const pma_balance *b);
+/* Whether the motion is beyond 1e100 of its beginning: there it is no motion any more. */
 bool pma_balance_is_broken(const pma_balance *b);
 
 #endif

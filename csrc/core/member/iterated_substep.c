@@ -501,16 +501,19 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
     return PMA_OK;
 }
 
-/* Springs and functions at the end of the substep: they are evaluated at the state itself */
+/* Springs and functions that are iterated, at the end of the substep, are evaluated at the state
+ * itself; what is evaluated once was at the predictor. */
 static void balance(pma_iterate *it, const pma_state *x)
 {
     pma_subdomain *s = it->of;
-    double *r = pma_balance_open(s->balance, it->step.number, x->u);
+    const double al1 = operator_of(it)->step.al1;
     if (s->parts.internal.count > 0)
         pma_balance_bend(s->balance, &it->step, x->u, it->force,
                          it->has_tangent ? it->stiffness : NULL);
-    if (it->parts.springs)
-        pma_springs_add(&s->parts.springs, x->springs, r);
+    for (size_t i = 0; i < s->parts.n; i++)
+        it->size[i] = x->u[i] - al1 * x->w[i];
+    double *r = pma_balance_open(s->balance, it->step.number, it->size);
+    pma_substep_add_evaluated(s, x, r);
     for (size_t i = 0; i < s->parts.n; i++)
         r[i] += it->force[i];
     pma_substep_balance(s, &it->step);

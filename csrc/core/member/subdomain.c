@@ -380,29 +380,26 @@ static pma_status watch(pma_subdomain *s, const pma_balance_parts *parts)
     return PMA_OK;
 }
 
-pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, bool looks)
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
 {
     const pma_parts *p = &s->parts;
     const pma_matrix none = {.form = PMA_ZERO, .n = p->n};
-    static const pma_springs no_springs = {0};
-    const bool follows = !s->iterate && !p->doubled;      /* vs is that of the level before */
-    const bool once = s->iterate && !p->iterate->springs; /* not at the state itself */
+    const bool follows = !p->doubled; /* vs is that of the level before */
     const bool bends = s->iterate && p->internal.count > 0;
     const pma_balance_parts parts = {.n = p->n,
                                      .lanes = 1,
                                      .substeps = p->substeps,
                                      .has_responses = p->has_responses,
-                                     .jumps = p->has_responses && p->restoring.function,
                                      .corrects = K_r.form != PMA_ZERO,
+                                     .is_passive = p->restoring.function ||
+                                                   (!s->iterate && p->internal.count > 0),
+                                     .is_pushed = p->mean,
                                      .h = p->single.step.h,
                                      .M = M,
-                                     .K_r = s->iterate         ? none
-                                            : p->has_responses ? p->K_r
-                                                               : K_r,
+                                     .K = p->K,
+                                     .K_r = p->has_responses ? p->K_r : K_r,
                                      .D_r = follows ? p->D_r : none,
-                                     .springs = once ? &no_springs : &p->springs,
-                                     .looks = looks,
-                                     .functions = looks || p->restoring.function,
+                                     .springs = &p->springs,
                                      .ptr = bends ? p->iterate->tangent.ptr : NULL,
                                      .index = bends ? p->iterate->tangent.index : NULL};
     return watch(s, &parts);
@@ -417,6 +414,7 @@ pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each
     parts.n = s->parts.n;
     parts.lanes = PMA_LANES;
     parts.M = pma_matrix_in_lanes(&of->M);
+    parts.K = s->parts.K;
     parts.K_r = pma_matrix_in_lanes(&of->K_r);
     parts.D_r = pma_matrix_in_lanes(&of->D_r);
     parts.springs = &s->parts.springs;
@@ -426,7 +424,7 @@ pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each
 void pma_subdomain_watch_again(pma_subdomain *s)
 {
     if (s->balance)
-        pma_balance_begin(s->balance, s->levels.present.v);
+        pma_balance_begin(s->balance);
     if (s->limits)
         pma_limits_begin(s->limits);
     for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)

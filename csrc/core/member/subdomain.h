@@ -137,10 +137,9 @@ pma_response *pma_subdomain_response(pma_subdomain *s);
 
 /* ---- the balance of forces that are evaluated (balance.h) ------------------------------------ */
 
-/* Watched from the present on, with these matrices: M, and K_r where it acts; with `looks` for
- * contact that closes, too. Allocates. Steps that follow a gain out of bounds fail with
- * PMA_UNBOUNDED. */
-pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, bool looks);
+/* Watched from the present on, with these matrices: M, and K_r where it acts. Allocates. Steps that
+ * follow a motion out of bounds fail with PMA_UNBOUNDED. */
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r);
 
 /* The same for cases side by side (cases.h), as each is. */
 pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each);

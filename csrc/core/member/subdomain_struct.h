@@ -138,6 +138,9 @@ bool pma_substep_allows(void *subdomain, size_t compensator, const double *u, co
 pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to);
 pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to);
 
+/* r (n) += springs and restoring forces, as evaluated last, without loads that depend on motion */
+void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r);
+
 /* The balance is shown a substep that is closed. */
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step);
 

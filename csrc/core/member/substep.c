@@ -164,18 +164,26 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
     return PMA_OK;
 }
 
+void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    pma_springs_add(&s->parts.springs, x->springs, r);
+    if (!restoring->function)
+        return;
+    const double *last = pma_restoring_last(restoring), *load = restoring->load;
+    for (size_t i = 0; i < s->parts.n; i++) {
+        const size_t k = (size_t)restoring->order[i];
+        r[i] += load ? last[k] + load[k] : last[k];
+    }
+}
+
 /* The forces that it subtracts, for the balance */
 __attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_substep *step,
                                                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
     double *r = pma_balance_open(s->balance, step->number, to->u);
-    pma_springs_add(&p->springs, to->springs, r);
-    if (p->restoring.function) {
-        const double *last = pma_restoring_last(&p->restoring);
-        for (size_t i = 0; i < p->n; i++)
-            r[i] += last[p->restoring.order[i]];
-    }
+    pma_substep_add_evaluated(s, to, r);
     for (size_t i = 0; p->internal.count > 0 && i < p->n; i++)
         r[i] += s->force[i];
 }
@@ -361,8 +369,7 @@ void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 {
     const pma_step *c = &pma_operator_of(s, step->twice)->step;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    const double al1 = s->iterate ? 0.0 : c->al1; /* iterated forces are those at the state */
-    pma_balance_close(s->balance, step, al1, x->v, x->w, x->springs);
+    pma_balance_close(s->balance, step, c->al1, x->v, x->w, x->springs);
 }
 
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that

@@ -1,0 +1,65 @@
+"""Energy that forces add to a motion, and steps too long for tangents of the present: warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..errors import StabilityWarning, warn
+from ..setup.member import Member
+from ..setup.stability import present_ratio, warn_of_steps
+
+# What can be the cause, in this order.
+CAUSES = (
+    "the step {step:g} resolves neither a stop nor a stiff force; a force acts with a delay or the "
+    "wrong sign; Newton's iteration was given a wrong tangent"
+)
+
+
+def warn_of_gains(members: Sequence[Member]) -> None:
+    """StabilityWarning for energy that evaluated forces have added, (B10), once for each subdomain
+    and start."""
+    for member in members:
+        text = gain_of(member)
+        if text and not member.reported:
+            warn(text, StabilityWarning)
+        member.reported = bool(text)
+
+
+def gain_of(member: Member) -> str:
+    """What the forces of a subdomain have added to its motion, or empty."""
+    added, energy, t = member.core.gain
+    if not t > 0.0:
+        return ""
+    causes = CAUSES.format(step=member.step)
+    active = (
+        ""
+        if member.subdomain.restoring is None
+        else ("; a force that is meant to feed in energy is a load, force=f(t, u, v)")
+    )
+    return (
+        f"forces of subdomain {member.name!r} have added energy to its motion since t = {t:g}, "
+        f"{added:.3g} in all, {100.0 * added / energy:.3g} per cent of the largest energy "
+        f"{energy:.3g} that it has had; one of three causes: {causes}{active}"
+    )
+
+
+def cause_of(member: Member) -> str:
+    """What is known of why a motion has grown beyond all bounds, or empty."""
+    ratio = member.step_ratio
+    if ratio is None or not ratio.is_above or ratio.raised:
+        return gain_of(member)
+    return (
+        f"its step {member.step:g} is {ratio.value:.3g} times the critical one; take smaller steps"
+    )
+
+
+def warn_of_present_steps(members: Sequence[Member], t: float) -> None:
+    """StabilityWarning where an explicit step is above the critical one of the present state.
+
+    Evaluates the internal forces of each explicit subdomain once, with their tangents.
+    """
+    warn_of_steps(
+        (p.name, s, p.step, present_ratio(s, p.internal, p.step, t, p.present()))
+        for p, s in ((member, member.subdomain) for member in members)
+        if p.internal is not None and s.scheme.explicit
+    )
