@@ -13,6 +13,11 @@ static Py_ssize_t count_all(CouplerObject *self)
     return (Py_ssize_t)pma_coupler_get_parts(self->core)->count;
 }
 
+static bool is_iterated(CouplerObject *self, size_t i)
+{
+    return i != PMA_INTERFACE && pma_subdomain_iterate(own_subdomain(self, i)->core);
+}
+
 /* True if the exception that is set is to be raised. Several threads may evaluate a callable in a
  * step that one thread would not have begun, after the failure of an earlier step or of another
  * subdomain; its exception is then cleared, except for KeyboardInterrupt. */
@@ -66,6 +71,8 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
             return NULL;
         PyErr_Clear();
     }
+    if (status == PMA_NOT_FINITE && is_iterated(self, i))
+        return iteration_failure(self, i, false);
     if (status == PMA_NOT_FINITE || status == PMA_UNBOUNDED)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
     if (status == PMA_NO_IMPULSES)

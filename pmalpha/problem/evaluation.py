@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,8 @@ class CheckedInternal:
         self.slots = Slots(pattern)
         self.places = [(Placement(self.slots, "K_t"), Placement(self.slots, "C_t")) for _ in forces]
         self.history, self.own = histories(forces)
+        # of the last evaluation, where a value was not finite: the time, and which one at what u
+        self.not_finite: tuple[float, str] | None = None
 
     def __call__(
         self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, wanted: bool
@@ -89,19 +91,33 @@ class CheckedInternal:
             is None where no force is `damped`.
         """
         f, q1 = np.zeros(self.n), np.empty_like(self.history)
+        self.not_finite = None
         K = np.zeros(self.slots.nnz) if wanted else None
         C = np.zeros(self.slots.nnz) if wanted and self.damped else None
         for force, what, own, places in zip(self.forces, self.what, self.own, self.places):
             if not wanted and force.residual is not None and not force.history.size:
-                f += self._residual(force, what, u, v, t, q[own])
+                residual = self._residual(force, what, u, v, t, q[own])
+                self._look_at({"residual": residual}, what, u, t)
+                f += residual
                 continue
             values = evaluated(force, what, u, v, t, q[own])
+            self._look_at({"f": values[0], "q1": values[3]}, what, u, t)
             f += values[0]
             q1[own] = values[3]
             if K is not None:
                 self._place(values, what, t, places, K, C)
         self.check_symmetry(K, C, t)
         return f, K, C, q1
+
+    def _look_at(
+        self, values: Mapping[str, np.ndarray], what: str, u: np.ndarray, t: float
+    ) -> None:
+        for name, x in values.items():
+            wrong = ~np.isfinite(x)
+            if wrong.any():
+                i, j = int(np.argmax(wrong)), int(np.argmax(np.abs(u)))
+                at = f"at t = {t:g}, with u up to u[{j}] = {u[j]:g}"
+                self.not_finite = t, f"{what} returned {name}[{i}] = {x[i]:g} {at}"
 
     def check_symmetry(self, K: np.ndarray | None, C: np.ndarray | None, t: float) -> None:
         """ValueError for tangents that are not symmetric but have to be."""

@@ -25,6 +25,7 @@ from ..results.clock import Clock
 from ..results.keys import by_index
 from ..results.recording import Recording
 from ..setup.assembly import Assembly
+from ..setup.member import Member
 from ..setup.ranks import Elsewhere, Ranks, joined
 from .checkpoint import damaged
 from .gains import cause_of
@@ -146,14 +147,25 @@ def _convergence_error(
         end = loads.clock.time(step + 1)
         cause = "" if position < 0 else "the interface matrix of the tangents is singular"
         return ConvergenceError(names[index], end, loads.newton.iterations, cause)
-    cause = ""
+    member = loads.members[index - first]
+    cause = _value_not_finite(member, t)
     if position >= 0:
-        dof = loads.members[index - first].order[position]
+        dof = member.order[position]
         cause = (
             f"its tangent Mbar is singular but for rounding, first seen at dof {dof}, as at a "
             "load that buckles it, or after an iterate far away: take other steps"
         )
     return ConvergenceError(names[index], t, iterations, cause)
+
+
+def _value_not_finite(member: Member, t: float) -> str:
+    """The value of a Python function that is not finite in the last evaluation at t, or empty."""
+    functions = () if member.internal is None else member.internal.functions
+    for function, *_ in functions:
+        found = getattr(function, "not_finite", None)
+        if found is not None and found[0] == t:
+            return str(found[1])
+    return ""
 
 
 def change_steps(session: Session, dt: float | None, substeps: Mapping[Any, int] | None) -> None:
