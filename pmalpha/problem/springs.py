@@ -192,8 +192,8 @@ class Gap(Spring):
 
     Notes
     -----
-    The initial tangent is zero if gap > 0. An implicit subdomain whose step does not resolve the
-    contact needs an estimate ``restoring_stiffness`` of the size of k for stability.
+    The initial tangent is zero if gap > 0. A step that does not resolve the contact adds energy,
+    less where it is iterated, as ``internal=``, and none by `DiscreteGradient`.
 
     Examples
     --------

@@ -140,10 +140,12 @@ class Subdomain(Frozen):
         A further force, equation (R2), such as a specimen: ``r(u, v, t)`` is evaluated exactly
         once a substep, in the order of time, at predicted displacements and velocities. A
         ``scipy.LowLevelCallable`` is ``int (double t, intptr_t n, double *u, double *v, double *r,
-        void *user)``.
+        void *user)``. It gives back at most what it has taken: a force that feeds in energy, of a
+        controller, the wind or a moving support, is a load ``force=f(t, u, v)``.
     restoring_stiffness, restoring_damping : like M and K, optional
-        Estimates K_r, D_r of its stiffness and damping; an implicit subdomain is stable if K_r is
-        at least the tangent. Default: the initial tangent of springs.
+        Estimates K_r, D_r of the stiffness and damping of functions; an implicit subdomain is
+        stable if K_r is at least the tangent. Springs alone bring their own, their initial
+        tangents; beside functions K_r is that of both. Far above the tangent it acts as a mass.
     internal : callable, `InternalForce`, springs, or a list of them, optional
         A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
         returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` of its arguments alone.
@@ -252,6 +254,12 @@ class Subdomain(Frozen):
             raise ValueError(
                 "springs must be either in restoring, evaluated once per substep, or in internal, "
                 "iterated, got some in both"
+            )
+        if restoring_stiffness is not None and self.restoring_springs and not self.has_functions:
+            raise ValueError(
+                "restoring_stiffness must be the estimate of a function: springs bring their own, "
+                "their initial tangents, got one for springs alone; stops that the step does not "
+                "resolve are given as internal="
             )
         if restoring_stiffness is None and self.restoring_springs:
             restoring_stiffness = stiffness(self.restoring_springs, "initial_tangent", self.n)

@@ -173,9 +173,9 @@ def reduced_arguments(
             A = getattr(subdomain, name)
             own = None if A is None else T.T @ product(A, T)
             arguments[name] = own if own is None or not is_symmetric(A) else 0.5 * (own + own.T)
-        for name in ("restoring_stiffness", "restoring_damping"):
-            A = getattr(subdomain, name)
-            arguments[name] = None if A is None else _of_kept(A, kept, r, name)
+        D_r = subdomain.restoring_damping
+        if D_r is not None:
+            arguments["restoring_damping"] = _of_kept(D_r, kept, r, "restoring_damping")
         arguments["force"] = each_term(subdomain.force, lambda term: _projected(term, T))
         for name in ("u0", "v0"):
             arguments[name] = _coordinates(subdomain, getattr(subdomain, name), basis, name)
