@@ -203,9 +203,8 @@ def _skew(rng, moving, size):
 def _set_random_restoring(rng, s, massless):
     G = rng.normal(size=(len(s.M), 2))
     G[massless] = 0.0  # its equation must hold at t = 0
-    s.restoring = lambda u, v, t: (
-        G @ (4.0 * np.tanh(G.T @ u) + 0.2 * np.cos(t) * (G.T @ v) + 0.5 * np.sin(t))
-    )
+    # it takes energy at all times, and gives back no more than it has taken
+    s.restoring = lambda u, v, t: G @ (4.0 * np.tanh(G.T @ u) + 0.2 * (1.0 + np.cos(t)) * (G.T @ v))
     if rng.random() < 0.5:
         s.K_r = 3.0 * G @ G.T
     if rng.random() < 0.5:

@@ -1,6 +1,5 @@
 """Several load cases in one call: each is bitwise the run after a reset, and nothing remains."""
 
-import warnings
 from itertools import combinations
 
 import numpy as np
@@ -336,16 +335,6 @@ def test_progress_counts_the_steps_of_all_cases(count):
     assert seen[-1] == (5 * count, 5 * count) and sorted(seen) == seen
     with pytest.raises(ZeroDivisionError):
         coupler().run_each([{}] * count, steps=5, progress=lambda done, total: 1 / 0)
-
-
-def test_warnings_are_those_of_single_runs():
-    coarse = pm.Subdomain([1.0], [40.0], scheme=pm.Newmark(), u0=[1.0], name="x")
-    ours = pm.Coupler([coarse], dt=0.1)
-    with pytest.warns(pm.AccuracyWarning):
-        ours.run_each([{}, {"u0": {"x": [2.0]}}], steps=200)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        ours.run_each([{"u0": {"x": [0.0]}}] * 9, steps=200)
 
 
 @pytest.mark.filterwarnings(GROWS)

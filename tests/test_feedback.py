@@ -106,16 +106,6 @@ def test_a_feedback_of_velocity_and_displacement_is_of_order_two(scheme):
     assert errors[0] < 0.02 and 3.5 < errors[0] / errors[1] < 4.5
 
 
-def test_a_stiff_feedback_is_warned_of():
-    """omega h = 4.5; the predictor bears 2 at most."""
-    s = pm.Subdomain([1.0], [1.0], scheme=SOFT, u0=[1.0], force=lambda t, u, v: -2e5 * u, name="s")
-    coupler = pm.Coupler([s], dt=0.01)
-    with pytest.warns(
-        pm.StabilityWarning, match="the force, a function of the motion, of subdomain 's'"
-    ):
-        coupler.step(8)
-
-
 # ---- other loads ---------------------------------------------------------------------------------
 
 

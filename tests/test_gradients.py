@@ -470,16 +470,6 @@ def test_bad_arguments_are_refused_and_the_coupler_stays_as_it_was():
     assert coupler.step_count == 2 and np.all(coupler.state("s1").u == before)
 
 
-def test_the_accuracy_of_the_whole_run_is_judged_once():
-    """With 63 steps in a period an error of (omega dt)^2 / 12 omega t: 0.033, in a block 0.004."""
-    s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name="m")
-    coupler = pm.Coupler([s], dt=0.05)
-    misfit = pm.Misfit({"m": {"dofs": [0], "u": np.zeros((401, 1))}})
-    with pytest.warns(pm.AccuracyWarning, match="until t = 20 ") as found:
-        coupler.gradient(misfit, 20.0, block=50)
-    assert len(found) == 1
-
-
 def cut_wall(stiff=(1.0, 1.0, 1.0), thick=1.0):
     """A wall of three materials, cut into an implicit and an explicit part."""
     material = np.repeat([4, 7, 11], 8)

@@ -50,9 +50,12 @@ def test_a_loaded_history_is_bitwise_identical_to_the_saved_one(tmp_path, kind):
 
 
 def test_coupling_and_warnings_of_a_run_are_in_its_file(tmp_path):
-    coupler = pm.Coupler([oscillator(), oscillator()], (), dt=10.0, coupling="gc")
-    with pytest.warns(pm.AccuracyWarning):
-        history = coupler.run(steps=10)
+    wrong = pm.Subdomain(
+        [1.0], None, scheme=pm.Newmark(), u0=[1.0], restoring=lambda u, v, t: -u, name="wrong"
+    )
+    coupler = pm.Coupler([oscillator(), wrong], (), dt=0.1, coupling="gc")
+    with pytest.warns(pm.StabilityWarning, match="'wrong' have added energy"):
+        history = coupler.run(steps=30)
     history.save(tmp_path / "h.npz")
     loaded = pm.History.load(tmp_path / "h.npz")
     assert loaded.coupling == "gc"

@@ -119,11 +119,12 @@ def test_a_history_shows_the_run_in_a_notebook():
     for text in ("t = 0 .. 2", "coupling = &#x27;macro&#x27;", "tower", "subdomain 1", "roof, t ="):
         assert text in shown
     assert "energy: largest" in shown and "warnings" not in shown
-    coarse = pm.Subdomain([1.0], [400.0], scheme=pm.Newmark(), u0=[1.0], name="<coarse>")
-    with pytest.warns(pm.AccuracyWarning):
-        history = pm.Coupler([coarse], dt=0.1).run(4.0)
-    assert history.warnings[0].startswith("AccuracyWarning: ")
-    assert "&lt;coarse&gt;" in history._repr_html_() and "warnings:" in history._repr_html_()
+    wrong = dict(restoring=lambda u, v, t: -u, name="<wrong>")
+    growing = pm.Subdomain([1.0], None, scheme=pm.Newmark(), u0=[1.0], **wrong)
+    with pytest.warns(pm.StabilityWarning):
+        history = pm.Coupler([growing], dt=0.1).run(4.0)
+    assert history.warnings[0].startswith("StabilityWarning: ")
+    assert "&lt;wrong&gt;" in history._repr_html_() and "warnings:" in history._repr_html_()
 
 
 def test_a_run_to_the_present_time_warns_and_keeps_the_run_before():

@@ -109,7 +109,6 @@ def test_estimates_of_functions_stay_beside_the_tangents_of_springs():
         [1.0],
         scheme=pm.Newmark(),
         restoring=pm.CubicSpring([0], 5.0, 1.0),
-        restoring_stiffness=[20.0],  # of springs alone it is for the scheme only
         u0=[1.0],
     )
     assert pm.Coupler([s], dt=0.01).assembled().K.toarray().tolist() == [[9.0]]

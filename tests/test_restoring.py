@@ -165,8 +165,8 @@ def duffing(u, v, t):
     return u + u**3
 
 
-def van_der_pol(u, v, t):
-    return u - (1.0 - u**2) * v
+def damped(u, v, t):
+    return u + (0.2 + u**2) * v
 
 
 def truth(restoring, t):
@@ -213,7 +213,7 @@ def orders(make, restoring):
 
 
 # 0.1: effect of the next power of the step on the order at these steps
-@pytest.mark.parametrize(("scheme", "restoring"), in_turn(SCHEMES, duffing, van_der_pol))
+@pytest.mark.parametrize(("scheme", "restoring"), in_turn(SCHEMES, duffing, damped))
 def test_uncoupled_it_is_of_order_two(scheme, restoring):
     order = orders(lambda dt: whole(restoring, scheme, dt), restoring)
     np.testing.assert_allclose(order, 2.0, atol=0.1 if scheme.gamma == 0.5 else 0.15)
@@ -221,7 +221,7 @@ def test_uncoupled_it_is_of_order_two(scheme, restoring):
 
 @pytest.mark.parametrize(
     ("scheme", "restoring", "coupling"),
-    pairwise([pm.GeneralizedAlpha(0.5), pm.Newmark(), CD], [duffing, van_der_pol], ["gc", "pm"]),
+    pairwise([pm.GeneralizedAlpha(0.5), pm.Newmark(), CD], [duffing, damped], ["gc", "pm"]),
 )
 def test_coupled_with_equal_steps_it_is_of_order_two(scheme, restoring, coupling):
     order = orders(lambda dt: cut(restoring, scheme, dt, coupling), restoring)
@@ -271,8 +271,8 @@ def test_a_stiff_force_in_an_implicit_subdomain_needs_an_estimate_and_is_stable_
         )
         return np.abs(pm.solve(subdomain, dt=0.1, t_end=5.0).u[-1, 0])
 
-    with pytest.warns(pm.StabilityWarning, match="stiff"), pytest.raises(pm.InstabilityError):
-        run()  # has grown by a factor of 1e6
+    with pytest.warns(pm.StabilityWarning, match="have added energy"):
+        assert run() > 1e6
     assert run(restoring_stiffness=[1e4]) < 1.0
     assert run(restoring_stiffness=[2e4]) < 1.0
 

@@ -57,6 +57,8 @@ def coupled(restoring, coupling="pm", threads=1, **options):
     options = {"restoring": restoring, "restoring_stiffness": [3.0, 0.5, 0.5], **options}
     if restoring is None:
         options = {}
+    elif restoring is CUBIC or restoring == [CUBIC]:
+        options["restoring_stiffness"] = None  # it brings its own
     a = pm.Subdomain(
         [1.0, 2.0, 1.5],
         K,
@@ -174,7 +176,6 @@ def test_springs_with_a_history_and_functions_do_not_disturb_each_other():
             np.array([1.0, 8.0, 2.0]),
             scheme=pm.GeneralizedAlpha(0.7),
             restoring=restoring,
-            restoring_stiffness=[40.0, 30.0, 0.0],
             v0=[1.0, 1.0, 1.0],
             name="part",
         )
@@ -342,14 +343,13 @@ def one_dof(restoring, **options):
     return pm.Coupler([part], dt=0.05)
 
 
-def test_a_stiff_function_beside_springs_is_named_as_the_cause():
+def test_a_stiff_function_beside_springs_adds_energy():
     soft = pm.CubicSpring([0], k=1.0, k3=0.0)
     halves = [lambda u, v, t: 5e3 * u, soft, lambda u, v, t: 5e3 * u]
     coupler = one_dof(halves)
     # omega = 100 of both halves together
-    with pytest.warns(pm.StabilityWarning, match="subdomain 'rig' is stiff.* about 100"):
-        with pytest.raises(pm.InstabilityError):
-            coupler.run(20.0)
+    with pytest.warns(pm.StabilityWarning, match="forces of subdomain 'rig' have added energy"):
+        coupler.run(1.0)
     one_dof(halves, restoring_stiffness=[10001.0]).step(400)  # warnings are errors
 
 

@@ -7,8 +7,11 @@ from agreement import assert_identical
 import pmalpha as pm
 from pmalpha import models, structures
 
-# which undoes changed steps
-pytestmark = pytest.mark.filterwarnings("ignore:reset:UserWarning")
+# other tests ignore it
+pytestmark = [
+    pytest.mark.filterwarnings("error:steps skip samples:pmalpha.AccuracyWarning"),
+    pytest.mark.filterwarnings("ignore:reset:UserWarning"),  # which undoes changed steps
+]
 
 TRAPEZOIDAL = pm.Newmark()
 SCHEMES = [

@@ -119,12 +119,13 @@ def test_a_sharp_bouc_wen_loop_tends_to_the_bilinear_one():
 
 @pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT, pm.Newmark(), CD], ids=repr)
 def test_a_cubic_spring_equals_its_python_counterpart(scheme):
-    common = dict(scheme=scheme, u0=[1.0, -0.5], v0=[0.5, 0.0], restoring_stiffness=[1.0, 2.0])
+    common = dict(scheme=scheme, u0=[1.0, -0.5], v0=[0.5, 0.0])
     spring = pm.CubicSpring([0, 1], k=[1.0, 2.0], k3=[1.0, 0.5])
     python = pm.Subdomain(
         [1.0, 1.5],
         None,
         restoring=lambda u, v, t: u * (np.array([1.0, 2.0]) + np.array([1.0, 0.5]) * u * u),
+        restoring_stiffness=[1.0, 2.0],
         **common,
     )
     ours = pm.Subdomain([1.0, 1.5], None, restoring=spring, **common)
@@ -376,7 +377,7 @@ def test_loops_go_to_an_hdf5_file_while_running(tmp_path):
     np.testing.assert_array_equal(history["B"].springs, [1, 2])
 
 
-def test_the_initial_tangent_is_the_estimate_unless_another_is_given():
+def test_the_initial_tangent_is_the_estimate_and_another_is_refused():
     springs = [
         pm.Bilinear([(0, 1)], 3.0, 1.0),
         pm.Gap([0], 100.0, 0.1),
@@ -385,10 +386,21 @@ def test_the_initial_tangent_is_the_estimate_unless_another_is_given():
     subdomain = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=IMPLICIT, restoring=springs)
     expected = [[3.0, -3.0], [-3.0, 5.0]]
     np.testing.assert_array_equal(subdomain.restoring_stiffness.toarray(), expected)
-    given = pm.Subdomain(
-        [1.0, 1.0], None, scheme=IMPLICIT, restoring=springs, restoring_stiffness=[7.0, 0.0]
-    )
-    np.testing.assert_array_equal(given.restoring_stiffness, [7.0, 0.0])
+    with pytest.raises(ValueError, match="restoring_stiffness must be the estimate of a function"):
+        pm.Subdomain(
+            [1.0, 1.0], None, scheme=IMPLICIT, restoring=springs, restoring_stiffness=[7.0, 0.0]
+        )
+
+
+def test_a_stop_that_is_not_reached_leaves_the_motion_alone():
+    """An estimate of its k would act on the open stop too, as a mass of h^2 k / 4 = 2.5 here."""
+    options = dict(scheme=pm.Newmark(), v0=[1.0], name="mass")
+    free = pm.Subdomain([1.0], [100.0], **options)
+    stopped = pm.Subdomain([1.0], [100.0], restoring=pm.Gap([0], 1e5, 0.2), **options)
+    with pytest.warns(pm.StabilityWarning, match="when contact is closed"):
+        u = pm.solve(stopped, dt=0.01, t_end=2.0).u
+    assert np.abs(u).max() < 0.2  # v0 / omega = 0.1
+    np.testing.assert_allclose(u, pm.solve(free, dt=0.01, t_end=2.0).u, atol=1e-14)
 
 
 def test_the_critical_step_includes_springs_at_their_stiffest():

@@ -157,15 +157,6 @@ def test_large_factors_of_explicit_subdomains_are_one_warning():
     )
 
 
-def test_coarse_steps_are_one_warning_that_names_all():
-    a, b = (pm.Subdomain([1.0], [1.0], scheme=SOFT, u0=[1.0], name=name) for name in "ab")
-    with pytest.warns(pm.AccuracyWarning) as caught:
-        pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.5, coupling="gc").run(steps=40)
-    assert only(caught, pm.AccuracyWarning).startswith(
-        "the steps of subdomains 'a' (0.5), 'b' (0.5) are too coarse for their motion: the error"
-    )
-
-
 @pytest.mark.parametrize(("u0", "words"), [([1, 0], "row 0:"), ([1, 2], "rows 0: 1, 1:")])
 def test_one_row_is_singular(u0, words):
     a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, u0=u0)

@@ -3,24 +3,27 @@
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
 import pmalpha as pm
 from pmalpha import errors
 
 
-def coarse():
-    """An oscillator with six steps a period, which a run warns of."""
-    s = pm.Subdomain([1.0], [(2.0 * np.pi) ** 2], scheme=pm.Newmark(), u0=[1.0], name="mass")
-    return pm.Coupler([s], dt=1.0 / 6.0)
+def growing():
+    """A force with the wrong sign, of which a run warns."""
+    s = pm.Subdomain([1.0], None, scheme=pm.Newmark(), u0=[1.0], restoring=wrong, name="mass")
+    return pm.Coupler([s], dt=0.1)
+
+
+def wrong(u, v, t):
+    return -u
 
 
 @pytest.mark.parametrize("together", [1, 2])
 def test_a_warning_of_a_thread_points_at_the_line_that_began_the_study(together):
-    study = pm.Study(coarse, steps=60, together=together)
+    study = pm.Study(growing, steps=60, together=together)
     for workers in (0, 2):
-        with pytest.warns(pm.AccuracyWarning) as found:
+        with pytest.warns(pm.StabilityWarning) as found:
             if workers:
                 with ThreadPoolExecutor(workers) as pool:
                     study.run([{}, {}, {}], map=pool.map)
@@ -30,8 +33,8 @@ def test_a_warning_of_a_thread_points_at_the_line_that_began_the_study(together)
 
 
 def test_a_warning_of_an_executor_that_maps_the_study_points_at_the_line_that_made_it():
-    with pytest.warns(pm.AccuracyWarning) as found, ThreadPoolExecutor(2) as pool:
-        assert all(case.error is None for case in pool.map(pm.Study(coarse, steps=60), [{}, {}]))
+    with pytest.warns(pm.StabilityWarning) as found, ThreadPoolExecutor(2) as pool:
+        assert all(case.error is None for case in pool.map(pm.Study(growing, steps=60), [{}, {}]))
     assert {w.filename for w in found} == {__file__}
 
 

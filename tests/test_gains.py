@@ -1,0 +1,257 @@
+"""Energy that evaluated forces add to a motion, (B8) to (B10): what is seen, and what is not."""
+
+import warnings
+from collections import deque
+
+import numpy as np
+import pytest
+from active_forces import ACTIVE_FORCES
+
+import pmalpha as pm
+
+IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
+RHO_0, RHO_E = pm.GeneralizedAlpha(0.0), pm.GeneralizedAlpha(0.5, explicit=True)
+TRAPEZOIDAL = pm.Newmark()
+K, GAP = 1e5, 0.05  # omega = 316 of a closed stop
+ADDED = "forces of subdomain 'ball' have added energy"
+
+
+def ball(dt, scheme, spring=None, **forces):
+    motion = {"v0": [1.0]} | forces
+    part = pm.Subdomain([1.0], spring and [spring], scheme=scheme, name="ball", **motion)
+    with warnings.catch_warnings():  # of critical steps
+        warnings.simplefilter("ignore", pm.StabilityWarning)
+        return pm.Coupler([part], dt=dt)
+
+
+def stop(u, v, t):
+    return K * np.maximum(u - GAP, 0.0)
+
+
+def iterated_stop(u, v, t, q):
+    return stop(u, v, t), K * np.diag((u > GAP).astype(float))
+
+
+STOPS = {
+    "function": {"restoring": stop},
+    "function with K_r": {"restoring": stop, "restoring_stiffness": [K]},
+    "Gap": {"restoring": pm.Gap([0], K, GAP)},
+    "iterated Gap": {"internal": pm.Gap([0], K, GAP)},
+    "iterated function": {"internal": iterated_stop},
+}
+
+
+def largest_energy(coupler, steps, spring=0.0):
+    """The largest kinetic energy in a run, in multiples of that of the start."""
+    v = coupler.run(steps=steps)["ball"].v[:, 0]
+    return np.max(v**2) / v[0] ** 2
+
+
+# ---- what is seen --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spring", [None, 40.0])
+@pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, EXPLICIT, RHO_E], ids=repr)
+@pytest.mark.parametrize("forces", STOPS.values(), ids=STOPS)
+def test_a_stop_that_throws_a_mass_away_is_warned_of_once(forces, scheme, spring):
+    if scheme.explicit:
+        forces = {name: x for name, x in forces.items() if name != "restoring_stiffness"}
+    coupler = ball(0.01, scheme, spring, **forces)  # omega h = 3.16
+    with pytest.warns(pm.StabilityWarning, match=ADDED) as seen:
+        assert largest_energy(coupler, 100) > 2.0
+        coupler.step(10)
+    assert len(seen) == 1
+    coupler.reset()
+    with pytest.warns(pm.StabilityWarning, match=ADDED):
+        coupler.step(100)
+
+
+def test_the_warning_has_amount_ratio_time_and_causes_in_order():
+    """It is seen closed at t = 0.06, by 0.01, and at 0.07 v = 1 - h K 0.01 = -9, for ever."""
+    coupler = ball(0.01, EXPLICIT, restoring=stop)
+    with pytest.warns(pm.StabilityWarning) as seen:
+        coupler.run(steps=50)
+    (warning,) = seen
+    words = str(warning.message)
+    assert "since t = 0.07, 40 in all, 98.8 per cent of the largest energy 40.5 that" in words
+    causes = ["resolves neither a stop nor a stiff force", "a delay or the wrong sign", "tangent"]
+    places = [words.index(cause) for cause in causes]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, RHO_0, EXPLICIT], ids=repr)
+def test_a_restoring_force_with_the_wrong_sign_is_warned_of(scheme):
+    coupler = ball(0.01, scheme, u0=[1e-3], v0=[0.0], restoring=lambda u, v, t: -100.0 * u)
+    with pytest.warns(pm.StabilityWarning, match=f"{ADDED}.* the wrong sign"):
+        u = coupler.run(8.5)["ball"].u[:, 0]
+    assert abs(u[-1]) > 1e33  # cosh(10 t) / 1000, and an error of order 2
+
+
+@pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, EXPLICIT], ids=repr)
+@pytest.mark.parametrize("steps", [1, 2])
+def test_a_delay_that_nothing_compensates_is_warned_of(scheme, steps):
+    """k u(t - tau) is k u - k tau v: the amplitude grows as exp(omega^2 tau t / 2)."""
+    past = deque([0.0] * (steps + 1), maxlen=steps + 1)
+
+    def late(u, v, t):
+        past.append(u[0])
+        return np.array([100.0 * past[0]])
+
+    coupler = ball(0.005, scheme, restoring=late)
+    with pytest.warns(pm.StabilityWarning, match=f"{ADDED}.* a delay"):
+        u = np.abs(coupler.run(10.0)["ball"].u[:, 0])
+    growth = np.exp(50.0 * 0.005 * steps * 8.0)  # from the first to the last second
+    assert u[-200:].max() / u[:200].max() > 0.5 * growth > 3.0
+
+
+def test_an_estimate_of_the_damping_far_above_it_is_warned_of():
+    coupler = ball(
+        0.01, EXPLICIT, 100.0, u0=[1.0], restoring=lambda u, v, t: v, restoring_damping=[1e4]
+    )
+    with pytest.warns(pm.StabilityWarning, match=ADDED):
+        coupler.run(steps=60)
+
+
+@pytest.mark.parametrize("name", ["active", "load", "van der Pol", "step"])
+def test_a_force_that_feeds_in_energy_is_a_load(name):
+    force = ACTIVE_FORCES[name]
+    coupler = ball(0.05, IMPLICIT, 1.0, u0=[0.1], v0=[0.0], restoring=force)
+    with pytest.warns(pm.StabilityWarning, match=r"is a load, force=f\(t, u, v\)"):
+        fed = coupler.run(steps=200)
+    as_load = ball(
+        0.05,
+        IMPLICIT,
+        1.0,
+        u0=[0.1],
+        v0=[0.0],
+        force=lambda t, u, v: -force(u, v, t),
+        restoring=lambda u, v, t: 0.0 * u,  # without which there is nothing to watch
+    )
+    # warnings are errors; the same numbers in the same order
+    assert np.array_equal(as_load.run(steps=200)["ball"].u, fed["ball"].u)
+
+
+# ---- what is not ---------------------------------------------------------------------------------
+
+SOUND = {
+    "resolved stop": {"spring": 40.0, "restoring": stop, "dt": 1e-3},
+    "resolved stop with K_r": STOPS["function with K_r"] | {"spring": 40.0, "dt": 1e-3},
+    "resolved Gap": {"spring": 40.0, "restoring": pm.Gap([0], K, GAP), "dt": 1e-3},
+    "resolved iterated Gap": {"spring": 40.0, "internal": pm.Gap([0], K, GAP), "dt": 1e-3},
+    "bilinear": {"spring": 1.0, "restoring": pm.Bilinear([0], 10.0, 0.2, 0.05)},
+    "iterated bilinear": {"spring": 1.0, "internal": pm.Bilinear([0], 10.0, 0.2, 0.05)},
+    "Bouc-Wen": {"spring": 1.0, "restoring": pm.BoucWen([0], 10.0, 0.2)},
+    "driven Bouc-Wen": {
+        "spring": 1.0,
+        "restoring": pm.BoucWen([0], 10.0, 0.2),
+        "force": lambda t: [np.sin(1.1 * t)],
+    },
+    "linear": {"restoring": lambda u, v, t: 9.0 * u},
+    "linear, released": {"restoring": lambda u, v, t: 9.0 * u, "u0": [1.0], "v0": [0.0]},
+    "rest elsewhere": {"restoring": lambda u, v, t: 9.0 * (u - 1.0), "v0": [0.0]},
+    "resonance": {
+        "C": [0.3],
+        "restoring": lambda u, v, t: 9.0 * u,
+        "force": lambda t: [np.sin(3.0 * t)],
+    },
+    "Duffing": {"restoring": lambda u, v, t: 4.0 * u + u**3, "u0": [1.0]},
+    "cubic spring": {"restoring": pm.CubicSpring([0], 4.0, 4.0)},
+    "dashpot": {"spring": 9.0, "restoring": lambda u, v, t: 0.6 * v},
+    "plastic function": {"spring": 1.0, "restoring": lambda u, v, t: np.clip(30 * u, -1.0, 1.0)},
+    "carries a weight": {"restoring": lambda u, v, t: 9.0 * u + 100.0, "force": [100.0]},
+    "snap-through": {
+        "u0": [0.1],
+        "v0": [0.0],
+        "internal": lambda u, v, t, q: (u**3 - u, np.diag(3.0 * u * u - 1.0)),
+    },
+    "P-Delta": {"spring": 9.0, "restoring": lambda u, v, t: -1.0 * u},
+}
+
+
+@pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, RHO_0, EXPLICIT, RHO_E], ids=repr)
+@pytest.mark.parametrize("name", SOUND)
+def test_sound_runs_are_silent(name, scheme):
+    """Warnings are errors here."""
+    options = {"dt": 0.1} | SOUND[name]
+    if scheme.explicit:
+        options.pop("restoring_stiffness", None)
+        if name == "snap-through":
+            return  # evaluated once, its path is not known
+    coupler = ball(options.pop("dt"), scheme, **options)
+    coupler.step(1500)
+    assert coupler._session.members[0].core.gain == (0.0, 0.0, 0.0)
+
+
+def test_a_subdomain_at_rest_neither_warns_nor_ends():
+    coupler = ball(
+        0.1, IMPLICIT, 3.0, v0=[0.0], restoring=lambda u, v, t: 9.0 * u + 100.0, force=[100.0]
+    )
+    coupler.step(2000)
+    assert abs(coupler.state("ball").u[0]) < 1e-12  # rounding of forces of 100
+    still = ball(0.1, IMPLICIT, 3.0, u0=[3e-20], v0=[1e-20], restoring=stop)
+    still.step(2000)
+    assert abs(still.state("ball").u[0]) < 1e-19
+
+
+def test_noise_is_silent():
+    rng = np.random.default_rng(0)
+    noisy = ball(
+        0.02, IMPLICIT, 1.0, u0=[1.0], restoring=lambda u, v, t: 4.0 * u + 1e-3 * rng.normal(size=1)
+    )
+    noisy.step(2000)
+
+
+# ---- the formulas --------------------------------------------------------------------------------
+
+
+def gain_of(u, v, w, pull, spring, along):
+    """(B8) to (B10) of a mass 1 on a spring, without loads, from its recorded states: added and
+    energy where their ratio is largest, and the level of the first ratio above 0.1.
+
+    pull: K u, in explicit steps K ut. along: the change of the energy of the forces between the
+    levels, None where it is not known.
+    """
+    acting = -w - pull  # M w + K u + r_a = 0
+    du = np.diff(u)
+    mean = 0.5 * (acting[1:] + acting[:-1])
+    since = np.append(0.0, np.cumsum((mean - acting[0]) * du))
+    gross = np.append(0.0, np.cumsum(np.abs((mean - acting[0]) * du)))
+    T = 0.5 * v**2
+    lost = np.append(0.0, np.cumsum(0.5 * (w[1:] + w[:-1]) * du)) - (T - T[0])
+    added = -since
+    if along is not None:
+        added = np.minimum(added, np.append(0.0, np.cumsum(along - mean * du)))
+    added = added - np.maximum(lost, 0.0)
+    E = T + 0.5 * spring * u**2
+    fastest = (1.0 - 1e-9) * np.maximum.accumulate(T) <= T
+    ratio = np.where(fastest & (added > 0.01 * gross), added / E, 0.0)
+    ratio[ratio <= 0.1] = 0.0
+    best = int(np.argmax(ratio))
+    return added[best], E[best], int(np.argmax(ratio > 0.0))
+
+
+@pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, EXPLICIT, RHO_E], ids=repr)
+@pytest.mark.parametrize("kind", ["function", "Gap"])
+def test_the_gain_is_that_of_the_formulas(kind, scheme):
+    coupler = ball(0.008, scheme, 40.0, **STOPS[kind])
+    with pytest.warns(pm.StabilityWarning, match=ADDED):
+        x = coupler.run(steps=120)["ball"]
+    u, v, w = (y[1:, 0] for y in (x.u, x.v, x.a))  # the forces at t = 0 are not known
+    predictor = u - scheme.coefficients(0.008)[0] * w
+    energy = 0.5 * K * np.maximum(predictor - GAP, 0.0) ** 2
+    along = np.diff(energy) if kind == "Gap" else None
+    pull = 40.0 * (predictor if scheme.explicit else u)
+    added, E, level = gain_of(u, v, w, pull, 40.0, along)
+    # sums of a hundred works
+    np.testing.assert_allclose(
+        coupler._session.members[0].core.gain, (added, E, x.t[1 + level]), rtol=1e-8
+    )
+
+
+def test_a_restored_state_begins_with_no_gain():
+    coupler = ball(0.01, IMPLICIT, 40.0, restoring=pm.Gap([0], K, GAP))
+    snapshot = coupler.snapshot()
+    with pytest.warns(pm.StabilityWarning, match=ADDED):
+        coupler.step(30)
+    coupler.restore(snapshot)
+    assert coupler._session.members[0].core.gain == (0.0, 0.0, 0.0)
