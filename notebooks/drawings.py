@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import textwrap
-import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pmalpha import AccuracyWarning
 from pmalpha.plot import style
 
 if TYPE_CHECKING:
@@ -232,16 +229,3 @@ SCHEDULES = {
         (2.05, 1.2),
     ),
 }
-
-
-def show_first_warnings():
-    """The first warning of each line of a cell is printed: coarse steps that are meant are said."""
-    seen = set()
-
-    def show(message, category, filename, lineno, file=None, line=None):
-        if (filename, lineno) not in seen:
-            seen.add((filename, lineno))
-            print(*textwrap.wrap(f"{category.__name__}: {message}", 100), sep="\n")
-
-    warnings.simplefilter("always", AccuracyWarning)
-    warnings.showwarning = show

@@ -96,7 +96,7 @@ class BucklingError(PmalphaError, ValueError):
 
 
 class InstabilityError(_Made):
-    """A value of the run is not finite, or exceeds all bounds.
+    """A value of the run is not finite, or the motion is beyond 1e100 of its beginning.
 
     The coupler has the state of the last whole macro step.
 
@@ -125,7 +125,8 @@ class InstabilityError(_Made):
 class ConvergenceError(_Made):
     """The iteration of internal forces did not converge.
 
-    Or a tangent is singular but for rounding; one that is indefinite, as in buckling, is no error.
+    Or a value in it is not finite, or a tangent is singular but for rounding; one that is
+    indefinite, as in buckling, is no error.
     The coupler has the state of the last whole macro step. `InternalForce.check` compares a tangent
     with differences of its force.
 
@@ -294,7 +295,8 @@ class StabilityWarning(UserWarning):
     The step of an explicit or conditionally stable scheme is above its critical step, and nothing
     shows that ties or damping make it stable (see `analysis.critical_step`). Or under macro
     coupling a subdomain resonates with the macro step or a double step has no damping. Or a mass is
-    so small that its accelerations take all digits of the displacements.
+    so small that its accelerations take all digits of the displacements. Or evaluated forces have
+    added more than a tenth of its energy to a motion, (B10).
     """
 
 
@@ -309,13 +311,10 @@ class ConstraintWarning(UserWarning):
 
 
 class AccuracyWarning(UserWarning):
-    """The steps of a run are too coarse for its motion.
+    """The steps of a run do not see all of its load.
 
-    The displacements of the run are estimated to be wrong by more than 3 per cent of the largest
-    one, (D3) of docs/method.md, from the record of all dofs of all subdomains; a run that records
-    some of them is not judged. `SubdomainHistory.local_error` returns local errors. Or under macro
-    coupling the displacements at the interface drift apart too far, (D4): the macro step is too
-    long for the interface forces, which are linear in it.
+    They skip samples of a record that change the motion. Or substeps that were chosen by a
+    tolerance reached their largest number. No run estimates its own error.
     """
 
 

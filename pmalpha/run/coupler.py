@@ -322,7 +322,7 @@ class Coupler:
         ConvergenceError
             When the iteration of internal forces does not converge.
         InstabilityError
-            When a value is not finite, or steps have added too much energy, (B10).
+            When a value is not finite, or the motion is beyond 1e100 of its beginning.
         CallbackError
             When a compiled function did not return 0.
         MemoryError, ImportError, OSError
@@ -332,8 +332,8 @@ class Coupler:
 
         Warns
         -----
-        AccuracyWarning, StabilityWarning
-            When steps are too coarse, above a critical step found in the run, or add energy, (B10).
+        StabilityWarning
+            When steps are above a critical step found in the run, or forces add energy, (B10).
 
         Notes
         -----
