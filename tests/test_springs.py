@@ -386,7 +386,7 @@ def test_the_initial_tangent_is_the_estimate_and_another_is_refused():
     subdomain = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=IMPLICIT, restoring=springs)
     expected = [[3.0, -3.0], [-3.0, 5.0]]
     np.testing.assert_array_equal(subdomain.restoring_stiffness.toarray(), expected)
-    with pytest.raises(ValueError, match="restoring_stiffness must be the estimate of a function"):
+    with pytest.raises(ValueError, match="restoring_stiffness must be the initial tangents"):
         pm.Subdomain(
             [1.0, 1.0], None, scheme=IMPLICIT, restoring=springs, restoring_stiffness=[7.0, 0.0]
         )

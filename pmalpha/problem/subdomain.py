@@ -144,7 +144,7 @@ class Subdomain(Frozen):
         controller, the wind or a moving support, is a load ``force=f(t, u, v)``.
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of the stiffness and damping of functions; an implicit subdomain is
-        stable if K_r is at least the tangent. Springs alone bring their own, their initial
+        stable if K_r is at least the tangent. Springs alone bring theirs, the initial
         tangents; beside functions K_r is that of both. Far above the tangent it acts as a mass.
     internal : callable, `InternalForce`, springs, or a list of them, optional
         A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
@@ -255,15 +255,7 @@ class Subdomain(Frozen):
                 "springs must be either in restoring, evaluated once per substep, or in internal, "
                 "iterated, got some in both"
             )
-        if restoring_stiffness is not None and self.restoring_springs and not self.has_functions:
-            raise ValueError(
-                "restoring_stiffness must be the estimate of a function: springs bring their own, "
-                "their initial tangents, got one for springs alone; stops that the step does not "
-                "resolve are given as internal="
-            )
-        if restoring_stiffness is None and self.restoring_springs:
-            restoring_stiffness = stiffness(self.restoring_springs, "initial_tangent", self.n)
-        self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
+        self.restoring_stiffness = self._stiffness_estimate(restoring_stiffness)
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.limits = self._limits(limits)
         self.u0, self.v0 = self._initial(u0, "u0"), self._initial(v0, "v0")
@@ -272,6 +264,23 @@ class Subdomain(Frozen):
         self._check_lagged()
         self._check_mass()
         self._freeze()
+
+    def _stiffness_estimate(self, given: MatrixLike | None) -> Matrix | None:
+        """The estimate K_r: springs bring their own, which no other may replace."""
+        estimate = self._estimate(given, "restoring_stiffness")
+        if not self.restoring_springs or (given is not None and self.has_functions):
+            return estimate
+        tangents = stiffness(self.restoring_springs, "initial_tangent", self.n)
+        own = self._estimate(tangents, "restoring_stiffness")
+        excess = combination([(1.0, estimate), (-1.0, own)])
+        if given is not None and excess is not None:
+            if not abs(excess).max() <= 1e-12 * abs(tangents).max():
+                raise ValueError(
+                    "restoring_stiffness must be the initial tangents where all restoring forces "
+                    "are springs, which bring them, got another estimate: stops that the step does "
+                    "not resolve are given as internal="
+                )
+        return own
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "

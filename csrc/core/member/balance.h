@@ -1,9 +1,9 @@
-/* balance.h - the energy that evaluated and iterated forces give to the motion of a subdomain beyond
- * what they have taken from it.
+/* balance.h - the energy that evaluated and iterated forces give to the motion of a subdomain
+ * beyond what they have taken from it.
  *
  * What acts, r_a, does the work  (r_a0 + r_a1) . (u1 - u0) / 2  in a substep. Forces of springs and
  * of specimens hold no more than they were given; what they give beyond that comes from steps that
- * do not resolve them, a delay, or a wrong sign.                                     (B8) to (B10) */
+ * do not resolve them, a delay, or a wrong sign.                                   (B8) to (B10) */
 #ifndef PMA_BALANCE_H
 #define PMA_BALANCE_H
 
