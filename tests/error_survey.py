@@ -212,13 +212,13 @@ def named_cases():
         oscillator(0.036, 490, cubic, internal=spring, u0=[0.5]),
     )
     yield (
-        "Gap that is never reached, K_r = 1e5",
+        "function of a stop that is never reached, K_r = 1e5",
         oscillator(
             0.01,
             1000,
             lambda t, y: [y[1], -40.0 * y[0]],
             K=[40.0],
-            restoring=pm.Gap([0], 1e5, 5.0),
+            restoring=lambda u, v, t: 1e5 * np.maximum(u - 5.0, 0.0),
             restoring_stiffness=[1e5],
             v0=[1.0],
         ),

@@ -13,8 +13,6 @@ import pmalpha as pm
 from pmalpha import models
 from pmalpha.run import error_estimate
 
-pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
-
 ALPHA = pm.GeneralizedAlpha
 
 
