@@ -30,7 +30,7 @@ typedef struct {
 
 struct pma_limits {
     pma_limits_parts parts;
-    pma_limits_clock clock; /* without a function: none */
+    pma_limits_clock clock;                /* without a function: none */
     command ring[RING], kept[KEPT], start; /* start: of the initial values, until they begin */
     command *last;
     given given;
