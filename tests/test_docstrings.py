@@ -4,7 +4,6 @@ The other checks of numpydoc are in docs/conf.py and run with `make docs`.
 """
 
 import dataclasses
-import importlib
 import inspect
 
 import pytest
@@ -24,8 +23,6 @@ def public():
             thing = getattr(module, name)
             if not inspect.ismodule(thing) and callable(thing) and thing not in named.values():
                 named[f"{module.__name__}.{name}"] = thing
-    for name, home in pm._MOVED.items():  # what functions return
-        named[f"pmalpha.{home}.{name}"] = getattr(importlib.import_module(f"pmalpha.{home}"), name)
     return named
 
 

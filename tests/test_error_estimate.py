@@ -32,7 +32,7 @@ def pair(dt, coupling="gc", substeps=2, force=None, **options):
 
 def moved_support(dt):
     """A prescribed velocity, and a load that is averaged."""
-    quake = pm.BaseAcceleration(np.sin(np.arange(60.0)), 0.07, [1.0], [1.0], average=True)
+    quake = pm.BaseAcceleration(np.sin(np.arange(60.0)), [1.0], [1.0], dt=0.07, average=True)
     a = pm.Subdomain([1.0], [4.0], scheme=ALPHA(0.5), force=quake, name="a")
     b = pm.Subdomain([1.0], [9.0], scheme=ALPHA(0.5), substeps=4, v0=[1.0], name="b")
     move = pm.Constraint({a: [[1.0]], b: [[-1.0]]}, velocity=lambda t: [-np.cos(3.0 * t)])

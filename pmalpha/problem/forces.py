@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from inspect import signature
+from numbers import Number
 from sys import float_info
 from typing import Any, NamedTuple, TypeAlias, TypeGuard, overload
 
 import numpy as np
 from scipy import LowLevelCallable
 
-from .._checks import counted, flag, real_array, time_step, vector
+from .._checks import counted, flag, plain_array, real_array, time_step, vector
 from .argument_types import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
@@ -280,10 +281,10 @@ def _samples(record: Any, dt: Any) -> tuple[Any, Any]:
 
 
 def _directions(direction: Any, n: int | None) -> np.ndarray:
-    if np.ndim(direction) == 0:
+    if plain_array(direction, "direction").ndim == 0:
         rule = "a number for each dof" if n is None else f"have shape ({n},)"
         got = f"one number, {direction!r}; dt is a keyword, dt=0.01"
-        raise TypeError(f"direction must {'be ' if n is None else ''}{rule}, got {got}")
+        raise ValueError(f"direction must {'be ' if n is None else ''}{rule}, got {got}")
     columns = _columns(direction, "direction")
     if n not in (None, len(columns)):
         raise ValueError(f"M must be of size {len(columns)} like direction, got size {n}")
@@ -371,10 +372,10 @@ def has_ground(force: Any) -> bool:
 
 
 def _is_list_of_loads(force: Any) -> bool:
-    """Whether something in it is a load; a list of numbers is the force on each dof."""
+    """Whether something in it is a load; a list with a number is the force on each dof."""
     if not isinstance(force, (list, tuple)) or isinstance(force, LowLevelCallable):
         return False
-    return any(
+    return not any(isinstance(x, Number) for x in force) and any(
         x is None
         or callable(x)
         or isinstance(x, LowLevelCallable)

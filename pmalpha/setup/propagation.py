@@ -218,7 +218,8 @@ def certain_radius(G: np.ndarray) -> float:
     radius = float(np.max(np.abs(np.linalg.eigvals(G)), initial=0.0))
     if not is_growing(radius):
         return radius
-    balanced = matrix_balance(G, permute=False)[0]
+    with np.errstate(invalid="ignore"):  # scales beyond those of whole numbers
+        balanced = matrix_balance(G, permute=False)[0]
     values, left, right = eig(balanced, left=True, right=True)
     with np.errstate(divide="ignore"):
         condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
