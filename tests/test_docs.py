@@ -147,15 +147,17 @@ def number_of_words(path):
 
 
 def test_pages_are_short_enough_to_be_read():
-    """README and the pages of users, without reference, method and notebooks; of developers,
-    without the changelog; the method, half of what it had as one page, and what came since."""
+    """README and the pages of users, without reference, method and notebooks, with 600 words for
+    the safety of paced runs and the error of a run; of developers, without the changelog; the
+    method, half of what it had as one page, and what came since."""
     docs = set((ROOT / "docs").glob("*.md"))
     names = "architecture decisions developers reproduction versions".split()
     own = {ROOT / "docs" / f"{name}.md" for name in names}
     method = {ROOT / "docs" / "method.md", *ROOT.glob("docs/method/*.md")}
-    users = {ROOT / "README.md", *docs} - own - method - {ROOT / "docs" / "api.md"}
+    reference = {ROOT / "docs" / "api.md", ROOT / "docs" / "files.md"}
+    users = {ROOT / "README.md", *docs} - own - method - reference
     developers = own | {ROOT / "benchmarks" / "README.md", ROOT / "CONTRIBUTING.md"}
-    assert sum(map(number_of_words, users)) <= 20_000
+    assert sum(map(number_of_words, users)) <= 20_600
     assert sum(map(number_of_words, developers)) <= 12_000
     assert number_of_words(ROOT / "docs" / "architecture.md") <= 1500
     assert sum(map(number_of_words, method)) <= 10_500
