@@ -174,6 +174,10 @@ class Whole:
         counts = [len(links) for links in self.links]
         return np.repeat(np.array(self.entries, dtype=float), counts)
 
+    def mass(self) -> Any:
+        """The mass matrix of all dofs; None without."""
+        raise NotImplementedError
+
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         """The matrices of some elements.
 
@@ -331,8 +335,11 @@ class WholeElements(Whole):
 
     def mass(self) -> Any:
         """The mass matrix of all dofs in inner form; None without."""
-        groups = (group for group in self._groups if group.M is not None)
-        own = [assembled_mass(group.dofs, group.M, self.n) for group in groups]
+        own = [
+            assembled_mass(group.dofs, group.M, self.n)
+            for group in self._groups
+            if group.M is not None
+        ]
         return combination([(1.0, M) for M in own])
 
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from inspect import signature
 from numbers import Number
 from sys import float_info
-from typing import Any, NamedTuple, TypeAlias, TypeGuard, overload
+from typing import Any, NamedTuple, Self, TypeAlias, TypeGuard, overload
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -134,7 +134,7 @@ class SampledForce(Frozen):
             series[x > last] = 0.0
         return series
 
-    def _changed(self, **attributes: Any) -> SampledForce:
+    def _changed(self, **attributes: Any) -> Self:
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__, **attributes)
         return new
@@ -248,6 +248,7 @@ class BaseAcceleration(SampledForce):
         shape = _against(M, direction)
         if self._mass == "own":
             return self._changed(shape=shape, direction=direction)
+        assert self.shape is not None  # that of the M given
         largest = np.abs(shape).max()
         wrong = np.abs(self.shape - shape).max(axis=1)
         if wrong.max() <= SAME_MASS * largest:

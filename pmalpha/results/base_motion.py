@@ -54,7 +54,7 @@ def integrated(ground: BaseAcceleration, quantity: str, t: np.ndarray) -> np.nda
     end = dt * (len(f) - 1)
     v = PPoly(np.array([np.diff(f, axis=0) / dt, f[:-1]]), dt * np.arange(len(f))).antiderivative()
     within = np.minimum(t, end)
-    if quantity == "v":
-        result: np.ndarray = v(within)
-        return result
-    return v.antiderivative()(within) + (t - within)[:, None] * v(end)
+    result: np.ndarray = v(within)
+    if quantity == "u":
+        result = v.antiderivative()(within) + (t - within)[:, None] * v(end)
+    return result

@@ -207,7 +207,7 @@ def change(
     steps = session.steps.changed(layout, step) if clock is None else Steps(layout, clock)
     session.assemblies.of(layout)  # what it lacks is found now, not after the first macro step
     new, old, before = session.assemblies.of(steps.present), session.assembly, session.steps
-    found, begins = None, []
+    found, begins = None, None
     if session.started:
         begins = session.loads.next_begins(
             step, new.members, lambda i: steps.lengths(new.first + i, step)
