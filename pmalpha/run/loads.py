@@ -406,8 +406,8 @@ def first_answer(member: Member, u: np.ndarray, v: np.ndarray) -> np.ndarray | i
     """r(u, v, 0), or the code that a function returned; LimitError for a force beyond its limit."""
     r = member.core.restoring(0.0, u, v)
     if isinstance(r, tuple):
-        _, what, position, value, limit, t = r
-        raise LimitError(member.name, what, int(member.order[position]), value, limit, t)
+        _, what, position, value, limit, t, by_clock = r
+        raise LimitError(member.name, what, int(member.order[position]), value, limit, t, by_clock)
     return r
 
 
