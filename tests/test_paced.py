@@ -493,5 +493,5 @@ def test_the_example_draws_what_is_monitored(tmp_path, monkeypatch):
     assert [len(line.get_xdata()) for line in lines] == 3 * [500]
     u, r, late = (line.get_ydata() for line in lines)
     assert np.array_equal(late, 1e6 * history.pacing.lateness)
-    # a stiffness of 4e6 N/m, 2 ms late: u, in mm, is by 4 % of its size another one then
+    # a stiffness of 4e6 N/m, 2 ms late, compensated; if not, u, in mm, is by 4 % another one
     assert np.abs(r - 4.0 * u).max() < 0.3 * np.abs(r).max()
