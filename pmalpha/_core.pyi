@@ -191,7 +191,7 @@ class Coupler:
         int
         | tuple[int]
         | tuple[int, int, str]
-        | tuple[int, float | None, int | None, int]
+        | tuple[int, float | None, int | None, int, int, bool]
         | tuple[int, float]
         | tuple[int, str, int, float, float, float]
         | tuple[()]

@@ -32,17 +32,26 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
            !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
-/* (index, t, corrections, position): of the subdomain that did not converge, or of the interface
- * (None for the rest); position of the dof where its tangent is singular, or -1 */
-static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
+/* A position in elimination order for Python, -1 where there is none */
+static Py_ssize_t position(bool known, size_t dof)
 {
+    return known && dof != SIZE_MAX ? (Py_ssize_t)dof : -1;
+}
+
+/* (index, t, corrections, position, spoiled, finite): of the subdomain that did not converge, or of
+ * the interface (None for the rest); positions of the dofs where its tangent is singular, and where
+ * the force of its functions is not finite, or -1; whether all values were finite */
+static PyObject *iteration_failure(CouplerObject *self, size_t i, pma_status status)
+{
+    const bool singular = status == PMA_SINGULAR, finite = status != PMA_NOT_FINITE;
+    PyObject *is_finite = finite ? Py_True : Py_False;
     if (i == PMA_INTERFACE)
-        return Py_BuildValue("(nOOn)", count_all(self), Py_None, Py_None,
-                             singular ? (Py_ssize_t)0 : (Py_ssize_t)-1);
+        return Py_BuildValue("(nOOnnO)", count_all(self), Py_None, Py_None, position(singular, 0),
+                             (Py_ssize_t)-1, is_finite);
     const pma_iterate_failure at =
         pma_iterate_failed(pma_subdomain_iterate(own_subdomain(self, i)->core));
-    return Py_BuildValue("(ndnn)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,
-                         singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
+    return Py_BuildValue("(ndnnnO)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,
+                         position(singular, at.dof), position(true, at.spoiled), is_finite);
 }
 
 PyObject *pma_breach_of(const pma_subdomain *s, size_t i)
@@ -72,7 +81,7 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
         PyErr_Clear();
     }
     if (status == PMA_NOT_FINITE && is_iterated(self, i))
-        return iteration_failure(self, i, false);
+        return iteration_failure(self, i, status);
     if (status == PMA_NOT_FINITE || status == PMA_UNBOUNDED)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
     if (status == PMA_NO_IMPULSES)
@@ -80,7 +89,7 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
     if (status == PMA_ELSEWHERE)
         return Py_BuildValue("(n)", (Py_ssize_t)pma_coupler_failed_rank(self->core));
     if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)
-        return iteration_failure(self, i, status == PMA_SINGULAR);
+        return iteration_failure(self, i, status);
     if (status == PMA_UNSYMMETRIC) {
         pma_subdomain *s = own_subdomain(self, i)->core;
         return Py_BuildValue("(nd)", (Py_ssize_t)i, pma_iterate_failed(pma_subdomain_iterate(s)).t);

@@ -118,7 +118,7 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
         row = loads.obstacles.contacts.name_of_core_row(failed[1])
         cause = f"the impulses of contacts do not come to an end, furthest in {row}"
         return ConvergenceError("interface", loads.clock.time(step + 1), MOST_SWEEPS, cause)
-    if isinstance(failed, tuple) and len(failed) == 4:
+    if isinstance(failed, tuple) and len(failed) == 6:
         return _convergence_error(failed, names, step, loads, first)
     if isinstance(failed, tuple) and len(failed) == 2:
         index, end = failed
@@ -136,19 +136,19 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
 
 
 def _convergence_error(
-    failed: tuple[int, float | None, int | None, int],
+    failed: tuple[int, float | None, int | None, int, int, bool],
     names: list[str],
     step: int,
     loads: Loads,
     first: int,
 ) -> ConvergenceError:
-    index, t, iterations, position = failed
+    index, t, iterations, position, spoiled, finite = failed
     if t is None or iterations is None:  # the interface, at the end of the macro step
         end = loads.clock.time(step + 1)
         cause = "" if position < 0 else "the interface matrix of the tangents is singular"
         return ConvergenceError(names[index], end, loads.newton.iterations, cause)
     member = loads.members[index - first]
-    cause = _value_not_finite(member, t)
+    cause = _value_not_finite(member, t, spoiled, finite)
     if position >= 0:
         dof = member.order[position]
         cause = (
@@ -158,14 +158,20 @@ def _convergence_error(
     return ConvergenceError(names[index], t, iterations, cause)
 
 
-def _value_not_finite(member: Member, t: float) -> str:
-    """The value of a Python function that is not finite in the last evaluation at t, or empty."""
+def _value_not_finite(member: Member, t: float, spoiled: int, finite: bool) -> str:
+    """What is known of a value that is not finite in the last evaluation at t, or empty.
+
+    Of Python functions the value; of compiled ones the dof, whose position is `spoiled`, or -1.
+    """
     functions = () if member.internal is None else member.internal.functions
     for function, *_ in functions:
         found = getattr(function, "not_finite", None)
         if found is not None and found[0] == t:
             return str(found[1])
-    return ""
+    if spoiled >= 0:
+        dof, force = member.order[spoiled], "the force that its compiled functions returned"
+        return f"{force} for dof {dof} at t = {t:g} is not finite"
+    return "" if finite else f"a value at t = {t:g} is not finite"
 
 
 def change_steps(session: Session, dt: float | None, substeps: Mapping[Any, int] | None) -> None:

@@ -30,7 +30,8 @@ typedef struct {
  * remember. */
 typedef struct {
     double *ut, *r, *x, *acting, *inertia, *u, *v, *vs, *springs;
-    double *functions, *stiffness; /* of those that are iterated */
+    double *iterated;              /* the forces that are evaluated at the state, */
+    double *functions, *stiffness; /* ... and of functions among them */
     bool bends;                    /* the stiffness is known */
     double t;
     sums *sums; /* of each lane */
@@ -64,18 +65,21 @@ struct pma_balance {
     sums *sums;                /* ... and their sums */
 };
 
-/* All arrays of a level but the sums, with force and stiffness of functions that are iterated. */
+/* All arrays of a level but the sums, with forces that are iterated, and the stiffness of functions
+ * among them. */
 static size_t level_size(const pma_balance_parts *p)
 {
+    const size_t iterated = p->iterates ? p->n : 0;
     const size_t functions = p->ptr ? p->n + (size_t)p->ptr[p->n] : 0;
-    return ARRAYS * p->n + pma_springs_numbers(p->springs) + functions;
+    return ARRAYS * p->n + pma_springs_numbers(p->springs) + iterated + functions;
 }
 
 static level take_level(const pma_balance *b, size_t number)
 {
     const pma_balance_parts *p = &b->parts;
     double *x = b->numbers + number * level_size(p);
-    double *springs = x + ARRAYS * p->n, *functions = springs + pma_springs_numbers(p->springs);
+    double *springs = x + ARRAYS * p->n, *iterated = springs + pma_springs_numbers(p->springs);
+    double *functions = iterated + (p->iterates ? p->n : 0);
     return (level){.ut = x,
                    .r = x + p->n,
                    .x = x + 2 * p->n,
@@ -85,6 +89,7 @@ static level take_level(const pma_balance *b, size_t number)
                    .v = x + 6 * p->n,
                    .vs = x + 7 * p->n,
                    .springs = springs,
+                   .iterated = iterated,
                    .functions = functions,
                    .stiffness = functions + p->n,
                    .sums = b->sums + number * p->lanes};
@@ -207,13 +212,17 @@ static double work_of_bend(double change, double k0, double k1)
     return isfinite(work) ? work : 0.0;
 }
 
+void pma_balance_iterate(pma_balance *b, const pma_substep *step, const double *r)
+{
+    memcpy(level_at(b, step->j + 1)->iterated, r, b->parts.n * sizeof(double));
+}
+
 void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
                       const double *K)
 {
     const level *from = level_at(b, step->j);
     level *to = level_at(b, step->j + 1);
     b->bent = 0.0;
-    b->is_passive = b->is_passive || !K;
     if (K && from->bends && (step->j > 0 || b->begun)) {
         double *du = b->scratch, change = 0.0;
         for (size_t i = 0; i < b->parts.n; i++) {
@@ -226,6 +235,17 @@ void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, 
     to->bends = K != NULL;
     if (K)
         memcpy(to->stiffness, K, (size_t)b->parts.ptr[b->parts.n] * sizeof(double));
+}
+
+/* The work of forces that are iterated is that on the path of u, not of ut: the difference. */
+static double work_to_state(const pma_balance *b, const level *from, const level *to,
+                            const double *ut)
+{
+    double sum = 0.0;
+    for (size_t i = 0; b->parts.iterates && i < b->parts.n; i++)
+        sum += 0.5 * (from->iterated[i] + to->iterated[i]) *
+               (ut[i] + to->x[i] - from->u[i] - (ut[i] - from->ut[i]));
+    return sum;
 }
 
 /* (B8) of a lane, from one level to the next, whose x is known, with r - r_a in the product; the
@@ -280,7 +300,7 @@ static void sum_up_lanes(pma_balance *b, size_t j, const double *ut, const doubl
     correct_forces(b, known ? from->vs : to->v, to->v, to->x);
     memset(b->excess, 0, b->parts.lanes * sizeof(double));
     pma_springs_add_excess(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
-    b->excess[0] += b->bent;
+    b->excess[0] += b->bent + work_to_state(b, from, to, ut);
     for (size_t l = 0; l < b->parts.lanes; l++)
         sum_up(b, from, to, ut, r, l);
     if (!known)

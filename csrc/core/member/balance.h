@@ -29,6 +29,7 @@ typedef struct {
     pma_matrix M, K;            /* for the kinetic and the strain energy */
     pma_matrix K_r, D_r;        /* as in (R2) and (M3); zero where they do not act */
     const pma_springs *springs; /* among the forces */
+    bool iterates;              /* some of them are evaluated at the state, not at the predictor */
     const int64_t *ptr;         /* n + 1: the stiffness of functions that are iterated, by rows; */
     const int32_t *index;       /* ... NULL: there are none. One lane */
 } pma_balance_parts;
@@ -46,9 +47,12 @@ void pma_balance_begin(pma_balance *b);
  * for the forces evaluated there or, of iterated ones, at the state. Two of them can be open. */
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
 
+/* Before the substep is closed: those of its forces (n) that are evaluated at its end. */
+void pma_balance_iterate(pma_balance *b, const pma_substep *step, const double *r);
+
 /* Functions that are iterated, before the substep is closed: their force (n) at its end u (n), and
  * their stiffness there, or NULL where it is not known. Their work is that along a path on which
- * the stiffness changes once. */
+ * the stiffness changes once; where it is not known, that of the trapezoidal rule. */
 void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
                       const double *K);
 

@@ -1,5 +1,6 @@
 #include "member/iterate.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -171,8 +172,14 @@ double *pma_iterate_force(const pma_iterate *it)
 
 pma_iterate_failure pma_iterate_failed(const pma_iterate *it)
 {
-    return (pma_iterate_failure){
-        .t = it->step.t1, .iterations = it->corrections, .dof = it->singular};
+    const size_t n = it->of->parts.n;
+    size_t spoiled = 0;
+    while (spoiled < n && isfinite(it->force[spoiled]))
+        spoiled++;
+    return (pma_iterate_failure){.t = it->step.t1,
+                                 .iterations = it->corrections,
+                                 .dof = it->singular,
+                                 .spoiled = spoiled < n ? spoiled : SIZE_MAX};
 }
 
 double pma_iterate_scale(const pma_iterate *it)

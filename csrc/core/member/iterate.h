@@ -38,11 +38,12 @@ const pma_iterate_parts *pma_iterate_get_parts(const pma_iterate *it);
 /* The factor that follows the tangent: at the same place as long as the iterate exists. */
 const pma_factor *pma_iterate_factor(const pma_iterate *it);
 
-/* Where the last iteration failed: time of its substep, corrections made, and the dof (in
- * elimination order) at which the tangent was singular, or SIZE_MAX. */
+/* Where the last iteration failed: time of its substep, corrections made, and the dofs (in
+ * elimination order) at which the tangent was singular and the force of functions is not finite,
+ * or SIZE_MAX. */
 typedef struct {
     double t;
-    size_t iterations, dof;
+    size_t iterations, dof, spoiled;
 } pma_iterate_failure;
 
 pma_iterate_failure pma_iterate_failed(const pma_iterate *it);

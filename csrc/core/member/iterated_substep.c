@@ -516,6 +516,7 @@ static void balance(pma_iterate *it, const pma_state *x)
     pma_substep_add_evaluated(s, x, r);
     for (size_t i = 0; i < s->parts.n; i++)
         r[i] += it->force[i];
+    pma_balance_iterate(s->balance, &it->step, it->parts.springs ? r : it->force);
     pma_substep_balance(s, &it->step);
 }
 

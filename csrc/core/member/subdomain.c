@@ -400,6 +400,7 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
                                      .K_r = p->has_responses ? p->K_r : K_r,
                                      .D_r = follows ? p->D_r : none,
                                      .springs = &p->springs,
+                                     .iterates = s->iterate != NULL,
                                      .ptr = bends ? p->iterate->tangent.ptr : NULL,
                                      .index = bends ? p->iterate->tangent.index : NULL};
     return watch(s, &parts);
