@@ -52,12 +52,6 @@ def read_abaqus(
         For a file of ``*ELEMENT MATRIX OUTPUT``, which has user elements: labels (e, k, 2) and the
         matrices K, M and C (e, k, k) or None, for `pmalpha.Elements`.
 
-    Warns
-    -----
-    UserWarning
-        For 1e36 on the diagonal, which Abaqus writes for dofs with boundary conditions, with their
-        rows: they are to be left out (`ExportedMatrix.constrained`).
-
     Raises
     ------
     OSError
@@ -67,6 +61,12 @@ def read_abaqus(
     ValueError
         With file and line: a wrong number of columns, a value that is not a finite number, indices
         out of range, repeated entries, a file that ends within a line.
+
+    Warns
+    -----
+    UserWarning
+        For 1e36 on the diagonal, which Abaqus writes for dofs with boundary conditions, with their
+        rows: they are to be left out (`ExportedMatrix.constrained`).
 
     Notes
     -----

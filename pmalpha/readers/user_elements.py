@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from .text import Line, refuse
 KINDS = {"STIFFNESS": "K", "MASS": "M", "DAMPING": "C"}
 
 
-class ElementMatrices(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ElementMatrices:
     """Matrices of elements with the labels of their rows, for `pmalpha.Elements`.
 
     Attributes

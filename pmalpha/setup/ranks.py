@@ -28,8 +28,8 @@ from .member import Member
 
 T = TypeVar("T")
 # Pieces of its interface values that the core sends of a subdomain at a time, at most, and numbers
-# that measure an iteration.
-PIECES, MEASURES = 3, 6
+# that measure an iteration, with whether its residual is finite (pma_exchange_size).
+PIECES, MEASURES = 3, 7
 
 
 @dataclass(frozen=True)
