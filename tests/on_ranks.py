@@ -15,7 +15,6 @@ from rank_bitwise import (
     bitwise,
     by_callable,
     chosen,
-    drifting,
     explicit,
     fed,
     interpolated,
@@ -40,7 +39,7 @@ TESTS = (
     files,
     interpolated,
 )
-TESTS += (chosen, drifting, histories, iterated, killed, killed_in_save, left, memory, static)
+TESTS += (chosen, histories, iterated, killed, killed_in_save, left, memory, static)
 
 
 def calls(words):

@@ -1,6 +1,5 @@
 """What each rank does in the tests against one process."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -276,25 +275,6 @@ def static():
     shared.reset(u0=found)
     assert all(np.abs(s.v).max() < 1e-8 for s in shared.run(steps=9).subdomains)
     report("static")
-
-
-def drifting():
-    """The warning of macro steps that are too long for the forces at the interfaces."""
-
-    def make(comm=None, own=slice(None)):
-        load = pm.SampledForce(np.sin(np.arange(100))[:, None] * np.ones(3), 0.1)
-        subdomains = [chain(3, f"r{i}", substeps=4 * (i + 1), force=load) for i in range(3)]
-        return pm.Coupler(subdomains[own], ties(3), dt=0.2, coupling="macro", comm=comm)
-
-    texts = []
-    cut = slice(RANK, None if RANK == SIZE - 1 else RANK + 1)
-    for coupler in (make(WORLD, cut), make()):
-        with warnings.catch_warnings(record=True) as found:
-            warnings.simplefilter("always")
-            coupler.run(8.0)
-        texts.append([str(w.message) for w in found if "drifted apart" in str(w.message)])
-    assert texts[0] == texts[1] and len(texts[0]) == 1, texts
-    report("drifting")
 
 
 def chosen(folder):

@@ -79,7 +79,7 @@ def run(ranks, *call, **variables):
 
 # The calls of each number of ranks, which are started once for all of them: a start takes longer
 # than most of the calls.
-OTHERS = ["interpolated", "explicit", "static", "drifting"]
+OTHERS = ["interpolated", "explicit", "static"]
 TOGETHER = {
     1: ["bitwise 0 5", "iterated {} mean"],
     2: [
