@@ -13,9 +13,13 @@ static Py_ssize_t count_all(CouplerObject *self)
     return (Py_ssize_t)pma_coupler_get_parts(self->core)->count;
 }
 
+/* Subdomain i is one of this process, and iterated. */
 static bool is_iterated(CouplerObject *self, size_t i)
 {
-    return i != PMA_INTERFACE && pma_subdomain_iterate(own_subdomain(self, i)->core);
+    const size_t first = pma_processes_first(self->processes);
+    const size_t own = (size_t)PyTuple_Size(self->subdomains);
+    return i != PMA_INTERFACE && i >= first && i - first < own &&
+           pma_subdomain_iterate(own_subdomain(self, i)->core);
 }
 
 /* True if the exception that is set is to be raised. Several threads may evaluate a callable in a
