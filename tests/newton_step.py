@@ -119,7 +119,6 @@ class Trial:
         self.ut, self.vt, self.g = self.step.right_side(old, t1)
         self.guess = (old.v - self.vt) / self.al2  # (N4)  v_1 = v_n
         self.iterations = 0
-        self.keeps = False  # the last correction changed multipliers only
         self.renews = True  # the tangent of the iterate is the one that will solve
         # the forces at the beginning, with the load at the end
         self.forces = abs(self.s.load(t1)) + abs(self.L.T) @ abs(Lam) + abs(self.s.M) @ abs(old.w)
@@ -182,18 +181,11 @@ class Trial:
         G = self.al2 * self.L @ self.solve(self.L.T)
         return self.L @ (self.velocity(self.w) + self.al2 * self.solve(self.R)) - G @ self.Lam, G
 
-    def correction(self, Lam, tied):
-        """dw, with its energy (N5) and the scale it leads to (N6).
-
-        `tied`: the iterate satisfies the constraints, so that only multipliers change where the
-        load is rounding.
-        """
+    def correction(self, Lam):
+        """dw, with its energy (N5) and the scale it leads to (N6)."""
         load = self.R + self.L.T @ (Lam - self.Lam)
         self.residual = self.part(load)
-        pulls = (self.L.T @ (Lam - self.Lam)).any()
-        small = self.residual <= 1e-11 and (abs(load) <= 100.0 * self.rounding).all()
-        self.keeps = bool(tied and pulls and small and not self.keeps)
-        dw = 0.0 * load if self.keeps else self.solve(load)  # (N3)
+        dw = self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
 
@@ -379,7 +371,7 @@ class Iteration:
             for x in trials:
                 x.refresh()
         Lam = self.multipliers()
-        parts = [x.correction(y, self.tied) for x, y in zip(trials, Lam, strict=True)]
+        parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
         e = np.sqrt(sum(self.energies))
         theta = e / self.e if self.e else None

@@ -12,10 +12,6 @@
 #define OF_TERMS (100.0 * DBL_EPSILON)
 #define OF_DISPLACEMENTS (10.0 * DBL_EPSILON)
 
-/* Where constraints hold, R + L^T dLam up to this many times that is rounding: multipliers are less
- * exact than residuals.                                                                     (N8) */
-#define OF_LOAD 100.0
-
 /* No row has to be nearer to balance than this part of the largest own force asks for.      (N7) */
 #define SHARE 1e-3
 
@@ -23,8 +19,7 @@
 #define MARGIN 100.0
 #define BALANCED 1e-6
 
-/* No residual is a leap that began with less than this part of the forces, (N9), and none above it
- * is left as it is. */
+/* No residual is a leap that began with less than this part of the forces.                  (N9) */
 #define BEGAN 1e-11
 
 static const pma_operator *operator_of(const pma_iterate *it)
@@ -117,7 +112,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
-    it->linearized = it->tied = it->keeps = it->evaluated = it->has_tangent = false;
+    it->linearized = it->tied = it->evaluated = it->has_tangent = false;
     it->measure.correction = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
@@ -207,16 +202,6 @@ static double dot(size_t n, const double *x, const double *y)
     for (size_t i = 0; i < n; i++)
         sum += x[i] * y[i];
     return sum;
-}
-
-/* Is R at most this many times what is rounding, in every row? */
-static bool is_within(const pma_iterate *it, double times)
-{
-    for (size_t i = 0; i < it->of->parts.n; i++) {
-        if (!(fabs(it->R[i]) <= times * it->rounding[i]))
-            return false;
-    }
-    return true;
 }
 
 /* max |R_i| / T_i of the rows in which R is more than rounding                       (N7) (N8) */
@@ -362,8 +347,7 @@ static double motion(const pma_iterate *it, double al1)
     return dot(n, it->size, it->product) / al1;
 }
 
-/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw; where constraints hold and the right-hand side is
- * rounding, only the multipliers change                                              (N3) (N12) */
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                         (N3) (N12) */
 static void correct(void *self, const double *lam, pma_measure *m)
 {
     pma_subdomain *s = self;
@@ -382,9 +366,6 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
     it->left = largest_part(it);
-    it->keeps = it->tied && pull > 0.0 && !it->keeps && it->left <= BEGAN && is_within(it, OF_LOAD);
-    if (it->keeps)
-        memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
         x->w[i] += it->dw[i];

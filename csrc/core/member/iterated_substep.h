@@ -36,8 +36,7 @@ struct pma_iterate {
     bool factored_twice_present;
     bool refactored;             /* the tangent was written since the present */
     bool overwritten;            /* the tangent is not the one that is factored */
-    bool tied;                   /* the iterate is one after a correction, */
-    bool keeps;                  /* ... which changed multipliers only */
+    bool tied;                   /* the iterate is one after a correction */
     bool linearized;             /* with a fresh tangent at the iterate where it is */
     bool evaluated, has_tangent; /* R, and the tangent, are those of the iterate where it is */
 

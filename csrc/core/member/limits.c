@@ -55,7 +55,7 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
         x->u = l->numbers + 2 * i * n;
         x->r = x->u + n;
     }
-    l->given.u = l->numbers + 2 * COMMANDS * n;
+    l->given.u = l->numbers + (size_t)(2 * COMMANDS) * n;
     l->given.before = l->given.u + n;
     l->given.rate = l->given.before + n;
     l->start.number = NONE;
