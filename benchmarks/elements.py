@@ -34,8 +34,8 @@ def makers(quick):
         "hex8 StVenantKirchhoff": partial(distorted, box, kirchhoff),
         "hex8 NeoHookean": partial(distorted, box, rubber),
         "hex8 J2Plasticity": partial(distorted, box, steel),
-        "hex8 NeoHookean, equal elements": partial(solid, box, 1.0, rubber),
-        "quad4 NeoHookean": partial(solid, flat, 1.0, rubber),
+        "hex8 NeoHookean, equal elements": partial(solid, *box, 1.0, rubber),
+        "quad4 NeoHookean": partial(solid, *flat, 1.0, rubber),
         "corotational beam": partial(structures.corotational_frame, **member, EI=1.0),
         "bar": partial(structures.truss, **member),
     }
