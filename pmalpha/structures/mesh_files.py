@@ -1,8 +1,8 @@
-"""Meshes of files, with the names in them: Abaqus by our own reader, others by meshlane or meshio.
+"""Meshes of files, with the names in them: Abaqus and Nastran by our own code, others by libraries.
 
-Of their readers, which are the same but for gmsh and MED, those are used that read no other file,
-and end for every damaged file of campaign_files.py, two of them since what they read from raises an
-exception behind its end.
+Of the readers of meshlane and meshio, which are the same but for gmsh and MED, those are used that
+read no other file, and end for every damaged file of campaign_files.py, one of them since what it
+reads from raises an exception behind its end.
 """
 
 from __future__ import annotations
