@@ -16,6 +16,7 @@ import struct
 import sys
 import threading
 import zipfile
+from _thread import start_new_thread
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, partial
@@ -47,6 +48,7 @@ BINARY, NONBLOCK = getattr(os, "O_BINARY", 0), getattr(os, "O_NONBLOCK", 0)
 # Windows renames no file that is open.
 RENAMES_OPEN = os.name != "nt"
 DESCRIPTORS = "/proc/self/fd"
+POLL = 1e-3  # s, between looks at whether a call has ended, after Ctrl-C
 
 
 @cache
@@ -90,40 +92,41 @@ def uninterrupted(call: Callable[..., T], *arguments: Any) -> T:
     """What a call returns in a thread of its own, where no signal raises an exception.
 
     Ctrl-C is raised when it has ended, a second one at once. Libraries that are interrupted raise
-    exceptions of their own instead (zipfile), or crash (HDF5).
+    exceptions of their own instead (zipfile), or crash (HDF5). A `threading.Thread` would not do:
+    Ctrl-C in its `start` or `join` can leave locks taken for which the thread waits for ever, or
+    call it ended while it writes.
     """
     if threading.current_thread() is not threading.main_thread():
         return call(*arguments)
     outcome: list[tuple[Any, BaseException | None]] = []
+    begun, ended = threading.Lock(), threading.Lock()  # the one who takes `begun` first decides
+    ended.acquire()
 
     def run() -> None:
-        try:
-            outcome.append((call(*arguments), None))
-        except BaseException as error:
-            outcome.append((None, error))
+        if begun.acquire(False):
+            try:
+                outcome.append((call(*arguments), None))
+            except BaseException as error:
+                outcome.append((None, error))
+            ended.release()
 
-    thread = threading.Thread(target=run, name="pmalpha file")
     try:
-        thread.start()
-    except RuntimeError:  # the interpreter is at its end
-        run()
-    else:
-        _join(thread)
-    result, error = outcome.pop()
+        start_new_thread(run, ())
+        ended.acquire()
+    except BaseException as error:
+        is_begun = not begun.acquire(False)
+        while is_begun and not outcome:
+            ended.acquire(timeout=POLL)
+        if is_begun or not isinstance(error, RuntimeError):
+            raise
+        return call(*arguments)  # no thread can be started, as at the end of the interpreter
+    result, failure = outcome.pop()
     try:
-        if error is not None:
-            raise error
+        if failure is not None:
+            raise failure
         return result  # type: ignore[no-any-return]
     finally:
-        del error  # and with it this frame, to which it leads
-
-
-def _join(thread: threading.Thread) -> None:
-    try:
-        thread.join()
-    except BaseException:
-        thread.join()
-        raise
+        del failure  # and with it this frame, to which it leads
 
 
 # ---- descriptors ---------------------------------------------------------------------------------
@@ -275,6 +278,7 @@ class NewFile(Held):
             before = None
         mode = 0o666 if before is None else stat.S_IMODE(before.st_mode) & 0o777
         number, self._hidden = _nameless(path, mode)
+        self._is_nameless = self._hidden is None
         super().__init__(number, path)
         if before is not None and hasattr(os, "fchmod"):
             with suppress(OSError):
@@ -327,15 +331,15 @@ class NewFile(Held):
             self._renamed_while_closed(os.replace)
             return
         if self._hidden is None:
-            hidden = _hidden_name(self.path)
-            self._link(hidden)
-            self._hidden = hidden
+            self._hidden = _hidden_name(self.path)  # first, so that Ctrl-C in between leaves none
+            self._link(self._hidden)
         os.replace(self._hidden, self.path)
         self._hidden = None
         _sync_folder(self.path.parent)
 
     def _link(self, name: Path) -> None:
-        if self._hidden is not None:
+        if not self._is_nameless:
+            assert self._hidden is not None
             os.link(self._hidden, name)
             return
         # with a folder it is linkat, which follows the link to the file

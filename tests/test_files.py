@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 
 import campaign_disk
 import numpy as np
@@ -25,6 +26,34 @@ LINUX = pytest.mark.skipif(sys.platform != "linux", reason="forks, limits, unnam
 
 def made():
     return models.four_dof().coupler(0.05, coupling="pm")
+
+
+# ---- Ctrl-C --------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="a signal at an instant")
+def test_a_call_that_is_not_to_be_interrupted_has_ended_or_never_begins():
+    begun, ended, interrupts = [], [], 0
+
+    def call():
+        begun.append(None)
+        time.sleep(2e-4)
+        ended.append(None)
+
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for seconds in np.random.default_rng(5).uniform(2e-5, 6e-4, 200):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, seconds)
+                files.uninterrupted(call)
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+            except KeyboardInterrupt:
+                interrupts += 1
+                assert len(begun) == len(ended)
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert interrupts > 20  # some 120 where nothing else has the processor
 
 
 # ---- two runs with one name ----------------------------------------------------------------------
