@@ -13,13 +13,13 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, listing, plain_array, real_array
-from ..problem.kinds import KINDS, SHAPES
+from ..meshes.kinds import KINDS, SHAPES
+from ..meshes.mesh import FileMesh
 from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
 from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
-from .mesh import FileMesh
 from .mesh_files import read_mesh
 from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure

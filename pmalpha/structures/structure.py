@@ -17,9 +17,9 @@ from ..problem.argument_types import DofsLike
 from ..problem.dofs import NodeNames, dof_list
 from ..problem.forces import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
-from ..problem.reduction import Reduction, reduce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from ..reduction.fixed_dofs import Reduction, reduce
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
 from .mesh_files import grid_of

@@ -9,12 +9,12 @@ from typing import Any, NoReturn
 import numpy as np
 
 from .._checks import listing
-from .constraints import Constraint, require_two
-from .dofs import dof_list
+from ..problem.constraints import Constraint, require_two
+from ..problem.dofs import dof_list
+from ..problem.subdomain import Subdomain
+from ..reduction.fixed_dofs import Reduction
 from .kinds import SHAPES, Shape
-from .reduction import Reduction
 from .sides import ROUNDING, Side, checked_sides, constraint_of, tolerance, tree_of, warn_of_near
-from .subdomain import Subdomain
 
 __all__ = ["interpolate"]
 
