@@ -30,19 +30,19 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
-from .problem.coincident import contact_coincident, tie_coincident
+from .meshes.coincident import contact_coincident, tie_coincident
+from .meshes.interpolation import interpolate
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
 from .problem.forces import BaseAcceleration, SampledForce
 from .problem.internal import InternalForce
-from .problem.interpolation import interpolate
 from .problem.newton import Newton
-from .problem.reduction import reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, RambergOsgood
 from .problem.subdomain import Subdomain
 from .problem.supports import SupportMotion
 from .problem.unilateral import Contact, contact
+from .reduction.fixed_dofs import reduce
 from .results.history import History, SubdomainHistory
 from .run.coupler import Coupler, solve
 

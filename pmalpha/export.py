@@ -17,11 +17,11 @@ import numpy as np
 from ._checks import listing, real_array, whole_number
 from .errors import warn
 from .files import checked_path, package_version, replacing, uninterrupted
-from .problem.kinds import KINDS
+from .meshes.kinds import KINDS
+from .meshes.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 from .results.array_file import Output
 from .results.dof_motion import on_mesh
 from .results.history import History, SubdomainHistory
-from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
 

@@ -6,7 +6,7 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import reduce
-from pmalpha.problem.reduction import Reduction
+from pmalpha.reduction.fixed_dofs import Reduction
 
 RANDOM = np.random.default_rng(0)
 HALF = RANDOM.normal(size=(6, 6))

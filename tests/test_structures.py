@@ -759,6 +759,36 @@ def test_invalid_arguments_of_structures_are_named(build, given, change, error, 
 
 
 @pytest.mark.parametrize(
+    "use",
+    [
+        lambda s, nodes: pm.reduce(s.M, s.K, fixed=nodes),
+        lambda s, nodes: s.subdomain(scheme=pm.Newmark(), fixed=nodes[1:]),
+        lambda s, nodes: pm.cut(s, [0, 1] * 2, scheme=pm.Newmark(), fixed=nodes),
+        lambda s, nodes: structures.modes(s.M, s.K, 1, fixed=nodes),
+        lambda s, nodes: pm.tie("a", [0], s.subdomain(scheme=pm.Newmark()), nodes),
+        lambda s, nodes: pm.CubicSpring(nodes, k=1.0, k3=0.0),
+    ],
+)
+@pytest.mark.parametrize(
+    "find", [lambda s: s.nodes_at(x=0.0), lambda s: s.nodes(lambda x, y: x < 1)]
+)
+def test_nodes_with_several_dofs_are_refused_where_dofs_are_meant(use, find):
+    plate = structures.plate(2, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    with pytest.raises(TypeError, match=r"must be dofs, got nodes .*structure\.dofs\(nodes\)"):
+        use(plate, find(plate))
+
+
+def test_dofs_computed_from_nodes_and_nodes_with_one_dof_are_dofs():
+    plate = structures.plate(2, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    edge = plate.nodes_at(x=0.0)
+    by_hand = pm.reduce(plate.M, plate.K, fixed=2 * edge)
+    np.testing.assert_array_equal(by_hand.fixed, plate.dofs(edge, "ux"))
+    assert type(edge.max()) is np.int64
+    rod = structures.rod(4, 1.0, EA=1.0, rhoA=1.0)
+    assert pm.reduce(rod.M, rod.K, fixed=rod.nodes_at(x=0.0)).fixed.tolist() == [0]
+
+
+@pytest.mark.parametrize(
     "call, error, message",
     [
         (lambda s: s.nodes_at(x=7.0), ValueError, r"got {'x': 7.0}; .* \[1.0, 1.0\]"),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered
+from .._checks import counted, listing, numbered, plain_array
 from ..problem.dofs import dof_array
 from ..problem.internal import InternalForce
 from ..problem.matrices import combination, sparse
@@ -249,7 +249,7 @@ class WholeStructure(Whole):
                 known = listing(list(sets)) if sets else "none"
                 raise ValueError(f"{name} must be a set of nodes, of {known}, got {value!r}")
             value = sets[value]
-        numbers = dof_array(value, len(self._structure.points), name)
+        numbers = dof_array(plain_array(value, name), len(self._structure.points), name)
         if not numbers.size:
             raise ValueError(f"{name} must have a node, got none")
         return numbers

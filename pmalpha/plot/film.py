@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._checks import listing, positive_number, whole_number
+from ..meshes.mesh import Mesh, checked_mesh, nodal_values
 from ..results.dof_motion import on_mesh
 from ..results.history import History, SubdomainHistory
 from ..results.interpolated import linear
-from ..structures.mesh import Mesh, checked_mesh, nodal_values
 from .meshes import (
     EDGE,
     Look,

@@ -10,9 +10,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._checks import positive_number, real_number, require_finite, require_moderate
-from ..problem.kinds import KINDS
-from ..results.dof_motion import State, on_mesh
-from ..structures.mesh import (
+from ..meshes.kinds import KINDS
+from ..meshes.mesh import (
     Block,
     Mesh,
     checked_mesh,
@@ -23,6 +22,7 @@ from ..structures.mesh import (
     outer_faces,
     padded,
 )
+from ..results.dof_motion import State, on_mesh
 from .styling import require_axes, shown_figure, shown_style
 
 if TYPE_CHECKING:

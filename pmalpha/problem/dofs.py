@@ -59,6 +59,21 @@ class NodeNames(Sequence[str]):
         return f"<names of {counted(len(self), 'dof')} of nodes>"
 
 
+class Nodes(np.ndarray):
+    """Numbers of nodes with several dofs each, which are no numbers of dofs.
+
+    What is computed from them is a plain array, what is selected from them are nodes.
+    """
+
+    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
+        return array[()] if return_scalar else np.asarray(array)
+
+
+def as_nodes(numbers: np.ndarray, dofs_per_node: int) -> np.ndarray:
+    """Numbers of nodes; those with one dof are numbers of dofs too."""
+    return numbers if dofs_per_node == 1 else numbers.view(Nodes)
+
+
 def checked_names(value: Any, n: int) -> Sequence[str] | None:
     """The names of n dofs, different words."""
     if value is None:
@@ -111,6 +126,11 @@ def dof_array(
 
     Returns ndarray of int, of the shape of the value; of a mask the numbers, (k,).
     """
+    if isinstance(value, Nodes):
+        raise TypeError(
+            f"{name} must be dofs, got nodes {listing(value)} with several dofs each; their dofs "
+            "are structure.dofs(nodes)"
+        )
     dofs = plain_array(numbers_of(value, name, names), name)
     if dofs.size == 0:
         dofs = dofs.astype(np.int64)
@@ -171,6 +191,8 @@ def number_of(given: str, name: str, names: Sequence[str] | None) -> int:
 
 def spring_dofs(dofs: Any) -> np.ndarray:
     """(m, 2) array of int, -1 for the ground; of names too an array of objects, None for it."""
+    if isinstance(dofs, Nodes):
+        dof_array(dofs, None, "dofs")
     array = plain_array(dofs, "dofs")
     if array.dtype.kind in "UO" and array.size:
         array = _named(np.array(dofs, dtype=object), dofs)  # or numbers beside words were words

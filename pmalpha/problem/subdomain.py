@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import scipy.sparse as sp
@@ -42,7 +42,9 @@ from .matrices import (
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme, explicit_rho
 from .springs import Spring, stiffness
-from .superelement import ReducedBasis, reduced_arguments
+
+if TYPE_CHECKING:
+    from ..reduction.superelement import ReducedBasis
 
 __all__ = ["Subdomain"]
 
@@ -365,6 +367,8 @@ class Subdomain(Frozen):
         unknown = [name for name in changes if name not in allowed]
         if unknown:
             raise TypeError(f"changes must be of {', '.join(allowed)}, got {unknown[0]!r}")
+        from ..reduction.superelement import reduced_arguments
+
         arguments, basis = reduced_arguments(self, keep, modes, omega)
         own = {name: getattr(self, name) for name in allowed}
         return Subdomain(**{**own, **arguments, **changes}), basis

@@ -8,9 +8,9 @@ import numpy as np
 
 from .._checks import whole_number
 from ..errors import BucklingError
-from ..problem.eigenmodes import IndefiniteStiffness
-from ..problem.eigenmodes import modes as modes_of
 from ..problem.matrices import is_symmetric
+from ..reduction.eigenmodes import IndefiniteStiffness
+from ..reduction.eigenmodes import modes as modes_of
 from ..setup.eliminated_rows import Assembled
 from ..setup.eliminated_rows import assembled as assemble
 from ..setup.equilibrium import Equilibrium, static_displacements

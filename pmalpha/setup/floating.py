@@ -10,9 +10,9 @@ import scipy.sparse as sp
 from .._checks import counted, listing
 from ..blas import one_thread
 from ..errors import ConstraintWarning, StabilityWarning, warn
-from ..problem.eigenmodes import FLOATING, scales_to_one, softest
 from ..problem.matrices import Matrix, dense, diagonal, is_symmetric, sparse
 from ..problem.subdomain import Subdomain, dense_whole
+from ..reduction.eigenmodes import FLOATING, scales_to_one, softest
 from .constraint_rows import rows_of_size_one
 from .link import Link
 

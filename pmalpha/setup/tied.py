@@ -17,9 +17,9 @@ from .._checks import counted, listing
 from ..blas import one_thread
 from ..errors import FactorizationError
 from ..memory import require
-from ..problem.eigenmodes import scales_to_one
 from ..problem.matrices import Matrix, core_sparse, dense, sparse
 from ..problem.schemes import Scheme, explicit_rho
+from ..reduction.eigenmodes import scales_to_one
 from .constraint_rows import row_sizes
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed

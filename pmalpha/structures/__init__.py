@@ -7,7 +7,7 @@ node i, component c: dofs_per_node * i + c. Elements have the names and the orde
 meshio and VTK. Units are any consistent set.
 """
 
-from ..problem.eigenmodes import modes
+from ..reduction.eigenmodes import modes
 from .bars import truss
 from .contact import plane_contact, sphere_contact
 from .continuum import plate, plate_on, solid, solid_on

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from .._checks import fortran_real, listing
+from ..meshes.mesh import Block, ElementType, FileMesh
 from .bulk_cards import ELEMENTS, REFUSED, Element, family_of, is_of_analysis
 from .included import Included
-from .mesh import Block, ElementType, FileMesh
 from .unread import Unread, refused_at
 
 Found = TypeVar("Found")

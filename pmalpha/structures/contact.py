@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from .._checks import flag, positive_number, vector
+from .._checks import flag, plain_array, positive_number, vector
 from ..problem.dofs import dof_list
 from .checked import positive
 from .element_force import Conservative
@@ -136,7 +136,7 @@ def _dimension(structure: Any) -> int:
 
 class ContactForce(Conservative):
     def __init__(self, structure: Structure, nodes: Any, stiffness: ArrayLike):
-        chosen = dof_list(nodes, len(structure.points), "nodes")
+        chosen = dof_list(plain_array(nodes, "nodes"), len(structure.points), "nodes")
         if not chosen.size:
             raise ValueError("nodes must not be empty")
         d = structure.dofs_per_node

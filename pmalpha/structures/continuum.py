@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
 from ..blas import one_thread
-from ..problem.kinds import KINDS, SHAPES
+from ..meshes.kinds import KINDS, SHAPES
+from ..meshes.mesh import Block
 from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
 from .elasticity import Moduli, mass_matrix, stiffness
 from .element_force import Made, Selected
-from .mesh import Block
 from .pattern import Pattern
 from .structure import Structure
 

@@ -15,9 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import listing
-from ..problem.kinds import KINDS, SHAPES
+from ..meshes.kinds import KINDS, SHAPES
+from ..meshes.mesh import Block
 from .element_force import of_chosen
-from .mesh import Block
 from .pattern import Pattern, lumped_mass, upper
 
 _A = (5.0 - np.sqrt(5.0)) / 20.0

@@ -13,13 +13,14 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, listing, plain_array, real_array
-from ..problem.kinds import KINDS, SHAPES
+from ..meshes.kinds import KINDS, SHAPES
+from ..meshes.mesh import FileMesh
+from ..problem.dofs import as_nodes
 from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
 from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
-from .mesh import FileMesh
 from .mesh_files import read_mesh
 from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
@@ -430,6 +431,7 @@ def _structure(
     recipe = partial(_assembled, points, elements, moduli, lines, len(components), is_lumped(mass))
     structure = Structure._of(recipe, points, elements, components, moduli)
     groups, sets = _named(read, parts, kinds, number)
+    sets = {name: as_nodes(nodes, len(components)) for name, nodes in sets.items()}
     return replace(structure, groups=groups, sets=sets)
 
 

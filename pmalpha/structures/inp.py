@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .._checks import fortran_real
-from ..problem.kinds import KINDS
+from ..meshes.kinds import KINDS
+from ..meshes.mesh import Block, ElementType, FileMesh
 from .included import Included
 from .inp_keywords import LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
-from .mesh import Block, ElementType, FileMesh
 from .unread import Unread, refused_at
 
 Key = TypeVar("Key", int, tuple[int, int])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from ..problem.kinds import KINDS
-from .mesh import ElementType
+from ..meshes.kinds import KINDS
+from ..meshes.mesh import ElementType
 
 
 def _words(text: str) -> frozenset[str]:

@@ -23,12 +23,12 @@ import numpy as np
 from .._checks import listing, real_number, require_finite, require_moderate
 from ..files import library, reading
 from ..memory import require
-from ..problem.kinds import KINDS
+from ..meshes.kinds import KINDS
+from ..meshes.mesh import Block, ElementType, FileMesh, checked_mesh, merged, nodal_vectors, padded
 from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
 from .inp import read_input
-from .mesh import Block, ElementType, FileMesh, checked_mesh, merged, nodal_vectors, padded
 from .unread import Unread
 
 # Formats of both by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,

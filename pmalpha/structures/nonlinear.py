@@ -11,12 +11,12 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, whole_number
+from ..meshes.mesh import Block
 from .checked import dimension_of, is_lumped, mesh_arguments, positive
 from .continuum import grid
 from .elasticity import gradients, mass_matrix
 from .element_force import Conservative, ElementForce, Made, Selected, of_chosen
 from .materials import Hyperelastic, Material
-from .mesh import Block
 from .pattern import Assembly, Pattern
 from .structure import Structure
 

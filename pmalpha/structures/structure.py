@@ -11,15 +11,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from .._checks import counted, listing, real_number
+from .._checks import counted, listing, plain_array, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
-from ..problem.dofs import NodeNames, dof_list
+from ..problem.dofs import NodeNames, as_nodes, dof_list
 from ..problem.forces import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
-from ..problem.reduction import Reduction, reduce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from ..reduction.fixed_dofs import Reduction, reduce
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
 from .mesh_files import grid_of
@@ -269,7 +269,7 @@ class Structure:
             )
         if not chosen.any():
             raise ValueError(f"where must hold at one node at least, got none of {len(chosen)}")
-        return np.flatnonzero(chosen)
+        return as_nodes(np.flatnonzero(chosen), self.dofs_per_node)
 
     def nodes_at(
         self, *, x: float | None = None, y: float | None = None, z: float | None = None
@@ -284,7 +284,8 @@ class Structure:
         Returns
         -------
         (k,) ndarray of int
-            In rising order.
+            In rising order. Where nodes have several dofs they are not taken for numbers of dofs:
+            ``fixed=`` and the like refuse them by name, and take those of `dofs`.
 
         Raises
         ------
@@ -311,7 +312,7 @@ class Structure:
                 f"nodes_at must match a node, got {given}; the coordinates are within "
                 f"{low.tolist()} and {high.tolist()}"
             )
-        return found
+        return as_nodes(found, self.dofs_per_node)
 
     def dofs(self, nodes: Any, component: str | Sequence[str] | None = None) -> np.ndarray:
         """Dofs of nodes, node by node.
@@ -342,7 +343,7 @@ class Structure:
         """
         if isinstance(nodes, str):
             nodes = _named(self.sets, nodes, "set of nodes")
-        chosen = dof_list(np.atleast_1d(nodes), len(self.points), "nodes")
+        chosen = dof_list(np.atleast_1d(plain_array(nodes, "nodes")), len(self.points), "nodes")
         names = (component,) if isinstance(component, str) else component or self.components
         unknown = [name for name in names if name not in self.components]
         if unknown:

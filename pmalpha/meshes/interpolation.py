@@ -8,13 +8,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .._checks import listing
-from .constraints import Constraint, require_two
-from .dofs import dof_list
+from .._checks import listing, plain_array
+from ..problem.constraints import Constraint, require_two
+from ..problem.dofs import dof_list
+from ..problem.subdomain import Subdomain
+from ..reduction.fixed_dofs import Reduction
 from .kinds import SHAPES, Shape
-from .reduction import Reduction
 from .sides import ROUNDING, Side, checked_sides, constraint_of, tolerance, tree_of, warn_of_near
-from .subdomain import Subdomain
 
 __all__ = ["interpolate"]
 
@@ -208,7 +208,9 @@ def interpolate(
     sides = checked_sides(points, components, dofs_per_node, reduced)
     of_a, of_b = sides
     elements = checked_elements(elements_b, of_b, cell)
-    chosen = None if nodes_a is None else dof_list(nodes_a, len(of_a.points), "nodes_a")
+    chosen = None
+    if nodes_a is not None:
+        chosen = dof_list(plain_array(nodes_a, "nodes_a"), len(of_a.points), "nodes_a")
     if chosen is not None and not chosen.size:
         raise ValueError("nodes_a must not be empty")
     tied, element, weights = _located(of_a, of_b, elements, chosen, tol)

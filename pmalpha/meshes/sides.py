@@ -11,9 +11,9 @@ import scipy.sparse as sp
 
 from .._checks import listing, real_array, real_number, require_moderate, whole_number
 from ..errors import ConstraintWarning, warn
-from .constraints import Constraint
-from .reduction import Reduction
-from .subdomain import Subdomain
+from ..problem.constraints import Constraint
+from ..problem.subdomain import Subdomain
+from ..reduction.fixed_dofs import Reduction
 
 # The default tolerance as a fraction of the smallest distance between two nodes of one subdomain:
 # far above the rounding in a mesh file, far below the size of an element. Nodes at larger

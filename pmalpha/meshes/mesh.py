@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import counted, listing, not_real, real_array, require_finite
-from ..problem.kinds import BY_COLUMNS, KINDS
+from .kinds import BY_COLUMNS, KINDS
 
 
 class Block(NamedTuple):

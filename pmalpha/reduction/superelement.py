@@ -20,12 +20,12 @@ from .._checks import counted, listing, positive_number, vector, whole_number
 from ..blas import one_thread
 from ..errors import warn
 from ..memory import require
-from .argument_types import DofsLike
-from .dofs import dof_array, dof_list
+from ..problem.argument_types import DofsLike
+from ..problem.dofs import dof_array, dof_list
+from ..problem.forces import SampledForce, each_term, is_of_motion
+from ..problem.matrices import Matrix, dense, diagonal, is_symmetric, product, sparse
 from .eigenmodes import FLOATING, block, modes, positive_definite, scale_to_one, softest
-from .forces import SampledForce, each_term, is_of_motion
-from .matrices import Matrix, dense, diagonal, is_symmetric, product, sparse
-from .reduction import numbers_along
+from .fixed_dofs import numbers_along
 
 __all__ = ["ReducedBasis"]
 

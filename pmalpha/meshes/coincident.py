@@ -9,8 +9,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import real_array
-from .constraints import Constraint
-from .reduction import Reduction
+from ..problem.constraints import Constraint
+from ..problem.subdomain import Subdomain
+from ..problem.unilateral import Contact
+from ..reduction.fixed_dofs import Reduction
 from .sides import (
     ROUNDING,
     Entries,
@@ -21,8 +23,6 @@ from .sides import (
     tree_of,
     warn_of_near,
 )
-from .subdomain import Subdomain
-from .unilateral import Contact
 
 __all__ = ["contact_coincident", "tie_coincident"]
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from .._checks import whole_number
 from ..errors import warn
-from .dofs import dof_list
-from .matrices import (
+from ..problem.dofs import dof_list
+from ..problem.matrices import (
     EXPORTED,
     canonical,
     combination,
@@ -23,7 +23,7 @@ from .matrices import (
     product,
     sparse,
 )
-from .ordering import elimination_order, graph_of
+from ..problem.ordering import elimination_order, graph_of
 
 __all__ = ["modes"]
 

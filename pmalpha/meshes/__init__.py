@@ -1,0 +1,1 @@
+"""Kinds of elements, checked meshes, and constraints between the meshes of subdomains."""
