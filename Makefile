@@ -119,7 +119,7 @@ coverage: build/test_core_covered build/covered/_core.abi3.so $(VENV)/.coverage
 		--rcfile $(CURDIR)/pyproject.toml >package.txt
 	$(VENV)/bin/python -m gcovr --root . -a build/covered/c.json -a build/covered/python.json \
 		--txt build/covered/core.txt
-	$(VENV)/bin/python tests/covered.py build/covered
+	$(VENV)/bin/python benchmarks/surveys/covered.py build/covered
 
 # Mistakes that can be found without a run: gcc -fanalyzer without OpenMP, of whose reductions it
 # reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,
