@@ -23,6 +23,9 @@ SANITIZED := test_binding test_binding_arrays test_binding_panels test_binding_t
 RACES     := test_threads test_waiting
 LIBRARY    = $(shell $(CC) -print-file-name=$(1))
 
+# Each process of a test, and each rewrite of its assertions, would compile all modules again.
+unexport PYTHONDONTWRITEBYTECODE
+
 # a test or a compilation for each processor
 JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 # BLAS alone: its threads would wait for each other by spinning while another test has the processor
