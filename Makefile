@@ -23,6 +23,9 @@ SANITIZED := test_binding test_binding_arrays test_binding_panels test_binding_t
 RACES     := test_threads test_waiting
 LIBRARY    = $(shell $(CC) -print-file-name=$(1))
 
+# Each process of a test, and each rewrite of its assertions, would compile all modules again.
+unexport PYTHONDONTWRITEBYTECODE
+
 # a test or a compilation for each processor
 JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 # BLAS alone: its threads would wait for each other by spinning while another test has the processor
@@ -119,7 +122,7 @@ coverage: build/test_core_covered build/covered/_core.abi3.so $(VENV)/.coverage
 		--rcfile $(CURDIR)/pyproject.toml >package.txt
 	$(VENV)/bin/python -m gcovr --root . -a build/covered/c.json -a build/covered/python.json \
 		--txt build/covered/core.txt
-	$(VENV)/bin/python tests/covered.py build/covered
+	$(VENV)/bin/python benchmarks/surveys/covered.py build/covered
 
 # Mistakes that can be found without a run: gcc -fanalyzer without OpenMP, of whose reductions it
 # reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from agreement import assert_close
-from error_survey import named_cases, random_chain
+from error_cases import named_cases, random_chain
 from problems import random_problem
 from test_snapshot import bits_of, nonlinear
 
@@ -249,7 +249,7 @@ def test_with_one_halving_the_order_is_that_of_the_coupling(coupling, substeps, 
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of springs under macro coupling
 def test_random_chains_have_about_the_error_that_is_estimated(coupling, nonlinear):
-    """Against modes or DOP853 of the uncut chain; tests/error_survey.py has more of them."""
+    """Against modes or DOP853 of the uncut chain; benchmarks/surveys has more of them."""
     for seed in (20, 21):
         case = random_chain(seed, coupling, nonlinear=nonlinear)
         found = case.estimate(2)

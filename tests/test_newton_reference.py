@@ -9,8 +9,9 @@ differ by the tolerance times the number of steps.
 from dataclasses import fields
 from unittest import mock
 
+import newton_chains
 import newton_reference
-import newton_tables
+import newton_variants
 import numpy as np
 import pytest
 import reference
@@ -125,10 +126,10 @@ def test_a_prescribed_motion_is_that_of_the_linear_reference():
 # ---- one step -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("schedule", newton_tables.SCHEDULES)
+@pytest.mark.parametrize("schedule", newton_chains.SCHEDULES)
 def test_every_time_level_is_in_equilibrium_with_the_history_of_its_own_chain(schedule):
     n = 4
-    function, values = newton_tables.SCHEDULES[schedule]
+    function, values = newton_chains.SCHEDULES[schedule]
     load = lambda t: 20.0 * np.sin(3.0 * t) * np.ones(2 * n - 1)  # noqa: E731
     law = bilinear(1e3, 0.05, 0.02)
     subdomains, L = chain(n, law, history=0.0, force=load, **values)
@@ -180,11 +181,11 @@ def test_macro_without_substeps_is_gc():
     in_turn(["pm, s = 5", "gc, s = 1"], "plastic chain", "stiff cubic chain"),
 )
 def test_kept_tangents_give_the_results_of_fresh_ones(schedule, problem):
-    function, values = newton_tables.SCHEDULES[schedule]
-    law, more, (dt, _), _ = newton_tables.problems()[problem]
+    function, values = newton_chains.SCHEDULES[schedule]
+    law, more, (dt, _), _ = newton_chains.problems()[problem]
     results = []
     for newton in (TIGHT, REUSE):
-        subdomains, L = chain(newton_tables.N, law, **more, **values)
+        subdomains, L = chain(newton_chains.N, law, **more, **values)
         results.append(function(subdomains, L, dt, 6, newton))
     size = max(abs(x.u).max() for x in results[0].subdomains)
     assert largest_difference(*results, "u") < 1e-7 * size  # errors accumulate over 6 steps
@@ -197,9 +198,9 @@ def test_kept_tangents_give_the_results_of_fresh_ones(schedule, problem):
 
 @pytest.mark.parametrize("schedule", ["pm, s = 1", "gc, s = 5", "macro, s = 5"])
 def test_bilinear_springs_with_little_hardening_need_the_line_search(schedule):
-    function, values = newton_tables.SCHEDULES[schedule]
-    law, more, (_, dt), _ = newton_tables.problems()["plastic chain"]
-    subdomains, L = chain(newton_tables.N, law, **more, **values)
+    function, values = newton_chains.SCHEDULES[schedule]
+    law, more, (_, dt), _ = newton_chains.problems()["plastic chain"]
+    subdomains, L = chain(newton_chains.N, law, **more, **values)
     function(subdomains, L, dt, 30)
     with (
         mock.patch.object(Iteration, "search", lambda self, s_1: 1.0),
@@ -262,7 +263,7 @@ def prestressed(ss, double, grounded):
 )
 def test_a_prestressed_string_at_rest_stays_at_rest(schedule, grounded, tangent):
     # no energy scale, and no force except in the constraint: corrections are rounding, (N9)
-    function, values = newton_tables.SCHEDULES[schedule]
+    function, values = newton_chains.SCHEDULES[schedule]
     double = values.get("double", False)
     subdomains, L = prestressed(values.get("ss", (1, 1)), double, grounded)
     for s, sign in zip(subdomains, (1.0, 1.0 if grounded else -1.0), strict=True):
@@ -294,7 +295,7 @@ def test_a_wrong_tangent_is_not_taken_for_rounding():
 def test_the_law_of_a_coarse_subdomain_has_to_be_rebased():
     values = {"ss": (1, 5), "double": True}
     error = pendulum_error(run(*pendulum(**values), 0.01, 60))
-    opened = newton_tables.without_rebasing
+    opened = newton_variants.without_rebasing
     member = newton_reference.FineMember
     with mock.patch.multiple(member, open=opened, changed=True, create=True):
         without = pendulum_error(run(*pendulum(**values), 0.01, 60))
@@ -305,10 +306,10 @@ def test_the_law_of_a_coarse_subdomain_has_to_be_rebased():
 
 def test_multipliers_fixed_at_closing_give_up_the_constraints():
     def step(members, k, g, newton):
-        return newton_tables.single_pass(members, k, g, newton, iterate=True)
+        return newton_variants.single_pass(members, k, g, newton, iterate=True)
 
-    subdomains, L = newton_tables.stiff_chain(rho=0.5)
-    dt = 10.0 / newton_tables.OMEGA
+    subdomains, L = newton_chains.stiff_chain(rho=0.5)
+    dt = 10.0 / newton_chains.OMEGA
     coupled = run(subdomains, L, dt, 30, TIGHT)
     with mock.patch.object(newton_reference, "fine_step", step):
         fixed = run(subdomains, L, dt, 30, TIGHT)

@@ -3,7 +3,7 @@
 The short form of the tables of docs/method.md, section 14, measured with the core.
 """
 
-import newton_tables
+import newton_chains
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -19,14 +19,14 @@ from pmalpha import structures
 # omega h of 10 to 400, no double step damped: long steps on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 
-SCHEDULES = newton_tables.SCHEDULES
-PROBLEMS = newton_tables.problems()
+SCHEDULES = newton_chains.SCHEDULES
+PROBLEMS = newton_chains.problems()
 # problem, its number, most iterations a substep: 1.5 times those of the page
 STIFF = [("plastic chain", 0, 7.5), ("plastic chain", 1, 7.5), ("stiff cubic chain", 1, 11.0)]
 
 
 def run_of(subdomains, L, dt, steps, schedule, **newton):
-    """The History of a problem in a schedule of newton_tables."""
+    """The History of a problem in a schedule of newton_chains."""
     macro = SCHEDULES[schedule][0] is run_macro
     coupling = "macro" if macro else "pm" if subdomains[0].double else "gc"
     c = coupler(subdomains, L, dt, coupling, newton=pm.Newton(**newton))
@@ -42,7 +42,7 @@ def run_of(subdomains, L, dt, steps, schedule, **newton):
 def test_stiff_chains_converge_in_every_schedule(schedule, stiff, tangent):
     problem, number, most = stiff
     law, values, dts, _ = PROBLEMS[problem]
-    subdomains, L = chain(newton_tables.N, law, **values, **SCHEDULES[schedule][1])
+    subdomains, L = chain(newton_chains.N, law, **values, **SCHEDULES[schedule][1])
     history = run_of(subdomains, L, dts[number], 30, schedule, tangent=tangent)
     total = sum(x.iterations.sum() for x in history)
     substeps = sum(len(x.t) - 1 for x in history)
@@ -56,7 +56,7 @@ def test_stiff_chains_converge_in_every_schedule(schedule, stiff, tangent):
 @pytest.mark.parametrize(("schedule", "tangent"), in_turn(SCHEDULES, "full", "reuse"))
 def test_contact_of_high_penalty_keeps_its_velocity_with_rho_0(schedule, tangent):
     law, values, (dt,), _ = PROBLEMS["penalty contact, rho 0"]  # omega_c dt = 400
-    subdomains, L = chain(newton_tables.N, law, **values, **SCHEDULES[schedule][1])
+    subdomains, L = chain(newton_chains.N, law, **values, **SCHEDULES[schedule][1])
     history = run_of(subdomains, L, dt, 50, schedule, tangent=tangent)
     assert max(abs(x.v).max() for x in history) < 1.2  # 1.0 at the start
     closed = np.diff(history["0"].u, prepend=0.0) > 0.02
@@ -67,7 +67,7 @@ def test_contact_of_high_penalty_keeps_its_velocity_with_rho_0(schedule, tangent
 
 
 class Relative:
-    """What `newton_tables.energy` reads of a Result."""
+    """What `newton_chains.energy` reads of a Result."""
 
     def __init__(self, history):
         self.subdomains = list(history)
@@ -79,32 +79,32 @@ class Relative:
     [("gc, s = 1", 0.0), *((x, 0.5) for x in SCHEDULES if "macro" not in x)],
 )
 def test_the_stiff_cubic_chain_keeps_its_energy_with_small_rho(schedule, rho):
-    subdomains, L = newton_tables.stiff_chain(rho=rho, **SCHEDULES[schedule][1])
-    history = run_of(subdomains, L, 10.0 / newton_tables.OMEGA, 80, schedule, tol=1e-10)
-    E = newton_tables.energy(Relative(history))
+    subdomains, L = newton_chains.stiff_chain(rho=rho, **SCHEDULES[schedule][1])
+    history = run_of(subdomains, L, 10.0 / newton_chains.OMEGA, 80, schedule, tol=1e-10)
+    E = newton_chains.energy(Relative(history))
     assert E.max() < 1.5  # docs/method.md: 1.40 and 1.43 for gc, s = 1; 1 elsewhere
 
 
 def test_it_grows_with_large_rho_since_the_uncoupled_scheme_does():
-    subdomains, L = newton_tables.stiff_chain(rho=0.9)
-    history = run_of(subdomains, L, 10.0 / newton_tables.OMEGA, 250, "gc, s = 1", tol=1e-10)
+    subdomains, L = newton_chains.stiff_chain(rho=0.9)
+    history = run_of(subdomains, L, 10.0 / newton_chains.OMEGA, 250, "gc, s = 1", tol=1e-10)
     # after 262 steps the run of the uncut chain ends in an InstabilityError
-    assert newton_tables.energy(Relative(history)).max() > 10.0  # docs/method.md: 3850 in 600 steps
+    assert newton_chains.energy(Relative(history)).max() > 10.0  # docs/method.md: 3850 in 600 steps
     whole = uncoupled(0.9)
     assert whole.max() > 10.0 and uncoupled(0.5).max() < 1.5
 
 
 def uncoupled(rho):
     """Energy of the uncut chain of nine masses, relative to that at t = 0."""
-    n = 2 * newton_tables.N - 1
+    n = 2 * newton_chains.N - 1
     pairs = [(i, i - 1) for i in range(n)]
-    spring = pm.CubicSpring(pairs, k=newton_tables.K, k3=newton_tables.K3)
-    how = dict(scheme=pm.GeneralizedAlpha(rho), internal=spring, u0=newton_tables.U0)
+    spring = pm.CubicSpring(pairs, k=newton_chains.K, k3=newton_chains.K3)
+    how = dict(scheme=pm.GeneralizedAlpha(rho), internal=spring, u0=newton_chains.U0)
     s = pm.Subdomain(np.ones(n), None, **how)
-    dt = 10.0 / newton_tables.OMEGA
+    dt = 10.0 / newton_chains.OMEGA
     history = pm.solve(s, dt=dt, t_end=250 * dt)
     d = np.diff(history.u, axis=1, prepend=0.0)
-    strain = (0.5 * newton_tables.K * d**2 + 0.25 * newton_tables.K3 * d**4).sum(axis=1)
+    strain = (0.5 * newton_chains.K * d**2 + 0.25 * newton_chains.K3 * d**4).sum(axis=1)
     E = 0.5 * (history.v**2).sum(axis=1) + strain
     return E / E[0]
 

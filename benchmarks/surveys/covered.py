@@ -1,8 +1,8 @@
 """Writes the table of coverage in CONTRIBUTING.md: ``make coverage`` measures, and calls this.
 
-``python tests/covered.py build/covered``: the folder has what gcovr found of the C tests (c.json)
-and of the Python tests (python.json), and what coverage.py found of the package (package.json).
-With the first alone the columns of the Python tests have dashes.
+``python benchmarks/surveys/covered.py build/covered``: the folder has what gcovr found of the C
+tests (c.json) and of the Python tests (python.json), and what coverage.py found of the package
+(package.json). With the first alone the columns of the Python tests have dashes.
 """
 
 import json
@@ -12,7 +12,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- written by make coverage -->\n", "<!-- end of it -->\n"
 HEAD = """\

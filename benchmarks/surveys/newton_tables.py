@@ -1,6 +1,7 @@
-"""The tables of docs/method.md on Newton's method, measured with the reference.
+"""The tables of docs/method/newton.md, measured with the reference.
 
-    python tests/newton_tables.py variants | opening | growth | order | policies
+    export PYTHONPATH=tests
+    python benchmarks/surveys/newton_tables.py variants | opening | growth | order | policies
 
 `variants`: the stiff cubic chain by methods that were not chosen; `opening`: a pendulum with other
 laws of the coarse subdomain; `growth`: the chain and a contact by rho; `order`: two Duffing
@@ -14,82 +15,15 @@ from unittest import mock
 
 import newton_reference
 import numpy as np
-from newton_problems import (
-    bilinear,
-    chain,
-    contact,
-    cubic,
-    duffing_error,
-    duffing_pair,
-    pendulum,
-    pendulum_error,
-)
+from newton_chains import OMEGA, SCHEDULES, N, energy, problems, stiff_chain
+from newton_problems import chain, duffing_error, duffing_pair, pendulum, pendulum_error
 from newton_reference import run, run_macro
 from newton_step import ConvergenceError, Iteration, Newton, Trial
+from newton_variants import single_pass, without_rebasing
 from reference import Subdomain
 from reference import run as run_linear
 
-SCHEDULES = {
-    "gc, s = 1": (run, {}),
-    "pm, s = 1": (run, {"double": True}),
-    "gc, s = 5": (run, {"ss": (1, 5)}),
-    "pm, s = 5": (run, {"ss": (1, 5), "double": True}),
-    "macro, s = 1": (run_macro, {}),
-    "macro, s = 5": (run_macro, {"ss": (1, 5)}),
-    "macro, double step": (run_macro, {"double": True}),
-}
-
-# ---- the stiff cubic chain ------------------------------------------------------------------
-
-K, K3, N = 100.0, 1e4, 5
-U0 = np.linspace(0.0, 1.0, 2 * N)[1:] ** 2
-OMEGA = 2.0 * np.sqrt(K + 3.0 * K3 * np.diff(U0, prepend=0.0).max() ** 2)  # of the tangent at U0
-
-
-def stiff_chain(**values):
-    return chain(N, cubic(K, K3), u0=U0, **values)
-
-
-def energy(result):
-    """Energy of the cubic chain at the ends of the macro steps, relative to that at t = 0."""
-    total, count = 0.0, len(result.displacement_jump) - 1
-    for side, x in enumerate(result.subdomains):
-        stride = (len(x.t) - 1) // count
-        u, v = x.u[::stride], x.v[::stride]
-        mass = np.ones(N)
-        mass[0 if side else -1] = 0.5
-        d = np.diff(u, axis=1) if side else np.diff(u, axis=1, prepend=0.0)
-        total = total + 0.5 * v**2 @ mass + (0.5 * K * d**2 + 0.25 * K3 * d**4).sum(axis=1)
-    return total / total[0]
-
-
 # ---- variants that were not chosen ----------------------------------------------------------
-
-
-def single_pass(members, k, g, newton, iterate):
-    """A fine step with one interface problem: laws of the free solutions, then one correction.
-
-    With `iterate`, the subdomains are then iterated on their own under these multipliers.
-    """
-    for x in members:
-        begins = (k - 1) % x.stride == 0
-        x.open(k)
-        if x.iterated and begins and x.stride == 1:
-            Iteration([x.trial], newton).run()
-            x.trial.evaluate()
-            x.trial.refresh()
-    laws = [x.trial.law() if x.closes(k) else x.law(k) for x in members]
-    Lam = np.linalg.solve(sum(G for _, G in laws), g - sum(o for o, _ in laws))
-    for x in members:
-        if x.closes(k):
-            x.trial.evaluate()
-            if iterate:
-                x.trial.move(x.trial.w, Lam)
-                Iteration([x.trial], newton).run()
-            else:
-                x.trial.move(x.trial.w + x.trial.correction(Lam)[0], Lam)
-        x.take(k, Lam)
-    return Lam
 
 
 def restoring(s):
@@ -130,16 +64,6 @@ class Unopened(Iteration):
     def run(self):
         if self.others is not None:
             super().run()
-
-
-def without_rebasing(member, k, original=newton_reference.FineMember.open):
-    """FineMember.open with the law of the last substep's end as o_n."""
-    begins = (k - 1) % member.stride == 0
-    old = getattr(member, "ends", None)
-    original(member, k)
-    if begins and member.iterated and member.stride > 1 and old is not None and not member.changed:
-        member.ends = old[1], member.ends[1]
-    member.changed = False
 
 
 def opening():
@@ -229,18 +153,6 @@ def order():
 
 
 # ---- policies -------------------------------------------------------------------------------
-
-
-def problems():
-    """Name -> problem, its time step and number of steps."""
-    n = 2 * N - 1
-    load = {"force": lambda t: 30.0 * np.sin(2.0 * t) * np.ones(n), "history": 0.0}
-    strike = {"v0": np.linspace(0.0, -1.0, n + 1)[1:]}
-    return {
-        "plastic chain": (bilinear(1e3, 0.005, 0.01), load, (0.05, 0.2), 100),
-        "penalty contact, rho 0": (contact(100.0, 0.02, 1e6), {**strike, "rho": 0.0}, (0.2,), 300),
-        "stiff cubic chain": (cubic(K, K3), {"u0": U0}, (10.0 / OMEGA, 40.0 / OMEGA), 200),
-    }
 
 
 def policies():

@@ -1,7 +1,8 @@
 """Random problems and a checksum of each result: are two versions bitwise identical?
 
-    python tests/bitwise.py 1000 > before.txt      # with one version of the package installed
-    python tests/bitwise.py 1000 > after.txt       # with the other
+    export PYTHONPATH=tests
+    python benchmarks/surveys/bitwise.py 1000 > before.txt   # with one version installed
+    python benchmarks/surveys/bitwise.py 1000 > after.txt    # with the other
     diff before.txt after.txt
 
 A line is the seed, what was drawn, and a SHA-256 of every array, error and call of the user's

@@ -1,7 +1,7 @@
 """Mutates the C core a line at a time, and names the mutants that no test kills.
 
-    python tests/mutate.py 40 --seed 3                              # by the C tests
-    python tests/mutate.py 40 --python tests/test_macro.py          # then by some Python tests
+    python benchmarks/surveys/mutate.py 40 --seed 3                      # by the C tests
+    python benchmarks/surveys/mutate.py 40 --python tests/test_macro.py  # then by Python tests
 
 A survivor is a line that no test sees, or one that has no effect (a mutant can be equivalent, or
 touch speed alone). Works in a copy; the tree is not changed. Not a test, and no part of the gate:
@@ -21,7 +21,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 COPIED = ["Makefile", "csrc", "pmalpha", "tests", "setup.py", "pyproject.toml"]
 COPIED += ["README.md", "LICENSE", "MANIFEST.in"]
 # pattern, what takes its place

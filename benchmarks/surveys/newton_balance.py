@@ -1,6 +1,8 @@
 """How far from balance Newton's method accepts, and how many iterations it takes.
 
-    python tests/newton_survey.py [held] [wrong] [strings] [iterations] [--seeds N] [--kernels A B]
+    export PYTHONPATH=tests
+    python benchmarks/surveys/newton_balance.py [held] [wrong] [strings] [iterations] [--seeds N]
+        [--kernels A B]
 
 `held`: the random problems of tests/test_newton_held.py with a subdomain that constraints hold,
 under "gc" and "pm". `wrong`: the same with tangents that are wrong by a factor (even seeds) or
@@ -21,7 +23,7 @@ import warnings
 from collections import Counter
 from dataclasses import replace
 
-import newton_tables
+import newton_chains
 import numpy as np
 from newton_coupled import coupler
 from newton_problems import chain, duffing_pair, pendulum
@@ -129,11 +131,11 @@ class Counted:
 
 def problems():
     """Name, subdomains and constraints of a schedule, steps and their length."""
-    for name, (law, values, dts, _) in newton_tables.problems().items():
+    for name, (law, values, dts, _) in newton_chains.problems().items():
         for dt in dts:
             yield (
                 f"{name}, dt {dt:.2g}",
-                lambda law=law, values=values, **how: chain(newton_tables.N, law, **values, **how),
+                lambda law=law, values=values, **how: chain(newton_chains.N, law, **values, **how),
                 dt,
             )
     yield "oscillators", duffing_pair, 0.05
@@ -145,7 +147,7 @@ def iterations():
     for name, make, dt in problems():
         for tangent in ("full", "reuse"):
             count = Counter()
-            for how, values in newton_tables.SCHEDULES.values():
+            for how, values in newton_chains.SCHEDULES.values():
                 subdomains, L = make(**values)
                 subdomains = [replace(s, internal=Counted(s.internal)) for s in subdomains]
                 coupling = "pm" if subdomains[0].double else "gc"

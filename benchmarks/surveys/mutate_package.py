@@ -1,6 +1,6 @@
 """Mutates the Python package a line at a time, and names the mutants that the given tests miss.
 
-    python tests/mutate_package.py 20 --only structures tests/test_structures.py
+    python benchmarks/surveys/mutate_package.py 20 --only structures tests/test_structures.py
 
 Operators, found by `ast`: comparisons, + and -, * and /, numbers, truth values, calls and results
 that are dropped. The same number, seed and text give the same mutants of the same package, so two
