@@ -53,8 +53,9 @@ class Quantity(NamedTuple):
     # {"forces", "jumps", ""}, the method of `CoreRows` that makes the constraints of the user of
     # those of the core; "" where columns are not constraints
     rows: str = ""
-    # ``made(recording, end)``, the array up to macro step `end`; None: the core fills it
-    made: Callable[[Any, int], np.ndarray] | None = None
+    # ``made(recording, end, filled)``, the array up to macro step `end`; `filled` are those of the
+    # core, with the constraints of the user. None: the core fills it
+    made: Callable[[Any, int, Mapping[str, np.ndarray]], np.ndarray] | None = None
     label: str = ""  # of an axis in figures; "" for an array without a panel
     # the motion whose violation of the constraints it is: rounding errors of it are not drawn
     jump_of: str = ""
@@ -106,7 +107,7 @@ OF_INTERFACE = {
         "t",
         "middles",
         is_state=True,
-        made=lambda recording, end: recording.multiplier_times(end),
+        made=lambda recording, end, filled: recording.multiplier_times(end),
     ),
     "velocity_jump": Quantity(
         "constraints",
@@ -140,7 +141,7 @@ OF_INTERFACE = {
         "t",
         "macro",
         is_state=True,
-        made=lambda recording, end: recording.times(1, end),
+        made=lambda recording, end, filled: recording.times(1, end),
     ),
     "substeps": Quantity(
         "subdomains",
@@ -148,7 +149,7 @@ OF_INTERFACE = {
         "1",
         "macro",
         is_count=True,
-        made=lambda recording, end: recording.substeps(end),
+        made=lambda recording, end, filled: recording.substeps(end),
     ),
 }
 

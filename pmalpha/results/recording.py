@@ -303,14 +303,15 @@ class Recording:
                     for name, x in self.arrays[i].items()
                 },
             )
-        interface: dict[str, Any] = {
+        filled: dict[str, Any] = {
             name: self._in_users_rows(name, x[: rows[of.interface[name][0]]])
             for name, x in self.interface.items()
         }
-        interface |= {name: x.made(self, end) for name, x in OF_INTERFACE.items() if x.made}
+        made = {name: x.made(self, end, filled) for name, x in OF_INTERFACE.items() if x.made}
         return History(
             subdomains=tuple(subdomains),
-            **interface,
+            **filled,
+            **made,
             keys=of.keys,
             energy=self._energy_history(rows[1], end) if of.has_energy else None,
             contact_layout=() if of.contacts is None else layouts(of.contacts),
