@@ -13,23 +13,23 @@ import numpy as np
 from ..problem.dofs import dof_list
 from ..results.dof_motion import columns_of
 from ..results.keys import by_index
-from ..results.quantities import times_of
+from ..results.quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, in_units, times_of
 from .styling import LINES, require_axes, shown_figure, shown_style, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-QUANTITIES = {"u": "displacement", "v": "velocity", "a": "acceleration"}
-UNITS = ("length", "time", "force")
+UNITS = {"length": "u", "time": "t", "force": "F"}
+MOTION = {name: x for name, x in OF_SUBDOMAIN.items() if x.label}
+# The panels of constraints, jumps first.
 INTERFACE = {
-    "velocity\njump": "velocity_jump",
-    "displacement\njump": "displacement_jump",
-    "multiplier": "multipliers",
+    name: x
+    for name, x in sorted(OF_INTERFACE.items(), key=lambda item: not item[1].jump_of)
+    if x.label
 }
 # A jump below ROUNDING times the largest value of the recorded dofs is a sentence below the panels
 # instead of a panel: it is the rounding error of the interface problem, 1e-16 times the condition
 # of H. An error of the constraints that matters to a result is larger.
-JUMPS = {"velocity_jump": "v", "displacement_jump": "u"}
 ROUNDING = 1e-12
 # Number of curves by default: that of the line styles. Markers allow a multiple of it.
 DEFAULT_CURVES = len(LINES)
@@ -69,14 +69,15 @@ def time_histories(
 ) -> Axes:
     unit = _units(units)
     require_axes(ax)
-    if not isinstance(quantity, str) or quantity not in QUANTITIES:
+    if not isinstance(quantity, str) or quantity not in MOTION:
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
     if ax is not None:
-        return _drawn_into(ax, curves, quantity, unit, title)
+        return _drawn_into(ax, curves, MOTION[quantity], unit, title)
     rows = _rows(history, constraints)
     notes = _rounding_notes(history) if rows else {}
-    interface = {x: of for x, of in INTERFACE.items() if rows and of not in notes}
+    drawn = [x for x in INTERFACE if x not in notes and getattr(history, x) is not None]
+    interface = drawn if rows else []
     chosen = history.substeps is not None and bool(np.any(history.substeps != history.substeps[0]))
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * len(interface)
     heights += [HEIGHTS[1]] * (chosen and bool(heights))
@@ -99,7 +100,7 @@ def time_histories(
             _draw_substeps(axes.pop(), history)
         if curves:
             _draw(axes[0], curves)
-            _label_axis(axes[0], QUANTITIES[quantity], unit.get(quantity))
+            _label_axis(axes[0], MOTION[quantity], unit)
             _legend(axes.pop(0))
         if rows:
             _draw_interface(axes, history, rows, unit, interface)
@@ -108,7 +109,11 @@ def time_histories(
 
 
 def _drawn_into(
-    ax: Axes, curves: Sequence[Curve], quantity: str, unit: Mapping[str, str], title: str | None
+    ax: Axes,
+    curves: Sequence[Curve],
+    quantity: Quantity,
+    unit: Mapping[str, str],
+    title: str | None,
 ) -> Axes:
     """The panel of the dofs, in axes that are given."""
     if not curves:
@@ -116,7 +121,7 @@ def _drawn_into(
     with style():
         _draw(ax, curves, len(ax.lines))
         ax.set_xlabel(_time_label(unit))
-        _label_axis(ax, QUANTITIES[quantity], unit.get(quantity))
+        _label_axis(ax, quantity, unit)
         ax.legend()
         if title is not None:
             ax.set_title(title, loc="left")
@@ -128,37 +133,30 @@ def _time_label(unit: Mapping[str, str]) -> str:
 
 
 def _units(units: Mapping[str, str] | None) -> dict[str, str]:
-    """Units by the names of the arrays, where the units of length, time and force give them."""
+    """The units of u, t and F that are given."""
     given = {} if units is None else units
     if not isinstance(given, Mapping) or not all(isinstance(x, str) for x in given.values()):
         raise TypeError(f"units must be a dict of strings, got {units!r}")
     if set(given) - set(UNITS):
         raise ValueError(f"units must be those of 'length', 'time' and 'force', got {units!r}")
-    found, (length, time, force) = {}, (given.get(name) for name in UNITS)
-    if time is not None:
-        found["t"] = time
-    if force is not None:
-        found["multipliers"] = force
-    if length is not None:
-        found["u"] = found["displacement_jump"] = length
-    if length is not None and time is not None:
-        found["v"] = found["velocity_jump"] = f"{length}/{time}"
-        found["a"] = f"{length}/{time}$^2$"
-    return found
+    return {UNITS[name]: unit for name, unit in given.items()}
 
 
 def _rounding_notes(history: Any) -> dict[str, str]:
     """A sentence on each jump that is a rounding error of the recorded motion, by its name."""
     notes = {}
-    for name, of in JUMPS.items():
-        motions = [getattr(s, of) for s in history.subdomains if s is not None]
+    for name, quantity in INTERFACE.items():
+        if not quantity.jump_of:
+            continue
+        motions = [getattr(s, quantity.jump_of) for s in history.subdomains if s is not None]
         largest = max((_largest_size(x) for x in motions), default=0.0)
         jump = _largest_size(getattr(history, name))
-        words = name.replace("_", " ").capitalize()
+        words = quantity.label.replace("\n", " ").capitalize()
         if jump == 0.0:
             notes[name] = f"{words}: zero."
         elif jump <= ROUNDING * largest:
-            size = f"{_power_of_ten(jump / largest)} of the largest {QUANTITIES[of]}"
+            motion = MOTION[quantity.jump_of].label
+            size = f"{_power_of_ten(jump / largest)} of the largest {motion}"
             notes[name] = f"{words}: rounding errors, at most {size}."
     return notes
 
@@ -269,14 +267,14 @@ def _draw_interface(
     history: Any,
     rows: list[int],
     unit: Mapping[str, str],
-    interface: Mapping[str, str],
+    interface: Sequence[str],
 ) -> None:
-    for ax, (label, values) in zip(axes, interface.items(), strict=True):
-        t, x = times_of(history, values), getattr(history, values)
+    for ax, name in zip(axes, interface, strict=True):
+        t, x = times_of(history, name), getattr(history, name)
         if len(rows) < x.shape[1]:
             _band(ax, t, x)
         _draw(ax, [Curve(f"constraint {row}", t, x[:, row]) for row in rows])
-        _label_axis(ax, label, unit.get(values))
+        _label_axis(ax, INTERFACE[name], unit)
     if history.multipliers.shape[1] > 1:
         _legend(axes[0])
 
@@ -332,8 +330,9 @@ def _envelope(x: np.ndarray) -> np.ndarray:
     return np.unique(np.minimum(np.append(extremes, [0, x.size - 1]), x.size - 1))
 
 
-def _label_axis(ax: Axes, label: str, unit: str | None = None) -> None:
+def _label_axis(ax: Axes, quantity: Quantity, units: Mapping[str, str]) -> None:
     """Label the axis, with the power of ten of its numbers if they are large or small."""
+    unit = in_units(quantity, units)
     largest = np.abs(ax.dataLim.intervaly).max()
     exponent = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
     if not -3 <= exponent <= 3:
@@ -341,7 +340,7 @@ def _label_axis(ax: Axes, label: str, unit: str | None = None) -> None:
         ax.yaxis.get_offset_text().set_visible(False)
         power = f"$10^{{{exponent}}}$"
         unit = power if unit is None else f"{power} {unit}"
-    ax.set_ylabel(label if unit is None else f"{label} ({unit})")
+    ax.set_ylabel(quantity.label if unit is None else f"{quantity.label} ({unit})")
 
 
 def _legend(ax: Axes) -> None:

@@ -1,13 +1,14 @@
 """The table of what a run records: all arrays of a History, by name.
 
-What is recorded, allocated, written to files and described there, read, continued, joined, and
-converted follows from it. A new quantity is a line here, a field of `SubdomainHistory` or
-`History`, and what the core computes. Units are in terms of those of the problem: u and t, and F
-for forces.
+What is recorded, allocated, written to files and described there, read, continued, joined,
+converted and drawn follows from it; nothing is inferred from a name or a unit. A new quantity is a
+line here, a field of `SubdomainHistory` or `History`, and what computes it: a function in the line,
+or the core. Units are in terms of those of the problem: u and t, and F for forces.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
@@ -26,8 +27,6 @@ TIMES = {
     "macro": "macro_times",
     "": "",
 }
-# The parts of the record of a subdomain that the core takes by themselves; the rest is one tuple.
-APART = ("", "dofs", "springs")
 Record = TypeVar("Record", bound=Any)
 WORKS = "works count from the beginning of a run, and the chains of a double step begin there anew"
 # Times are equal up to the rounding of two ways to compute them.
@@ -51,6 +50,15 @@ class Quantity(NamedTuple):
     between: str = ""
     is_state: bool = False  # finite in every run. Others are sums of products.
     is_count: bool = False  # whole numbers; one column is then an array of one dimension
+    # {"forces", "jumps", ""}, the method of `CoreRows` that makes the constraints of the user of
+    # those of the core; "" where columns are not constraints
+    rows: str = ""
+    # ``made(recording, end, filled)``, the array up to macro step `end`; `filled` are those of the
+    # core, with the constraints of the user. None: the core fills it
+    made: Callable[[Any, int, Mapping[str, np.ndarray]], np.ndarray] | None = None
+    label: str = ""  # of an axis in figures; "" for an array without a panel
+    # the motion whose violation of the constraints it is: rounding errors of it are not drawn
+    jump_of: str = ""
 
 
 # ---- the table -----------------------------------------------------------------------------------
@@ -63,9 +71,14 @@ OF_SUBDOMAIN = {
         "u",
         between="cubic",
         is_state=True,
+        label="displacement",
     ),
-    "v": Quantity("dofs", "velocity, as u", "u/t", between="cubic", is_state=True),
-    "a": Quantity("dofs", "acceleration, as u", "u/t^2", between="cubic", is_state=True),
+    "v": Quantity(
+        "dofs", "velocity, as u", "u/t", between="cubic", is_state=True, label="velocity"
+    ),
+    "a": Quantity(
+        "dofs", "acceleration, as u", "u/t^2", between="cubic", is_state=True, label="acceleration"
+    ),
     "dofs": Quantity("", "the recorded dofs, from 0", "1", axis="", is_state=True),
     "deformation": Quantity(
         "springs", "deformation of springs, a row for each time level", "u", between="linear"
@@ -85,14 +98,26 @@ OF_INTERFACE = {
         "middles",
         "linear",
         is_state=True,
+        rows="forces",
+        label="multiplier",
     ),
-    "multiplier_times": Quantity("", "times of multipliers", "t", "middles", is_state=True),
+    "multiplier_times": Quantity(
+        "",
+        "times of multipliers",
+        "t",
+        "middles",
+        is_state=True,
+        made=lambda recording, end, filled: recording.multiplier_times(end),
+    ),
     "velocity_jump": Quantity(
         "constraints",
         "violation of the velocity constraints, as multipliers",
         "u/t",
         "fine",
         "linear",
+        rows="jumps",
+        label="velocity\njump",
+        jump_of="v",
     ),
     "contact_impulses": Quantity(
         "contact rows", "impulses of contacts since the row before", "F t", "fine", "sum"
@@ -101,10 +126,22 @@ OF_INTERFACE = {
         "contacts", "gaps of contacts, as contact_impulses", "u", "fine", "linear"
     ),
     "displacement_jump": Quantity(
-        "constraints", "displacement drift, a column for each constraint", "u", "macro", "linear"
+        "constraints",
+        "displacement drift, a column for each constraint",
+        "u",
+        "macro",
+        "linear",
+        rows="jumps",
+        label="displacement\njump",
+        jump_of="u",
     ),
     "macro_times": Quantity(
-        "", "times of displacement_jump and of the energies", "t", "macro", is_state=True
+        "",
+        "times of displacement_jump and of the energies",
+        "t",
+        "macro",
+        is_state=True,
+        made=lambda recording, end, filled: recording.times(1, end),
     ),
     "substeps": Quantity(
         "subdomains",
@@ -112,6 +149,7 @@ OF_INTERFACE = {
         "1",
         "macro",
         is_count=True,
+        made=lambda recording, end, filled: recording.substeps(end),
     ),
 }
 
@@ -170,6 +208,15 @@ def times_name(quantity: Quantity, coupling: str | None) -> str:
     """
     fine_is_macro = coupling == "mean" and quantity.axis == "fine"
     return TIMES["macro" if fine_is_macro else quantity.axis]
+
+
+def in_units(quantity: Quantity, units: Mapping[str, str]) -> str | None:
+    """The unit of a quantity where u, t and F have these units; None where it does not follow."""
+    symbols = set(re.findall("[A-Za-z]+", quantity.unit))
+    if not symbols or not symbols <= units.keys():
+        return None
+    powers = re.sub(r"\^(\d+)", r"$^\1$", quantity.unit)
+    return re.sub("[A-Za-z]+", lambda symbol: units[symbol[0]], powers)
 
 
 def times_of(history: Any, name: str) -> np.ndarray:

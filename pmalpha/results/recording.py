@@ -24,14 +24,13 @@ from ..setup.member import Member
 from .base_motion import Loads, added, check_ground
 from .clock import Clock
 from .contact_history import layouts
+from .core_record import CoreRecord, CoreSelection
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, output_array, row_count
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
 from .quantities import (
-    APART,
-    IN_INTERFACE,
     IN_SUBDOMAIN,
     OF_INTERFACE,
     OF_SUBDOMAIN,
@@ -43,8 +42,6 @@ from .stored import EarlierRows, contents_of, fields_of, old_file, target
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
-# Of a subdomain, what the core takes as one tuple.
-IN_TUPLE = [name for x, names in IN_SUBDOMAIN.items() if x not in APART for name in names]
 
 
 class Recorded:
@@ -72,7 +69,12 @@ class Recorded:
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.columns = [recorded_columns(*own) for own in zip(members, self.dofs, self.springs)]
-        self.interface = self._interface()
+        self.interface_columns = self._interface_columns()
+        self.interface = {
+            name: (self.levels_of(name), self.interface_columns[x.columns])
+            for name, x in OF_INTERFACE.items()
+            if x.made is None and x.columns in self.interface_columns
+        }
         self.substeps = np.array([[member.substeps for member in members]], dtype=np.int64)
         self.has_energy = energy
         self.energy_columns = len(members) * len(ENERGIES) if energy else 0
@@ -92,16 +94,12 @@ class Recorded:
         for levels, count in self.interface.values():
             self.numbers[levels] += count
 
-    def _interface(self) -> dict[str, tuple[int, int]]:
-        """Contacts are recorded where there are any."""
-        counts = {"constraints": self.core_rows.p}
+    def _interface_columns(self) -> dict[str, int]:
+        """Numbers of columns by what they are; contacts are recorded where there are any."""
+        counts = {"": 1, "constraints": self.core_rows.p, "subdomains": len(self.members)}
         if self.contacts is not None:
             counts |= {"contact rows": self.contacts.rows, "contacts": self.contacts.count}
-        return {
-            name: (self.levels_of(name), count)
-            for x, count in counts.items()
-            for name in IN_INTERFACE[x]
-        }
+        return counts
 
     def check_ground(self, loads: Sequence[Loads]) -> None:
         """ValueError for absolute outputs of a subdomain whose loads have no ground motion."""
@@ -232,7 +230,7 @@ class Recording:
         done = np.concatenate([[self.begin], later]) - clock.origin
         return clock.t0 + done * clock.dt
 
-    def _multiplier_times(self, end: int) -> np.ndarray:
+    def multiplier_times(self, end: int) -> np.ndarray:
         times = self.times(self.of.fine, end)
         if self.coupling == "mean":
             times -= 0.5 * self.clock.dt
@@ -240,32 +238,43 @@ class Recording:
                 times[0] = self.clock.t0 - 0.5 * self.clock.before
         return times
 
-    def core_record(self) -> tuple[Any, ...]:
-        """The record in the form of the core."""
-        return (self.begin, self.every or 0, *self.in_core)
+    def substeps(self, end: int) -> np.ndarray:
+        """The substeps of each subdomain at each macro time level."""
+        return self.of.substeps.repeat(self.rows(1, end), axis=0)
 
-    def _in_core(self) -> tuple[Any, ...]:
+    def core_record(self) -> CoreRecord:
+        """The record in the form of the core."""
+        return self.in_core._replace(begin=self.begin, every=self.every or 0)
+
+    def _in_core(self) -> CoreRecord:
         """The arrays in the form of the core."""
         of, interface = self.of, self.interface
-        selections: list[tuple[Any, ...] | None] = [None] * len(of.members)
+        selections: list[CoreSelection | None] = [None] * len(of.members)
         for i, (position, arrays) in enumerate(zip(of.positions, self.arrays)):
             if position is not None:
                 springs, outputs = of.springs[i], self.output_values[i]
-                selections[i] = (
+                selections[i] = CoreSelection(
                     position,
-                    *[arrays[name] for name in IN_SUBDOMAIN["dofs"]],
-                    springs
+                    *(arrays[name] for name in "uva"),
+                    springs=None
                     if springs is None
-                    else (springs, *[arrays[name] for name in IN_SUBDOMAIN["springs"]]),
-                    None if outputs is None else (outputs, *of.weights[i]),
-                    tuple(map(arrays.get, IN_TUPLE)),
+                    else (springs, arrays["deformation"], arrays["force"]),
+                    outputs=None if outputs is None else (outputs, *of.weights[i]),
+                    internal=(arrays.get("iterations"), arrays.get("q")),
                 )
-        energy = self._energies(self.energy) if of.has_energy else None
-        constraints = [interface[name] for name in IN_INTERFACE["constraints"]]
         contacts = None
         if of.contacts is not None:
             contacts = interface["contact_impulses"], interface["contact_gaps"]
-        return (tuple(selections), *constraints, energy, contacts)
+        return CoreRecord(
+            self.begin,
+            self.every or 0,
+            tuple(selections),
+            interface["multipliers"],
+            interface["velocity_jump"],
+            interface["displacement_jump"],
+            self._energies(self.energy) if of.has_energy else None,
+            contacts,
+        )
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro time level, subdomain and kind."""
@@ -294,18 +303,17 @@ class Recording:
                     for name, x in self.arrays[i].items()
                 },
             )
-        interface: dict[str, Any] = {
+        filled: dict[str, Any] = {
             name: self._in_users_rows(name, x[: rows[of.interface[name][0]]])
             for name, x in self.interface.items()
         }
+        made = {name: x.made(self, end, filled) for name, x in OF_INTERFACE.items() if x.made}
         return History(
             subdomains=tuple(subdomains),
-            **interface,
-            multiplier_times=self._multiplier_times(end),
-            macro_times=self.times(1, end),
+            **filled,
+            **made,
             keys=of.keys,
             energy=self._energy_history(rows[1], end) if of.has_energy else None,
-            substeps=of.substeps.repeat(rows[1], axis=0),
             contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
         )
@@ -338,11 +346,9 @@ class Recording:
         return balanced(stored[0], t=self.times(1, end), **kinds)
 
     def _in_users_rows(self, name: str, x: np.ndarray) -> np.ndarray:
-        """Forces or jumps of the constraints as the user has written them."""
-        if name not in IN_INTERFACE["constraints"]:
-            return x
-        rows = self.of.core_rows
-        return rows.forces(x) if OF_INTERFACE[name].unit == "F" else rows.jumps(x)
+        """An array of the interface with the constraints as the user has written them."""
+        rows = OF_INTERFACE[name].rows
+        return getattr(self.of.core_rows, rows)(x) if rows else x
 
 
 class FiledRecording(Recording):
@@ -425,7 +431,7 @@ class FiledRecording(Recording):
         levels = {
             name: self.of.levels_of(name)
             for name, x in OF_INTERFACE.items()
-            if name in self.of.interface or not x.columns.startswith("contact")
+            if x.columns in self.of.interface_columns
         }
         for i, (member, columns, own) in enumerate(
             zip(self.of.members, self.of.columns, self.of.outputs)

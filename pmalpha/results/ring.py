@@ -15,6 +15,7 @@ import numpy as np
 from .. import _core
 from ..files import reading, writing
 from ..memory import require
+from .core_record import CoreRecord
 from .history import History
 from .quantities import OF_SUBDOMAIN
 from .recording import FiledRecording, Recording
@@ -51,7 +52,7 @@ class RingRecording(FiledRecording):
         self.wake: Callable[[], object] = lambda: None  # the run looks for `failure`
         self.ring.block[:] = 0.0  # no page is touched for the first time in the run
 
-    def core_record(self) -> tuple[Any, ...]:
+    def core_record(self) -> CoreRecord:
         return Recording.core_record(self.ring)
 
     def pauses(self) -> Iterator[int]:

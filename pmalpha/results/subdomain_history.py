@@ -14,6 +14,7 @@ from .conversion import subdomain_dataset, subdomain_frame
 from .dof_motion import DofMotion, State, columns_of, label_of
 from .interpolated import Peak, one_time, peak, resampled_one, rising, state
 from .local_error import local_error
+from .quantities import OF_INTERFACE
 from .stored import write_history
 
 if TYPE_CHECKING:
@@ -297,14 +298,14 @@ class SubdomainHistory:
 class OneSubdomain:
     """What a History of one subdomain has, without constraints."""
 
-    coupling = energy = substeps = contact_impulses = contact_gaps = None
+    coupling = energy = None
     contact_layout = warnings = ()
 
     def __init__(self, motion: SubdomainHistory):
-        none = np.empty((motion.t.size, 0))
+        arrays = {"": motion.t, "constraints": np.empty((motion.t.size, 0))}
         self.subdomains, self.keys = (motion,), ((motion.name, None),)
-        self.multipliers = self.velocity_jump = self.displacement_jump = none
-        self.multiplier_times = self.macro_times = motion.t
+        for name, quantity in OF_INTERFACE.items():
+            setattr(self, name, arrays.get(quantity.columns))
 
     def __getitem__(self, i: int) -> SubdomainHistory:
         return self.subdomains[i]

@@ -23,6 +23,7 @@ from ..memory import require
 from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
 from ..results.base_motion import Loads
+from ..results.core_record import CoreRecord, CoreSelection
 from ..results.history import History
 from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
@@ -106,25 +107,24 @@ class Lanes:
         reported; the recordings are then not filled, and what it was is found by each case alone.
         """
         records = [recording.core_record() for recording in recordings]
-        begin, every = records[0][:2]
         selections = tuple(
             tuple(
-                _in_lane(records[lane][2][i], lane) if lane < len(records) else None
+                _in_lane(records[lane].selections[i], lane) if lane < len(records) else None
                 for lane in range(LANES)
             )
             for i in range(len(self.members))
         )
-        shapes = [(x.shape[0], x.shape[1] * LANES) for x in records[0][3:6]]
+        shapes = [(x.shape[0], x.shape[1] * LANES) for x in records[0].interface]
         if [x.shape for x in self.interface] != shapes:
             self.interface = [np.empty(shape) for shape in shapes]
-        record = (begin, every, selections, *self.interface)
+        record = CoreRecord(records[0].begin, records[0].every, selections, *self.interface)
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
         if any(core.gain[2] > 0.0 for core in self.cores):
             return False
-        for k, all_lanes in enumerate(self.interface):
-            split_lanes(all_lanes, tuple(own[3 + k] for own in records))
+        for all_lanes, *cases in zip(self.interface, *(own.interface for own in records)):
+            split_lanes(all_lanes, tuple(cases))
         return True
 
 
@@ -223,11 +223,11 @@ class Crew:
         return group
 
 
-def _in_lane(selection: tuple[Any, ...] | None, lane: int) -> tuple[Any, ...] | None:
+def _in_lane(selection: CoreSelection | None, lane: int) -> CoreSelection | None:
     """What a case records of a subdomain, in the form of the core, for its lane."""
     if selection is None:
         return None
-    position, *motion, springs, outputs, history = selection
+    springs, outputs = selection.springs, selection.outputs
     if springs is not None:
         springs = (springs[0] * LANES + lane, *springs[1:])
     if outputs is not None:
@@ -235,7 +235,8 @@ def _in_lane(selection: tuple[Any, ...] | None, lane: int) -> tuple[Any, ...] | 
             None if x is None else (x[0], x[1] * LANES + lane, x[2]) for x in outputs[1:]
         )
         outputs = (outputs[0], *combinations)
-    return (position * LANES + lane, *motion, springs, outputs, history)
+    position = selection.position * LANES + lane
+    return selection._replace(position=position, springs=springs, outputs=outputs)
 
 
 def checked_cases(
