@@ -320,7 +320,7 @@ BAD_COUPLERS = {
     "no schedule": {"schedule": "often"},
     "a schedule that iterates nothing": {"schedule": "iterated"},
     "a schedule of no contacts": {"schedule": "contact"},
-    "a schedule of no second multipliers": {"schedule": "tied"},
+    "a schedule of an earlier version": {"schedule": "tied"},
     "list of subdomains": {"subdomains": []},
     "None among subdomains": {"subdomains": (None,)},
     "the public class": {"subdomains": (pm.Subdomain([1.0], [1.0], scheme=pm.Newmark()),)},

@@ -43,7 +43,6 @@ extern const test TEAM_TESTS[];
 extern const test ROSTER_TESTS[];
 extern const test ENERGY_TESTS[];
 extern const test CLOCK_TESTS[];
-extern const test LU_TESTS[];
 extern const test INTERFACE_TESTS[];
 extern const test MEMBER_TESTS[];
 extern const test METHOD_TESTS[];
