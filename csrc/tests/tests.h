@@ -19,7 +19,6 @@ extern const test MATRIX_TESTS[];
 extern const test KERNEL_TESTS[];
 extern const test FACTOR_TESTS[];
 extern const test STRIPS_TESTS[];
-extern const test COLUMNS_TESTS[];
 extern const test SYMBOLIC_TESTS[];
 extern const test PANELS_TESTS[];
 extern const test ELIMINATION_TESTS[];
