@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def without(**removed: str) -> Callable[[Function], Function]:
+    """The function, which refuses arguments of earlier versions by what replaces them."""
+
+    def refusing(function: Function) -> Function:
+        @functools.wraps(function)
+        def called(*args: Any, **options: Any) -> Any:
+            for name in removed.keys() & options.keys():
+                raise TypeError(f"{name} {removed[name]}, got {options[name]!r}")
+            return function(*args, **options)
+
+        return cast(Function, called)
+
+    return refusing
 
 
 def real_number(value: Any, name: str, *, low: float = -np.inf, high: float = np.inf) -> float:

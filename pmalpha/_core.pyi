@@ -16,9 +16,7 @@ _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int3
 _Band = tuple[np.ndarray]
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
-_Schedule = Literal[
-    "fine", "iterated", "tied", "macro", "shooting", "mean", "mean shooting", "contact"
-]
+_Schedule = Literal["fine", "iterated", "macro", "shooting", "mean", "mean shooting", "contact"]
 _Matrix = np.ndarray | _Band | _Compressed | _Strips | None
 _Operator = tuple[float, np.ndarray, _Matrix | _Panels]  # h, reciprocals of D, R
 _Load = (
@@ -66,7 +64,6 @@ _Iteration = (
 
 # reciprocals of the diagonal of U, L below and U above the diagonal by columns, row and column of
 # the unknowns that are wanted
-_LU = tuple[np.ndarray, _Compressed, _Compressed, np.ndarray, np.ndarray]
 # rank, remote subdomains (None for own), first of each rank, all, counts, starts, gather
 _Processes = tuple[
     int,
@@ -107,7 +104,6 @@ class Subdomain:
         iterate: _Iterate | None = None,
         mass: tuple[np.ndarray, Any] | None = None,  # factor of M: mean coupling
         defers: bool = False,  # its single steps are closed, not responded to: mean coupling
-        shifts: bool = False,
         continues: bool = False,
         struck: _Struck | None = None,
     ) -> Subdomain: ...
@@ -154,7 +150,6 @@ class Subdomain:
         threads: int = 1,
         /,
     ) -> bool: ...
-    def shift_block(self, rows: np.ndarray, begin: int, out: np.ndarray, /) -> None: ...
     def accelerate(self, lam: np.ndarray, /) -> np.ndarray: ...
     def store_responses(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
 
@@ -178,7 +173,6 @@ class Coupler:
         schedule: _Schedule = "fine",
         iteration: _Iteration | None = None,
         doubled: _Matrix = ...,  # mean coupling: the part of H of double steps
-        S_mu: _LU | None = None,  # displacements tied under gc
         processes: _Processes | None = None,
         contact: _Contact | None = None,
     ) -> Coupler: ...
@@ -258,9 +252,7 @@ def factor_panels(
     /,
 ) -> int | None: ...
 def strips(matrix: _Compressed, /) -> _Strips: ...
-def columns_of(
-    lower: _Compressed, upper: _Compressed, /
-) -> tuple[np.ndarray, _Compressed, bool]: ...
+def solve(factor: _Factor, b: np.ndarray, /) -> np.ndarray: ...
 def permuted(matrix: _Compressed, order: np.ndarray, /) -> _Compressed: ...
 def follow_specimen(
     specimen: tuple[Any, ...], t: np.ndarray, u: np.ndarray, v: np.ndarray

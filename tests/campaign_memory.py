@@ -81,12 +81,11 @@ def small(kind):
     )
     c = pm.Subdomain(np.ones(1), [1.0], scheme=scheme, internal=internal, name="c")
     ties = [pm.tie(a, [2], b, [0]), pm.tie(b, [1], c, [0])]
-    coupling = {"macro": "macro", "mean": "mean", "newton": "gc", "tied": "gc"}.get(kind, "pm")
-    options = {"drift": "removed"} if kind == "tied" else {}
-    return pm.Coupler([a, b, c], ties, dt=0.05, coupling=coupling, threads=2, **options)
+    coupling = {"macro": "macro", "mean": "mean", "newton": "gc"}.get(kind, "pm")
+    return pm.Coupler([a, b, c], ties, dt=0.05, coupling=coupling, threads=2)
 
 
-KINDS = ("linear", "callbacks", "macro", "mean", "newton", "tied", "explicit", "tree")
+KINDS = ("linear", "callbacks", "macro", "mean", "newton", "explicit", "tree")
 KINDS += ("ranks",) if find_spec("mpi4py") else ()
 
 
@@ -101,8 +100,8 @@ def calls(kind, folder):
         c.run_each(9 * [{"u0": halved(c)}], steps=2)
 
     rest = {"run_each": cases} if kind != "ranks" else {}
-    rest |= {"change_steps": lambda c: c.change_steps(dt=0.03)} if kind != "tied" else {}
     return rest | {
+        "change_steps": lambda c: c.change_steps(dt=0.03),
         "build": lambda c: made(kind),
         "run": lambda c: c.run(steps=5),
         "run with energies": lambda c: c.run(steps=5, energy=True, record={"a": [0]}),

@@ -42,7 +42,6 @@ PAIRS = {
 }
 COUPLINGS = {
     "gc": dict(coupling="gc"),
-    "gc, drift removed": dict(coupling="gc", drift="removed"),
     "pm": dict(coupling="pm"),
     "macro": dict(coupling="macro"),
     "macro, double step": dict(coupling="macro"),
@@ -181,7 +180,6 @@ def survey_mean(every):
 
 VARIANTS = {
     "kept": None,
-    "shift with Mbar (V1)": "shift",
     "projection of u with Mbar": "projection",
     "g = -[u]/tau, tau = 20 dt": 20.0,
     "g = -[u]/tau, tau = 5 dt": 5.0,
@@ -227,8 +225,6 @@ def fine_macro_step(steppers, L, Lam, variant):
     for k in range(fine + 1, 2 * fine + 1):
         for x in steppers:
             x.open(k)
-        if variant == "shift" and k == 2 * fine:
-            reference.remove_drift(steppers, L, H, np.zeros(len(H)))
         vf = reference.jump(L, [x.free_velocity(k) for x in steppers])
         Lam = np.linalg.solve(H, g - vf)
         for x in steppers:
@@ -241,33 +237,9 @@ def macro_step(steppers, L, Lam, variant):
     free = [x.free_macro_run(Lam) for x in steppers]
     H = sum(x.L @ x.U[-1]["v"] for x in steppers)
     right = g - reference.jump(L, [states[-1].v for states in free])
-    if variant != "shift":
-        dLam = np.linalg.solve(H, right)
-        for x, states in zip(steppers, free):
-            x.add_link_response(states, dLam)
-        return Lam + dLam
-    shifts = [x.step.shift() for x in steppers]
-    matrix = np.block(
-        [
-            [H, -sum(x.step.al2 * x.L @ Z for x, (_, Z) in zip(steppers, shifts))],
-            [
-                sum(x.L @ x.U[-1]["u"] for x in steppers),
-                sum(x.L @ (Y - x.step.al1 * Z) for x, (Y, Z) in zip(steppers, shifts)),
-            ],
-        ]
-    )
-    gap = reference.jump(L, [states[-1].u for states in free])
-    dLam, mu = np.split(np.linalg.solve(matrix, np.concatenate([right, -gap])), 2)
-    for x, states, (Y, Z) in zip(steppers, free, shifts):
+    dLam = np.linalg.solve(H, right)
+    for x, states in zip(steppers, free):
         x.add_link_response(states, dLam)
-        s, end = x.subdomain, x.states[-1]
-        x.states[-1] = replace(
-            end,
-            u=end.u + (Y - x.step.al1 * Z) @ mu,
-            v=end.v - x.step.al2 * Z @ mu,
-            w=end.w - Z @ mu,
-            a=end.a - (1.0 - s.af) / (1.0 - s.am) * Z @ mu,
-        )
     return Lam + dLam
 
 
@@ -322,7 +294,6 @@ def survey_variants(every):
 
 WAYS = [
     dict(coupling="gc"),
-    dict(coupling="gc", drift="removed"),
     dict(coupling="pm"),
     dict(coupling="macro"),
     dict(coupling="mean"),

@@ -207,7 +207,6 @@ def coupler(rng):
     a, b, tie = sides()
     values = {"subdomains": [a, b], "constraints": one(rng, tie, [tie]), "dt": 0.05, "threads": 2}
     values |= {"coupling": one(rng, "pm", "gc", "macro", "mean"), "start": "rebased"}
-    values |= {"drift": "kept"}
     return pm.Coupler, values, steps
 
 

@@ -88,8 +88,7 @@ def compare(seed):
             s.double = None
     if coupling in ("macro", "mean"):
         subdomains = named(problem)[0]
-    drift = "removed" if coupling == "gc" and rng.random() < 0.7 else "kept"
-    options = dict(dt=problem.dt, coupling=coupling, start=problem.start, drift=drift)
+    options = dict(dt=problem.dt, coupling=coupling, start=problem.start)
     threads = int(rng.choice([1, 2]))
     part = own_part(len(subdomains), rng)
     names = [s.name for s in subdomains[part]]

@@ -134,8 +134,6 @@ def restoring(failed, coupling):
 
 def internal(failed, coupling):
     """The same of internal forces, which are iterated or not, and of what they return."""
-    if coupling == "tied":
-        return
     shoots = coupling in ("macro", "mean")
     zero = np.zeros((3, 3))
 

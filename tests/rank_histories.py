@@ -43,7 +43,7 @@ def couplers(rng, fuse):
         explicit = bool(rng.random() < 0.3)
         own = dict(substeps=int(rng.choice([1, 2, 4])), scheme=pm.GeneralizedAlpha(0.8, explicit))
         own["load"] = (rng.normal(size=3), float(rng.uniform(1.0, 9.0)))
-        if kind != "tied" and not explicit and rng.random() < 0.4:
+        if not explicit and rng.random() < 0.4:
             own["internal"] = pm.CubicSpring([1], k=1.0, k3=float(rng.uniform(0.5, 5.0)))
         values.append(own)
 

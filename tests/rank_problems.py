@@ -13,7 +13,6 @@ RANK, SIZE = WORLD.rank, WORLD.size
 
 # by the names in which test_mpi.py gives them
 COUPLINGS = {name: dict(coupling=name) for name in ("pm", "gc", "macro", "mean")}
-COUPLINGS["tied"] = dict(coupling="gc", drift="removed")
 
 
 def report(*words):

@@ -21,7 +21,6 @@ and those of docs/method.md where it has none:
     (M1)  Lam linear over a macro step           (M4)  interface problem of a macro step
     (M2)  free macro run                         (M5)  free macro run plus link response
     (M3)  link response                          (G1)  prescribed motion
-    (V1) (V2)  shift of the predictor            (V3)  interface problem without drift
 
 Symbols: u, v, w displacement, velocity, acceleration; a the acceleration-like variable of the
 scheme; dt the macro step; ss the number of substeps in it; h the length of a step, dt / ss or twice
@@ -228,17 +227,6 @@ class Step:
         wl = self.solve(self.L.T @ Lam)
         return self.al1 * wl, self.al2 * wl, wl
 
-    def shift(self):
-        """Y and Z, (n, p) each: displacement per unit mu, and Mbar^-1 K Y (V1) (V2)."""
-        Y = self.solve(self.L.T)
-        return Y, self.solve((self.subdomain.K + self.subdomain.K_r) @ Y)
-
-    def shifted(self, free, mu):
-        """The free solution with the predictor shifted by Y mu (V2)."""
-        Y, Z = self.shift()
-        u, v = (Y - self.al1 * Z) @ mu, -self.al2 * Z @ mu
-        return replace(free, u=free.u + u, v=free.v + v, w=free.w - Z @ mu)
-
     def close(self, free, Lam):
         """State at the end of the step: free plus link solution, then the recursion (9)."""
         am, af, old = self.subdomain.am, self.subdomain.af, free.old
@@ -408,7 +396,7 @@ class Result:
     displacement_jump: np.ndarray
 
 
-def run(subdomains, L, dt, steps, start="rebased", drift="kept"):
+def run(subdomains, L, dt, steps, start="rebased"):
     """Coupled run from t = 0 under "pm", which without double steps is "gc".
 
     Parameters
@@ -424,8 +412,6 @@ def run(subdomains, L, dt, steps, start="rebased", drift="kept"):
         Number of macro steps.
     start : {"rebased", "plain"}
         With or without (S3) at the end of the first macro step.
-    drift : {"kept", "removed"}
-        "removed": displacements are constrained at the ends of macro steps (V3); single steps only.
 
     Returns
     -------
@@ -448,10 +434,8 @@ def run(subdomains, L, dt, steps, start="rebased", drift="kept"):
 
     multipliers, jumps = [Lam], [jump(L, [s.v0 for s in subdomains])]
     H = interface_matrix(steppers)
-    gap = jump(L, [s.u0 for s in subdomains])  # (V5) without prescribed motion
     for k in range(1, steps * fine + 1):
-        tied = drift == "removed" and k % fine == 0
-        Lam = fine_step(steppers, L, H, k, gap if tied else None)
+        Lam = fine_step(steppers, L, H, k)
         multipliers.append(Lam)
         jumps.append(jump(L, [x.velocity(k, Lam) for x in steppers]))
         if k == fine:
@@ -469,37 +453,17 @@ def run(subdomains, L, dt, steps, start="rebased", drift="kept"):
     )
 
 
-def fine_step(steppers, L, H, k, gap=None):
-    """Step all subdomains to fine instant k; returns Lam at k, shape (p,).
-
-    With `gap`, (p,), the displacements are constrained too: sum_i L_i u_i = gap.
-    """
+def fine_step(steppers, L, H, k):
+    """Step all subdomains to fine instant k; returns Lam at k, shape (p,)."""
     # free problems of the steps that begin at instant k - 1
     for x in steppers:
         x.open(k)
-    if gap is not None:
-        remove_drift(steppers, L, H, gap)
     # (18)  H Lam = - sum_i L_i vf_i
     Lam = np.linalg.solve(H, -jump(L, [x.free_velocity(k) for x in steppers]))
     # link problems of the steps that end at instant k
     for x in steppers:
         x.close(k, Lam)
     return Lam
-
-
-def remove_drift(steppers, L, H, gap):
-    """Shift the predictors of the open steps, which all end now, so that no drift is left (V3)."""
-    p = len(H)
-    matrix, right = np.zeros((2 * p, 2 * p)), np.concatenate([np.zeros(p), gap])
-    for x in steppers:
-        step = x.step
-        Y, Z = step.shift()
-        top = [step.al2 * step.L @ Y, -step.al2 * step.L @ Z]
-        matrix += np.block([top, [step.al1 * step.L @ Y, step.L @ (Y - step.al1 * Z)]])
-        right -= np.concatenate([step.L @ x.opened.v, step.L @ x.opened.u])
-    mu = np.linalg.solve(matrix, right)[p:]
-    for x in steppers:
-        x.opened = x.step.shifted(x.opened, mu)
 
 
 def interface_matrix(steppers):

@@ -57,7 +57,7 @@ def sizes_of(results, whole, still):
     for (quantity, _), x in results.items():
         sizes[quantity] = max(sizes.get(quantity, 0.0), float(np.max(np.abs(x), initial=0.0)))
     h = whole.dt / max(p.substeps for p in whole.members)
-    if still or whole.coupling in ("mean", "removed"):
+    if still or whole.coupling == "mean":
         sizes["v"] = max(sizes["v"], sizes["u"] / h)
     sizes["a"] = max(sizes["a"], sizes["v"] / h)
     mass = max(np.max(p.M) for p in whole.members)
@@ -292,7 +292,7 @@ def linear_force(run):
     spread = Spread(one, first, rng)
     if spread.is_wild:
         return
-    roles = {"mean": ["internal"], "removed": ["restoring"]}
+    roles = {"mean": ["internal"]}
     for role in roles.get(whole.coupling, ["restoring", "internal"]):
         if role == "internal":  # converged to the tolerance
             spread.unit = ROUNDING + ITERATED

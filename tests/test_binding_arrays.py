@@ -182,13 +182,21 @@ def test_strips_that_are_wrong_in_themselves_are_refused():
         check_refused(lambda others=others: subdomain(single=(0.1, np.ones(2), strips(**others))))
 
 
+def test_a_factor_is_solved_with_if_it_is_right_in_itself():
+    b = np.array([2.0, 3.0])
+    lower = (np.array([1.0, 0.5]), compressed(ptr=(0, 1, 1), index=(1,), values=(4.0,)))
+    # by hand: R = (1, 0; 4, 1), D = (1, 2): R y = b is y = (2, -5), then R^T x = (2, -2.5)
+    np.testing.assert_array_equal(_core.solve(lower, b), [12.0, -2.5])
+    for bad in (None, (), (b,), (b, compressed(ptr=(0, 1, 1), index=(0,), values=(4.0,)))):
+        check_refused(lambda bad=bad: _core.solve(bad, b))
+    check_refused(lambda: _core.solve(lower, np.ones(3)))
+
+
 def test_strips_are_made_of_a_matrix_by_rows_that_is_right_in_itself():
     for bad in (*BAD_COMPRESSED.values(), None, (), np.zeros((2, 2)), strips()):
         if bad is not BAD_COMPRESSED["few starts"] and bad is not BAD_COMPRESSED["many starts"]:
             check_refused(lambda bad=bad: _core.strips(bad))
             check_refused(lambda bad=bad: _core.permuted(bad, i64(0, 1)))
-        check_refused(lambda bad=bad: _core.columns_of(bad, compressed()))
-        check_refused(lambda bad=bad: _core.columns_of(compressed(), bad))
     first, ptr, index, start, values = _core.strips(compressed(index=(0, 1), values=(2.0, 3.0)))
     assert (first[-1], ptr[-1], index.size, start[-1], values.size) == (2, 4, 4, 8, 8)
     assert values.tolist() == [2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0]
@@ -320,7 +328,7 @@ BAD_COUPLERS = {
     "no schedule": {"schedule": "often"},
     "a schedule that iterates nothing": {"schedule": "iterated"},
     "a schedule of no contacts": {"schedule": "contact"},
-    "a schedule of no second multipliers": {"schedule": "tied"},
+    "a schedule of an earlier version": {"schedule": "tied"},
     "list of subdomains": {"subdomains": []},
     "None among subdomains": {"subdomains": (None,)},
     "the public class": {"subdomains": (pm.Subdomain([1.0], [1.0], scheme=pm.Newmark()),)},

@@ -71,6 +71,6 @@ def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_
 )
 def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing():
     # the first ten of each call, and some of the others
-    kinds = ["callbacks", "macro", "tied"]
+    kinds = ["callbacks", "macro", "mean"]
     found = campaign_memory.campaign(kinds, stride=997, first=10, seconds=waits.LIMIT)
     assert "'MemoryError': " in found

@@ -385,7 +385,6 @@ def test_what_contacts_do_not_go_with_is_refused_with_the_row():
 
     a, b = ball("a"), ball("b")
     joint = pm.contact(a, 0, b, 0, name="joint")
-    refused('drift="kept"', [a, b], joint, drift="removed")
     c = ball("c", substeps=4)
     refused(
         "finest step, 4 substeps, got 1 of 'a' .row 0 of 'joint'",

@@ -43,6 +43,36 @@ def test_other_couplings_of_the_same_problem_are_not_warned_of(coupling):
     assert radius(coupler) < 1.0 + 1e-7
 
 
+def whirl(circulatory):
+    """A driven rotor with a disc, and the rate of its whirl: 1.1 u'' + (4.4 - i c) u = 0."""
+    K = 4.0 * np.eye(2) + circulatory * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    rotor = pm.Subdomain(np.ones(2), K, scheme=ALPHA(0.5), symmetric=False, name="rotor")
+    disc = pm.Subdomain([0.1, 0.1], [0.4, 0.4], scheme=ALPHA(0.5), name="disc")
+    rate = np.max(np.roots([1.1, 0.0, 4.4 - 1j * circulatory]).real)
+    return [rotor, disc], [pm.tie(rotor, [0, 1], disc, [0, 1])], rate
+
+
+def test_growth_of_the_structure_itself_is_not_that_of_the_steps():
+    """Warnings are errors here."""
+    subdomains, ties, rate = whirl(0.5)
+    coupler = pm.Coupler(subdomains, ties, dt=0.1, coupling="gc")
+    assert radius(coupler) > 1.01
+    # the damping of the scheme takes a twentieth of it at 31 steps a period
+    np.testing.assert_allclose(np.log(radius(coupler)), rate * 0.1, rtol=0.1)
+
+
+def test_growth_that_the_steps_add_to_that_of_a_structure_is_warned_of_with_both():
+    dt, (oscillators, ties), (rotor, coupling, rate) = 0.7, three_oscillators(30.0), whirl(0.5)
+    with pytest.warns(pm.StabilityWarning, match='coupling="mean" grows with these') as caught:
+        coupler = pm.Coupler([*oscillators, *rotor], [*ties, *coupling], dt=dt, coupling="mean")
+    words = r"by a factor of (\S+) in a macro step, of which (\S+) is the growth of the structure"
+    total, of_structure = map(float, re.search(words, str(caught[0].message)).groups())
+    # three digits of what the factors add
+    np.testing.assert_allclose(of_structure - 1.0, np.exp(rate * dt) - 1.0, rtol=5.1e-3)
+    np.testing.assert_allclose(total - 1.0, radius(coupler) - 1.0, rtol=5.1e-3)
+    assert total > of_structure
+
+
 def is_warned(make):
     """What was made, and whether with a StabilityWarning."""
     with warnings.catch_warnings(record=True) as caught:

@@ -68,11 +68,11 @@ def names(n, what="A"):
 
 def by_panels(A, nb, what="A"):
     structure = factors.Structure(A.nnz, _core.supernodes(*core_sparse(A)[:2], nb))
-    return factors.panels(A, names(A.shape[0], what), structure)
+    return factors.supernodal(A, names(A.shape[0], what), nb, structure)
 
 
-def by_columns(A, nb):
-    return factors.columns(A, names(A.shape[0]), 0, nb=nb)
+def by_columns(A, nb, what="A"):
+    return factors.supernodal(A, names(A.shape[0], what), nb, factors.Structure(A.nnz, None))
 
 
 def dense(A, nb):
@@ -254,7 +254,7 @@ def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
     A = definite_matrix(np.random.default_rng(0), 400, 0.2)
     for attempt in (
         lambda: by_panels(A, 0, "Mbar"),
-        lambda: factors.columns(A, names(400, "Mbar"), 80_000, nb=0),
+        lambda: by_columns(A, 0, "Mbar"),
     ):
         with pytest.raises(MemoryError, match="the factor of Mbar .400 dofs.*available"):
             attempt()

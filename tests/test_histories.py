@@ -322,7 +322,6 @@ class Histories(stateful.RuleBasedStateMachine):
         self.twin.at(branch)
 
     @stateful.rule(factor=st.sampled_from([1.0, 0.8, 0.5]), finer=st.sets(st.integers(1, 3)))
-    @stateful.precondition(lambda self: self.whole.coupling != "removed")
     def change_steps(self, factor, finer):
         members = self.whole.members
         finest = max(p.substeps for p in members)

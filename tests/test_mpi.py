@@ -84,7 +84,7 @@ TOGETHER = {
     1: ["bitwise 0 5", "iterated {} mean"],
     2: [
         *OTHERS, "fed", "bitwise 10 5", "by_callable 50 6", "iterated {} pm gc macro mean",
-        "chosen {}", "failures pm gc tied macro mean", "memory", "files {}", "checkpoints {}",
+        "chosen {}", "failures pm gc macro mean", "memory", "files {}", "checkpoints {}",
     ],
     3: [
         *OTHERS, "bitwise 20 5", "histories {}", "iterated {} gc macro", "chosen {}",

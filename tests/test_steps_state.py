@@ -388,14 +388,3 @@ def test_the_repr_shows_the_present_steps():
     assert "dt = 0.1," in repr(c)
     c.change_steps(dt=0.05, substeps={"B": 4})
     assert "dt = 0.05," in repr(c) and "0.0125" in repr(c)
-
-
-@pytest.mark.parametrize("substeps", [(1, 1), (1, 4)])
-def test_removed_drift_stays_removed_over_changes(substeps):
-    """1e-13: rounding."""
-    c = pair(0.05, substeps, coupling="gc", drift="removed")
-    jumps = []
-    for dt, count in ((0.05, substeps[1]), (0.02, 2), (0.04, substeps[1]), (0.03, 1)):
-        c.change_steps(dt, {"B": count})
-        jumps.append(np.max(np.abs(c.run(steps=10).displacement_jump)))
-    assert max(jumps) < 1e-13

@@ -17,7 +17,7 @@ import pmalpha as pm
 
 # Tolerance of iterated forces: of an energy.
 TOL = 1e-12
-COUPLINGS = ["pm", "gc", "removed", "macro", "mean"]
+COUPLINGS = ["pm", "gc", "macro", "mean"]
 
 
 def compiled(function, kind):
@@ -229,13 +229,11 @@ class Whole:
     def coupler(self, threads=1, around=as_it_is):
         made = [p.given(around) for p in self.members]
         rows = {s: L for s, L in zip(made, self.columns) if abs(L).max()}
-        removed = self.coupling == "removed"
         return pm.Coupler(
             made,
             pm.Constraint(rows, velocity=self.velocity(around)) if rows else None,
             dt=self.dt,
-            coupling="gc" if removed else self.coupling,
-            drift="removed" if removed else "kept",
+            coupling=self.coupling,
             start=self.start,
             newton=pm.Newton(tol=TOL),
             threads=threads,
@@ -285,7 +283,7 @@ def _substeps(rng, count, coupling):
     steps = [int(rng.choice(choices)) for _ in range(count)]
     steps[0] = fine
     doubles = [bool(rng.random() < 0.4) for _ in range(count)]
-    if coupling in ("gc", "removed"):
+    if coupling == "gc":
         doubles = [False] * count
     if free:
         doubles = [double and s == 1 for double, s in zip(doubles, steps)]
@@ -345,9 +343,7 @@ def _with_forces(rng, member, moving, coupling):
     """With springs or a function in some of the subdomains."""
     if rng.random() < 0.5 or not moving.any():
         return member
-    roles = {"mean": ["internal"], "removed": ["restoring"]}.get(
-        coupling, ["restoring", "internal"]
-    )
+    roles = {"mean": ["internal"]}.get(coupling, ["restoring", "internal"])
     role = roles[int(rng.integers(len(roles)))]
     if rng.random() < 0.4:
         G = np.where(moving[:, None], rng.normal(size=(member.n, 2)), 0.0)

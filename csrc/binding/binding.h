@@ -60,7 +60,6 @@ typedef struct {
     PyObject_HEAD
     pma_coupler *core;
     pma_interface H_start, H; /* factors of the interface matrix */
-    pma_interface S_mu;       /* ... of S_mu, where displacements are tied under gc */
     PyObject *subdomains;     /* tuple of SubdomainObject */
     PyObject *arrays;         /* list: the arrays that the core points into */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
@@ -117,7 +116,6 @@ PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj);
 
 /* Methods of the type that are in a file of their own, response_methods.c. */
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
-PyObject *pma_subdomain_shift_block(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
@@ -254,10 +252,6 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
 
 /* The same without values, which are not set. */
 int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
-
-/* (inverse, (ptr, index, L), (ptr, index, U), row, column): L below and U above the diagonal by
- * columns, the last two for p wanted unknowns */
-int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out);
 
 /* Capsules of scipy.linalg.cython_blas */
 int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);

@@ -278,24 +278,6 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
     return take_once_or_twice(R, 2, shape, name, arrays, &out->values, &out->Q);
 }
 
-int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out)
-{
-    PyObject *inverse, *L, *U, *row, *column;
-    npy_intp n = -1;
-    *out = (pma_lu){.p = (size_t)p};
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "S_mu must be a tuple (inverse, L, U, row, column)");
-    if (!PyArg_ParseTuple(obj, "OOOOO", &inverse, &L, &U, &row, &column) ||
-        pma_take_vector(inverse, NPY_DOUBLE, &n, "S_mu", arrays, &out->inverse) < 0)
-        return -1;
-    out->n = (size_t)n;
-    if (take_compressed(L, n, "S_mu", arrays, &out->below, &out->lower, &out->L, NULL) < 0 ||
-        take_compressed(U, n, "S_mu", arrays, &out->above, &out->upper, &out->U, NULL) < 0 ||
-        pma_take_vector(row, NPY_INT32, &p, "S_mu", arrays, &out->row) < 0)
-        return -1;
-    return pma_take_vector(column, NPY_INT32, &p, "S_mu", arrays, &out->column);
-}
-
 /* As many elements as there are parameters for; -1 without an exception where these do not fit. */
 static int take_elements(int law, PyObject *parameters, pma_spring_set *set)
 {

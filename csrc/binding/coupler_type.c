@@ -68,13 +68,9 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
 static const struct {
     const char *word;
     const pma_schedule *schedule;
-} SCHEDULES[] = {{"fine", &pma_fine_schedule},
-                 {"iterated", &pma_iterated_schedule},
-                 {"tied", &pma_tied_schedule},
-                 {"macro", &pma_macro_schedule},
-                 {"shooting", &pma_shooting_schedule},
-                 {"mean", &pma_mean_schedule},
-                 {"mean shooting", &pma_mean_shooting_schedule},
+} SCHEDULES[] = {{"fine", &pma_fine_schedule},      {"iterated", &pma_iterated_schedule},
+                 {"macro", &pma_macro_schedule},    {"shooting", &pma_shooting_schedule},
+                 {"mean", &pma_mean_schedule},      {"mean shooting", &pma_mean_shooting_schedule},
                  {"contact", &pma_contact_schedule}};
 
 static const pma_schedule *schedule_of(const char *word)
@@ -99,19 +95,6 @@ static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts 
         return 0;
     parts->iteration = iteration;
     return pma_take_iteration(obj, (npy_intp)parts->p, shoots, self->arrays, iteration);
-}
-
-/* The factors of S_mu, for displacements tied under gc */
-static int take_S_mu(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts)
-{
-    pma_lu S;
-    if (obj == Py_None)
-        return 0;
-    if (pma_take_lu(obj, (npy_intp)parts->p, self->arrays, &S) < 0)
-        return -1;
-    const pma_status status = pma_interface_create_lu(&S, &self->S_mu);
-    parts->S_mu = self->S_mu;
-    return pma_check(status, "S_mu");
 }
 
 /* Under mean coupling, the part of H of double steps; None if there are none */
@@ -162,21 +145,19 @@ static int take_options(PyObject *dict, pma_coupler_parts *parts)
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p",        "H_start",   "H",       "motions",
-                            "options",    "schedule", "iteration", "doubled", "S_mu",
-                            "processes",  "contact",  NULL};
+    static char *names[] = {"subdomains", "p",         "H_start", "H",         "motions", "options",
+                            "schedule",   "iteration", "doubled", "processes", "contact", NULL};
     PyObject *subdomains, *H_start, *H, *motions, *options;
-    PyObject *iterated = Py_None, *doubled = NULL, *S_mu = Py_None, *processes = Py_None,
-             *contact = Py_None;
+    PyObject *iterated = Py_None, *doubled = NULL, *processes = Py_None, *contact = Py_None;
     pma_contact_parts contacts;
     pma_contact_side *sides = NULL;
     pma_iteration_parts iteration;
     Py_ssize_t p;
     const char *schedule = "fine";
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOO!O!|sOOOOO", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOO!O!|sOOOO", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &PyTuple_Type, &motions,
-                                     &PyDict_Type, &options, &schedule, &iterated, &doubled, &S_mu,
+                                     &PyDict_Type, &options, &schedule, &iterated, &doubled,
                                      &processes, &contact) ||
         check_subdomains(type, subdomains) < 0 || take_options(options, &parts) < 0)
         return NULL;
@@ -196,7 +177,6 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
         pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
         take_mean(self, doubled, &parts) < 0 ||
         take_iteration(self, iterated, &parts, &iteration) < 0 ||
-        take_S_mu(self, S_mu, &parts) < 0 ||
         (contact != Py_None && pma_take_contact(self, contact, &contacts, &sides) < 0))
         Py_CLEAR(self);
     parts.contact = contact != Py_None ? &contacts : NULL;
@@ -226,7 +206,6 @@ static void coupler_dealloc(CouplerObject *self)
     pma_release_processes(self->processes);
     pma_interface_destroy(&self->H_start);
     pma_interface_destroy(&self->H);
-    pma_interface_destroy(&self->S_mu);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
@@ -487,9 +466,8 @@ static PyMethodDef coupler_methods[] = {
     {"numbers", (PyCFunction)pma_coupler_object_numbers, METH_VARARGS,
      "numbers(name) -> what is of the present beside multipliers and subdomains, a copy; empty "
      "where the schedule has none: \"shooting\" (k,), what the next macro step begins with; "
-     "\"end_multipliers\" (2 p + 2,), of the accelerations under mean coupling; "
-     "\"displacement_jump\" (p,), of "
-     "the displacements where they are tied under gc; \"contact\", the last impulses, d and d'"},
+     "\"end_multipliers\" (2 p + 2,), of the accelerations under mean coupling; \"contact\", the "
+     "last impulses, d and d'"},
     {"set_numbers", (PyCFunction)pma_coupler_object_set_numbers, METH_VARARGS,
      "set_numbers(name, numbers): the inverse, after start"},
     {"contact_compliance", (PyCFunction)pma_coupler_object_compliance, METH_O,

@@ -377,6 +377,35 @@ done:
     return result;
 }
 
+/* ---- sweeps ---------------------------------------------------------------------------------- */
+
+static PyObject *solve_checked(const pma_factor *factor, const double *b)
+{
+    double *work = PyMem_Malloc((pma_factor_scratch(factor) + 1) * sizeof *work);
+    PyObject *x = work ? pma_new_vector((npy_intp)factor->n, b) : PyErr_NoMemory();
+    if (x) {
+        pma_caller before = pma_gil_release();
+        pma_factor_solve(factor, PyArray_DATA((PyArrayObject *)x), work);
+        pma_gil_acquire(before);
+    }
+    PyMem_Free(work);
+    return x;
+}
+
+static PyObject *solve(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *factor_obj, *b_obj;
+    npy_intp n = -1;
+    const double *b;
+    pma_factor factor;
+    if (!PyArg_ParseTuple(args, "OO", &factor_obj, &b_obj) ||
+        pma_take_vector(b_obj, NPY_DOUBLE, &n, "b", NULL, &b) < 0 ||
+        pma_take_factor(factor_obj, n, 0, "factor", NULL, &factor) < 0)
+        return NULL;
+    const pma_status status = pma_factor_check(&factor);
+    return status == PMA_OK ? solve_checked(&factor, b) : pma_raise(status, "factor");
+}
+
 PyMethodDef pma_factor_functions[] = {
     {"graph_of_groups", graph_of_groups, METH_VARARGS,
      "graph_of_groups(ptr, index, group, groups) -> (ptr, index), symmetric, without loops"},
@@ -389,5 +418,6 @@ PyMethodDef pma_factor_functions[] = {
     {"factor_panels", factor_panels, METH_VARARGS,
      "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads) -> "
      "None or a column"},
+    {"solve", solve, METH_VARARGS, "solve(factor, b) -> A^-1 b, (n,)"},
     {NULL, NULL, 0, NULL},
 };

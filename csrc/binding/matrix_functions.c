@@ -2,7 +2,6 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "algebra/lu.h"
 #include "algebra/matrix.h"
 
 /* ptr and start follow from the rows and columns of each strip. */
@@ -119,48 +118,6 @@ static PyObject *permuted(PyObject *Py_UNUSED(module), PyObject *args)
     return tuple;
 }
 
-/* (D, (ptr, index, values), whether U is D R^T) */
-static PyObject *new_columns(const pma_matrix *L, const pma_matrix *U, double *scratch)
-{
-    int64_t *ptr;
-    int32_t *index;
-    double *values, *D;
-    PyObject *d = pma_new_array((npy_intp)L->n, NPY_DOUBLE, &D), *i = NULL, *v = NULL,
-             *result = NULL;
-    PyObject *p = pma_new_array((npy_intp)L->n + 1, NPY_INT64, &ptr);
-    if (p) {
-        pma_lu_count(L, ptr);
-        i = pma_new_array((npy_intp)ptr[L->n], NPY_INT32, &index);
-        v = pma_new_array((npy_intp)ptr[L->n], NPY_DOUBLE, &values);
-    }
-    if (d && i && v) {
-        const bool right = pma_lu_take(L, U, ptr, index, values, D, scratch);
-        result = Py_BuildValue("(O(OOO)O)", d, p, i, v, right ? Py_True : Py_False);
-    }
-    Py_XDECREF(d);
-    Py_XDECREF(p);
-    Py_XDECREF(i);
-    Py_XDECREF(v);
-    return result;
-}
-
-static PyObject *columns_of(PyObject *Py_UNUSED(module), PyObject *args)
-{
-    PyObject *lower, *upper, *result;
-    pma_matrix L, U;
-    if (!PyArg_ParseTuple(args, "OO", &lower, &upper) || take_by_rows(lower, &L) < 0 ||
-        take_by_rows(upper, &U) < 0)
-        return NULL;
-    if (L.n != U.n)
-        return PyErr_Format(PyExc_ValueError, "both triangles must have the same size");
-    double *scratch = PyMem_Malloc((2 * L.n + 1) * sizeof *scratch);
-    if (!scratch)
-        return PyErr_NoMemory();
-    result = new_columns(&L, &U, scratch);
-    PyMem_Free(scratch);
-    return result;
-}
-
 PyMethodDef pma_matrix_functions[] = {
     {"strips", strips, METH_O,
      "strips((ptr, index, values)) -> (first, ptr, index, start, values): adjacent rows with the "
@@ -168,8 +125,5 @@ PyMethodDef pma_matrix_functions[] = {
     {"permuted", permuted, METH_VARARGS,
      "permuted((ptr, index, values), order) -> (ptr, index, values): row and column k are row and "
      "column order[k], ascending in each row"},
-    {"columns_of", columns_of, METH_VARARGS,
-     "columns_of((ptr, index, L), (ptr, index, U)) -> (D, (ptr, index, R), symmetric): the factor "
-     "R D R^T of what has these triangles by columns, R below its diagonal"},
     {NULL, NULL, 0, NULL},
 };

@@ -1,5 +1,4 @@
-/* Methods of Subdomain that set-up calls: its compliance, its unit responses, and what the
- * stiffness makes of shifts. */
+/* Methods of Subdomain that set-up calls: its compliance and its unit responses. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
@@ -250,54 +249,6 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
 failed:
     Py_XDECREF(arrays);
     return NULL;
-}
-
-/* ---- shifts (V2) -------------------------------------------------------------------------- */
-
-/* out (count, k) by rows: L Z for unit mu in the constraints rows[begin..] */
-static void fill_shifts(pma_subdomain *s, const int64_t *rows, npy_intp k, npy_intp begin,
-                        npy_intp count, double *mu, double *out)
-{
-    const size_t p = pma_subdomain_parts(s)->link.p;
-    double *sum = mu + p;
-    for (npy_intp c = 0; c < count; c++) {
-        memset(mu, 0, 2 * p * sizeof(double));
-        mu[rows[begin + c]] = 1.0;
-        pma_subdomain_shift(s, mu, sum);
-        for (npy_intp r = 0; r < k; r++)
-            out[c * k + r] = sum[rows[r]];
-    }
-}
-
-PyObject *pma_subdomain_shift_block(SubdomainObject *self, PyObject *args)
-{
-    PyObject *rows_obj, *out_obj;
-    PyArrayObject *out;
-    const int64_t *rows;
-    size_t k;
-    Py_ssize_t begin;
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "OnO", &rows_obj, &begin, &out_obj) ||
-        pma_take_positions(rows_obj, parts->link.p, "rows", NULL, &k, &rows) < 0)
-        return NULL;
-    const npy_intp shape[2] = {-1, (npy_intp)k};
-    if (pma_take_output(out_obj, 2, shape, "out", &out) < 0)
-        return NULL;
-    if (!parts->shifts || begin < 0 || PyArray_DIM(out, 0) > shape[1] - begin)
-        return PyErr_Format(PyExc_ValueError, "begin: no such columns of the shifts");
-    double *scratch = PyMem_Calloc(2 * parts->link.p + 1, sizeof(double));
-    if (!scratch)
-        return PyErr_NoMemory();
-    const bool claimed = pma_subdomain_claim(self);
-    if (claimed) {
-        pma_caller before = pma_gil_release();
-        fill_shifts(self->core, rows, shape[1], begin, PyArray_DIM(out, 0), scratch,
-                    PyArray_DATA(out));
-        pma_gil_acquire(before);
-        pma_subdomain_release(self);
-    }
-    PyMem_Free(scratch);
-    return claimed ? Py_NewRef(Py_None) : NULL;
 }
 
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj)

@@ -8,7 +8,6 @@ static const struct {
     double *(*get)(pma_coupler *c, size_t *size);
 } NUMBERS[] = {{"shooting", pma_coupler_iteration},
                {"end_multipliers", pma_coupler_end_multipliers},
-               {"displacement_jump", pma_coupler_displacement_jump},
                {"contact", pma_coupler_contact}};
 
 /* Those of a name; the caller has claimed the coupler. */

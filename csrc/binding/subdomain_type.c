@@ -30,23 +30,23 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
 static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
                       pma_iterate_parts *iterate)
 {
-    static char *names[] = {"n",      "nb",        "substeps",      "K",    "C",
-                            "scheme", "single",    "twice",         "link", "restoring",
-                            "D_r",    "lagged",    "has_responses", "K_r",  "springs",
-                            "M",      "internal",  "iterate",       "mass", "defers",
-                            "shifts", "continues", "struck",        NULL};
+    static char *names[] = {
+        "n",       "nb",   "substeps",  "K",       "C",      "scheme",        "single",
+        "twice",   "link", "restoring", "D_r",     "lagged", "has_responses", "K_r",
+        "springs", "M",    "internal",  "iterate", "mass",   "defers",        "continues",
+        "struck",  NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
     PyObject *struck = Py_None;
     pma_scheme scheme;
-    int lagged = 0, has_responses = 0, defers = 0, shifts = 0, continues = 0;
-    if (!PyArg_ParseTupleAndKeywords(
-            args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOpppO", names, &n, &nb, &substeps, &K, &C,
-            &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma, &single, &twice, &link, &restoring,
-            &D_r, &lagged, &has_responses, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated,
-            &mass, &defers, &shifts, &continues, &struck))
+    int lagged = 0, has_responses = 0, defers = 0, continues = 0;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOppO", names, &n, &nb,
+                                     &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
+                                     &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
+                                     &lagged, &has_responses, &K_r, &PyTuple_Type, &springs, &M,
+                                     &internal, &iterated, &mass, &defers, &continues, &struck))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1)
         return pma_refuse(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -56,7 +56,6 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     parts->lagged = lagged;
     parts->has_responses = has_responses;
     parts->defers = defers;
-    parts->shifts = shifts;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
         pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
@@ -528,9 +527,6 @@ static PyMethodDef subdomain_methods[] = {
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},
     {"compliance", (PyCFunction)pma_subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these constraints"},
-    {"shift_block", (PyCFunction)pma_subdomain_shift_block, METH_VARARGS,
-     "shift_block(rows, begin, out): writes columns begin, ... of L Z on these constraints into "
-     "out, (m, k)"},
     {"accelerate", (PyCFunction)pma_subdomain_accelerate, METH_O,
      "accelerate(lam) -> (n,) M^-1 L^T lam, under mean coupling"},
     {"unit_responses", (PyCFunction)pma_subdomain_unit_responses, METH_VARARGS,

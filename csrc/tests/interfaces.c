@@ -5,31 +5,22 @@
 
 #include "check.h"
 
-pma_interface dense_lu_interface(dense_lu *lu, size_t p, const double *A)
+/* A = R D Q^T with ones on the diagonals of R and Q, both by columns                         (F10) */
+pma_interface make_unsymmetric_interface(unsymmetric_interface *x, size_t p, const double *A)
 {
     assert(p >= 1 && p <= MOST_ROWS);
-    lu->inverse[0] = 1.0 / A[0];
-    lu->places[1] = 1;
+    double *R = x->values, *Q = x->values + p * p;
+    x->inverse[0] = 1.0 / A[0];
+    R[0] = Q[0] = 1.0;
     if (p == 2) {
-        lu->L[0] = A[2] * lu->inverse[0];
-        lu->U[0] = A[1];
-        lu->inverse[1] = 1.0 / (A[3] - lu->L[0] * A[1]);
-        lu->lower[0] = 1;
-        lu->upper[0] = 0;
-        lu->below[1] = lu->below[2] = lu->above[2] = 1;
+        R[1] = A[2] / A[0];
+        Q[1] = A[1] / A[0];
+        R[3] = Q[3] = 1.0;
+        x->inverse[1] = 1.0 / (A[3] - R[1] * A[1]);
     }
-    const pma_lu factors = {.n = p,
-                            .p = p,
-                            .inverse = lu->inverse,
-                            .below = lu->below,
-                            .lower = lu->lower,
-                            .L = lu->L,
-                            .above = lu->above,
-                            .upper = lu->upper,
-                            .U = lu->U,
-                            .row = lu->places,
-                            .column = lu->places};
-    pma_interface_destroy(&lu->S_mu);
-    CHECK_STATUS(pma_interface_create_lu(&factors, &lu->S_mu), PMA_OK);
-    return lu->S_mu;
+    const pma_factor factor = {
+        .form = PMA_DENSE, .n = p, .nb = p, .inverse = x->inverse, .values = x->values, .Q = p * p};
+    pma_interface_destroy(&x->interface);
+    CHECK_STATUS(pma_interface_create(&factor, &x->interface), PMA_OK);
+    return x->interface;
 }

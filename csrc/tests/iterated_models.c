@@ -22,8 +22,6 @@ const pma_schedule *schedule_of(const model *m)
         return m->macro ? &pma_shooting_schedule : &pma_iterated_schedule;
     if (m->mean)
         return &pma_mean_schedule;
-    if (m->tied)
-        return &pma_tied_schedule;
     return m->macro ? &pma_macro_schedule : &pma_fine_schedule;
 }
 

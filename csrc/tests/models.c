@@ -46,7 +46,7 @@ static pma_interface make_interface(model *m, bool later)
     for (size_t i = 0; i < m->count; i++)
         add_interface(m, &m->subdomains[i], later, H);
     if (m->mean)
-        return dense_lu_interface(&m->lu[later], m->p, H);
+        return make_unsymmetric_interface(&m->unsymmetric[later], m->p, H);
     naive_factor(m->p, H, m->R[later], m->inverse[later]);
     const pma_factor factor = {.form = PMA_DENSE,
                                .n = m->p,
@@ -69,38 +69,6 @@ static pma_matrix make_doubled(model *m)
     return (pma_matrix){.form = PMA_DENSE, .n = m->p, .values = m->doubled};
 }
 
-/* S_mu = sum L (Y - al1 Z) + (sum al1 L Y) H^-1 (sum al2 L Z)                               (V4) */
-static pma_interface make_S_mu(model *m)
-{
-    const size_t p = m->p;
-    double S[CONSTRAINTS * CONSTRAINTS] = {0.0}, LY[CONSTRAINTS * CONSTRAINTS] = {0.0};
-    double HLZ[CONSTRAINTS][CONSTRAINTS];
-    for (size_t column = 0; column < p; column++) {
-        double unit[CONSTRAINTS] = {0.0}, *LZ = HLZ[column], y[MOST], z[MOST];
-        memset(LZ, 0, sizeof HLZ[column]);
-        unit[column] = 1.0;
-        for (size_t i = 0; i < m->count; i++) {
-            const subdomain *x = &m->subdomains[i];
-            const double al1 = al1_of(x, false);
-            naive_link(x, false, unit, y);
-            naive_stiffness_of(x, y, z);
-            for (size_t row = 0; row < p; row++) {
-                LY[row * p + column] += al1 * constrained(x, row, y);
-                LZ[row] += al2_of(x, false) * constrained(x, row, z);
-                S[row * p + column] += constrained(x, row, y) - al1 * constrained(x, row, z);
-            }
-        }
-        naive_solve(p, m->H[0], LZ);
-    }
-    for (size_t row = 0; row < p; row++) {
-        for (size_t column = 0; column < p; column++) {
-            for (size_t k = 0; k < p; k++)
-                S[row * p + column] += LY[row * p + k] * HLZ[column][k];
-        }
-    }
-    return dense_lu_interface(&m->S_mu, p, S);
-}
-
 pma_coupler_parts describe_coupler(model *m)
 {
     const pma_interface H_start = make_interface(m, false), H = make_interface(m, true);
@@ -109,7 +77,6 @@ pma_coupler_parts describe_coupler(model *m)
                                .p = m->p,
                                .H_start = H_start,
                                .H = H,
-                               .S_mu = m->tied ? make_S_mu(m) : (pma_interface){.p = 0},
                                .doubled = m->mean ? make_doubled(m) : (pma_matrix){.n = 0},
                                .dt = m->dt,
                                .rebased = m->rebased,
@@ -239,7 +206,6 @@ static pma_member make_member(model *m, size_t i)
     x->has_responses = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
     x->mean = m->mean;
     x->defers = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
-    x->shifts = m->tied;
     make_subdomain(x);
     if (m->stored && x->has_responses)
         store_response(m, i);
@@ -269,9 +235,8 @@ void destroy_model(model *m)
         pma_subdomain_destroy(m->subdomains[i].core);
     pma_interface_destroy(&m->interfaces[0]);
     pma_interface_destroy(&m->interfaces[1]);
-    pma_interface_destroy(&m->lu[0].S_mu);
-    pma_interface_destroy(&m->lu[1].S_mu);
-    pma_interface_destroy(&m->S_mu.S_mu);
+    pma_interface_destroy(&m->unsymmetric[0].interface);
+    pma_interface_destroy(&m->unsymmetric[1].interface);
 }
 
 pma_status coupler_status(const pma_coupler_parts *parts)
@@ -455,7 +420,6 @@ void build_chain(model *m, const chain *chosen)
                  .threads = chosen->threads,
                  .macro = chosen->macro || chosen->mean,
                  .mean = chosen->mean,
-                 .tied = chosen->tied,
                  .stored = chosen->stored,
                  .looks_ahead = chosen->looks_ahead};
     memcpy(m->naive, chosen->naive, sizeof m->naive);

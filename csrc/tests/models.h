@@ -29,7 +29,6 @@ struct model {
     double dt;
     bool rebased, macro; /* macro: one interface problem in a macro step, as in section 13; */
     bool mean;           /* ... as in section 15, else fine steps as in section 5 */
-    bool tied;           /* ... with displacements tied */
     size_t threads;
     bool naive[SUBDOMAINS], looks_ahead; /* naive members, and whether they can look ahead */
     bool stored;                         /* link responses, for unit multipliers */
@@ -39,7 +38,7 @@ struct model {
     double H[2][CONSTRAINTS * CONSTRAINTS]; /* of the first macro step, of the later ones */
     double R[2][CONSTRAINTS * CONSTRAINTS], inverse[2][CONSTRAINTS];
     pma_interface interfaces[2];
-    dense_lu lu[2], S_mu; /* of H under mean coupling, which need not be symmetric; of (V4) */
+    unsymmetric_interface unsymmetric[2];      /* of H under mean coupling */
     double doubled[CONSTRAINTS * CONSTRAINTS]; /* the part of H of double steps */
     double lam0[CONSTRAINTS];
     naive_member wrapped[SUBDOMAINS];
@@ -121,7 +120,7 @@ struct chain {
     plan plan;
     double scale;   /* of initial values and loads; 0 stands for 1 */
     size_t threads; /* 0 stands for 1 */
-    bool macro, mean, tied;
+    bool macro, mean;
     bool stored, sprung; /* sprung: springs of all laws; linear ones with internal forces that are
                             linear */
     bool undamped;

@@ -75,53 +75,6 @@ static void naive_arrive(model *m, size_t i, size_t k)
         naive_store(x, true, m->lam[k], &m->levels[i][k / ratio]);
 }
 
-/* d (p): the integral of the prescribed velocity up to fine step k, by the trapezoidal rule (V5) */
-static void naive_jump(const model *m, size_t k, double *d)
-{
-    double g0[CONSTRAINTS], g1[CONSTRAINTS];
-    memset(d, 0, m->p * sizeof(double));
-    for (size_t step = 1; step <= k; step++) {
-        prescribe(m, step - 1, g0);
-        prescribe(m, step, g1);
-        for (size_t row = 0; row < m->p; row++)
-            d[row] += m->dt / (double)m->fine * (g0[row] + g1[row]) / 2.0;
-    }
-}
-
-/* Both multipliers at once, and the shift; right: g - sum L vf at the end of fine step k (V3)
- * (V1) */
-static void naive_tie(model *m, size_t k, const double *right)
-{
-    const size_t p = m->p, size = 2 * p;
-    double A[4 * CONSTRAINTS * CONSTRAINTS] = {0.0}, b[2 * CONSTRAINTS], y[MOST], z[MOST];
-    memcpy(b, right, p * sizeof(double));
-    naive_jump(m, k, b + p);
-    for (size_t i = 0; i < m->count; i++) {
-        const subdomain *x = &m->subdomains[i];
-        const double al1 = al1_of(x, false), al2 = al2_of(x, false);
-        const level *end = &m->levels[i][k * x->substeps / m->fine];
-        for (size_t column = 0; column < p; column++) {
-            double unit[CONSTRAINTS] = {0.0};
-            unit[column] = 1.0;
-            naive_link(x, false, unit, y);
-            naive_stiffness_of(x, y, z);
-            for (size_t row = 0; row < p; row++) {
-                A[row * size + column] += al2 * constrained(x, row, y);
-                A[row * size + p + column] -= al2 * constrained(x, row, z);
-                A[(p + row) * size + column] += al1 * constrained(x, row, y);
-                A[(p + row) * size + p + column] +=
-                    constrained(x, row, y) - al1 * constrained(x, row, z);
-            }
-            b[p + column] -= constrained(x, column, end->u);
-        }
-    }
-    naive_solve(size, A, b);
-    memcpy(m->lam[k], b, p * sizeof(double));
-    for (size_t i = 0; i < m->count; i++)
-        naive_shift(&m->subdomains[i], b + p,
-                    &m->levels[i][k * m->subdomains[i].substeps / m->fine]);
-}
-
 static void naive_fine_step(model *m, size_t k)
 {
     double jump[CONSTRAINTS] = {0.0};
@@ -130,10 +83,7 @@ static void naive_fine_step(model *m, size_t k)
         naive_free_velocity(m, i, k, jump);
     for (size_t row = 0; row < m->p; row++)
         m->lam[k][row] -= jump[row];
-    if (m->tied && k % m->fine == 0)
-        naive_tie(m, k, m->lam[k]);
-    else
-        naive_solve(m->p, m->H[k > m->fine], m->lam[k]);
+    naive_solve(m->p, m->H[k > m->fine], m->lam[k]);
     for (size_t i = 0; i < m->count; i++)
         naive_arrive(m, i, k);
 }

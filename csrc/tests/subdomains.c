@@ -135,7 +135,6 @@ pma_parts describe(subdomain *x)
                        .mean = x->mean,
                        .mass = make_mass(x),
                        .defers = x->defers,
-                       .shifts = x->shifts,
                        .shoots = x->inner.used,
                        .M = {.form = PMA_DENSE, .n = x->n, .values = x->M},
                        .K = {.form = PMA_DENSE, .n = x->n, .values = x->inner.K},
@@ -294,29 +293,6 @@ void naive_pushed(const subdomain *x, bool twice, double t, const double *F, con
     take_free(x, twice, t, F, y, from, to);
     for (size_t i = 0; i < x->n; i++)
         to->a[i] = naive_recur(x->scheme, to->w[i], from->w[i], from->a[i]);
-}
-
-void naive_stiffness_of(const subdomain *x, const double *y, double *z)
-{
-    for (size_t i = 0; i < x->n; i++) {
-        z[i] = 0.0;
-        for (size_t j = 0; j < x->n; j++)
-            z[i] += (x->K[i * x->n + j] + x->K_r[i * x->n + j]) * y[j];
-    }
-    naive_solve(x->n, x->Mbar[0], z);
-}
-
-void naive_shift(const subdomain *x, const double *mu, level *to)
-{
-    double y[MOST], z[MOST];
-    naive_link(x, false, mu, y);
-    naive_stiffness_of(x, y, z);
-    for (size_t i = 0; i < x->n; i++) {
-        to->u[i] += y[i] - al1_of(x, false) * z[i];
-        to->v[i] -= al2_of(x, false) * z[i];
-        to->vf[i] -= al2_of(x, false) * z[i];
-        to->w[i] -= z[i];
-    }
 }
 
 void naive_link(const subdomain *x, bool twice, const double *lam, double *wl)

@@ -48,7 +48,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
 struct subdomain {
     size_t n, nb, p, substeps;
     bool implicit, doubled, has_responses;
-    bool mean, defers, shifts; /* as those of pma_parts */
+    bool mean, defers; /* as those of pma_parts */
     pma_scheme scheme;
     double h;
     double M[MOST * MOST], C[MOST * MOST], K[MOST * MOST]; /* n*n by rows */
@@ -132,12 +132,6 @@ void naive_store(const subdomain *x, bool twice, const double *lam, level *at);
 void naive_push(const subdomain *x, const double *lam, double *y);
 void naive_pushed(const subdomain *x, bool twice, double t, const double *F, const double *y,
                   const level *from, level *to);
-
-/* to := the same with the predictor shifted by Mbar^-1 L^T mu                          (V1) (V2) */
-void naive_shift(const subdomain *x, const double *mu, level *to);
-
-/* z (n) := Mbar^-1 (K + K_r) y with the operator of the single step                         (V2) */
-void naive_stiffness_of(const subdomain *x, const double *y, double *z);
 
 /* A substep of the link response under lam: (M3) with K + K_r, C + D_r, lagged C vs */
 void naive_link_response(const subdomain *x, bool twice, const double *lam, const level *from,

@@ -54,41 +54,6 @@ static void a_motion_of_rows_that_do_not_exist_is_refused(void)
     destroy_model(&m);
 }
 
-static void shift_nothing(void *self, const pma_substep *step, const double *mu)
-{
-    (void)self, (void)step, (void)mu;
-}
-
-static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
-{
-    static model m;
-    const double one[2] = {1.0, 1.0};
-    const int64_t none[3] = {0, 0, 0};
-    const int32_t places[2] = {0, 1};
-    const pma_lu S = {2, 2, one, none, NULL, NULL, none, NULL, NULL, places, places};
-    pma_interface solved;
-    make_oscillator(&m, (split){0.1, 2, false, false, TRAPEZOIDAL, CENTRAL_DIFFERENCE});
-    pma_coupler_parts parts = describe_coupler(&m);
-    parts.schedule = &pma_tied_schedule;
-    CHECK_STATUS(pma_interface_create_lu(&S, &solved), PMA_OK);
-    pma_member_table shifting = *m.members[0].table;
-    shifting.shift = shift_nothing;
-    for (size_t i = 0; i < m.count; i++)
-        m.members[i].table = &shifting;
-    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE); /* no matrix */
-    parts.S_mu = solved;
-    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE); /* of two constraints, not one */
-    parts.S_mu.p = m.p;
-    CHECK_STATUS(coupler_status(&parts), PMA_OK);
-    m.members[1].table = pma_subdomain_member(m.subdomains[1].core).table;
-    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
-    m.members[1].table = &shifting;
-    m.members[0].doubling = PMA_DOUBLED;
-    CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
-    pma_interface_destroy(&solved);
-    destroy_model(&m);
-}
-
 static void a_coupler_of_a_subdomain_with_other_constraints_is_refused(void)
 {
     static model m, n;
@@ -430,7 +395,6 @@ static void a_step_does_not_allocate(void)
 const test COUPLER_TESTS[] = {
     TEST(a_coupler_with_sizes_that_do_not_agree_is_refused),
     TEST(a_motion_of_rows_that_do_not_exist_is_refused),
-    TEST(a_tied_schedule_needs_a_matrix_and_members_that_shift),
     TEST(a_coupler_of_a_subdomain_with_other_constraints_is_refused),
     TEST(substeps_that_do_not_divide_the_largest_are_refused),
     TEST(substeps_that_do_not_make_up_the_macro_step_are_refused),

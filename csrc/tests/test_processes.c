@@ -154,7 +154,6 @@ static void fine_steps_in_two_processes_are_those_of_one(void)
     check((chain){.plan = {{1, 6, 2}, false, false, true, false, false}});
     check((chain){.plan = {{1, 4, 2}, true, false, true, false, true}});
     check((chain){.plan = MIXED});
-    check((chain){.plan = {{6, 3, 1}, false, false, true, true, true}, .tied = true});
 }
 
 static void macro_steps_in_two_processes_are_those_of_one(void)

@@ -1,5 +1,4 @@
-/* test_schedules.c - schedules of sections 5 and 15 of docs/method.md against the naive program:
- * displacements tied at macro time levels, and mean coupling. */
+/* test_schedules.c - section 15 of docs/method.md, mean coupling, against the naive program. */
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -10,15 +9,6 @@
 static void check(chain chosen)
 {
     check_chain(&chosen);
-}
-
-static void tied_displacements_are_shifted_as_it_is_written(void)
-{
-    for (int moved = 0; moved <= 1; moved++) {
-        check((chain){.plan = {{1, 1, 1}, false, false, true, moved, false}, .tied = true});
-        check((chain){.plan = {{1, 6, 2}, false, false, true, moved, false}, .tied = true});
-        check((chain){.plan = {{6, 3, 1}, false, false, true, moved, true}, .tied = true});
-    }
 }
 
 /* A, damped, has responses; without damping single implicit steps are closed (K7). */
@@ -54,7 +44,6 @@ static void double_steps_of_mean_coupling_feel_both_multipliers(void)
 }
 
 const test SCHEDULES_TESTS[] = {
-    TEST(tied_displacements_are_shifted_as_it_is_written),
     TEST(mean_coupling_is_the_schedule_as_it_is_written),
     TEST(double_steps_of_mean_coupling_feel_both_multipliers),
     END_OF_TESTS,

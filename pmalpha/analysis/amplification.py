@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -105,8 +105,7 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
 
     Notes
     -----
-    The cost is N macro steps, eight of them side by side as in `Coupler.run_each`, one by one with
-    ``drift="removed"``.
+    The cost is N macro steps, eight of them side by side as in `Coupler.run_each`.
 
     Examples
     --------
@@ -132,10 +131,5 @@ def propagated(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
     """One macro step of each unit state: the next states, (N, N), and Lam, (p, N)."""
     session = checked_coupler(coupler)._session
     require_linear(session, "amplification_matrix")
-    layout, in_lanes = layout_of(coupler), session.options.drift == "kept"
-    with (
-        session.guard,
-        nullcontext() if in_lanes else state_kept(coupler),
-        nullcontext() if in_lanes else unloaded(coupler),
-    ):
-        return propagation(layout, session.core_rows, coupler.dt, in_lanes=in_lanes)
+    with session.guard:
+        return propagation(layout_of(coupler), session.core_rows, coupler.dt)

@@ -1,6 +1,6 @@
 """Derivatives by differences of whole runs, for what has no adjoint.
 
-That are springs, restoring and internal forces, contacts, "mean" coupling and drift removed.
+That are springs, restoring and internal forces, contacts and "mean" coupling.
 """
 
 from __future__ import annotations

@@ -192,8 +192,6 @@ def require_adjoint(session: Any, what: str) -> None:
     options = session.options
     if options.coupling == "mean":
         _require_trapezoidal(session, what)
-    if options.drift != "kept":
-        raise ValueError(f'{what} needs drift="kept": second multipliers have no adjoint here')
     if options.start != "rebased":
         raise ValueError(f'{what} needs start="rebased", got "{options.start}"')
     for name, s in session.keys:

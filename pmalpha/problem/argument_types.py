@@ -15,7 +15,6 @@ __all__ = [
     "Coupling",
     "Damping",
     "DofsLike",
-    "Drift",
     "InternalForceFunction",
     "Load",
     "MatrixLike",
@@ -57,10 +56,9 @@ class InternalForceFunction(Protocol):
     ) -> tuple[Any, ...]: ...
 
 
-# Values of coupling=, start= and drift= of a Coupler, damping= of a Subdomain, tangent= of Newton.
+# Values of coupling= and start= of a Coupler, damping= of a Subdomain, tangent= of Newton.
 Coupling = Literal["pm", "gc", "macro", "mean"]
 Start = Literal["rebased", "plain"]
-Drift = Literal["kept", "removed"]
 Damping = Literal["implicit", "lagged"]
 TangentPolicy = Literal["full", "reuse"]
 

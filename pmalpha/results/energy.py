@@ -65,7 +65,7 @@ class Energy:
         the trapezoidal rule kinetic + strain - F . u. Damping and varying loads and motions change
         it.
         None with other schemes and steps, with restoring and internal forces, with
-        ``drift="removed"``, with contacts, and in files of older versions.
+        contacts, and in files of older versions.
     contact : array or None
         Work of the impulses of contacts on each subdomain, P N (v0 + v1) / 2 in each step (U10);
         None without contacts.
@@ -125,7 +125,7 @@ def conserved_quantity(
         return None
     if options.coupling == "mean":
         return "energy" if all(trapezoidal) else None
-    return "dual" if options.drift == "kept" else None
+    return "dual"
 
 
 def _conserves(member: Member) -> bool:

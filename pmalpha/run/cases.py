@@ -403,8 +403,7 @@ def kept(session: Session) -> Iterator[None]:
 def groups_of(session: Session, plan: Plan) -> list[list[int]]:
     """Cases that run side by side; those of one case run on the coupler itself."""
     possible = lanes_are_possible(session.members, session.loads.motions)
-    possible = possible and session.options.drift == "kept" and not plan.chosen["energy"]
-    possible = possible and session.rows.contacts is None
+    possible = possible and not plan.chosen["energy"] and session.rows.contacts is None
     fitting = [
         k
         for k, (case, path) in enumerate(zip(plan.cases, plan.paths))

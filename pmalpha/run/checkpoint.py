@@ -45,7 +45,7 @@ ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # Multipliers from which accelerations are recorded under mean coupling.
 LINE = ("end_multipliers", "multipliers_before")
 # What the core has of the present beside the subdomains, multipliers and prescribed velocities.
-NUMBERS = ("shooting", "end_multipliers", "displacement_jump", "contact")
+NUMBERS = ("shooting", "end_multipliers", "contact")
 # Lengths of the last two macro steps under mean coupling.
 LENGTHS = "lengths"
 # What is added to the name of a checkpoint for that of a rank: macro step, token and rank.
@@ -205,8 +205,6 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
         *line, arrays[LENGTHS] = np.split(core.numbers("end_multipliers"), [p, 2 * p])
         for name, lam in zip(LINE, line):
             arrays[name] = rows.forces(lam)
-    if options.drift == "removed":
-        arrays["gap"] = rows.jumps(core.numbers("displacement_jump"))
     if (contact := core.numbers("contact")).size:
         arrays["contacts"] = contact
     arrays["multipliers"] = rows.forces(core.multipliers)
@@ -250,10 +248,7 @@ def core_state(
         if shooting.size:
             shooting = checked(arrays, "shooting", shooting.size)
             shooting = reordered(shooting, rows.numbers, 1.0 / rows.scale[rows.numbers])
-        jump, *line = np.zeros((3, p))
-        lengths = np.zeros(2)
-        if options.drift == "removed":
-            jump = rows.jumps_in_core(checked(arrays, "gap", p))
+        line, lengths = list(np.zeros((2, p))), np.zeros(2)
         if options.coupling == "mean":
             line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
             lengths = checked(arrays, LENGTHS, 2)
@@ -265,7 +260,7 @@ def core_state(
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
     ends = np.concatenate([*line, lengths])
-    numbers = dict(zip(NUMBERS, (shooting, ends, jump, contact)))
+    numbers = dict(zip(NUMBERS, (shooting, ends, contact)))
     return CoreState(states, iterations, lam, g, numbers)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._checks import without
 from .._core import Guard
-from ..problem.argument_types import Coupling, Drift, Start
+from ..problem.argument_types import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
@@ -57,9 +58,6 @@ class Coupler:
         choose.
     start : {"rebased", "plain"}, default "rebased"
         "plain" begins double steps as the paper does, without (S3).
-    drift : {"kept", "removed"}, default "kept"
-        "removed", with "gc" and without internal forces: displacements are tied at the ends of
-        macro steps too, (V1) to (V5).
     newton : Newton, default Newton()
         How internal forces are iterated.
     threads : int, optional
@@ -116,6 +114,7 @@ class Coupler:
     True
     """
 
+    @without(drift='is gone since version 0.4; take coupling="mean", which has no drift')
     def __init__(
         self,
         subdomains: Sequence[Subdomain],
@@ -124,7 +123,6 @@ class Coupler:
         dt: float,
         coupling: Coupling | None = None,
         start: Start = "rebased",
-        drift: Drift = "kept",
         newton: Newton = DEFAULT,
         threads: int | None = None,
         comm: Any = None,
@@ -135,7 +133,6 @@ class Coupler:
                 dt=dt,
                 coupling=coupling,  # type: ignore[arg-type]  # None is resolved there
                 start=start,
-                drift=drift,
                 newton=newton,
             )
             self._session = made(guard, ranks, subdomains, constraints, options, threads)
@@ -160,11 +157,6 @@ class Coupler:
     def coupling(self) -> str:
         """The schedule by which the subdomains advance: "pm", "gc", "macro" or "mean"."""
         return self._session.coupling
-
-    @property
-    def drift(self) -> str:
-        """Whether the displacement drift is "kept", or "removed" by second multipliers."""
-        return self._session.options.drift
 
     @property
     def subdomains(self) -> tuple[Subdomain, ...]:
@@ -638,8 +630,8 @@ class Coupler:
         Cases advance side by side where all that is evaluated in a step is known to the core:
         constant and sampled loads, base accelerations, springs. Cases with a load that is a
         function run one after the other, and so do all cases of a coupler with restoring or
-        internal forces that are functions, with callable prescribed velocities, or with
-        ``drift="removed"``, and all cases with ``energy=True`` or `record_to`. Groups of less than
+        internal forces that are functions or with callable prescribed velocities, and all cases
+        with ``energy=True`` or `record_to`. Groups of less than
         three cases run one after the other too, and those in which a case fails run again so.
 
         Ctrl-C and an exception of `progress` end the call at once. What a Python function of the
@@ -797,7 +789,7 @@ class Coupler:
         ------
         ValueError
             Without `differences` for couplings and subdomains whose adjoint is not such a run:
-            "mean" with another scheme than the trapezoidal rule, drift removed, the plain start,
+            "mean" with another scheme than the trapezoidal rule, the plain start,
             restoring and internal forces, contacts, lagged damping, dofs without mass; always for
             `comm`, and after `change_steps`.
         TypeError, KeyError, ValueError

@@ -24,10 +24,9 @@ class StartValues(NamedTuple):
     """What a run starts from."""
 
     states: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    # lam, g, jump: (p,) arrays, multipliers, prescribed velocities, and jumps of displacements
+    # lam, g: (p,) arrays, multipliers and prescribed velocities
     lam: np.ndarray
     g: np.ndarray
-    jump: np.ndarray
 
     @property
     def end_multipliers(self) -> np.ndarray:
@@ -91,7 +90,6 @@ class InitialValues:
             member.core.start(*state, start.lam)
             member.reported = False
         core.start(0, start.lam, start.g)
-        core.set_numbers("displacement_jump", start.jump)
         core.set_numbers("end_multipliers", start.end_multipliers)
         core.set_numbers("contact", contact)
         return solver
@@ -127,8 +125,7 @@ class InitialValues:
             w - member.core.accelerate(lam) if member.mean else w
             for member, w in zip(members, accelerations)
         ]
-        jump = rows.jumps_in_core(self.rows.displacement_jump([u for u, _ in self.values]))
-        return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, jump)
+        return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g)
 
     def in_order(self, members: Sequence[Member]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(u, v) of each subdomain in elimination order."""
@@ -144,7 +141,7 @@ def consistent_in_lanes(
 ) -> StartValues:
     """Consistent initial values (S1) of several cases without functions, in elimination order.
 
-    Bitwise those of `InitialValues.consistent`, in a column for each case; without the gaps.
+    Bitwise those of `InitialValues.consistent`, in a column for each case.
 
     initials: what is computed of one that several cases share is computed once.
     loads: with the prescribed velocities of all cases.
@@ -169,7 +166,7 @@ def consistent_in_lanes(
             raise InstabilityError(0, 0.0, member.name)
         if member.mean:
             own -= columns([member.core.accelerate(x) for x in np.ascontiguousarray(lam.T)])
-    return StartValues(list(zip(u, v, w)), lam, columns([g] * len(initials)), np.zeros_like(lam))
+    return StartValues(list(zip(u, v, w)), lam, columns([g] * len(initials)))
 
 
 def columns(vectors: Sequence[np.ndarray]) -> np.ndarray:

@@ -65,9 +65,8 @@ def springs(session: Session, key: str | int | Subdomain) -> SpringState:
 
 def title(session: Session) -> str:
     """What a coupler is, in a line."""
-    options, threads = session.options, counted(session.core.threads, "thread")
-    drift = "" if options.drift == "kept" else ", drift removed"
-    start = f"Coupler: coupling = {session.coupling!r}{drift}, dt = {session.steps.layout.dt:g}"
+    threads = counted(session.core.threads, "thread")
+    start = f"Coupler: coupling = {session.coupling!r}, dt = {session.steps.layout.dt:g}"
     return f"{start}, {counted(session.rows.p, 'constraint')}, {threads}"
 
 

@@ -36,7 +36,6 @@ from .ranks import Ranks, joined, processes, remote_of
 from .schedule import Options
 from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations
-from .tied import UNSTABLE, check_tied, displacement_factors, doubts_of_schemes
 
 # Assemblies that are kept beside the first one, those used last.
 KEPT = 32
@@ -102,7 +101,6 @@ class Assemblies:
         self.ranks = ranks
         self.first_own = 0 if ranks is None else ranks.own.start
         self.options, self.coupling, self.threads = options, options.coupling, threads
-        self.tied = options.drift == "removed"
         self.contacts = contacts
         reached = {} if contacts is None else contacts.dofs
         warn_of_loose(keys, links, reached)
@@ -113,8 +111,6 @@ class Assemblies:
         members = _ordered(keys, links, N, steps, options, threads[0])
         if options.coupling == "mean":
             check_mean(members)
-        if self.tied:
-            check_tied(members)
         self.rows = row_order(members, p, ranks)
         self.row_position = np.argsort(self.rows)
         for member in members:
@@ -240,11 +236,7 @@ class Assemblies:
         if layout.spans_change:
             return  # one macro step; the regular steps after it were assembled before, and judged
         p = self.rows.size
-        doubts: list[str] = []
-        if self.coupling == "mean":
-            doubts = doubts_of_damping(members, self.ranks)
-        elif self.tied:
-            doubts = doubts_of_schemes(members, self.ranks)
+        doubts = doubts_of_damping(members, self.ranks) if self.coupling == "mean" else []
         above = [
             (member, ratio)
             for member in members
@@ -253,9 +245,9 @@ class Assemblies:
         radius = None
         if (above or p) and self.ranks is None and self.contacts is None:
             rows = CoreRows(self.row_position, np.ones(p))
-            may_grow = above or self.tied or (self.coupling == "mean" and _are_damped(members))
-            most, in_lanes = CHEAP if may_grow else ALWAYS, not self.tied
-            radius = cheap_radius(members, core, self.coupling, rows, most, in_lanes=in_lanes)
+            may_grow = above or (self.coupling == "mean" and _are_damped(members))
+            most = CHEAP if may_grow else ALWAYS
+            radius = cheap_radius(members, core, self.coupling, rows, most)
         raised = radius is not None and not is_growing(radius)
         if not raised:  # not once more of those that have been warned of
             warn_of_steps(_ratios([member for member, ratio in above if ratio.raised is not False]))
@@ -263,7 +255,6 @@ class Assemblies:
             member.step_ratio = replace(ratio, raised=raised)
         if p:
             otherwise = None if above else growing(self.coupling)
-            otherwise = UNSTABLE if self.tied else otherwise
             warn_of_growth(doubts, otherwise, members, radius, layout.dt)
 
     def _threads_of_tangents(self, members: Sequence[Member]) -> int:
@@ -282,21 +273,17 @@ class Assemblies:
             return "mean shooting" if iterated else "mean"
         if iterated:
             return "iterated"
-        if self.tied:
-            return "tied"
         return "fine"
 
     def _of_the_schedule(self, members: Sequence[Member]) -> dict[str, Any]:
-        """What else the core needs where displacements are tied, and of other processes."""
+        """What else the core needs of contacts, of mean coupling and of other processes."""
         p = self.rows.size
         others = {"processes": processes(self.ranks, map(remote_of, members))}
         if self.contacts is not None:
             others["contact"] = self.contacts.core(members)
         if self.coupling == "mean":
             return others | {"doubled": doubled_part(members, p, self.ranks)}
-        if not self.tied:
-            return others
-        return others | {"S_mu": displacement_factors(members, p, self.ranks)}
+        return others
 
     def _interface_factors(
         self, layout: Layout, members: Sequence[Member]
@@ -371,7 +358,6 @@ def _ordered(
             threads=threads,
             has_responses=_has_responses(options.coupling, substeps),
             mean=options.coupling == "mean",
-            shifts=options.drift == "removed",
             reuses=options.newton.tangent == "reuse",
             N=N,
         )

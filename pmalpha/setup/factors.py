@@ -23,8 +23,8 @@ LOST = 64.0 * np.finfo(float).eps
 LEAST = 2.0**-1024
 # A pivot below this fraction of its diagonal entry starts the search for a mechanism.
 SUSPICIOUS = 1e-7
-# Bytes for each entry of a sparse factor while SuperLU makes it and it is copied for the core.
-SUPERLU_BYTES = 90
+# Bytes for each entry of thin panels while they are copied column by column.
+COPIED_BYTES = 56
 # From this number of entries per column on, sweeps of panels are faster than sweeps of columns.
 WIDE = 24
 # Multiplications for each thread that shares a factorization: some milliseconds. Of more threads
@@ -143,12 +143,7 @@ def factorize(
         if not sp.issparse(A):
             factor = dense_columns(A, names)
         else:
-            if structure is None:
-                structure = structure_of(*core_sparse(A)[:2], nb)
-            if structure.panels is None:
-                factor = columns(A, names, structure.entries, nb=nb)
-            else:
-                factor = panels(A, names, structure, threads)
+            factor = supernodal(A, names, nb, structure, threads)
     check_softest(A, factor, names)
     return factor
 
@@ -167,31 +162,48 @@ def dense_columns(A: np.ndarray, names: Names) -> Factor:
     return 1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None])
 
 
-def panels(A: sp.csr_array, names: Names, structure: Structure, threads: int = 1) -> Factor:
-    """The supernodal factor of the core: dense panels, 8 bytes per entry."""
-    inverse, R, failed = _in_panels(core_sparse(A), names, structure, threads, symmetric=True)
+def supernodal(
+    A: sp.csr_array, names: Names, nb: int, structure: Structure | None, threads: int = 1
+) -> Factor:
+    """The factor of the core in panels, or in columns where these are thin."""
+    entries = core_sparse(A)
+    inverse, R, failed = _in_panels(entries, names, nb, structure, threads, symmetric=True)
     if failed is not None:
         raise names.not_definite(A, failed)
     return inverse, R
 
 
 def _in_panels(
-    A: tuple[Any, ...], names: Names, structure: Structure, threads: int, *, symmetric: bool
+    A: tuple[Any, ...],
+    names: Names,
+    nb: int,
+    structure: Structure | None,
+    threads: int,
+    *,
+    symmetric: bool,
 ) -> tuple[np.ndarray, tuple[Any, ...], int | None]:
-    """The reciprocals of D, R or R and Q in panels, and the column where it failed, or None."""
+    """The reciprocals of D, R or R and Q, and the column where it failed, or None."""
+    if structure is None:
+        structure = structure_of(*A[:2], nb)
+    thin = structure.panels is None
+    if thin:
+        structure = Structure(structure.entries, _core.supernodes(*A[:2], nb))
     assert structure.panels is not None
     n, entries = A[0].size - 1, structure.panels[3][-1]
     threads = structure.threads(threads)
     size, count = 8.0 * entries + 4.0 * structure.panels[2].size, f"{entries}"
     if not symmetric:
         size, count = 16.0 * entries + 12.0 * A[1].size, f"twice {entries}"
+    if thin:
+        size += COPIED_BYTES * entries
     what = f"the factor of {names.what} ({n} dofs, {count} entries)"
     require(size + structure.scratch(threads), what)
     values, inverse = np.empty(entries if symmetric else (2, entries)), np.empty(n)
     failed = _core.factor_panels(
         A, structure.panels, values, inverse, LOST, GROWTH, *gemm_and_trsm(), threads
     )
-    return inverse, (*structure.panels[:4], values), failed
+    panels = (*structure.panels[:4], values)
+    return inverse, columns_of_panels(panels) if thin and failed is None else panels, failed
 
 
 # ---- unsymmetric matrices ----------------------------------------------------------------------
@@ -205,22 +217,15 @@ def unsymmetric(
     if sparse:
         A = with_symmetric_pattern(A)
         entries = core_sparse(A)
-        if structure is None:
-            structure = structure_of(*entries[:2], nb)
-        thin = structure.panels is None
-        if thin:
-            structure = Structure(structure.entries, _core.supernodes(*entries[:2], nb))
     else:  # one panel
         index = np.tile(np.arange(n, dtype=np.int32), n)
         entries = (np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
         found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
         structure = Structure(n * n, (*found, np.zeros(n, int)))
-    inverse, panels, failed = _in_panels(entries, names, structure, threads, symmetric=False)
+    inverse, R, failed = _in_panels(entries, names, nb, structure, threads, symmetric=False)
     if failed is not None:
         raise _refused(names, diagonal(A), inverse, failed)
-    if not sparse:
-        return inverse, panels[-1].reshape(2, n, n)
-    return inverse, columns_of_panels(panels) if thin else panels
+    return inverse, R if sparse else R[-1].reshape(2, n, n)
 
 
 def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
@@ -233,19 +238,22 @@ def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
 
 
 def columns_of_panels(panels: tuple[Any, ...]) -> tuple[Any, ...]:
-    """R and Q by columns, from their panels: for chains and other thin patterns."""
+    """R, or R and Q, by columns from their panels: for chains and other thin patterns."""
     first, row_ptr, rows, start, values = panels
-    columns, below, numbers = [], [], []
-    for s in range(first.size - 1):
-        own = np.arange(first[s], first[s + 1])
-        where = np.concatenate([own, rows[row_ptr[s] : row_ptr[s + 1]]])
-        columns.append(np.repeat(own, where.size))
-        below.append(np.tile(where, own.size))
-        numbers.append(values[:, start[s] : start[s + 1]])
-    j, i, x = np.concatenate(columns), np.concatenate(below), np.concatenate(numbers, axis=1)
-    kept = (i > j) & x.any(axis=0)
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(j[kept], minlength=first[-1]))])
-    return in_columns(ptr, i[kept], x[:, kept])
+    width, below = np.diff(first), np.diff(row_ptr)
+    begin = np.cumsum(width + below) - (width + below)
+    column = np.arange(first[-1])
+    node, node_of_row = (np.repeat(np.arange(width.size), x) for x in (width, below))
+    row = np.empty(width.sum() + below.sum(), np.int64)  # of each row of each panel
+    row[begin[node] + column - first[node]] = column
+    row[(begin + width - row_ptr[:-1])[node_of_row] + np.arange(rows.size)] = rows
+
+    height = (width + below)[node]
+    j = np.repeat(column, height)
+    i = row[np.arange(j.size) + np.repeat(begin[node] - np.cumsum(height) + height, height)]
+    kept = (i > j) & np.atleast_2d(values).any(axis=0)
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(j[kept], minlength=column.size))])
+    return in_columns(ptr, i[kept], values[..., kept])
 
 
 def check_smallest(A: Matrix, factor: Factor, names: Names) -> None:
@@ -283,41 +291,6 @@ def sides(factor: Factor) -> list[Factor]:
     if R[at].ndim == (2 if len(R) == 1 else 1):
         return [factor]
     return [(inverse, (*R[:at], values, *R[at + 1 :])) for values in R[at]]
-
-
-# ---- symmetric matrices by SuperLU -------------------------------------------------------------
-
-
-def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
-    """SuperLU's factor, column by column: for chains and other thin patterns.
-
-    Where SuperLU pivots off the diagonal or reports a singular matrix, the matrix is probably not
-    definite: then the supernodal factor decides, and locates the pivot.
-    """
-    from scipy.sparse.linalg import splu
-
-    n = A.shape[0]
-    require(SUPERLU_BYTES * entries, f"the factor of {names.what} ({n} dofs, {entries} entries)")
-    d = A.diagonal()
-    if not np.all(d > 0.0):
-        raise names.not_definite(A, int(np.argmin(d > 0.0)))
-    natural, lu = np.arange(n), None
-    try:
-        lu = splu(
-            A.T,  # A by columns
-            permc_spec="NATURAL",
-            diag_pivot_thresh=0.0,
-            options=dict(SymmetricMode=True),
-        )
-    except RuntimeError:  # SuperLU: exactly singular
-        pass
-    if lu is None or np.any(lu.perm_r != natural) or np.any(lu.perm_c != natural):
-        return panels(A, names, Structure(entries, _core.supernodes(*core_sparse(A)[:2], nb)))
-    pivots, R, symmetric = _core.columns_of(core_sparse(lu.L), core_sparse(lu.U))
-    check_pivots(pivots, A, names)
-    if not symmetric:  # as it is where all pivots are on the diagonal
-        raise FactorizationError(f"the factor of {names.what} is not symmetric")
-    return 1.0 / pivots, in_columns(*R)
 
 
 def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[Any, ...]:
@@ -368,18 +341,8 @@ def _softest(factor: Factor, d: np.ndarray) -> np.ndarray | None:
 
 
 def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
-    """A^-1 b by a step of the core: with K = C = 0, al1 = 0 and al2 = 1, w1 = A^-1 F."""
-    n, none = b.size, np.empty(0)
-    no_links = (0, np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
-    unit_step = (0.0, 0.0, 0.0, 1.0)
-    member = _core.Subdomain(n, 0, 1, None, None, unit_step, (1.0, *factor), None, no_links)
-    coupler = _core.Coupler((member,), 0, (none, None), (none, None), (), {"dt": 1.0})
-    zero = np.zeros(n)
-    member.start(zero, zero, zero, none)
-    member.set_load(b)
-    coupler.start(0, none, none)
-    coupler.advance(1, None)
-    return member.state()[2]
+    """A^-1 b."""
+    return _core.solve(factor, b)
 
 
 def interface_block(factor: Factor, nb: int) -> np.ndarray:

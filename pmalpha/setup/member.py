@@ -88,7 +88,6 @@ class Member:
     tangent: TangentPattern | None = None
     reuses: bool = False  # whether tangents are kept from step to step
     mean: bool = False  # responds to a constant acceleration of the interface (K3)
-    shifts: bool = False  # its predictors can be shifted (V1): displacements tied under gc
     has_responses: bool = False  # link responses (M3): several substeps under macro coupling
     # if it has: its block of H (M4), and the one from the mean velocities in the macro step
     response_blocks: tuple[Block, Block] | None = None
@@ -286,7 +285,7 @@ def make_member(
     """Put a subdomain in its elimination order, interface dofs last.
 
     `eliminations` are those of all subdomains, `threads` is the maximum number of threads that make
-    a factor, and `does` has the values of `reuses`, `mean` and `shifts`.
+    a factor, and `does` has the values of `reuses` and `mean`.
     """
     n, last = subdomain.n, L.dofs
     if N is not None:
@@ -462,14 +461,11 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
             member.h,
             member.feedback,
         ),
-        K_r=member.K_r
-        if member.has_responses or member.shifts or member.tangent is not None
-        else None,
+        K_r=member.K_r if member.has_responses or member.tangent is not None else None,
         springs=core_springs(member.subdomain.springs, member.position),
         **_internal(member, threads),
         mass=mass,
         defers=member.defers,
-        shifts=member.shifts,
         struck=struck(member),
     )
     if (limits := member.subdomain.limits) is not None:

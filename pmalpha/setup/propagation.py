@@ -28,25 +28,18 @@ GROWS, ROUNDING = 1e-7, 1e3 * np.finfo(float).eps
 OWN, ROOT = 1.1, 1e-7
 
 
-def propagation(
-    layout: Layout, rows: CoreRows, dt: float, *, in_lanes: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N).
-
-    Without `in_lanes`, of second multipliers, the core itself is used, and its state is lost.
-    """
-    core, cores, lanes = layout.core, [member.core for member in layout.members], 1
-    if in_lanes:
-        cores = [own.in_lanes() for own in cores]
-        core, lanes = core.in_lanes(tuple(cores)), LANES
+def propagation(layout: Layout, rows: CoreRows, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N)."""
+    cores = [member.core.in_lanes() for member in layout.members]
+    core = layout.core.in_lanes(tuple(cores))
     size = layout.size
     G, lam = np.empty((size, size)), np.empty((rows.p, size))
-    for begin in range(0, size, lanes):
-        layout.write(core, cores, np.eye(size, lanes, -begin))
+    for begin in range(0, size, LANES):
+        layout.write(core, cores, np.eye(size, LANES, -begin))
         check_stable(core.advance(1, None), layout.members, step=1, t=dt)
-        end = min(begin + lanes, size)
-        G[:, begin:end] = layout.read(core, cores, lanes)[:, : end - begin]
-        now = core.multipliers.reshape(-1, lanes)[:, : end - begin]
+        end = min(begin + LANES, size)
+        G[:, begin:end] = layout.read(core, cores, LANES)[:, : end - begin]
+        now = core.multipliers.reshape(-1, LANES)[:, : end - begin]
         lam[:, begin:end] = rows.forces(now.T).T
     return G, lam
 
@@ -100,9 +93,9 @@ class Layout:
 
     def read(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
-        arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
+        arrays = [[x.reshape(-1, LANES) for x in own.levels()] for own in cores]
         numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
-        lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
+        lam = core.multipliers.reshape(-1, LANES)[: self.rows.p]
         return np.concatenate([*numbers, self.rows.forces(lam.T).T])
 
     def names(self) -> tuple[str, ...]:
@@ -158,23 +151,17 @@ def is_growing(radius: float) -> bool:
 
 
 def cheap_radius(
-    members: Sequence[Member],
-    core: _core.Coupler,
-    coupling: str,
-    rows: CoreRows,
-    most: int,
-    *,
-    in_lanes: bool,
+    members: Sequence[Member], core: _core.Coupler, coupling: str, rows: CoreRows, most: int
 ) -> float | None:
     """The spectral radius of a macro step as far as it is certain; None where a subdomain is not
     linear or the state has more than `most` numbers.
 
-    members, core: the whole problem; without `in_lanes` the state of the core is lost.
+    members, core: the whole problem.
     """
     if not all(member.subdomain.is_linear for member in members):
         return None
     layout = Layout(members, core, coupling, rows)
-    return _radius(layout, rows, in_lanes) if layout.size <= most else None
+    return _radius(layout, rows) if layout.size <= most else None
 
 
 def growth_of_structure(members: Sequence[Member]) -> float:
@@ -197,9 +184,9 @@ def growth_of_structure(members: Sequence[Member]) -> float:
     return rate if rate > rounding else 0.0
 
 
-def _radius(layout: Layout, rows: CoreRows, in_lanes: bool) -> float:
+def _radius(layout: Layout, rows: CoreRows) -> float:
     try:
-        G = propagation(layout, rows, 1.0, in_lanes=in_lanes)[0]
+        G = propagation(layout, rows, 1.0)[0]
     except InstabilityError:
         return np.inf
     return certain_radius(G)

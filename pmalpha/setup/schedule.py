@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 import scipy.sparse as sp
 
 from .._checks import check_word, counted, listed, listing, time_step, whole_number
-from ..problem.argument_types import Coupling, Drift, Start
+from ..problem.argument_types import Coupling, Start
 from ..problem.constraints import Chosen, Constraint
 from ..problem.newton import DEFAULT, Newton
 from ..problem.subdomain import Subdomain
@@ -180,7 +180,6 @@ class Options(NamedTuple):
     dt: float
     coupling: Coupling
     start: Start
-    drift: Drift = "kept"
     newton: Newton = DEFAULT
 
     @property
@@ -200,24 +199,9 @@ def checked_options(options: Options, count: int) -> Options:
     options = options._replace(coupling=chosen_coupling(options.coupling, count))
     check_word(options.coupling, "coupling", get_args(Coupling))
     check_word(options.start, "start", get_args(Start))
-    check_drift(options.drift, options.coupling)
     if not isinstance(options.newton, Newton):
         raise TypeError(f"newton must be a Newton, got {options.newton!r}")
     return options._replace(dt=time_step(options.dt, "dt"))
-
-
-def check_drift(value: Any, coupling: str) -> None:
-    check_word(value, "drift", get_args(Drift))
-    if value == "removed" and coupling == "mean":
-        raise ValueError(
-            'drift must be "kept" with coupling="mean", which ties displacements and has no drift, '
-            'got "removed"'
-        )
-    if value == "removed" and coupling != "gc":
-        raise ValueError(
-            f'drift must be "kept" with coupling="{coupling}", where removing it is unstable, got '
-            '"removed"; coupling="mean" has no drift, and coupling="gc" can remove it'
-        )
 
 
 def finest(substeps: Sequence[int], coupling: str) -> int:

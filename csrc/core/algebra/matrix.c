@@ -408,8 +408,9 @@ bool pma_is_finite(size_t n, const double *x)
 
 /* ---- in another order ------------------------------------------------------------------------ */
 
-/* Shell's sort with the gaps 1, 4, 13, 40, ...: rows are short, and mostly in ascending pieces. */
-void pma_matrix_sort_row(int64_t count, int32_t *index, double *values)
+/* The entries of one row in ascending order of their indices, which differ; Shell's sort with the
+ * gaps 1, 4, 13, 40, ...: rows are short, and mostly in ascending pieces. */
+static void sort_row(int64_t count, int32_t *index, double *values)
 {
     int64_t gap = 1;
     while (3 * gap + 1 < count)
@@ -440,7 +441,7 @@ void pma_matrix_permute(size_t n, const int64_t *ptr, const int32_t *index, cons
             B_index[count] = position[index[e]];
             B_values[count] = values[e];
         }
-        pma_matrix_sort_row(count - B_ptr[k], B_index + B_ptr[k], B_values + B_ptr[k]);
+        sort_row(count - B_ptr[k], B_index + B_ptr[k], B_values + B_ptr[k]);
     }
     B_ptr[n] = count;
 }

@@ -110,7 +110,4 @@ void pma_matrix_permute(size_t n, const int64_t *ptr, const int32_t *index, cons
                         const int64_t *order, const int32_t *position, int64_t *B_ptr,
                         int32_t *B_index, double *B_values);
 
-/* The entries of one row in ascending order of their indices, which differ. */
-void pma_matrix_sort_row(int64_t count, int32_t *index, double *values);
-
 #endif

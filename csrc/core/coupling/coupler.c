@@ -62,13 +62,10 @@ static pma_coupler *allocate(const pma_coupler_parts *parts)
                                 PMA_ARRAY(pma_coupler, motions, parts->motion_count),
                                 PMA_ARRAY(pma_coupler, present.lam, p),
                                 PMA_ARRAY(pma_coupler, present.g, p),
-                                PMA_ARRAY(pma_coupler, present.d, p),
                                 PMA_ARRAY(pma_coupler, reached.lam, p),
                                 PMA_ARRAY(pma_coupler, reached.g, p),
-                                PMA_ARRAY(pma_coupler, reached.d, p),
                                 PMA_ARRAY(pma_coupler, working.lam, p),
                                 PMA_ARRAY(pma_coupler, working.g, p),
-                                PMA_ARRAY(pma_coupler, working.d, p),
                                 PMA_ARRAY(pma_coupler, scratch, p),
                                 PMA_ARRAY(pma_coupler, dlam, p),
                                 PMA_ARRAY(pma_coupler, lam_end, 2 * p + 2),
@@ -232,7 +229,6 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
     assert(step_count >= c->origin.number);
     memcpy(c->present.lam, lam, c->parts.p * sizeof(double));
     memcpy(c->present.g, g, c->parts.p * sizeof(double));
-    memset(c->present.d, 0, c->parts.p * sizeof(double));
     c->present.number = c->reached.number = step_count - c->origin.number;
     c->k = 0;
     for (int64_t i = 0; i < 2; i++)
@@ -297,12 +293,6 @@ const double *pma_coupler_prescribed(const pma_coupler *c)
 size_t pma_coupler_failed(const pma_coupler *c)
 {
     return c->failed;
-}
-
-double *pma_coupler_displacement_jump(pma_coupler *c, size_t *size)
-{
-    *size = c->parts.p;
-    return c->present.d;
 }
 
 double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size)

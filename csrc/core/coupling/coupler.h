@@ -24,7 +24,6 @@
 typedef struct pma_schedule pma_schedule;
 
 extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step */
-extern const pma_schedule pma_tied_schedule;  /* gc, displacements tied at macro time levels */
 extern const pma_schedule pma_mean_schedule;  /* once in a macro step, displacements; H of (K4) */
 extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
 
@@ -49,7 +48,6 @@ typedef struct {
     size_t p;                  /* constraints */
     pma_interface H_start;     /* (18), single steps alone: the first macro step */
     pma_interface H;           /* (18), double steps where they are taken: from the second on */
-    pma_interface S_mu;        /* (V4), of the tied schedule */
     pma_matrix doubled;        /* mean coupling: the part of H of members with double steps */
     const pma_schedule *schedule;
     const pma_iteration_parts *iteration; /* of the last two schedules, else NULL; copied */
@@ -148,9 +146,6 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
  * same fine step, the first in order. */
 size_t pma_coupler_failed(const pma_coupler *c);
-/* Tied schedule: the displacement jump d (p) at the present, sum_i L_i u_i = d, which
- * belongs to the state; 0 after a start. */
-double *pma_coupler_displacement_jump(pma_coupler *c, size_t *size);
 /* After PMA_ELSEWHERE: the rank in which something failed; this one when the exchange did. */
 size_t pma_coupler_failed_rank(const pma_coupler *c);
 /* With members in other processes, in all of them: before pma_coupler_record_present, and in place

@@ -7,7 +7,7 @@
 #include "member/remote.h"
 
 /* The rounds of a macro step, in their order: one for each interface problem, and where a time
- * level is recorded one for the jumps there; two more for tied displacements; one after (S3); at
+ * level is recorded one for the jumps there; one after (S3); at
  * last all agree to commit. PRESENT is that before the first macro step of a call. */
 typedef enum { PRESENT, INTERFACE, JUMP, REBASED, AGREEMENT } round;
 
@@ -73,8 +73,6 @@ static bool is_recorded(const pma_coupler *c)
     const size_t solved = c->exchange->solved, fine = c->fine;
     if (!c->record || c->parts.p == 0 || solved == 0)
         return false;
-    if (solved >= fine && solved < fine + c->parts.schedule->more_rounds)
-        return false;
     return pma_recorder_row(c, solved < fine ? solved : fine, fine) != PMA_NO_ROW;
 }
 
@@ -88,7 +86,7 @@ static round next_round(const pma_coupler *c)
     const pma_exchange *x = c->exchange;
     if (!x->jumped && is_recorded(c))
         return JUMP;
-    if (x->solved < c->fine + c->parts.schedule->more_rounds)
+    if (x->solved < c->fine)
         return INTERFACE;
     return changes_over(c) && !x->rebased ? REBASED : AGREEMENT;
 }

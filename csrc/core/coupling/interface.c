@@ -18,14 +18,6 @@ pma_status pma_interface_create(const pma_factor *H, pma_interface *out)
     return allocate(interface, pma_factor_scratch(H), out);
 }
 
-pma_status pma_interface_create_lu(const pma_lu *S, pma_interface *out)
-{
-    *out = (pma_interface){.work = NULL};
-    PMA_TRY(pma_lu_check(S));
-    const pma_interface interface = {.lu = *S, .p = S->p, .entries = pma_lu_entries(S)};
-    return allocate(interface, S->n, out);
-}
-
 void pma_interface_destroy(pma_interface *x)
 {
     free(x->work);

@@ -8,31 +8,25 @@
 #include <stddef.h>
 
 #include "algebra/factor.h"
-#include "algebra/lu.h"
 #include "status.h"
 
 /* A value that can be copied, all copies with one scratch. */
 typedef struct {
     pma_factor factor; /* of any form, all p unknowns on the interface: nb = n = p */
-    pma_lu lu;         /* of S_mu (V4), which is not symmetric; n = 0: the factor is used */
     size_t p;          /* constraints */
     size_t entries;    /* matrix entries read by one solution */
     double *work;      /* scratch of the sweeps */
 } pma_interface;
 
 /* Checks the factor, whose arrays are the caller's, and allocates scratch. PMA_BAD_SIZE unless
- * nb = n, and what pma_factor_check finds; *out is then empty. The same for two triangles. */
+ * nb = n, and what pma_factor_check finds; *out is then empty. */
 pma_status pma_interface_create(const pma_factor *H, pma_interface *out);
-pma_status pma_interface_create_lu(const pma_lu *S, pma_interface *out);
 void pma_interface_destroy(pma_interface *x); /* an empty one is allowed */
 
 /* x (p) := H^-1 x. One thread at a time; does not allocate. */
 static inline void pma_interface_solve(const pma_interface *H, double *x)
 {
-    if (H->lu.n > 0)
-        pma_lu_solve(&H->lu, x, H->work);
-    else
-        pma_factor_interface(&H->factor, x, H->work);
+    pma_factor_interface(&H->factor, x, H->work);
 }
 
 #endif

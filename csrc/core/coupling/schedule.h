@@ -2,7 +2,7 @@
  *
  * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
  * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
- * contacts, tied.c without drift, macro.c and mean.c those with one in a macro step;
+ * contacts, macro.c and mean.c those with one in a macro step;
  * iterated_fine.c and shooting.c are the first and macro.c with internal forces; recorder.c what is
  * recorded, exchange.c what processes send each other, look_ahead.c what is done beside the fine
  * steps. */
@@ -43,10 +43,10 @@ typedef struct {
 } pma_coupled;
 
 /* A macro time level, `number` macro steps after the origin of the clock: multipliers, prescribed
- * velocities, and the displacement jump where it is constrained (p each). */
+ * velocities (p each). */
 typedef struct {
     int64_t number;
-    double *lam, *g, *d;
+    double *lam, *g;
 } pma_macro_level;
 
 static inline void pma_macro_level_swap(pma_macro_level *a, pma_macro_level *b)
@@ -88,7 +88,7 @@ struct pma_coupler {
 
     pma_motion *motions;
     double *scratch;    /* p */
-    double *dlam;       /* p: macro coupling: Lam_{n+1} - Lam_n; tied schedule: mu (V1) */
+    double *dlam;       /* p: macro coupling: Lam_{n+1} - Lam_n */
     double *lam_end;    /* p: mean coupling: multipliers at the present, */
     double *lam_before; /* ... and those before the last ones */
     double *lengths;    /* 2: ... of the last two macro steps; 0 where there was none */
@@ -130,12 +130,10 @@ struct pma_schedule {
     /* Records the accelerations that no state has, of the present; NULL if there are none. */
     void (*record_present)(const pma_coupler *c, const pma_record *record);
     /* Members in other processes: what a round (1, 2, ... in a macro step) needs of a member, their
-     * number returned: one for each interface problem and `more_rounds` after the last one; every
-     * member where it is in round k; does (S3) apply? */
+     * number returned: one for each interface problem; every member where it is in round k; does (S3) apply? */
     size_t (*interface_pieces)(const pma_coupler *c, const pma_coupled *m, size_t round,
                                pma_piece *pieces);
     void (*move_to)(pma_coupler *c, size_t k);
-    size_t more_rounds;
     bool rebases;
     /* In place of velocities, at the end of a macro step? */
     bool ties_displacements;

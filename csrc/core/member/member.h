@@ -22,13 +22,12 @@
 
 /* Values on the interface (nb); L of them is what a coupler sums up. */
 typedef enum {
-    PMA_FREE_VELOCITY,         /* (c) vf at time level j, once the substep to it is open */
-    PMA_BEGINNING_VELOCITY,    /* (c) vf at time level j, where the substep at hand begins */
-    PMA_VELOCITY,              /* v at time level j, which is closed */
-    PMA_DISPLACEMENT,          /* u there; of a step that waits to be closed, its free solution */
-    PMA_LINK_VELOCITY,         /* (c) al2 Mbar^-1 L^T lam: what lam adds to v (14), and for unit
+    PMA_FREE_VELOCITY,      /* (c) vf at time level j, once the substep to it is open */
+    PMA_BEGINNING_VELOCITY, /* (c) vf at time level j, where the substep at hand begins */
+    PMA_VELOCITY,           /* v at time level j, which is closed */
+    PMA_DISPLACEMENT,       /* u there; of a step that waits to be closed, its free solution */
+    PMA_LINK_VELOCITY,      /* (c) al2 Mbar^-1 L^T lam: what lam adds to v (14), and for unit
                                   multipliers the block of H (F6) */
-    PMA_EXPECTED_DISPLACEMENT, /* (c) u that lam would give a substep that is open to level j */
 } pma_interface_kind;
 
 /* What recording may show of a member, see `record`. */
@@ -108,10 +107,6 @@ typedef struct {
      * on are pushed by the constant acceleration of lam (K2). */
     void (*hold_energy)(void *self, bool twice, const double *lam);
     void (*push)(void *self, const double *lam);
-
-    /* Displacements tied under gc: the predictor of an open substep, shifted by Mbar^-1 L^T mu
-     * (V1), with the free solution (V2). */
-    void (*shift)(void *self, const pma_substep *step, const double *mu);
 
     /* Internal forces, iterated or not: v . M v at time level j */
     double (*kinetic)(const void *self, size_t j);

@@ -87,8 +87,7 @@ other_values(pma_subdomain *s, pma_interface_kind kind, size_t j, bool twice, co
         return pma_interface_of(s, pma_levels_at(&s->levels, j)->v);
     if (kind == PMA_DISPLACEMENT)
         return displacement(s, j);
-    return kind == PMA_LINK_VELOCITY ? link_velocity(s, twice, lam)
-                                     : pma_substep_expected(s, j, twice, lam);
+    return link_velocity(s, twice, lam);
 }
 
 /* Free velocities are wanted in every fine step. */
@@ -228,7 +227,6 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s)
     table.prepare = prepare;
     table.is_known = is_known;
     table.rebase = rebase;
-    table.shift = s->parts.shifts ? pma_substep_shift : NULL;
     if (s->parts.has_responses) {
         table.begin_response = begin_response;
         table.advance_response = advance_response;

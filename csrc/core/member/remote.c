@@ -9,7 +9,7 @@ struct pma_remote {
     pma_remote_parts parts;
     double *before, *after;   /* nb: vf at both ends of the substep at hand */
     double *moving;           /* nb: v, or in mid-step what the multipliers add to it */
-    double *displaced;        /* nb: u at the end of the macro step, or expected there */
+    double *displaced;        /* nb: u at the end of the macro step */
     double *displaced_before; /* nb: ... and at the present */
 };
 
@@ -41,8 +41,6 @@ static double *target_of(const pma_remote *r, pma_interface_kind kind, size_t j)
         return r->after;
     case PMA_BEGINNING_VELOCITY:
         return r->before;
-    case PMA_EXPECTED_DISPLACEMENT:
-        return r->displaced;
     case PMA_DISPLACEMENT:
         return j > 0 ? r->displaced : r->displaced_before;
     case PMA_VELOCITY:

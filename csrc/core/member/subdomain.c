@@ -101,7 +101,6 @@ static pma_status lay_out(pma_subdomain *s)
                                 PMA_ARRAY(pma_subdomain, product, p->shoots ? n : 0),
                                 PMA_ARRAY(pma_subdomain, acceleration, p->mean ? n : 0),
                                 PMA_ARRAY(pma_subdomain, push, p->mean ? n : 0),
-                                PMA_ARRAY(pma_subdomain, shift, p->shifts ? 2 * n : 0),
                                 PMA_ARRAY(pma_subdomain, impulse, p->struck.inverse ? 2 * nb : 0),
                                 PMA_ARRAY(pma_subdomain, sweep, sweeps ? n : 0),
                                 PMA_ARRAY(pma_subdomain, closing, nb),

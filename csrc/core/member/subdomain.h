@@ -45,7 +45,6 @@ typedef struct {
     bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
     pma_factor mass; /* of M, under mean coupling */
     bool defers;     /* ... with single steps, closed once the multipliers are known (K7) */
-    bool shifts;     /* its predictors can be shifted (V1): displacements tied under gc */
     bool shoots;     /* has internal forces, iterated or not: M */
     pma_matrix M;    /* of a subdomain that shoots */
     pma_matrix K, C;
@@ -55,9 +54,9 @@ typedef struct {
     const pma_iterate_parts *iterate; /* of an implicit subdomain with internal forces, else NULL;
                                          its factors are then not read */
     pma_matrix D_r;                   /* estimate of the damping of both (R2) */
-    pma_matrix K_r; /* estimate of their stiffness, for the link response (M3) and shifts (V2) */
-    pma_operator single; /* of the substep h */
-    pma_operator twice;  /* of the double step, 2 h or, over a change of the step, the time from the
+    pma_matrix K_r;                   /* estimate of their stiffness, for the link response (M3) */
+    pma_operator single;              /* of the substep h */
+    pma_operator twice; /* of the double step, 2 h or, over a change of the step, the time from the
                             level before to the next one; read only if doubled */
     pma_link link;
     pma_struck struck; /* contacts: masses of the interface dofs that they reach; else zeroed */
@@ -118,10 +117,6 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
  * become is what the next start takes */
 pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
                                             const double *v, double *r);
-
-/* sum (p) += L Z mu with Z of the single step (V2), of a subdomain whose predictors can be
- * shifted */
-void pma_subdomain_shift(pma_subdomain *s, const double *mu, double *sum);
 
 /* What the function that failed last returned. */
 int pma_subdomain_code(const pma_subdomain *s);

@@ -51,7 +51,6 @@ struct pma_subdomain {
     double *push;          /* n: acceleration by which substeps are pushed (K2), if is_pushed */
     bool is_pushed;
     const pma_operator *open; /* if its closing is deferred: of the step that is open, else NULL */
-    double *shift;            /* 2 n: scratch, if predictors are shifted */
     double *impulse;          /* 2 nb: of the open substep, if it can be struck: J, force */
     double *sweep;            /* n: scratch of impulses whose forces are swept */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
@@ -102,11 +101,6 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
 
 /* vf at the end of the open substep += al2 S^-1 L_b^T lam                                  (M6) */
 void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam);
-
-/* u_b (nb) that lam would give an open substep at its end, time level j, until the next call;
- * predictor and free solution shifted by mu */
-const double *pma_substep_expected(pma_subdomain *s, size_t j, bool twice, const double *lam);
-void pma_substep_shift(void *self, const pma_substep *step, const double *mu);
 
 /* link (nb) := S^-1 L_b^T lam, in s->link */
 void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam);

@@ -272,61 +272,6 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     return PMA_OK;
 }
 
-/* ---- displacements tied --------------------------------------------------------------------- */
-
-/* u_b = ut_b + al1 (wf_b + S^-1 L_b^T lam), and wf_b = (vf_b - vt_b) / al2 */
-const double *pma_substep_expected(pma_subdomain *s, size_t j, bool twice, const double *lam)
-{
-    const pma_operator *op = pma_operator_of(s, twice);
-    const pma_state *to = pma_levels_at(&s->levels, j);
-    const double *vf = pma_levels_free_velocity(&s->levels, j);
-    const double *ut = pma_interface_of(s, to->u), *vt = pma_interface_of(s, to->v);
-    pma_substep_solve_link(s, op, lam);
-    for (size_t i = 0; i < s->parts.nb; i++)
-        s->link[i] = ut[i] + op->step.al1 * ((vf[i] - vt[i]) / op->step.al2 + s->link[i]);
-    return s->link;
-}
-
-/* z (n) := - (K + K_r) Mbar^-1 L^T mu with y (n) := Mbar^-1 L^T mu */
-static void shift_forces(pma_subdomain *s, const pma_operator *op, const double *mu, double *y,
-                         double *z)
-{
-    const pma_parts *p = &s->parts;
-    memset(y, 0, 2 * p->n * sizeof(double));
-    pma_substep_load_interface(s, mu);
-    pma_factor_close(&op->factor, s->closing, y, s->work);
-    pma_matrix_subtract(&p->K, y, z);
-    if (p->K_r.form != PMA_ZERO)
-        pma_matrix_subtract(&p->K_r, y, z);
-}
-
-void pma_subdomain_shift(pma_subdomain *s, const double *mu, double *sum)
-{
-    double *y = s->shift, *z = s->shift + s->parts.n;
-    shift_forces(s, &s->parts.single, mu, y, z);
-    pma_factor_open(&s->parts.single.factor, z, s->closing, s->work);
-    pma_link_gather(&s->parts.link, -1.0, s->closing, sum);
-}
-
-/* (V1)  ut += Y mu;  (V2)  the right-hand side, as swept so far, and vf of what the stiffness makes
- * of it */
-void pma_substep_shift(void *self, const pma_substep *step, const double *mu)
-{
-    pma_subdomain *s = self;
-    const pma_operator *op = pma_operator_of(s, step->twice);
-    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
-    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
-    double *y = s->shift, *z = s->shift + s->parts.n;
-    shift_forces(s, op, mu, y, z);
-    pma_factor_open(&op->factor, z, s->closing, s->work);
-    for (size_t i = 0; i < s->parts.n; i++) {
-        to->u[i] += y[i];
-        to->w[i] += z[i];
-    }
-    for (size_t i = 0; i < s->parts.nb; i++)
-        vf[i] += op->step.al2 * s->closing[i];
-}
-
 /* ---- close: the link problem, added --------------------------------------------------------- */
 
 /* L^T Lam */
