@@ -142,11 +142,13 @@ def responses_to_state(scheme: Scheme, h: float, levels: int, double: bool) -> n
         out[0, ..., ::2] = chain[..., : levels // 2 + 1]
         out[1, ..., 1::2] = chain[..., 1 : (levels + 1) // 2 + 1]
         return out.reshape(8, 3, levels + 1)
-    am, af, beta, gamma = scheme.am, scheme.af, scheme.beta, scheme.gamma
+    step = scheme.constants(h)
     u0, v0, w0, a0 = np.eye(4)[..., None]
-    first = (af * w0 - am * a0) / (1.0 - am)
-    a = np.hstack([a0, first * (-am / (1.0 - am)) ** np.arange(levels)])
-    v = np.cumsum(np.hstack([v0, h * ((1.0 - gamma) * a[:, :-1] + gamma * a[:, 1:])]), axis=1)
-    step = h * v[:, :-1] + h * h * ((0.5 - beta) * a[:, :-1] + beta * a[:, 1:])
-    u = np.cumsum(np.hstack([u0, step]), axis=1)
+    first = step.a_a * a0 + step.a_w * w0  # (9)
+    a = np.hstack([a0, first * step.a_a ** np.arange(levels)])
+    w = np.hstack([w0, np.zeros((4, levels))])
+    of_v = step.v_a * a + step.v_w * w  # (6)
+    v = np.cumsum(np.hstack([v0, of_v[:, :-1]]), axis=1)
+    of_u = h * v + step.u_a * a + step.u_w * w  # (5)
+    u = np.cumsum(np.hstack([u0, of_u[:, :-1]]), axis=1)
     return np.stack([u, v, a], axis=1)

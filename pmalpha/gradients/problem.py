@@ -12,6 +12,7 @@ import numpy as np
 from ..problem.constraints import Constraint
 from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
+from ..problem.schemes import require_generalized_alpha
 from ..problem.subdomain import Subdomain
 from .adjoint import Adjoint, AdjointMember, MeanAdjoint, MeanAdjointMember, Sources, reversed_load
 from .ground import acceleration
@@ -190,6 +191,8 @@ def subdomain_of(keys: Any, p: Parameters) -> str:
 def require_adjoint(session: Any, what: str) -> None:
     """ValueError where the adjoint of a linear run is not such a run, with the reason."""
     options = session.options
+    for name, s in session.keys:
+        require_generalized_alpha(s.scheme, what, name)
     if options.coupling == "mean":
         _require_trapezoidal(session, what)
     if options.start != "rebased":
@@ -209,7 +212,7 @@ def _require_trapezoidal(session: Any, what: str) -> None:
     """ValueError where a run under "mean" is not reciprocal."""
     for name, s in session.keys:
         x = s.scheme
-        if x.explicit or (x.am, x.af, x.beta, x.gamma) != TRAPEZOIDAL:
+        if x.explicit or x.parameters != TRAPEZOIDAL:
             raise ValueError(
                 f'{what} needs the trapezoidal rule under "mean", Newmark(), got {x!r} of {name!r}'
             )

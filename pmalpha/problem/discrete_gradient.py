@@ -152,8 +152,7 @@ def internal_for(
     for force in [] if own is None else [force.evaluate for force in own.forces]:
         if not isinstance(force, DiscreteGradient):
             continue
-        exact = (scheme.beta, scheme.gamma, scheme.am) == (0.25, 0.5, scheme.af)
-        if scheme.explicit or not exact:
+        if not scheme.is_trapezoidal:
             raise ValueError(
                 "scheme must be the trapezoidal rule, Newmark() or GeneralizedAlpha(1), where "
                 f"internal has a DiscreteGradient, got {scheme!r}"

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._checks import flag, positive_number, real_number
 from .frozen import Frozen
+from .step_constants import StepConstants
 
 # Parameters are in a range in which products of a few of them are neither zero nor infinite.
 SMALLEST, LARGEST = 1e-50, 1e50
@@ -19,7 +20,7 @@ SMALLEST, LARGEST = 1e-50, 1e50
 __all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scheme(Frozen):
     """A scheme with four given parameters; the classes below choose them by one or two numbers.
 
@@ -35,6 +36,9 @@ class Scheme(Frozen):
     """
 
     _is_frozen: ClassVar[bool] = True  # the four parameters by the dataclass, others by Frozen
+    # Whether it has the four parameters. A scheme that has not gives `constants`, `parameters` and
+    # `order` of its own, and what is derived from the four refuses it: `require_generalized_alpha`.
+    is_generalized_alpha: ClassVar[bool] = True
 
     am: float
     af: float
@@ -58,6 +62,50 @@ class Scheme(Frozen):
         number = real_number(getattr(self, name), name, low=low, high=high)
         object.__setattr__(self, name, number)
 
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self._steps == other._steps
+
+    def __hash__(self) -> int:
+        return hash(self._steps)
+
+    @property
+    def _steps(self) -> tuple[StepConstants, bool]:
+        return self.constants(1.0), self.explicit
+
+    def constants(self, h: float) -> StepConstants:
+        """The nine numbers of a step, equations (5) to (9): all that the core knows of a scheme.
+
+        Parameters
+        ----------
+        h : float
+            Length of the step.
+
+        Returns
+        -------
+        StepConstants
+            A named tuple: h, al1, al2 (P2), u_a, u_w (5), v_a, v_w (6), a_a, a_w, a_w1 (9).
+
+        Examples
+        --------
+        >>> step = Newmark().constants(0.2)
+        >>> round(step.al1, 12), step.al2  # h^2 / 4, h / 2
+        (0.01, 0.1)
+        """
+        am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
+        d = 1.0 - am
+        return StepConstants(
+            h=h,
+            al1=h * h * beta * (1.0 - af) / d,
+            al2=h * gamma * (1.0 - af) / d,
+            u_a=h * h * (0.5 - beta / d),
+            u_w=h * h * beta * af / d,
+            v_a=h * (1.0 - gamma / d),
+            v_w=h * gamma * af / d,
+            a_a=-am / d,
+            a_w=af / d,
+            a_w1=(1.0 - af) / d,
+        )
+
     def coefficients(self, h: float) -> tuple[float, float]:
         """The factors of the new acceleration in the corrector, equation (P2).
 
@@ -73,8 +121,8 @@ class Scheme(Frozen):
         al2 : float
             Of the velocity.
         """
-        weight = (1.0 - self.af) / (1.0 - self.am)
-        return h * h * self.beta * weight, h * self.gamma * weight
+        step = self.constants(h)
+        return step.al1, step.al2
 
     def amplification(self, Omega: float, xi: float = 0.0) -> np.ndarray:
         """Amplification matrix of one step of a free single-dof oscillator.
@@ -91,16 +139,7 @@ class Scheme(Frozen):
         (4, 4) ndarray
             The matrix that maps :math:`(u, h v, h^2 w, h^2 a)` to the next time level.
         """
-        am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
-        d = 1.0 - am
-        al1, al2 = self.coefficients(1.0)
-        ut = np.array([1.0, 1.0, beta * af / d, 0.5 - beta / d])  # (5)
-        vt = np.array([0.0, 1.0, gamma * af / d, 1.0 - gamma / d])  # (6)
-        c, k = 2.0 * xi * Omega, Omega**2
-        mbar = 1.0 + al2 * c + (0.0 if self.explicit else al1 * k)  # (12)
-        w1 = -(c * vt + k * ut) / mbar  # (11)
-        a1 = ((1.0 - af) * w1 + np.array([0.0, 0.0, af, -am])) / d  # (9)
-        return np.array([ut + al1 * w1, vt + al2 * w1, w1, a1])  # (8)
+        return self.constants(1.0).amplification(Omega, xi, self.explicit)
 
     def radius_at_infinity(self) -> float:
         """Spectral radius of an implicit scheme as Omega goes to infinity.
@@ -110,15 +149,30 @@ class Scheme(Frozen):
         float
             1 without algorithmic damping of the highest frequencies, 0 if they are annihilated.
         """
-        am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
-        d = 1.0 - am
-        al1, al2 = self.coefficients(1.0)
-        # u1 = 0 there, so that w1 = -ut / al1; state (v, w, a) with h = 1
-        ut = np.array([1.0, beta * af / d, 0.5 - beta / d])
-        w1 = -ut / al1
-        v1 = np.array([1.0, gamma * af / d, 1.0 - gamma / d]) + al2 * w1
-        a1 = ((1.0 - af) * w1 + np.array([0.0, af, -am])) / d
-        return float(np.max(np.abs(np.linalg.eigvals([v1, w1, a1]))))
+        step = self.constants(1.0)
+        # u1 = 0 there, so that w1 = -ut / al1; of u = 0 remains the state (v, w, a)
+        whole = step.closed(-step.predictors()[0] / step.al1)
+        return float(np.max(np.abs(np.linalg.eigvals(whole[1:, 1:]))))
+
+    @property
+    def parameters(self) -> tuple[float, ...]:
+        """The numbers that make the scheme: am, af, beta, gamma."""
+        return self.am, self.af, self.beta, self.gamma
+
+    @property
+    def order(self) -> int:
+        """Order of accuracy, 1 or 2."""
+        return 2 if abs(self.gamma - 0.5 + self.am - self.af) < 1e-12 else 1
+
+    @property
+    def is_newmark(self) -> bool:
+        """Whether its steps are those of a Newmark scheme with gamma = 1/2, where a = w."""
+        return self.is_generalized_alpha and self.gamma == 0.5 and self.am == self.af
+
+    @property
+    def is_trapezoidal(self) -> bool:
+        """Whether its steps are those of the trapezoidal rule."""
+        return self.is_newmark and not self.explicit and self.beta == 0.25
 
 
 class GeneralizedAlpha(Scheme):
@@ -282,14 +336,26 @@ def _damping_parameter(alpha: Any, name: str, high: float) -> float:
     return real_number(alpha, "alpha", low=0.0, high=high)
 
 
+def require_generalized_alpha(scheme: Scheme, what: str, name: str | None) -> None:
+    """ValueError for a scheme of the subdomain `name` that is not of the family.
+
+    what: the option or function that is derived from the four parameters.
+    """
+    if not scheme.is_generalized_alpha:
+        of = "" if name is None else f" of {name!r}"
+        raise ValueError(
+            f"{what} needs a scheme of the generalized-alpha family, got {scheme!r}{of}"
+        )
+
+
 def explicit_rho(scheme: Scheme) -> float:
     """rho of an explicit scheme with the four numbers of `GeneralizedAlpha`; 1 of other schemes."""
     rho: float = getattr(scheme, "rho", round(scheme.af / (1.0 - scheme.af), 12))
     if not 0.0 <= rho <= 1.0:
         return 1.0
     like = GeneralizedAlpha(rho, explicit=True)
-    one, other = ((s.am, s.af, s.beta, s.gamma) for s in (scheme, like))
-    return rho if np.allclose(one, other, rtol=0.0, atol=1e-11) else 1.0
+    same = np.allclose(scheme.parameters, like.parameters, rtol=0.0, atol=1e-11)
+    return rho if same else 1.0
 
 
 def _of_order_two(am: float, af: float) -> tuple[float, float, float, float]:

@@ -40,7 +40,7 @@ from .matrices import (
     sparse,
 )
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
-from .schemes import Scheme, explicit_rho
+from .schemes import Scheme, explicit_rho, require_generalized_alpha
 from .springs import Spring, stiffness
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def facts(s: Any) -> Iterator[tuple[str, str]]:
         shown = ", ".join(s.dof_names[:4])
         yield "names of dofs", shown if s.n <= 4 else f"{shown}, ..."
     kind = "explicit" if s.scheme.explicit else "implicit"
-    yield "scheme", f"{s.scheme!r}, {kind}, of order {order(s.scheme)}"
+    yield "scheme", f"{s.scheme!r}, {kind}, of order {s.scheme.order}"
     yield "substeps", str(s.substeps)
     yield "matrices", ", ".join(f"{x} {form(getattr(s, x))}" for x in "MKC")
     if s.rayleigh is not None:
@@ -73,10 +73,6 @@ def facts(s: Any) -> Iterator[tuple[str, str]]:
     found = longest_periods(s)
     if found is not None:
         yield "longest periods", ", ".join(f"{x:.4g}" for x in found) or "none"
-
-
-def order(scheme: Any) -> int:
-    return 2 if abs(scheme.gamma - 0.5 + scheme.am - scheme.af) < 1e-12 else 1
 
 
 def form(A: Any) -> str:
@@ -500,6 +496,8 @@ class Subdomain(Frozen):
     def _check_lagged(self) -> None:
         """ValueError for a skew part of C at vs, which no scheme but that of rho_b = 0 bears."""
         s = self.scheme
+        if self.damping == "lagged":
+            require_generalized_alpha(s, 'damping="lagged"', self.name)
         if self.damping != "lagged" or is_symmetric(self.C):
             return
         if not (s.explicit and explicit_rho(s) == 0.0):

@@ -131,8 +131,7 @@ def conserved_quantity(
 def _conserves(member: Member) -> bool:
     """A linear subdomain with a Newmark scheme and single steps, whose matrices are symmetric."""
     s = member.subdomain
-    newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
-    return newmark and s.is_linear and not member.double and is_symmetric(s.K)
+    return s.scheme.is_newmark and s.is_linear and not member.double and is_symmetric(s.K)
 
 
 def stiffness_weight(scheme: Scheme, h: float) -> float:

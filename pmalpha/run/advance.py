@@ -20,6 +20,7 @@ from ..errors import (
 )
 from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of
+from ..problem.schemes import require_generalized_alpha
 from ..problem.tangents import SYMMETRY
 from ..results.clock import Clock
 from ..results.keys import by_index
@@ -203,6 +204,8 @@ def change(
     step = session.done
     if layout == session.steps.layout:
         return
+    for name, s in session.keys:
+        require_generalized_alpha(s.scheme, "a change of steps", name)
     for i, member in enumerate(session.members, session.assembly.first):
         h = layout.of(i)[0]
         if member.h != h and devices_of(member.subdomain.restoring):

@@ -90,7 +90,7 @@ def constants(
             f"interface dofs {of}": member.nb,
             f"substeps {of}": member.substeps,
             f"double step {of}": member.double,
-            f"scheme {of}": [scheme.am, scheme.af, scheme.beta, scheme.gamma, scheme.explicit],
+            f"scheme {of}": [*scheme.parameters, scheme.explicit],
         }
         facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in (*"MKC", *ESTIMATES)}
         facts[f"damping {of}"] = s.damping

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from ..problem.forces import Force, SampledForce, terms_of
-from ..problem.schemes import Scheme
+from ..problem.schemes import Scheme, require_generalized_alpha
 from ..results.clock import Clock
 from ..setup.member import Member
 from .transfer import Lengths
@@ -97,6 +97,7 @@ class Means:
 
     def __init__(self, force: SampledForce, member: Member, clock: Clock, begin: Begin | None):
         self.original, self.scheme = force, member.subdomain.scheme
+        require_generalized_alpha(self.scheme, "a force with average=True", member.name)
         self.h, self.substeps = member.h, member.substeps
         self.double, self.step = member.double, member.step
         self.integral = Integral(force)

@@ -14,6 +14,7 @@ from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, checked_path
 from ..problem.matrices import core_matrix, skew_part
+from ..problem.schemes import require_generalized_alpha
 from ..results.base_motion import Loads
 from ..results.energy import conserved_quantity, stiffness_weight
 from ..results.history import History
@@ -98,6 +99,8 @@ def recording_of(
     `kind` makes what makes them. Without `checks_loads` the loads are not those of the run."""
     energy, conserved = flag(energy, "energy"), None
     if energy:
+        for name, s in session.keys:
+            require_generalized_alpha(s.scheme, "energy=True", name)
         conserved = conserved_quantity(session.members, session.options, session.ranks)
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)

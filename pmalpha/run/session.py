@@ -32,6 +32,7 @@ from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
     MACRO,
     Options,
+    check_schemes,
     checked_constraints,
     checked_options,
     checked_subdomains,
@@ -135,7 +136,8 @@ def made(
     options = checked_options(options, len(everything))
     coupling = options.coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
-    given = checked_constraints(bilateral, everything, names := names_of(everything))
+    check_schemes(everything, names := names_of(everything), coupling, bool(unilateral))
+    given = checked_constraints(bilateral, everything, names)
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, given, options.facts)

@@ -258,5 +258,5 @@ class Contacts:
 def _is_undamped(scheme: Scheme) -> bool:
     """Whether rho is 1."""
     if scheme.explicit:
-        return scheme.gamma == 0.5 and scheme.am == scheme.af
+        return scheme.is_newmark
     return scheme.radius_at_infinity() > UNDAMPED

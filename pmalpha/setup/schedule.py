@@ -13,6 +13,7 @@ from .._checks import check_word, counted, listed, listing, time_step, whole_num
 from ..problem.argument_types import Coupling, Start
 from ..problem.constraints import Chosen, Constraint
 from ..problem.newton import DEFAULT, Newton
+from ..problem.schemes import require_generalized_alpha
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 
@@ -26,6 +27,20 @@ COUPLINGS: dict[Coupling, str] = {
     "macro": "linear subdomains with substeps: order 2, where the first two are of order 1",
     "mean": "no drift, and exact energy without damping; for long runs",
 }
+
+
+def check_schemes(
+    subdomains: Sequence[Subdomain], names: Sequence[str], coupling: str, contacts: bool
+) -> None:
+    """ValueError for a scheme that is not of the generalized-alpha family where it would have to
+    be."""
+    for s, name in zip(subdomains, names):
+        if coupling != "gc":
+            require_generalized_alpha(s.scheme, f'coupling="{coupling}"', name)
+        if s.double_step:
+            require_generalized_alpha(s.scheme, "double_step=True", name)
+        if contacts:
+            require_generalized_alpha(s.scheme, "a contact", name)
 
 
 def double_steps(

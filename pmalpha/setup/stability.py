@@ -59,36 +59,42 @@ class StepRatio:
         return not self.is_bound and not self.value <= 1.0 + ROUNDING
 
 
-@lru_cache(maxsize=256)
 def critical_product(scheme: Scheme) -> float:
     """Largest stable Omega = omega h of an undamped oscillator; inf if there is none.
 
     Viscous damping, which is implicit in all schemes, does not lower it.
     """
+    return _critical_product(scheme, scheme.explicit)
+
+
+@lru_cache(maxsize=256)
+def _critical_product(scheme: Scheme, explicit: bool) -> float:
     grid = np.geomspace(1e-2, 1e4, 600)
-    unstable = grid[~_are_stable(scheme, grid)]
+    unstable = grid[~_are_stable(scheme, explicit, grid)]
     if not unstable.size:
         return np.inf
     high = unstable[0]
     low = high / (grid[1] / grid[0])
     while high - low > 1e-12 * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _are_stable(scheme, [middle])[0] else (low, middle)
+        is_stable = _are_stable(scheme, explicit, [middle])[0]
+        low, high = (middle, high) if is_stable else (low, middle)
     result: float = low
     return result
 
 
-def _are_stable(scheme: Scheme, Omegas: Iterable[float]) -> np.ndarray:
+def _are_stable(scheme: Scheme, explicit: bool, Omegas: Iterable[float]) -> np.ndarray:
     # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
     # rounding
-    whole = np.array([scheme.amplification(Omega) for Omega in Omegas])
+    step = scheme.constants(1.0)
+    whole = np.array([step.amplification(Omega, 0.0, explicit) for Omega in Omegas])
     result: np.ndarray = np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
     return result
 
 
 def predicted_product(scheme: Scheme) -> float:
     """Omega_s of a force at the predictor: that of the explicit scheme with these parameters."""
-    return critical_product(Scheme(scheme.am, scheme.af, scheme.beta, scheme.gamma, explicit=True))
+    return _critical_product(scheme, True)
 
 
 @lru_cache(maxsize=256)
@@ -306,15 +312,10 @@ def _squared(G: Matrix, M: Matrix) -> Matrix:
 
 def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
     """Spectral radius of an explicit step of w + c v + k u = 0 with lagged damping (R4)."""
-    am, af, beta, gamma = scheme.am, scheme.af, scheme.beta, scheme.gamma
-    al1, al2 = scheme.coefficients(h)
-    b, g = beta / (1.0 - am), gamma / (1.0 - am)
-    ut = np.array([1.0, h, h * h * af * b, h * h * (0.5 - b)], dtype=complex)  # of u, v, w, a
-    vt = np.array([0.0, 1.0, h * af * g, h * (1.0 - g)])
-    w1 = -c * np.array([0.0, 1.0, h, 0.0]) - k * ut
-    a1 = ((1.0 - af) * w1 + np.array([0.0, 0.0, af, -am])) / (1.0 - am)
-    step = np.array([ut + al1 * w1, vt + al2 * w1, w1, a1])
-    return float(np.max(np.abs(np.linalg.eigvals(step))))
+    step = scheme.constants(h)
+    ut, _ = step.predictors()
+    whole = step.closed(-c * np.array([0.0, 1.0, h, 0.0]) - k * ut)
+    return float(np.max(np.abs(np.linalg.eigvals(whole))))
 
 
 def step_ratio(
