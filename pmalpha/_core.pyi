@@ -18,7 +18,8 @@ _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
 _Schedule = Literal["fine", "iterated", "macro", "shooting", "mean", "mean shooting", "contact"]
 _Matrix = np.ndarray | _Band | _Compressed | _Strips | None
-_Operator = tuple[float, np.ndarray, _Matrix | _Panels]  # h, reciprocals of D, R
+# constants of the step as pma_step has them, reciprocals of D, R
+_Operator = tuple[tuple[float, ...], np.ndarray, _Matrix | _Panels]
 _Load = (
     np.ndarray  # constant
     | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
@@ -86,7 +87,6 @@ class Subdomain:
         substeps: int,
         K: _Matrix,
         C: _Matrix,
-        scheme: tuple[float, float, float, float],
         single: _Operator,
         twice: _Operator | None,
         link: tuple[int, np.ndarray, np.ndarray, np.ndarray],

@@ -21,16 +21,21 @@ def f64(*x):
     return np.array(x, dtype=np.float64)
 
 
+def step(h=0.1):
+    """The constants of the trapezoidal rule."""
+    return (h, h * h / 4.0, h / 2.0, 0.0, h * h / 4.0, 0.0, h / 2.0, 0.0, 0.0, 1.0)
+
+
 def operator(n=2, h=0.1):
-    """(h, inverse, R) of a unit matrix."""
-    return h, np.ones(n), None
+    """(constants, inverse, R) of a unit matrix."""
+    return step(h), np.ones(n), None
 
 
 def subdomain_arguments(**others):
     """Two masses, the last one in the only constraint; trapezoidal rule."""
     parts = {"n": 2, "nb": 1, "substeps": 1, "K": f64(4.0, 9.0), "C": None}
     h = 0.1 / max(others.get("substeps", 1), 1)  # of a macro step of 0.1
-    parts |= {"scheme": (0.0, 0.0, 0.25, 0.5), "single": operator(h=h), "twice": None}
+    parts |= {"single": operator(h=h), "twice": None}
     parts |= {"link": (1, i64(0, 1), i32(0), f64(1.0))}
     return parts | others
 

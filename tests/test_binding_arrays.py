@@ -14,6 +14,7 @@ from core_objects import (
     read_only,
     record,
     started,
+    step,
     subdomain,
 )
 
@@ -53,7 +54,7 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
     for call in (
         lambda: subdomain(K=bad),
         lambda: subdomain(C=bad),
-        lambda: subdomain(single=(0.1, bad, None)),
+        lambda: subdomain(single=(step(), bad, None)),
         lambda: subdomain(twice=(0.2, bad, None)),
         lambda: s.set_load(bad),
         lambda: s.start(bad, two, two, one),
@@ -88,7 +89,7 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
 )
 def test_dense_matrices_of_another_kind_are_refused(K):
     check_refused(lambda: subdomain(K=K))
-    check_refused(lambda: subdomain(single=(0.1, np.ones(2), K)))
+    check_refused(lambda: subdomain(single=(step(), np.ones(2), K)))
 
 
 def compressed(ptr=(0, 1, 2), index=(0, 1), values=(1.0, 1.0)):
@@ -126,7 +127,7 @@ def test_compressed_matrices_that_are_wrong_in_themselves_are_refused(kind):
     bad = BAD_COMPRESSED[kind]
     check_refused(lambda: subdomain(K=bad))
     check_refused(lambda: subdomain(C=bad))
-    check_refused(lambda: subdomain(single=(0.1, np.ones(2), bad)))
+    check_refused(lambda: subdomain(single=(step(), np.ones(2), bad)))
     check_refused(lambda: subdomain(twice=(0.2, np.ones(2), bad)))
 
 
@@ -146,8 +147,8 @@ def test_bands_that_do_not_fit_are_refused():
         check_refused(lambda band=band: subdomain(K=(band,)))
     subdomain(K=(two,))
     for band in (two, np.zeros((2, 0)), np.zeros((3, 1)), np.zeros(2), None):
-        check_refused(lambda band=band: subdomain(single=(0.1, np.ones(2), (band,))))
-    subdomain(single=(0.1, np.ones(2), (np.zeros((2, 1)),)))
+        check_refused(lambda band=band: subdomain(single=(step(), np.ones(2), (band,))))
+    subdomain(single=(step(), np.ones(2), (np.zeros((2, 1)),)))
 
 
 def strips(**others):
@@ -179,7 +180,9 @@ def test_strips_that_are_wrong_in_themselves_are_refused():
         {"values": None},
     ):
         check_refused(lambda others=others: subdomain(K=strips(**others)))
-        check_refused(lambda others=others: subdomain(single=(0.1, np.ones(2), strips(**others))))
+        check_refused(
+            lambda others=others: subdomain(single=(step(), np.ones(2), strips(**others)))
+        )
 
 
 def test_a_factor_is_solved_with_if_it_is_right_in_itself():
@@ -267,8 +270,8 @@ def test_factors_may_have_entries_below_the_diagonal_only_and_ascending():
         compressed(ptr=(0, 0, 1), index=(2,), values=(1.0,)),  # outside
         compressed(ptr=(0, 2, 2), index=(1, 1), values=(1.0, 1.0)),  # twice
     ):
-        check_refused(lambda R=R: subdomain(single=(0.1, np.ones(2), R)))
-    subdomain(single=(0.1, np.ones(2), compressed(ptr=(0, 1, 1), index=(1,), values=(0.5,))))
+        check_refused(lambda R=R: subdomain(single=(step(), np.ones(2), R)))
+    subdomain(single=(step(), np.ones(2), compressed(ptr=(0, 1, 1), index=(1,), values=(0.5,))))
 
 
 BAD_LINKS = {
@@ -308,13 +311,14 @@ BAD_SIZES = {
     "negative interface": {"nb": -1},
     "no substeps": {"substeps": 0},
     "negative substeps": {"substeps": -1},
-    "short scheme": {"scheme": (0.0, 0.0)},
-    "scheme of text": {"scheme": "abcd"},
-    "no scheme": {"scheme": None},
+    "nine constants": {"single": (step()[:9], np.ones(2), None)},
+    "a length for constants": {"single": (0.1, np.ones(2), None)},
+    "constants of text": {"single": ("abcdefghij", np.ones(2), None)},
+    "no constants": {"single": (None, np.ones(2), None)},
     "no operator": {"single": None},
-    "half an operator": {"single": (0.1, np.ones(2))},
+    "half an operator": {"single": (step(), np.ones(2))},
     "operator of text": {"single": ("h", np.ones(2), None)},
-    "operator as list": {"single": [0.1, np.ones(2), None]},
+    "operator as list": {"single": [step(), np.ones(2), None]},
     "number for a double operator": {"twice": 5},
 }
 

@@ -48,8 +48,7 @@ def solve(factor, b, nb):
         substeps=1,
         K=None,
         C=None,
-        scheme=(0.0, 0.0, 0.0, 1.0),
-        single=(1.0, *factor),
+        single=((1.0, 0.0, 1.0, *[0.0] * 6, 1.0), *factor),
         twice=None,
         link=link,
     )

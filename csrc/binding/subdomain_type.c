@@ -4,17 +4,17 @@
 
 /* ---- making ----------------------------------------------------------------------------- */
 
-/* (h, inverse, R) */
-static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *parts, const char *name,
-                         PyObject *arrays, pma_operator *out)
+/* (constants of the step, inverse, R) */
+static int take_operator(PyObject *obj, const pma_parts *parts, const char *name, PyObject *arrays,
+                         pma_operator *out)
 {
-    double h;
+    pma_step *c = &out->step;
     PyObject *inverse, *R;
     if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "%s must be a tuple (h, inverse, R)", name);
-    if (!PyArg_ParseTuple(obj, "dOO", &h, &inverse, &R))
+        return pma_refuse(PyExc_TypeError, "%s must be a tuple (constants, inverse, R)", name);
+    if (!PyArg_ParseTuple(obj, "(dddddddddd)OO", &c->h, &c->al1, &c->al2, &c->u_a, &c->u_w, &c->v_a,
+                          &c->v_w, &c->a_a, &c->a_w, &c->a_w1, &inverse, &R))
         return -1;
-    out->step = pma_step_make(scheme, h);
     if (parts->iterate)
         return 0; /* its factors follow the tangents */
     PyObject *factor = PyTuple_Pack(2, inverse, R);
@@ -31,20 +31,18 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
                       pma_iterate_parts *iterate)
 {
     static char *names[] = {
-        "n",       "nb",   "substeps",  "K",       "C",      "scheme",        "single",
-        "twice",   "link", "restoring", "D_r",     "lagged", "has_responses", "K_r",
-        "springs", "M",    "internal",  "iterate", "mass",   "defers",        "continues",
-        "struck",  NULL};
+        "n",      "nb",        "substeps",  "K",        "C",       "single",
+        "twice",  "link",      "restoring", "D_r",      "lagged",  "has_responses",
+        "K_r",    "springs",   "M",         "internal", "iterate", "mass",
+        "defers", "continues", "struck",    NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
     PyObject *struck = Py_None;
-    pma_scheme scheme;
     int lagged = 0, has_responses = 0, defers = 0, continues = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOppO", names, &n, &nb,
-                                     &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
-                                     &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOOOOO|OOppOO!OOOOppO", names, &n, &nb,
+                                     &substeps, &K, &C, &single, &twice, &link, &restoring, &D_r,
                                      &lagged, &has_responses, &K_r, &PyTuple_Type, &springs, &M,
                                      &internal, &iterated, &mass, &defers, &continues, &struck))
         return -1;
@@ -72,7 +70,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     }
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
-        take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
+        take_operator(single, parts, "single", arrays, &parts->single) < 0 ||
         pma_take_link(link, parts->nb, arrays, &parts->link) < 0 ||
         pma_take_struck(struck, parts->nb, arrays, &parts->struck) < 0)
         return -1;
@@ -81,7 +79,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
         return -1;
     if (!parts->doubled)
         return 0;
-    return take_operator(twice, scheme, parts, "twice", arrays, &parts->twice);
+    return take_operator(twice, parts, "twice", arrays, &parts->twice);
 }
 
 static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)

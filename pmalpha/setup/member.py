@@ -346,15 +346,19 @@ def core_subdomain(
 ) -> _core.Subdomain:
     """The object of the core for a subdomain with these matrices and operators."""
     own = member.symmetric
+
+    def in_core(operator: tuple[Any, ...]) -> tuple[Any, ...]:
+        """With the constants of the step in place of its length."""
+        return (scheme.constants(operator[0]), *operator[1:])
+
     return _core.Subdomain(
         n=member.n,
         nb=member.nb,
         substeps=substeps,
         K=core_matrix(K, symmetric=own),
         C=core_matrix(C, symmetric=own),
-        scheme=(scheme.am, scheme.af, scheme.beta, scheme.gamma),
-        single=single,
-        twice=twice,
+        single=in_core(single),
+        twice=None if twice is None else in_core(twice),
         link=L.core(member.n - member.nb),
         restoring=restoring,
         D_r=core_matrix(D_r, symmetric=own),
