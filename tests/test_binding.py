@@ -33,6 +33,7 @@ from core_objects import (
     panels_of,
     record,
     started,
+    step,
     subdomain,
     subdomain_arguments,
 )
@@ -185,7 +186,7 @@ def test_a_cycle_through_an_array_is_collected():
 
 def test_reference_counts_are_what_they_were():
     K, u, two = f64(4.0, 9.0), np.ones(2), operator()
-    twice = (0.2, two[1], None)
+    twice = (step(0.2), two[1], None)
     link = (1, i64(0, 1), i32(0), f64(1.0))
     objects = [K, u, two, two[1], link, *link[1:], ONE, ONE[0], None, _core.Subdomain]
     objects += [_core.Coupler, record, BLAS[0]]

@@ -55,7 +55,7 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
         lambda: subdomain(K=bad),
         lambda: subdomain(C=bad),
         lambda: subdomain(single=(step(), bad, None)),
-        lambda: subdomain(twice=(0.2, bad, None)),
+        lambda: subdomain(twice=(step(0.2), bad, None)),
         lambda: s.set_load(bad),
         lambda: s.start(bad, two, two, one),
         lambda: s.start(two, bad, two, one),
@@ -128,7 +128,7 @@ def test_compressed_matrices_that_are_wrong_in_themselves_are_refused(kind):
     check_refused(lambda: subdomain(K=bad))
     check_refused(lambda: subdomain(C=bad))
     check_refused(lambda: subdomain(single=(step(), np.ones(2), bad)))
-    check_refused(lambda: subdomain(twice=(0.2, np.ones(2), bad)))
+    check_refused(lambda: subdomain(twice=(step(0.2), np.ones(2), bad)))
 
 
 def test_bands_that_do_not_fit_are_refused():
