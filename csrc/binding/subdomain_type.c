@@ -544,7 +544,7 @@ static PyMethodDef subdomain_methods[] = {
 
 static PyType_Slot subdomain_slots[] = {
     {Py_tp_doc,
-     "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
+     "Subdomain(n, nb, substeps, K, C, single, twice, link, restoring=None, "
      "D_r=None, lagged=False, has_responses=False, K_r=None, springs=(), M, internal=None, "
      "iterate=None)\n\n"
      "A subdomain of the core, in elimination order."},
