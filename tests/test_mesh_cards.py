@@ -174,8 +174,11 @@ SPRINGS = CUBE + "*ELEMENT, TYPE=SPRING1, ELSET=K\n8, 1\n9, 2\n*SPRING, ELSET=K\
         ),
         (SHELL_ON_SOLID, "elements of type S4R are left out (1)", ("S4R", "SHELL")),
         (SPRINGS, "elements of type SPRING1 are left out (2)", ("SPRING1", "SPRING")),
-        (CUBE + "*TIE, NAME=T\nA, B\n" * 3, "keywords TIE are not read (3)", ("TIE", "CONNECTION")),
-        (CUBE + "*EQUATION\n2\n1, 1, 1., 2, 1, -1.\n", "EQUATION", ("*equation",)),
+        (
+            CUBE + "*CONTACT PAIR\nA, B\n" * 3,
+            "keywords CONTACT PAIR are not read (3)",
+            ("*contact pair", "CONNECTION"),
+        ),
         (CUBE + "*NONSTRUCTURAL MASS\n", "NONSTRUCTURAL MASS", ("MASS",)),
         (
             CUBE + "*NEVER HEARD OF\n1, 2\n",
@@ -202,6 +205,10 @@ def test_what_is_left_out_is_named_unless_ignored(tmp_path, text, words, names):
         ("*IMPERFECTION, FILE=x\n", "IMPERFECTION"),
         ("*NGEN, LINE=C\n1, 5\n", "NGEN"),
         ("*MODEL CHANGE, REMOVE\n", "MODEL CHANGE"),
+        ("*TIE, NAME=T\nA, B\n", "TIE"),
+        ("*Equation\n2\n1, 1, 1., 2, 1, -1.\n", "EQUATION"),
+        ("*MPC\nTIE, 1, 2\n", "MPC"),
+        ("*RIGIDBODY, ELSET=E1, REF NODE=1\n", "RIGID BODY"),
     ],
 )
 def test_what_moves_or_makes_nodes_or_elements_is_refused_unless_ignored(tmp_path, text, where):

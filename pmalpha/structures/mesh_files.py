@@ -24,10 +24,20 @@ from .._checks import listing, real_number, require_finite, require_moderate
 from ..files import library, reading
 from ..memory import require
 from ..meshes.kinds import KINDS
-from ..meshes.mesh import Block, ElementType, FileMesh, checked_mesh, merged, nodal_vectors, padded
+from ..meshes.mesh import (
+    Block,
+    ElementType,
+    FileMesh,
+    checked_mesh,
+    first_of_equal,
+    nodal_vectors,
+    padded,
+    without_cells,
+)
 from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
+from .gmsh_entities import without_entities
 from .inp import read_input
 from .unread import Unread
 
@@ -66,7 +76,7 @@ OWN_READERS: dict[str, Callable[[Path, Unread], FileMesh]] = {
 def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
     """A file, or a mesh of a library; `names` is the name of cell data that number groups."""
     if is_model(mesh):
-        return read_model(mesh, unread)
+        return _checked(read_model(mesh, unread), unread)
     if isinstance(mesh, (str, os.PathLike)):
         path = Path(mesh)
         if not path.is_file():
@@ -77,15 +87,34 @@ def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
                 f"names must be None for an {path.suffix} file, which has groups, got {names!r}"
             )
         if own is not None:
-            read = own(path, unread)
-            require_finite(read.points, f"points of {path.name}")
-            return read
+            return _checked(own(path, unread), unread)
         mesh = _read(path)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
         raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
-    read = _of_library(mesh, names)
+    return _checked(_of_library(mesh, names), unread)
+
+
+def _checked(read: FileMesh, unread: Unread) -> FileMesh:
+    """The mesh with its numbers checked, and cells with the same nodes as one cell.
+
+    Formats that know one group of a cell, such as MSH 2.2 of gmsh, repeat those of several; of
+    formats whose elements have types those that are left out are counted.
+    """
     _check(read)
-    return merged(read)
+    first = first_of_equal(read.blocks)
+    equal = np.flatnonzero(first != np.arange(first.size))
+    if not equal.size:
+        return read
+    block_of = np.repeat(np.arange(len(read.blocks)), [len(x.nodes) for x in read.blocks])
+    for i, j in {*zip(block_of[equal].tolist(), block_of[first[equal]].tolist())}:
+        kinds = read.blocks[j].kind, read.blocks[i].kind
+        if kinds[0] != kinds[1]:
+            raise ValueError(f"mesh must not have {kinds[0]} and {kinds[1]} with the same nodes")
+        name = read.types[i].name
+        count = np.count_nonzero((block_of[equal] == i) & (block_of[first[equal]] == j))
+        what = "elements {} that have the nodes of another one are left out"
+        unread.leave_out(what, name, "GEOMETRY", int(count) if name else 0)
+    return without_cells(read, first)
 
 
 def mesh_library(use: str) -> Any:
@@ -105,6 +134,8 @@ def _read(path: Path) -> Any:
         if file_format == "vtk":
             _require_memory_of_grids(path)
             return _read_vtk(path, read)
+        if file_format == "gmsh":
+            return _read_gmsh(path, read)
         if file_format not in ENDING:
             return read(str(path))
         with ENDING[file_format](path) as file:
@@ -123,11 +154,32 @@ def _read_vtk(path: Path, read: Callable[[str], Any]) -> Any:
     with reading(path) as file:
         text = file.read()
     known = re.sub(rb"(?i)(?<=\s)vtkIdType(?=\s)", b"int", text)
-    if known == text:
+    return read(str(path)) if known == text else _read_as(known, path, read)
+
+
+def _read_gmsh(path: Path, read: Callable[[str], Any]) -> Any:
+    """With all groups of each entity, of which libraries take the first."""
+    with reading(path) as file:
+        content, groups = without_entities(file.read())
+    if groups is None:
         return read(str(path))
+    mesh = _read_as(content, path, read)
+    names = {(int(tag), int(d)): name for name, (tag, d) in mesh.field_data.items()}
+    tags = mesh.cell_data.get("gmsh:geometrical", [])
+    for i, (cells, entity) in enumerate(zip(mesh.cells, tags)):
+        d = KINDS[cells.type].dimension if cells.type in KINDS else 0
+        for group in groups.get((d, int(entity[0])), ()) if len(entity) else ():
+            name = names.get((group, d), str(group))
+            members = mesh.cell_sets.setdefault(name, len(mesh.cells) * [None])
+            members[i] = np.arange(len(cells.data))
+    return mesh
+
+
+def _read_as(content: bytes, path: Path, read: Callable[[str], Any]) -> Any:
+    """The mesh of a file if it had this content."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder, path.name)
-        copy.write_bytes(known)
+        copy.write_bytes(content)
         return read(str(copy))
 
 
