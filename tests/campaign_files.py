@@ -187,6 +187,7 @@ OF_HDF5 = {
 }
 # The formats in which meshlane writes these elements, and reads them by libraries at hand
 SUFFIXES = [x for x in mesh_files.FORMATS if HDF5 or x not in (".med", ".cgns", ".h5m")]
+SUFFIXES = [x for x in SUFFIXES if find_spec("meshlane") or x != ".cdb"]
 MESHES = {f"mesh{suffix}": (mesh, structure) for suffix in (".new.msh", ".ansys.msh", *SUFFIXES)}
 FOUND = (
     KINDS

@@ -58,6 +58,12 @@ def cylindrical(system):
         (CUBE + "*SUBMODEL, TYPE=NODE, INPUT=not_there.frd\n*ENDSTEP\n*El  Print\n*\n", 1.0),
         (CUBE + "*NSET, NSET=A, INSTANCE=Part-1-1\n1\n", 1.0),
         (CUBE.partition("*ELEMENT")[2].join(["*ELEMENT", CUBE.partition("*ELEMENT")[0]]), 1.0),
+        ("\ufeff" + CUBE, 1.0),
+        (CUBE.replace("C3D8, ", "C3D8,\n** a comment\n\n"), 1.0),
+        (CUBE.replace("*NODE\n", "*NODE,\n"), 1.0),
+        (CUBE.replace("4,5,6", "4,\n** a comment\n\n5,6"), 1.0),
+        (CUBE.replace(", ", ",\t").replace("\n", "\r"), 1.0),
+        (CUBE.rstrip(), 1.0),
     ],
 )
 def test_a_solid_has_its_volume_however_its_nodes_are_given(tmp_path, text, volume):
@@ -151,6 +157,16 @@ def test_sets_name_what_there_is(tmp_path):
     assert "elements of type B32 are left out (1)" in warning
 
 
+def test_rows_may_be_in_an_included_file(tmp_path):
+    (tmp_path / "nodes.txt").write_text(nodes())
+    (tmp_path / "set.txt").write_text("1, 2\n")
+    text = CUBE.replace(nodes(), "*INCLUDE, INPUT=nodes.txt\n")
+    text += "*NSET, NSET=S\n*INCLUDE, INPUT=set.txt\n3\n"
+    structure, _ = read(tmp_path, text)
+    assert mass(structure) == pytest.approx(1.0, rel=1e-14)
+    assert structure.sets["S"].tolist() == [0, 1, 2]
+
+
 def test_data_may_be_in_another_file(tmp_path):
     (tmp_path / "elements.txt").write_text("1, 1,2,3,4,\n5,6,7,8\n")
     text = f"*NODE\n{nodes()}*ELEMENT, TYPE=C3D8, INPUT=elements.txt\n"
@@ -174,8 +190,11 @@ SPRINGS = CUBE + "*ELEMENT, TYPE=SPRING1, ELSET=K\n8, 1\n9, 2\n*SPRING, ELSET=K\
         ),
         (SHELL_ON_SOLID, "elements of type S4R are left out (1)", ("S4R", "SHELL")),
         (SPRINGS, "elements of type SPRING1 are left out (2)", ("SPRING1", "SPRING")),
-        (CUBE + "*TIE, NAME=T\nA, B\n" * 3, "keywords TIE are not read (3)", ("TIE", "CONNECTION")),
-        (CUBE + "*EQUATION\n2\n1, 1, 1., 2, 1, -1.\n", "EQUATION", ("*equation",)),
+        (
+            CUBE + "*CONTACT PAIR\nA, B\n" * 3,
+            "keywords CONTACT PAIR are not read (3)",
+            ("*contact pair", "CONNECTION"),
+        ),
         (CUBE + "*NONSTRUCTURAL MASS\n", "NONSTRUCTURAL MASS", ("MASS",)),
         (
             CUBE + "*NEVER HEARD OF\n1, 2\n",
@@ -202,6 +221,10 @@ def test_what_is_left_out_is_named_unless_ignored(tmp_path, text, words, names):
         ("*IMPERFECTION, FILE=x\n", "IMPERFECTION"),
         ("*NGEN, LINE=C\n1, 5\n", "NGEN"),
         ("*MODEL CHANGE, REMOVE\n", "MODEL CHANGE"),
+        ("*TIE, NAME=T\nA, B\n", "TIE"),
+        ("*Equation\n2\n1, 1, 1., 2, 1, -1.\n", "EQUATION"),
+        ("*MPC\nTIE, 1, 2\n", "MPC"),
+        ("*RIGIDBODY, ELSET=E1, REF NODE=1\n", "RIGID BODY"),
     ],
 )
 def test_what_moves_or_makes_nodes_or_elements_is_refused_unless_ignored(tmp_path, text, where):
@@ -221,14 +244,39 @@ def test_what_moves_or_makes_nodes_or_elements_is_refused_unless_ignored(tmp_pat
         (CUBE + "*ELGEN\n7, 2\n", r"\*ELGEN: element 7 does not exist"),
         (CUBE + "*NGEN\n1, 2, 3\n", r"\*NGEN: numbers must lead from 1 to 2, got steps of \[3\]"),
         (assembly("").replace("INSTANCE=P-1", "INSTANCE=I"), "instance 'I' does not exist"),
+        (CUBE + "*NSET, NSET=S, GENERATE\n8, 1\n", "numbers must lead from 8 to 1"),
+        (CUBE.rsplit(",", 1)[0] + "\n", "C3D8 must have 8 nodes, got 7 in element 1"),
+        (assembly("0., 0., 0., 1., 0., 0., 90.\n"), "a shift of three numbers and a turn of seven"),
+        (assembly("0.\n0., 0., 0., 1., 0., 0.\n"), "a shift of three numbers and a turn of seven"),
         (CUBE + "*SYSTEM\n1., 2.\n", "must have one point or three in space, got 2 numbers"),
         (CUBE + "*INCLUDE, INPUT=job.inp\n", "'job.inp' includes itself"),
     ],
 )
 def test_what_is_wrong_is_refused_by_line_and_keyword(tmp_path, text, message):
     with pytest.raises(
-        ValueError, match=rf"^job.inp, line \d+, \*[A-Z]+: .*{message.split(': ')[-1]}"
+        ValueError, match=rf"^job.inp, line \d+, \*[A-Z ]+: .*{message.split(': ')[-1]}"
     ):
+        read(tmp_path, text)
+
+
+def test_rows_before_a_keyword_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="job.inp: must begin with a keyword, got '1,0,0,0'"):
+        read(tmp_path, CUBE.removeprefix("*NODE\n"))
+
+
+EQUAL = "*ELEMENT, TYPE=C3D8, ELSET=E2\n2, 2,3,4,1,6,7,8,5\n"
+
+
+def test_elements_with_the_nodes_of_another_one_are_counted_or_refused(tmp_path):
+    structure, warning = read(tmp_path, CUBE + EQUAL)
+    assert mass(structure) == pytest.approx(1.0, rel=1e-14)
+    assert structure.groups["E2"].tolist() == structure.groups["E1"].tolist() == [0]
+    assert "elements C3D8 that have the nodes of another one are left out (1)" in warning
+    text = grids() + HEXA + card("CHEXA", 2, 8, 2, 3, 4, 1, 6, 7, 8, 5)
+    warning = read(tmp_path, text, name="job.bdf")[1]
+    assert "CHEXA that have the nodes of another one are left out (1)" in warning
+    text = f"*NODE\n{nodes()}*ELEMENT, TYPE=C3D4\n1, 1,2,4,5\n*ELEMENT, TYPE=S4\n2, 1,2,4,5\n"
+    with pytest.raises(ValueError, match="must not have tetra and quad with the same nodes"):
         read(tmp_path, text)
 
 
@@ -303,6 +351,8 @@ def wide(text):
         free(grids() + HEXA).replace(",", "\t"),
         BULK.replace("1.0     1.0     1.0", "1.+0    10.-1   .1E1").replace("CHEXA", "$ no\nCHEXA"),
         grids().replace("\n", " $ comment\n", 1) + "GRDSET\n" + HEXA,
+        "\ufeff" + grids() + grids(CORNERS[:2]) + HEXA,
+        (grids() + HEXA).replace("\n", "\r\n"),
     ],
 )
 def test_a_cube_is_read_however_its_fields_are_written(tmp_path, text):
@@ -401,7 +451,15 @@ def test_cards_that_are_left_out_are_named_unless_ignored(tmp_path, text, materi
         (grids(system=5) + HEXA, "line 1, GRID: coordinate system 5 does not exist"),
         (grids(CORNERS[:7]) + HEXA, "CHEXA 1: grid point 8 does not exist"),
         (grids() + HEXA + HEXA, "line 11, CHEXA: element 1 is given twice"),
-        (grids() + grids(CORNERS[:1]) + HEXA, "line 9, GRID: 1 is given twice"),
+        (grids() + grids(CORNERS[1:2]) + HEXA, "line 9, GRID: 1 is given twice, differently"),
+        (
+            grids() + card("CBAR", 1, 7, 1, 2, 0.0, 0.0, 1.0, "", 456),
+            r"line 9, CBAR: pins and offsets .* ignore=\('CBAR',",
+        ),
+        (
+            grids() + card("CBEAM", 1, 7, 1, 2, 0.0, 0.0, 1.0, "", "", "", 0.0, 0.5),
+            "line 9, CBEAM: pins and offsets",
+        ),
         (BULK.replace("ENDDATA", "CSUPER  1"), "line 12, CSUPER: it has superelements"),
         ("INCLUDE '../x.bdf'\n", "line 1, INCLUDE: must name a file in the folder"),
         (
@@ -538,3 +596,125 @@ def test_bodies_and_points_that_are_not_joined_are_counted(Mesh):
     assert (one.bodies, one.coincident) == (1, 0) and repr(
         one
     ) == "<Structure 6 points, 2 quad, 12 dofs>"
+
+
+GMSH = """$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+1 1 "edge"
+1 2 "both"
+2 3 "plate"
+$EndPhysicalNames
+$Entities
+0 3 1 0
+1 0 0 0 1 0 0 1 1 0
+2 1 0 0 1 1 0 2 2 -1 0
+3 0 1 0 1 1 0 0 0
+1 0 0 0 1 1 0 1 3 0
+$EndEntities
+$Nodes
+1 4 1 4
+2 1 0 4
+1
+2
+3
+4
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+$EndNodes
+$Elements
+4 5 1 5
+1 1 1 1
+1 1 2
+1 2 1 1
+2 2 3
+1 3 1 1
+5 3 4
+2 1 2 2
+3 1 2 3
+4 1 3 4
+$EndElements
+"""
+
+
+def test_an_entity_of_gmsh_is_in_all_of_its_groups_or_in_none(tmp_path, mesh_library):
+    # the second curve is in "both" and, reversed, in "edge"; the third is in no group
+    structure, warning = read(tmp_path, GMSH, name="mesh.msh")
+    assert {name: x.tolist() for name, x in structure.sets.items()} == {
+        "edge": [0, 1, 2],
+        "both": [1, 2],
+        "plate": [0, 1, 2, 3],
+    }
+    assert structure.groups["plate"].tolist() == [0, 1] and warning == ""
+    for text in (GMSH[:300] + "$EndEntities\n", GMSH + "$PartitionedEntities\n"):
+        with pytest.raises(ValueError, match="mesh must be"):
+            read(tmp_path, text, name="mesh.msh")
+
+
+def test_binary_entities_of_gmsh_have_their_groups():
+    from pmalpha.structures.gmsh_entities import without_entities
+
+    def curve(tag, groups):
+        sizes = [np.array(len(x), dtype="u8").tobytes() for x in (groups, [])]
+        head = np.array(tag, dtype="i4").tobytes() + np.zeros(6).tobytes()
+        return head + sizes[0] + np.array(groups, dtype="i4").tobytes() + sizes[1]
+
+    body = np.array([0, 2, 1, 0], dtype="u8").tobytes()
+    body += curve(1, [1]) + curve(2, [2, -1]) + curve(1, [])
+    content = b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n"
+    rest, groups = without_entities(
+        content + b"$Entities\n" + body + b"\n$EndEntities\n" + b"$Nodes"
+    )
+    assert rest == content + b"$Nodes"
+    assert groups == {(1, 1): {1}, (1, 2): {1, 2}, (2, 1): set()}
+
+
+HEAD = "# vtk DataFile Version 5.1\nx\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+
+
+def test_cells_of_vtk_that_a_library_leaves_out_are_refused(tmp_path, mesh_library):
+    points = " ".join(f"{x} {y} {z}" for x, y, z in 2 * CORNERS)
+    text = f"{HEAD}POINTS 16 float\n{points}\nCELLS 3 16\nOFFSETS vtktypeint64\n0 8 16\n"
+    text += "CONNECTIVITY vtktypeint64\n0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\nCELL_TYPES 2\n"
+    with pytest.raises(ValueError, match="1 of its cells are of other types, such as voxels"):
+        read(tmp_path, text + "12\n11\n", name="mesh.vtk")
+    assert mass(read(tmp_path, text + "12\n12\n", name="mesh.vtk")[0]) == pytest.approx(2.0)
+
+
+def test_numbers_of_vtk_with_one_component_name_groups(tmp_path, mesh_library):
+    text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 float\n"
+    text += "0 0 0 1 0 0 1 1 0 0 1 0\nCELLS 1 5\n4 0 1 2 3\nCELL_TYPES 1\n9\n"
+    text += "CELL_DATA 1\nSCALARS part int 1\nLOOKUP_TABLE default\n5\n"
+    structure, _ = read(tmp_path, text, {"5": SOLID}, name="mesh.vtk", names="part")
+    assert structure.groups["5"].tolist() == [0]
+
+
+def test_what_a_library_prints_on_a_file_is_a_warning(tmp_path, mesh_library, capsys):
+    text = "MeshVersionFormatted 2\nDimension 2\nVertices\n3\n0 0 0\n1 0 0\n0 1 0\n"
+    text += "Triangles\n1\n1 2 3 7\nRidges\n1\n1\nEnd\n"
+    _, warning = read(tmp_path, text, name="mesh.mesh")
+    assert f"{mesh_library.__name__} reports: " in warning and "Ridges" in warning
+    assert capsys.readouterr().err == ""
+
+
+def test_a_mesh_of_ansys_has_its_components_and_what_is_no_block_is_refused(tmp_path):
+    library = pytest.importorskip("meshlane")
+    path = tmp_path / "job.cdb"
+    cube = [("hexahedron", [list(range(8))])]
+    sets = {"point_sets": {"top": np.array([4, 5, 6, 7])}, "cell_sets": {"body": [np.array([0])]}}
+    library.ansysInp.write(path, library.Mesh(np.array(CORNERS, dtype=float), cube, **sets))
+    text = path.read_text()
+    structure, warning = read(tmp_path, text, {"body": SOLID}, name="job.cdb")
+    assert mass(structure) == pytest.approx(1.0, rel=1e-14) and warning == ""
+    assert structure.sets["top"].tolist() == [4, 5, 6, 7]
+    with pytest.raises(ValueError, match=r"job.cdb, line \d+, CP: .* ignore=\('CP',"):
+        read(tmp_path, text + "CP,1,UX,1,2\n", name="job.cdb")
+    more = text.replace("EBLOCK,19,SOLID,1,1", "EBLOCK,19,SOLID,3,3")
+    assert "elements of contact are left out (2)" in read(tmp_path, more, name="job.cdb")[1]
+    flat = library.Mesh(np.array(CORNERS[:4], dtype=float), [("quad", [[0, 1, 2, 3]])])
+    library.ansysInp.write(path, flat)
+    assert "without bending (1)" in read(tmp_path, path.read_text(), name="job.cdb")[1]

@@ -40,7 +40,7 @@ def cosmos(at, value, seconds=0):
 ESM = "EVENT_NAME: A VALLEY\nSAMPLING_INTERVAL_S: 0.020000\nNDATA: 5\nUNITS: cm/s^2\nUSER5:\n"
 K_NET = """Origin Time       2011/03/11 14:46:00
 Sampling Freq(Hz) 50Hz
-Duration Time(s)  1
+Duration Time(s)  0.1
 Dir.              N-S
 Scale Factor      2000(gal)/8000
 Max. Acc. (gal)   5.0
@@ -52,6 +52,8 @@ FORMATS = {
     "cm/s^2 (4)": cosmos(61, 20.0),
     "cm/s^2": ESM + "".join(f"{x}\n" for x in VALUES),
     "gal": K_NET + "0.04 -0.08 1.2 0.016\n -20\n",
+    "m/s^2": "Time (s)\tAcceleration (m/s^2)\n"
+    + "".join(f"{0.02 * i:.3f}\t{x}\n" for i, x in enumerate(VALUES)),
     "not given": "# t, a\n" + "".join(f"{0.02 * i:.3f}, {x}\n" for i, x in enumerate(VALUES)),
 }
 
@@ -64,6 +66,19 @@ def test_a_record_has_its_samples_step_and_unit(tmp_path, unit):
     assert record.header.splitlines()[-1].lower() == f"unit: {unit}"
     assert ("not given" in repr(record)) == (unit == "not given") and unit in repr(record).lower()
     assert "unit" not in repr(0.01 * record)  # in which the unit is another one
+
+
+@pytest.mark.parametrize("unit", FORMATS)
+@pytest.mark.parametrize("system", ["ends of lines", "mark of bytes"])
+def test_ends_of_lines_and_marks_of_another_system_change_nothing(tmp_path, unit, system):
+    content = FORMATS[unit].encode()
+    if system == "ends of lines":
+        content = content.replace(b"\n", b"\r\n")
+    else:
+        content = b"\xef\xbb\xbf" + content
+    path = tmp_path / "valley.txt"
+    path.write_bytes(content)
+    np.testing.assert_allclose(read_record(path).values, VALUES, rtol=1e-15)
 
 
 def test_the_recorder_of_cosmos_has_the_step_where_the_record_has_none(tmp_path):
@@ -94,6 +109,9 @@ def test_uneven_times_are_resampled_between_the_samples(tmp_path):
         (FORMATS["cm/sec2"].replace("  5 points of accel", "  9 points of accel"), "must "),
         (FORMATS["cm/s^2"].replace("NDATA: 5", "NDATA: 6"), "must give 6 samples, got 5"),
         (FORMATS["gal"].replace("-20", "x"), "line 9: must hold finite numbers"),
+        (FORMATS["gal"].replace(" -20\n", ""), "must give 5 samples, got 4"),
+        (FORMATS["gal"].replace("Memo.\n", ""), "must have a line Memo before the samples"),
+        (FORMATS["not given"].replace("t, a", "t (ms), a"), "times must be in seconds"),
         (FORMATS["gal"].replace("50Hz", "0Hz"), "must be positive"),
         ("\0", "must be text, got a binary file"),
     ],

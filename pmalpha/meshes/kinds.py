@@ -216,3 +216,8 @@ def _shape(name: str) -> Shape:
 
 
 SHAPES = {name: _shape(name) for name in _MONOMIALS}
+
+
+def dimension_of_kind(kind: str) -> int:
+    """That of a kind of element; 0 of a point, and of what is none here."""
+    return KINDS[kind].dimension if kind in KINDS else 0

@@ -42,33 +42,34 @@ class FileMesh(NamedTuple):
     types: list[ElementType]
 
 
-def merged(read: FileMesh) -> FileMesh:
-    """With cells of one kind and the same nodes as one cell of several groups.
-
-    Formats that know one group of a cell, such as MSH 2.2 of gmsh, repeat those of several.
-    """
-    start = np.cumsum([0, *(len(block.nodes) for block in read.blocks)])
-    same = np.arange(start[-1])  # for each cell the first of those equal to it
-    for kind in dict.fromkeys(block.kind for block in read.blocks):
-        own = [i for i, block in enumerate(read.blocks) if block.kind == kind]
+def first_of_equal(blocks: list[Block]) -> np.ndarray:
+    """For each cell of all blocks the first one of the same nodes, itself or one before it."""
+    start = np.cumsum([0, *(len(block.nodes) for block in blocks)])
+    first = np.arange(start[-1])
+    for width in dict.fromkeys(block.nodes.shape[1] for block in blocks):
+        own = [i for i, block in enumerate(blocks) if block.nodes.shape[1] == width]
         cells = np.concatenate([np.arange(start[i], start[i + 1]) for i in own])
-        nodes = np.sort(np.concatenate([read.blocks[i].nodes for i in own]), axis=1)
+        nodes = np.sort(np.concatenate([blocks[i].nodes for i in own]), axis=1)
         if _have_equal_rows(nodes):
-            _, first, inverse = np.unique(nodes, axis=0, return_index=True, return_inverse=True)
-            same[cells] = cells[first[inverse.reshape(-1)]]
-    kept = same == np.arange(same.size)
-    if kept.all():
-        return read
-    number = np.cumsum(kept) - 1  # of a cell that is kept
+            _, one, inverse = np.unique(nodes, axis=0, return_index=True, return_inverse=True)
+            first[cells] = cells[one[inverse.reshape(-1)]]
+    return first
+
+
+def without_cells(read: FileMesh, first: np.ndarray) -> FileMesh:
+    """With one cell for those of which `first` is the same, in the groups of all of them."""
+    start = np.cumsum([0, *(len(block.nodes) for block in read.blocks)])
+    remaining = first == np.arange(first.size)
+    number = np.cumsum(remaining) - 1  # of a cell that remains
     blocks = [
-        block._replace(nodes=block.nodes[kept[a:b]])
+        block._replace(nodes=block.nodes[remaining[a:b]])
         for block, a, b in zip(read.blocks, start, start[1:])
     ]
     ends = np.cumsum([0, *(len(block.nodes) for block in blocks)])
     groups = {}
     for name, members in read.groups.items():
         all_of = np.concatenate([a + own for a, own in zip(start, members)])
-        new = np.unique(number[same[all_of]])
+        new = np.unique(number[first[all_of]])
         groups[name] = [new[(new >= a) & (new < b)] - a for a, b in zip(ends, ends[1:])]
     return read._replace(blocks=blocks, groups=groups)
 

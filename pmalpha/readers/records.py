@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from collections.abc import Callable
@@ -34,6 +35,10 @@ _REAL_HEADER = re.compile(
     r"^\s*(\d+)\s+Real-header values follow on\s+(\d+)\s+lines", re.IGNORECASE
 )
 _UNKNOWN = -999.0
+# Times in another unit than seconds, in the lines before two columns
+_MILLISECONDS = re.compile(r"[(\[,\s](?:ms|msec|milliseconds?)\b", re.IGNORECASE)
+# That of a heading of two columns, "acceleration (m/s^2)"
+_UNIT = re.compile(r"[(\[]\s*(g|gal|mg|(?:cm|mm|m|in|ft)/s[^)\]]*?)\s*[)\]]", re.IGNORECASE)
 _NPTS = re.compile(r"NPTS\b.*\bDT\b", re.IGNORECASE)
 # Times of a list that differ by less than this part of a step are those of equal steps: files have
 # few digits.
@@ -88,7 +93,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     """
     name = str(checked_path(path))
     with reading(path) as file:
-        content = file.read()
+        content = file.read().removeprefix(codecs.BOM_UTF8)
     if b"\0" in content:
         refuse(name, 1, "must be text, got a binary file")
     whole = _File(name, content.decode("latin-1").splitlines())
@@ -176,8 +181,12 @@ def _k_net(whole: _File) -> Record | None:
     if not rate_of > 0.0:
         refuse(whole.path, 1, f"the sampling rate must be positive, got {rate[1]} Hz")
     factor = fortran_real(scale[1]) / fortran_real(scale[3])
-    first = 1 + next(i for i, line in enumerate(whole.lines) if line.startswith("Memo"))
-    return _record(whole, factor * _free(whole, first), 1.0 / rate_of, first, scale[2])
+    first = 1 + next((i for i, x in enumerate(whole.lines) if x.startswith("Memo")), -1)
+    if first == 0:
+        refuse(whole.path, 1, "must have a line Memo before the samples")
+    seconds = re.match(_REAL, text.get("Duration Time(s)", ""))
+    count = round(fortran_real(seconds[0]) * rate_of) if seconds else None
+    return _record(whole, factor * _free(whole, first, count), 1.0 / rate_of, first, scale[2])
 
 
 def _columns(whole: _File) -> Record | None:
@@ -186,6 +195,10 @@ def _columns(whole: _File) -> Record | None:
     first = next((i for i, row in enumerate(rows) if len(row) == 2 and _are_numbers(row)), None)
     if first is None:
         return None
+    if any(_MILLISECONDS.search(line) for line in whole.lines[:first]):
+        refuse(whole.path, first, "times must be in seconds, got milliseconds in the header")
+    units = [x for line in whole.lines[:first] for x in _UNIT.findall(line)]
+    unit = units[-1] if units else "not given"
     values = _free(whole, first, width=2).reshape(-1, 2)
     t, a = values.T
     steps = np.diff(t)
@@ -197,9 +210,9 @@ def _columns(whole: _File) -> Record | None:
         record = Record.from_times(t - t[0], a)
         header = "\n".join(whole.lines[:first])
         record = Record(record.values, record.dt, whole.name, header=header)
-        return _with_unit(record, "not given")
+        return _with_unit(record, unit)
     digits = float(f"{dt:.6g}")  # that of a file that gives times with few digits
-    return _record(whole, a, digits, first, "not given")
+    return _record(whole, a, digits, first, unit)
 
 
 def _are_numbers(words: list[str]) -> bool:

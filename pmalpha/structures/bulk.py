@@ -20,6 +20,9 @@ from .unread import Unread, refused_at
 
 Found = TypeVar("Found")
 
+# Fields of pins and offsets of CBAR and CBEAM, from the second field of the card on
+BEAM_ENDS = range(8, 16)
+
 # By the name of a card number, group and nodes of elements
 Rows = dict[str, list[tuple[int, int, list[int]]]]
 
@@ -66,6 +69,9 @@ def read_bulk(path: Path, unread: Unread) -> FileMesh:
     for card in cards:
         if card.name in ELEMENTS:
             number, group, nodes = _element(card, ELEMENTS[card.name])
+            if ELEMENTS[card.name].family == "BEAM" and any(card.real(k) for k in BEAM_ENDS):
+                reason = "pins and offsets of its ends, in fields 10 to 17, are not read"
+                unread.refuse(card.name, "CONNECTION", card.where, reason)
             if number in seen:
                 refused_at(card.where, f"element {number} is given twice")
             seen.add(number)
@@ -173,20 +179,19 @@ class _Points:
         self.default = 0
         for card in cards:
             if card.name == "GRID":
-                self._add(self.cards, card.number(0), card, card)
+                known = self.cards.setdefault(card.number(0), card)
+                if known.fields != card.fields:
+                    refused_at(card.where, f"{card.number(0)} is given twice, differently")
             elif card.name == "GRDSET":
                 self.default = card.number(1, 0)
             elif card.name in SYSTEMS:
                 both = (0, 4) if card.name[4] == "1" and card.text(4) else (0,)
                 for first in both:
-                    self._add(self.systems, card.number(first), (card.name, card, first), card)
+                    if card.number(first) in self.systems:
+                        refused_at(card.where, f"{card.number(first)} is given twice")
+                    self.systems[card.number(first)] = card.name, card, first
         self.points: dict[int, np.ndarray | None] = {}
         self.axes: dict[int, tuple[np.ndarray, np.ndarray] | None] = {}
-
-    def _add(self, known: dict[int, Any], number: int, value: Any, card: Card) -> None:
-        if number in known:
-            refused_at(card.where, f"{number} is given twice")
-        known[number] = value
 
     def all(self) -> dict[int, np.ndarray]:
         return {number: self.point(number, card) for number, card in self.cards.items()}

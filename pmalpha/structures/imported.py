@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, listing, plain_array, real_array
-from ..meshes.kinds import KINDS, SHAPES
+from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
 from ..meshes.mesh import FileMesh
 from ..problem.dofs import as_nodes
 from .checked import is_lumped, node_numbers, positive
@@ -262,7 +262,7 @@ def _say_of_types(
         if used and element.family in USED and element.family != f"PLANE {plane.upper()}":
             family = "PLANE" if element.family.startswith("PLANE") else element.family
             unread.leave_out(USED[element.family], element.name, family, used)
-        if element.name and _dimension(block.kind) < top:
+        if element.name and dimension_of_kind(block.kind) < top:
             what = "elements of type {} are left out"
             unread.leave_out(what, element.name, element.family, len(block.nodes) - used)
 
@@ -282,7 +282,9 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Materi
         kind = _law(own, label)
         dimension = top if not by_group or kind is None else 1 if kind != "elastic" else d
         cells = [
-            members[i] if _dimension(block.kind) == dimension else np.empty(0, dtype=np.int64)
+            members[i]
+            if dimension_of_kind(block.kind) == dimension
+            else np.empty(0, dtype=np.int64)
             for i, block in enumerate(read.blocks)
         ]
         _require_fitting(read, kind, cells, label, dimension, d)
@@ -295,10 +297,6 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Materi
                 column = values[i].setdefault(key, np.full(counts[i], np.nan))
                 column[numbers] = value[split[i] - len(numbers) : split[i]]
     return _parts(read, law, values, top)
-
-
-def _dimension(kind: str) -> int:
-    return KINDS[kind].dimension if kind in KINDS else 0
 
 
 def _members(read: FileMesh, name: str) -> list[np.ndarray]:
@@ -378,7 +376,7 @@ def _parts(
     parts = {}
     for i, block in enumerate(read.blocks):
         without = np.flatnonzero(law[i] == "")
-        if _dimension(block.kind) == top and without.size:
+        if dimension_of_kind(block.kind) == top and without.size:
             groups = [
                 repr(name) for name, own in read.groups.items() if np.isin(without, own[i]).any()
             ]

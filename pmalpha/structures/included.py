@@ -28,7 +28,7 @@ class Included:
 
     def open(self, path: Path, where: str) -> TextIOWrapper:
         """The lines of one of the files; ValueError if all were read too often."""
-        file = TextIOWrapper(reading(path), encoding="utf-8", errors="replace")
+        file = TextIOWrapper(reading(path), encoding="utf-8-sig", errors="replace")
         size = os.fstat(file.fileno()).st_size
         self.sizes[path.resolve()] = size
         self.read += size

@@ -18,7 +18,7 @@ from .._checks import fortran_real
 from ..meshes.kinds import KINDS
 from ..meshes.mesh import Block, ElementType, FileMesh
 from .included import Included
-from .inp_keywords import LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
+from .inp_keywords import CONNECTIONS, LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
 from .unread import Unread, refused_at
 
 Key = TypeVar("Key", int, tuple[int, int])
@@ -116,7 +116,8 @@ class _Reader:
         if keyword in self.readers:
             self.readers[keyword](section)
         elif keyword in REFUSED:
-            self.unread.refuse(keyword, "GEOMETRY", section.where, REFUSED[keyword])
+            family = "CONNECTION" if keyword in CONNECTIONS else "GEOMETRY"
+            self.unread.refuse(keyword, family, section.where, REFUSED[keyword])
         elif not is_of_analysis(keyword):
             family = LEFT_OUT.get(keyword, "UNKNOWN")
             self.unread.leave_out("keywords {} are not read", keyword, family)
@@ -252,19 +253,24 @@ class _Reader:
 
     def _end(self, section: Section) -> None:
         if section.keyword == "END INSTANCE" and self.moved:
-            shift, *turn = ([_real(x) for x in row] for row in self.moved)
-            nodes = self.scope.nodes
-            points = np.array([(*x, 0.0, 0.0)[:3] for x in nodes.values()]).reshape(-1, 3)
-            points += (*shift, 0.0, 0.0)[:3]
-            if turn:
-                a, b = np.reshape(turn[0][:6], (2, 3))
-                axis = _unit(b - a)
-                rotation = Rotation.from_rotvec(np.deg2rad(turn[0][6]) * axis)
-                points = a + rotation.apply(points - a)
-            flat = max(map(len, nodes.values()), default=3) < 3 and not points[:, 2].any()
-            self.scope.nodes = dict(zip(nodes, map(tuple, points[:, : 2 if flat else 3].tolist())))
+            self._move(*self.moved)
         self.moved = []
         self.scope = self.root
+
+    def _move(self, shift: list[str], turn: list[str] | None = None, *further: list[str]) -> None:
+        """Move the nodes of the instance, then turn them about the axis of two points."""
+        by = [_real(x) for x in shift]
+        if any(by[3:]) or further or (turn is not None and len(turn) < 7):
+            raise ValueError("an instance must have a shift of three numbers and a turn of seven")
+        nodes = self.scope.nodes
+        points = np.array([(*x, 0.0, 0.0)[:3] for x in nodes.values()]).reshape(-1, 3)
+        points += (*by, 0.0, 0.0)[:3]
+        if turn is not None:
+            a, b = np.reshape([_real(x) for x in turn[:6]], (2, 3))
+            axis = np.deg2rad(_real(turn[6])) * _unit(b - a)
+            points = a + Rotation.from_rotvec(axis).apply(points - a)
+        flat = max(map(len, nodes.values()), default=3) < 3 and not points[:, 2].any()
+        self.scope.nodes = dict(zip(nodes, map(tuple, points[:, : 2 if flat else 3].tolist())))
 
 
 def _elements(
@@ -412,6 +418,8 @@ def _entries(section: Section, numbers: Collection[int]) -> Iterator[int | str]:
         if "GENERATE" in section.options:
             first, last, step = (*map(int, given), 1)[:3]
             listed = range(first, last + 1, step)
+            if not listed:
+                raise ValueError(f"numbers must lead from {first} to {last}, got steps of {step}")
             if len(listed) < len(numbers):
                 yield from (x for x in listed if x in numbers)
             else:
@@ -449,34 +457,36 @@ def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 
 def _sections(path: Path) -> Iterator[Section]:
-    """Sections of a file, and of the files that it includes in their places."""
-    return _sections_below((path,), Included(path))
-
-
-def _sections_below(
-    above: tuple[Path, ...], included: Included, where: str = ""
-) -> Iterator[Section]:
-    """Those of the last of `above`, which include each other in turn; `where` names it."""
+    """The keywords of a file, and of the files that it includes in their places."""
     current: Section | None = None
-    for number, line in _lines(above[-1], included, where):
-        if not line.startswith("*"):
-            if current is not None:
-                current.rows.append(_fields(line))
+    for item in _items((path,), Included(path)):
+        if isinstance(item, list):
+            if current is None:
+                refused_at(path.name, f"must begin with a keyword, got {','.join(item)[:60]!r}")
+            current.rows.append(item)
             continue
         if current is not None:
             yield current
-        current = _section(above[-1], number, line)
-        name = current.options.get("INPUT")
-        if current.keyword == "INCLUDE":
-            found, place = included.find(name or "", above, current.where), current.where
-            current = None
-            yield from _sections_below((*above, found), included, place)
-        elif name and current.keyword in READ:
-            found = included.find(name, above, current.where)
-            lines = _lines(found, included, current.where)
-            current.rows.extend(_fields(text) for _, text in lines)
+        current = item
     if current is not None:
         yield current
+
+
+def _items(
+    above: tuple[Path, ...], included: Included, where: str = ""
+) -> Iterator[Section | list[str]]:
+    """Keywords without rows, and rows; of the last of `above`, which include each other in turn."""
+    for number, line in _lines(above[-1], included, where):
+        if not line.startswith("*"):
+            yield _fields(line)
+            continue
+        section = _section(above[-1], number, line)
+        name = section.options.get("INPUT")
+        if section.keyword != "INCLUDE":
+            yield section
+        if section.keyword == "INCLUDE" or (name and section.keyword in READ):
+            found = included.find(name or "", above, section.where)
+            yield from _items((*above, found), included, section.where)
 
 
 def _fields(line: str) -> list[str]:
@@ -492,13 +502,25 @@ def _section(path: Path, number: int, line: str) -> Section:
 
 
 def _lines(path: Path, included: Included, where: str) -> Iterator[tuple[int, str]]:
-    """Lines without comments and empty ones; a line of options that ends in a comma goes on."""
-    begun = ""
+    """Lines without comments and empty ones; a line of options that ends in a comma goes on.
+
+    It does so with the name of an option: some programs end lines of options in a comma for
+    nothing.
+    """
+    begun, first = "", 0
     with included.open(path, where) as file:
         for number, text in enumerate(file, start=1):
-            line = begun + text.strip()
-            begun = ""
-            if line.startswith("*") and not line.startswith("**") and line.endswith(","):
+            line = text.strip()
+            if not line or line.startswith("**"):
+                continue
+            if begun and line[0].isalpha():
+                line, number = begun + line, first
+            elif begun:
+                yield first, begun
+            begun, first = "", number
+            if line.startswith("*") and line.endswith(","):
                 begun = line
-            elif line and not line.startswith("**"):
+            else:
                 yield number, line
+    if begun:
+        yield first, begun

@@ -58,17 +58,19 @@ OF_ANALYSIS = _words(
     """
 )
 
+# What connects nodes that no element does, or takes a connection away
+CONNECTIONS = _words(
+    """
+    COUPLING|CYCLIC SYMMETRY MODEL|DISTRIBUTING|DISTRIBUTING COUPLING|EMBEDDED ELEMENT|EQUATION
+    FASTENER|KINEMATIC|KINEMATIC COUPLING|MPC|NETWORK MPC|PERIODIC MEDIA|PRE-TENSION SECTION
+    RELEASE|RIGID BODY|SHELL TO SOLID COUPLING|TIE
+    """
+)
+
 # by the keyword the family of what is left out
 LEFT_OUT = {
     **dict.fromkeys(
-        _words(
-            """CONTACT|CONTACT PAIR|COUPLING|CYCLIC SYMMETRY MODEL|DISTRIBUTING
-            DISTRIBUTING COUPLING
-            EMBEDDED ELEMENT|EQUATION|FASTENER|FASTENER PROPERTY|KINEMATIC|KINEMATIC COUPLING|MPC
-            NETWORK MPC|PERIODIC MEDIA|PRE-TENSION SECTION|RELEASE|RIGID BODY|RIGID SURFACE
-            SHELL TO SOLID COUPLING|TIE"""
-        ),
-        "CONNECTION",
+        ("CONTACT", "CONTACT PAIR", "FASTENER PROPERTY", "RIGID SURFACE"), "CONNECTION"
     ),
     **dict.fromkeys(("NONSTRUCTURAL MASS", "MASS ADJUST"), "MASS"),
     **dict.fromkeys(("FOUNDATION", "ELEMENT FOUNDATION"), "SPRING"),
@@ -79,6 +81,10 @@ LEFT_OUT = {
 
 # by the keyword what it does to nodes and elements
 REFUSED = {
+    **dict.fromkeys(
+        CONNECTIONS,
+        "it connects nodes, which pm.tie_coincident and pm.interpolate do for subdomains",
+    ),
     "ELCOPY": "it makes elements from others",
     "IMPERFECTION": "it moves nodes",
     "IMPORT": "it takes elements from another analysis",

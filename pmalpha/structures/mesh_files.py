@@ -7,13 +7,13 @@ reads from raises an exception behind its end.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import os
 import re
 import tempfile
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,21 @@ import numpy as np
 from .._checks import listing, real_number, require_finite, require_moderate
 from ..files import library, reading
 from ..memory import require
-from ..meshes.kinds import KINDS
-from ..meshes.mesh import Block, ElementType, FileMesh, checked_mesh, merged, nodal_vectors, padded
+from ..meshes.kinds import KINDS, dimension_of_kind
+from ..meshes.mesh import (
+    Block,
+    ElementType,
+    FileMesh,
+    checked_mesh,
+    first_of_equal,
+    nodal_vectors,
+    padded,
+    without_cells,
+)
 from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
+from .gmsh_entities import without_entities
 from .inp import read_input
 from .unread import Unread
 
@@ -36,6 +46,7 @@ from .unread import Unread
 # name other files, and formats of libraries that are not tested here.
 FORMATS = {
     ".avs": "avsucd",
+    ".cdb": "ansysInp",
     ".cgns": "cgns",
     ".dato": "permas",
     ".h5m": "h5m",
@@ -66,7 +77,8 @@ OWN_READERS: dict[str, Callable[[Path, Unread], FileMesh]] = {
 def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
     """A file, or a mesh of a library; `names` is the name of cell data that number groups."""
     if is_model(mesh):
-        return read_model(mesh, unread)
+        return _checked(read_model(mesh, unread), unread)
+    path = None
     if isinstance(mesh, (str, os.PathLike)):
         path = Path(mesh)
         if not path.is_file():
@@ -77,45 +89,103 @@ def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
                 f"names must be None for an {path.suffix} file, which has groups, got {names!r}"
             )
         if own is not None:
-            read = own(path, unread)
-            require_finite(read.points, f"points of {path.name}")
-            return read
-        mesh = _read(path)
+            return _checked(own(path, unread), unread)
+        mesh = _read(path, unread)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
         raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
     read = _of_library(mesh, names)
+    if path is not None and path.suffix.lower() == ".cdb":
+        # its reader gives plane elements and shells alike
+        either = ElementType("PLANE or SHELL", "SHELL")
+        surfaces = [dimension_of_kind(block.kind) == 2 for block in read.blocks]
+        read = read._replace(types=[either if x else ElementType() for x in surfaces])
+    return _checked(read, unread)
+
+
+def _checked(read: FileMesh, unread: Unread) -> FileMesh:
+    """The mesh with its numbers checked, and cells with the same nodes as one cell.
+
+    Formats that know one group of a cell, such as MSH 2.2 of gmsh, repeat those of several; of
+    formats whose elements have types those that are left out are counted.
+    """
     _check(read)
-    return merged(read)
+    first = first_of_equal(read.blocks)
+    equal = np.flatnonzero(first != np.arange(first.size))
+    if not equal.size:
+        return read
+    block_of = np.repeat(np.arange(len(read.blocks)), [len(x.nodes) for x in read.blocks])
+    for i, j in {*zip(block_of[equal].tolist(), block_of[first[equal]].tolist())}:
+        kinds = read.blocks[j].kind, read.blocks[i].kind
+        if kinds[0] != kinds[1]:
+            raise ValueError(f"mesh must not have {kinds[0]} and {kinds[1]} with the same nodes")
+        name = read.types[i].name
+        count = np.count_nonzero((block_of[equal] == i) & (block_of[first[equal]] == j))
+        what = "elements {} that have the nodes of another one are left out"
+        unread.leave_out(what, name, "GEOMETRY", int(count) if name else 0)
+    return without_cells(read, first)
 
 
 def mesh_library(use: str) -> Any:
     """meshlane, or meshio, from which it comes, which has no maintainer; else ImportError."""
     for name in ("meshlane", "meshio"):
-        with suppress(ImportError):
+        with contextlib.suppress(ImportError):
             return import_module(name)
     raise ImportError(f"{use} needs meshlane or meshio: pip install 'pmalpha[mesh]'")
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path, unread: Unread) -> Any:
     reader = mesh_library(f"reading {path.name!r}")
     file_format = _format(path)
+    if not hasattr(reader, file_format):
+        raise ImportError(f"reading {path.name!r} needs meshlane: pip install meshlane")
     read = getattr(reader, file_format).read  # that of all formats prints why, and ends Python
+    said = io.StringIO()  # what the library prints, such as that it leaves something out
+    if file_format == "ansysInp":
+        _require_blocks(path, unread)
     try:
         _require_own_arrays(path)
         if file_format == "vtk":
             _require_memory_of_grids(path)
-            return _read_vtk(path, read)
-        if file_format not in ENDING:
-            return read(str(path))
-        with ENDING[file_format](path) as file:
-            return read(file)
+        with contextlib.redirect_stderr(said):
+            if file_format in SPECIAL:
+                mesh = SPECIAL[file_format](path, read)
+            else:
+                mesh = read(str(path))
+        _count_cells(path, file_format, mesh, unread)
     except MemoryError:
         raise
     except Exception as error:  # of a dozen types, for damaged files
         reason = str(error) or f"the reader of {file_format} gives no reason"
-        is_cut_off = isinstance(error, EOFError) or not str(error)
+        is_cut_off = isinstance(error, EOFError)
         what = "a whole file" if is_cut_off else f"a file that {reader.__name__} reads"
         raise ValueError(f"mesh must be {what}, but {str(path)!r}: {reason}") from error
+    for text in said.getvalue().split("Warning:")[1:]:
+        unread.leave_out(f"{reader.__name__} reports: {{}}", " ".join(text.split()), "UNKNOWN")
+    return mesh
+
+
+def _require_blocks(path: Path, unread: Unread) -> None:
+    """ValueError for commands of Ansys with nodes, elements and connections outside of blocks."""
+    with reading(path) as file:
+        for number, line in enumerate(file, start=1):
+            found = COMMANDS.match(line)
+            if found:
+                name = found[1].decode().upper()
+                family = "CONNECTION" if name in ("CE", "CP") else "GEOMETRY"
+                reason = "only NBLOCK, EBLOCK and CMBLOCK are read"
+                unread.refuse(name, family, f"{path.name}, line {number}, {name}", reason)
+
+
+def _count_cells(path: Path, file_format: str, mesh: Any, unread: Unread) -> None:
+    """What a library has left out in silence: elements of contact; of VTK, such as voxels."""
+    if file_format not in CELLS:
+        return
+    with reading(path) as file:
+        count = sum(int(x) for x in re.findall(CELLS[file_format], file.read()))
+    left = count - sum(len(cells.data) for cells in mesh.cells)
+    if count and left and file_format != "ansysInp":
+        raise ValueError(f"{left} of its cells are of other types, such as voxels")
+    unread.leave_out("elements of {} are left out", "contact", "CONNECTION", max(left, 0))
 
 
 def _read_vtk(path: Path, read: Callable[[str], Any]) -> Any:
@@ -123,11 +193,32 @@ def _read_vtk(path: Path, read: Callable[[str], Any]) -> Any:
     with reading(path) as file:
         text = file.read()
     known = re.sub(rb"(?i)(?<=\s)vtkIdType(?=\s)", b"int", text)
-    if known == text:
+    return read(str(path)) if known == text else _read_as(known, path, read)
+
+
+def _read_gmsh(path: Path, read: Callable[[str], Any]) -> Any:
+    """With all groups of each entity, of which libraries take the first."""
+    with reading(path) as file:
+        content, groups = without_entities(file.read())
+    if groups is None:
         return read(str(path))
+    mesh = _read_as(content, path, read)
+    names = {(int(tag), int(d)): name for name, (tag, d) in mesh.field_data.items()}
+    tags = mesh.cell_data.get("gmsh:geometrical", [])
+    for i, (cells, entity) in enumerate(zip(mesh.cells, tags)):
+        d = dimension_of_kind(cells.type)
+        for group in groups.get((d, int(entity[0])), ()) if len(entity) else ():
+            name = names.get((group, d), str(group))
+            members = mesh.cell_sets.setdefault(name, len(mesh.cells) * [None])
+            members[i] = np.arange(len(cells.data))
+    return mesh
+
+
+def _read_as(content: bytes, path: Path, read: Callable[[str], Any]) -> Any:
+    """The mesh of a file if it had this content."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder, path.name)
-        copy.write_bytes(known)
+        copy.write_bytes(content)
         return read(str(copy))
 
 
@@ -164,7 +255,25 @@ class _Bytes(io.BufferedReader):
         return found
 
 
-ENDING: dict[str, Any] = {"ansys": _Bytes}
+def _read_ansys(path: Path, read: Callable[[Any], Any]) -> Any:
+    with _Bytes(path) as file:
+        return read(file)
+
+
+# Formats that are read in a way of their own
+SPECIAL: dict[str, Callable[[Path, Any], Any]] = {
+    "ansys": _read_ansys,
+    "gmsh": _read_gmsh,
+    "vtk": _read_vtk,
+}
+# Commands of Ansys beside blocks; "N,R5.3,LOC,-1" ends a block
+COMMANDS = re.compile(rb"(?i)\s*(CE|CP|EN|E|N)\s*,(?!\s*R5\.\d\s*,\s*LOC\s*,\s*-1)")
+# What counts the cells of a file
+CELLS = {
+    "ansysInp": re.compile(rb"(?im)^\s*EBLOCK\s*,[^,\n]*,[^,\n]*,[^,\n]*,\s*(\d+)"),
+    "vtk": re.compile(rb"(?im)^[^\S\n]*CELL_TYPES\s+(\d+)"),
+    "vtu": re.compile(rb"""NumberOfCells\s*=\s*["']\s*(\d+)"""),
+}
 
 
 def _require_own_arrays(path: Path) -> None:
@@ -267,7 +376,7 @@ def _physical(mesh: Any, blocks: list[Block]) -> dict[str, list[np.ndarray]]:
     named = {(int(tag), int(d)): name for name, (tag, d) in mesh.field_data.items()}
     groups: dict[str, list[np.ndarray]] = {}
     for number, (block, own) in enumerate(zip(blocks, tags)):
-        d = KINDS[block.kind].dimension if block.kind in KINDS else 0
+        d = dimension_of_kind(block.kind)
         group = np.abs(own)
         for tag in np.unique(group).tolist():
             if tag != 0:  # no group
@@ -285,6 +394,7 @@ def _numbered(mesh: Any, names: str | None) -> dict[str, list[np.ndarray]]:
         known = listing([repr(x) for x in mesh.cell_data]) or "none"
         raise ValueError(f"names must be that of cell data of the mesh ({known}), got {names!r}")
     data = [np.asarray(x) for x in mesh.cell_data[names]]
+    data = [x[:, 0] if x.ndim == 2 and x.shape[1] == 1 else x for x in data]
     if any(x.ndim != 1 or x.dtype.kind not in "iu" for x in data):
         raise ValueError(f"names must be that of whole numbers by cell, got {names!r}")
     values = np.unique(np.concatenate(data)).tolist()
