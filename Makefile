@@ -72,9 +72,9 @@ campaigns: $(VENV)/.gate
 ctest: build/test_core_asan
 	$<
 
-# the same tests where ThreadSanitizer watches
+# those tests in which threads work, where ThreadSanitizer watches
 tsan: build/test_core_tsan
-	TSAN_OPTIONS=halt_on_error=1 build/test_core_tsan
+	TSAN_OPTIONS=halt_on_error=1 build/test_core_tsan threads
 
 # Some of the Python tests with an extension under the address and undefined-behaviour sanitizers.
 # They run in the folder of a copy of the package: Python looks in the present folder first.
@@ -125,7 +125,8 @@ coverage: build/test_core_covered build/covered/_core.abi3.so $(VENV)/.coverage
 	$(VENV)/bin/python benchmarks/surveys/covered.py build/covered
 
 # Mistakes that can be found without a run: gcc -fanalyzer without OpenMP, of whose reductions it
-# reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,
+# reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy, and with
+# DEEP=1 the analyzer of clang, which takes three times as long as all others; cppcheck,
 # without `(void)a, (void)b;` for unused arguments, casts of blocks that are laid out by hand, and
 # an array that is filled up to its use; mypy on the package; the stub of the extension.
 analyze: $(VENV)/.lint,test
@@ -133,17 +134,18 @@ analyze: $(VENV)/.lint,test
 	printf '%s\n' $(CORE) | xargs -P $(JOBS) -I {} sh -c '$(CC) -std=c11 -O1 -fanalyzer -Werror \
 		-Wall -Wextra -Icsrc/core -Wno-unknown-pragmas -c {} -o build/analyzed/$$$$.o || exit 255'
 	printf '%s\n' $(CORE) | xargs -n 8 -P $(JOBS) $(VENV)/bin/clang-tidy --quiet \
+		$(if $(DEEP),,--checks=-clang-analyzer-*) \
 		--extra-arg=-std=c11 --extra-arg=-Icsrc/core
 	$(VENV)/bin/cppcheck -j $(JOBS) --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \
 		--enable=warning,performance,portability --suppress=constStatement \
 		--suppress=invalidPointerCast --suppress=uninitvar:csrc/core/algebra/kernel.c csrc/core
-	PYTHONPATH=. $(VENV)/bin/python -m mypy --cache-dir build/mypy
+	PYTHONPATH=. $(VENV)/bin/python -m mypy
 	PYTHONPATH=. $(VENV)/bin/python -m mypy.stubtest pmalpha._core --ignore-disjoint-bases \
 		--mypy-config-file pyproject.toml
 
-# the same tests as users compile the core, without assertions, by clang too where there is one
-release: build/test_core_release $(if $(shell command -v clang),build/test_core_clang)
-	for test in $^; do $$test || exit; done
+# the same tests as users compile the core, without assertions
+release: build/test_core_release
+	$<
 
 # The same tests compiled by zig for other processors and systems, and run where an emulator is
 # installed. The emulator of ARM has one processor: with several, QEMU 7.2 on x86 lets a load pass an
@@ -241,15 +243,13 @@ $(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
 
-# The C tests in four builds, of objects that `make -j` compiles at once. Those of the sanitizers are
+# The C tests in three builds, of objects that `make -j` compiles at once. Those of the sanitizers are
 # for an extension too; those of threads are also those of processors without AVX2.
-BUILDS         := asan tsan release clang covered
+BUILDS         := asan tsan release covered
 FLAGS_asan     := -O1 -g -fPIC $(SANITIZE) $(if $(filter Linux,$(shell uname)),$(WRAPPED))
 FLAGS_tsan     := -O1 -g -fPIC -fsanitize=thread -DPMA_PLAIN
 FLAGS_release  := -O3 -DNDEBUG
-FLAGS_clang    := -O3 -DNDEBUG
 FLAGS_covered  := -O0 -g -fPIC --coverage -DNDEBUG $(if $(filter Linux,$(shell uname)),$(WRAPPED))
-COMPILER        = $(if $(filter clang,$(1)),clang,$(CC))
 OBJECTS         = $(patsubst %.c,build/$(1)/%.o,$(filter %.c,$(2)))
 
 # the tests themselves, half of what is compiled, which take as long without optimization
@@ -258,11 +258,11 @@ OF_TESTS := -O0
 define BUILD
 build/$(1)/%.o: %.c $(HEADERS) $(filter %.h,$(TESTS))
 	@mkdir -p $$(@D)
-	$$(call COMPILER,$(1)) -std=c11 $$(FLAGS_$(1)) $$(if $$(filter csrc/tests/%,$$<),$$(OF_TESTS)) \
+	$$(CC) -std=c11 $$(FLAGS_$(1)) $$(if $$(filter csrc/tests/%,$$<),$$(OF_TESTS)) \
 		-ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra -Icsrc/core -c $$< -o $$@
 
 build/test_core_$(1): $(call OBJECTS,$(1),$(TESTS) $(CORE))
-	$$(call COMPILER,$(1)) $$(FLAGS_$(1)) -pthread $$^ -lm -o $$@
+	$$(CC) $$(FLAGS_$(1)) -pthread $$^ -lm -o $$@
 endef
 $(foreach build,$(BUILDS),$(eval $(call BUILD,$(build))))
 

@@ -26,6 +26,7 @@ from reference import State, Subdomain
 EPS = np.finfo(float).eps
 SHARE = 1e-3  # of the largest force, below which no row has to be balanced (N7)
 UNKNOWN = 1e3  # what is left where the rate is not known
+LEAP, BEGAN = 1e3, 1e-11  # a residual that has jumped, from what is no less than this (N9)
 
 # ---- the problem ----------------------------------------------------------------------------
 
@@ -120,6 +121,8 @@ class Trial:
         self.guess = (old.v - self.vt) / self.al2  # (N4)  v_1 = v_n
         self.iterations = 0
         self.renews = True  # the tangent of the iterate is the one that will solve
+        self.residual = None  # what the last correction began with, with its multipliers
+        self.leapt = False  # the force has jumped within rounding (N9)
         # the forces at the beginning, with the load at the end
         self.forces = abs(self.s.load(t1)) + abs(self.L.T) @ abs(Lam) + abs(self.s.M) @ abs(old.w)
         self.move(self.guess, Lam)
@@ -145,6 +148,7 @@ class Trial:
         # (N3)  Mbar_t = Mbar + al2 C_t + al1 K_t
         self.fresh = self.step.mbar + self.al2 * C_t + self.al1 * K_t
         self.measure(f)
+        self.leapt = self.leapt or self.leap() > LEAP
 
     def measure(self, f):
         """The residual by rows, against its scale (N7) and its rounding (N8)."""
@@ -168,6 +172,10 @@ class Trial:
         """The largest |R_j| in parts of its scale, of the rows in which it is not rounding."""
         return worst(np.where(abs(R) <= self.rounding, 0.0, R), self.scale)
 
+    def leap(self):
+        """The residual in parts of the one that the last correction began with (N9)."""
+        return 0.0 if self.residual is None else self.part(self.R) / max(self.residual, BEGAN)
+
     def refresh(self):
         """Take the tangent of the iterate."""
         self.member.tangent = self.fresh
@@ -186,6 +194,8 @@ class Trial:
         load = self.R + self.L.T @ (Lam - self.Lam)
         self.residual = self.part(load)
         dw = self.solve(load)  # (N3)
+        if self.leapt and self.residual <= BEGAN:
+            dw = 0.0 * dw
         du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
 
@@ -243,6 +253,8 @@ class Iteration:
     def begin(self):
         """At the first guess."""
         self.move(self.first)
+        for x in self.trials:
+            x.residual = None
         self.due = any(x.member.tangent is None for x in self.trials)
         self.e = None  # root energy of the last correction
         self.tied = False  # the iterates satisfy the constraints
@@ -283,8 +295,7 @@ class Iteration:
 
     def rounding(self):
         """Whether corrections that do not shrink are rounding; they are then accepted (N9)."""
-        leap = max(y.part(y.R) / max(y.residual, 1e-11) for y in self.trials)
-        if self.last is None or not leap <= 1e3:
+        if self.last is None or not max(y.leap() for y in self.trials) <= LEAP:
             return False
         ends = [(y.w, y.Lam) for y in self.trials]
         # the slope does not follow the tangent over 2^-20 of the last correction, but over 2^30
@@ -316,8 +327,9 @@ class Iteration:
                 self.move(self.last.start)
                 self.always, self.fresh, self.close, self.e = True, True, False, None
         elif self.last.slope > 0.0 and not s_1 >= -0.8 * self.last.slope:
-            self.e *= self.search(s_1)
-            self.close, self.parted = False, True
+            x = self.search(s_1)
+            self.close, self.parted = self.small(x), True
+            self.e *= x
         for x in self.trials:
             x.renews = self.fresh
             x.evaluate()
@@ -401,7 +413,12 @@ class Iteration:
             new if new > -100.0 * x.member.scale else old
             for x, old, new in zip(trials, self.scales, motions, strict=True)
         ]
-        self.close = rate_of(theta) * e <= self.newton.tol * motion
+        self.rate, self.allowed = rate_of(theta), self.newton.tol * motion
+        self.close = self.small(1.0)
+
+    def small(self, x):
+        """Whether what is left is small after this part of the last correction (N7)."""
+        return (self.rate + 1.0 - x) * self.e <= self.allowed
 
 
 def rate_of(theta):

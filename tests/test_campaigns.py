@@ -20,9 +20,9 @@ pytestmark = pytest.mark.gate
 
 
 def test_ctrl_c_at_any_instant_leaves_the_last_macro_step_and_its_history():
-    counts = tried(campaign_signals.attempt, range(6))
+    counts = tried(campaign_signals.attempt, range(3))
     # an interrupt after less than the duration of a call, on average, hits most calls
-    assert counts["moved"] > 20 and counts["not moved"] > 20
+    assert counts["moved"] > 10 and counts["not moved"] > 10
 
 
 def test_odd_input_works_or_is_refused_by_name():
@@ -70,7 +70,7 @@ def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_
     reason="a Python without the GIL cannot take its memory from malloc",
 )
 def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing():
-    # the first ten of each call, and some of the others
+    # the first five of each call, and some of the others
     kinds = ["callbacks", "macro", "mean"]
-    found = campaign_memory.campaign(kinds, stride=997, first=10, seconds=waits.LIMIT)
+    found = campaign_memory.campaign(kinds, stride=997, first=5, seconds=waits.LIMIT)
     assert "'MemoryError': " in found

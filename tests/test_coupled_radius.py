@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from coupling_survey import random_coupler
+from coupled_problems import random_coupler
 from threadpoolctl import threadpool_info
 
 import pmalpha as pm
@@ -82,7 +82,7 @@ def is_warned(make):
 
 
 def test_growing_random_problems_are_warned_of_and_sound_ones_are_not():
-    """tests/coupling_survey.py has a thousand of these."""
+    """benchmarks/surveys/coupling_radii.py has a thousand."""
     counts = {True: 0, False: 0}
     for seed in range(26_000, 26_060):
         try:

@@ -4,7 +4,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from coupling_survey import loop, mean_problems, radius
+from coupled_problems import loop, mean_problems, radius
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -159,7 +159,7 @@ def test_commands_to_a_rig_are_near_the_final_displacements():
 @pytest.mark.parametrize("double", [False, True])
 def test_mean_coupling_is_stable_for_random_oscillators(double):
     """1e-8: eigenvalues of modulus one that are double or nearly so; the whole scan is
-    tests/coupling_survey.py, 2400 problems."""
+    benchmarks/surveys/coupling_radii.py, 2400 problems."""
     assert max(map(radius, mean_problems(7 + double, 8, double))) < 1.0 + 1e-8
 
 

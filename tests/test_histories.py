@@ -413,7 +413,7 @@ def loads(member, seed, number=1):
 
 
 SETTINGS = hypothesis.settings(
-    max_examples=5,
+    max_examples=3,
     stateful_step_count=12,
     derandomize=True,
     database=None,

@@ -2,7 +2,7 @@
  *
  * Every test is a function whose name is the sentence it checks. Nothing here calls the core to
  * find out what to expect of it: matrices are multiplied and solved by the loops of naive.c. An
- * argument runs those tests alone whose names contain it. */
+ * argument runs those tests alone whose names contain it, "threads" those in which threads work. */
 #include <stdio.h>
 #include <string.h>
 
@@ -24,6 +24,13 @@ static const test *const LISTS[] = {
     CONTACT_TESTS,   SPECIMEN_TESTS,      TRIAL_TESTS,     DENORMALS_TESTS,
 };
 
+static const test *const OF_THREADS[] = {
+    NUMERIC_TESTS,   RESTORING_TESTS,   SCRATCH_TESTS,  TEAM_TESTS,
+    ENERGY_TESTS,    MEMBER_TESTS,      THREADS_TESTS,  SPLIT_TESTS,
+    MACRO_TESTS,     ITERATED_TESTS,    DIVISION_TESTS, ITERATED_RUNS_TESTS,
+    PROCESSES_TESTS, ELIMINATION_TESTS, TRIAL_TESTS,    DENORMALS_TESTS,
+};
+
 static bool passes(const test *t)
 {
     checks_failed = 0;
@@ -36,11 +43,14 @@ static bool passes(const test *t)
 int main(int argc, char **argv)
 {
     const char *only = argc > 1 ? argv[1] : "";
+    const bool threads = strcmp(only, "threads") == 0;
+    const test *const *lists = threads ? OF_THREADS : LISTS;
+    const size_t count = threads ? sizeof OF_THREADS / sizeof *lists : sizeof LISTS / sizeof *lists;
     size_t passed = 0, failed = 0;
     setvbuf(stdout, NULL, _IOLBF, 0); /* what failed is seen even if a later test crashes */
-    for (size_t i = 0; i < sizeof LISTS / sizeof LISTS[0]; i++) {
-        for (const test *t = LISTS[i]; t->run; t++) {
-            if (!strstr(t->name, only))
+    for (size_t i = 0; i < count; i++) {
+        for (const test *t = lists[i]; t->run; t++) {
+            if (!threads && !strstr(t->name, only))
                 continue;
             if (passes(t))
                 passed++;

@@ -16,7 +16,7 @@
 
 /* ---- linear internal forces ----------------------------------------------------------------- */
 
-enum { CASES = 30 };
+enum { CASES = STRIDE > 1 ? 6 : 30 };
 
 /* The error e that Newton's method leaves is below TIGHT s, as energies, and s is that of
  * velocities of order one. |R|^2 <= |Mbar| e^2 / al1 with |Mbar| < 10 and al1 = h^2/4 > 1e-4: |R| <

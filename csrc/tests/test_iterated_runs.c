@@ -136,7 +136,7 @@ static void forces_that_are_no_longer_finite_leave_the_last_whole_macro_step(voi
         run_whole(k, at_macro);
         for (size_t i = 0; i < SUBDOMAINS; i++) {
             const size_t count = count_evaluations(k, i);
-            for (size_t at = 3; at <= count; at += 1 + at / 4)
+            for (size_t at = 3; at <= count; at += STRIDE + at / 4)
                 check_spoilt(k, i, at, at_macro);
         }
     }
@@ -191,7 +191,7 @@ static void an_iteration_can_be_stopped_anywhere_and_goes_on(void)
         check_same_present(&m, &at_macro[SPAN]);
         destroy_model(&m);
         CHECK(a.polled > (m.macro ? 2 * SPAN : 2 * SPAN * FINE));
-        for (size_t stop_at = 1; stop_at <= a.polled; stop_at += 1 + stop_at / 8)
+        for (size_t stop_at = 1; stop_at <= a.polled; stop_at += STRIDE + stop_at / 8)
             check_stopped(k, stop_at, at_macro);
     }
 }

@@ -112,7 +112,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
-    it->linearized = it->tied = it->evaluated = it->has_tangent = false;
+    it->linearized = it->tied = it->evaluated = it->has_tangent = it->leapt = false;
     it->measure.correction = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
@@ -243,6 +243,7 @@ static void measure_residual(pma_iterate *it)
     }
     it->measure.residual = largest_part(it);
     it->measure.leap = it->tied ? it->measure.residual / fmax(it->left, BEGAN) : 0.0;
+    it->leapt = it->leapt || it->measure.leap > PMA_LEAP;
 }
 
 /* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
@@ -366,6 +367,8 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
     it->left = largest_part(it);
+    if (it->leapt && it->left <= BEGAN)
+        memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
         x->w[i] += it->dw[i];

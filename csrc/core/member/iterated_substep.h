@@ -37,6 +37,7 @@ struct pma_iterate {
     bool refactored;             /* the tangent was written since the present */
     bool overwritten;            /* the tangent is not the one that is factored */
     bool tied;                   /* the iterate is one after a correction */
+    bool leapt;                  /* the force has jumped within rounding in this substep */
     bool linearized;             /* with a fresh tangent at the iterate where it is */
     bool evaluated, has_tangent; /* R, and the tangent, are those of the iterate where it is */
 

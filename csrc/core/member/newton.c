@@ -20,7 +20,6 @@
 #define NEAR 0x1p-20
 #define FAR 0x1p30
 #define FOLLOWS 0.1
-#define LEAP 1e3
 
 /* Shorter corrections tried at most. */
 enum { MOST_TRIALS = 8 };
@@ -33,6 +32,8 @@ typedef struct {
     size_t count;    /* corrections made since the first guess */
     double e;        /* of the last one; 0 before */
     double slope;    /* s(0) of the last one */
+    double rate;     /* what is left after the last one, in parts of it */
+    double allowed;  /* ... may be this                                                      (N7) */
     bool keeps;      /* tangents are kept; false after they have failed */
     bool has_factor; /* ... and there is one */
     bool slow;       /* ... which is to be made again */
@@ -56,11 +57,10 @@ static bool is_balanced(const iteration *it)
     return it->count > 0 && (left == 0.0 || (it->close && left <= it->newton->tolerance));
 }
 
-/* A correction, theta to the one before. */
-static bool is_small(const iteration *it, const pma_measure *m, double theta)
+/* The part x of the last correction, of the size e, was made. */
+static bool is_small(const iteration *it, double e, double x)
 {
-    const double left = rate_of(theta) * sqrt(m->correction);
-    return left <= it->newton->tolerance * sqrt(m->motion);
+    return (it->rate + 1.0 - x) * e <= it->allowed;
 }
 
 /* ---- (N10)  line search --------------------------------------------------------------------- */
@@ -100,8 +100,8 @@ static pma_status search(iteration *it, double s1)
             s_high = status == PMA_OK ? s : NAN;
         }
     }
+    it->close = status == PMA_OK && is_small(it, it->e, x);
     it->e *= x;
-    it->close = false;
     return status;
 }
 
@@ -175,7 +175,7 @@ static double departure(const iteration *it, double *from, double x)
 static bool is_rounding(const iteration *it)
 {
     double x = 1.0;
-    const bool rounding = it->count >= 2 && it->at.leap <= LEAP &&
+    const bool rounding = it->count >= 2 && it->at.leap <= PMA_LEAP &&
                           !(departure(it, &x, NEAR) <= FOLLOWS) &&
                           departure(it, &x, FAR) <= FOLLOWS;
     it->equations->move(it->ctx, 1.0 - x);
@@ -209,7 +209,9 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
             equations->restart(ctx);
             continue;
         }
-        it.close = is_small(&it, &m, theta);
+        it.rate = rate_of(theta);
+        it.allowed = newton->tolerance * sqrt(m.motion);
+        it.close = is_small(&it, e, 1.0);
         it.slow = it.count > 1 && theta > SLOW;
         it.e = e;
         it.slope = m.slope;

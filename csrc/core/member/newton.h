@@ -10,6 +10,9 @@
 
 #include "status.h"
 
+/* A residual that is this many times the one that the correction began with has jumped.      (N9) */
+#define PMA_LEAP 1e3
+
 typedef struct {
     double tolerance;  /* of a residual and of the error after the last correction          (N7) */
     size_t iterations; /* at most */
