@@ -210,12 +210,14 @@ static double bending(const pma_balance *b, const double *K, const double *du)
     return sum;
 }
 
-/* (B12)  The work of du . f beyond the mean of its ends, `change` apart, if its slope is k0 up to
- * the share s of the path and k1 from there on */
+/* (B12)  The work of du . f beyond the mean of its ends, `change` apart, with the slopes k0 and k1
+ * there: that of one bend at the share s of the path, or where the slope between them has been
+ * neither, of a cubic */
 static double work_of_bend(double change, double k0, double k1)
 {
-    const double s = fmin(fmax((k1 - change) / (k1 - k0), 0.0), 1.0);
-    const double work = 0.5 * (k0 - k1) * s * (1.0 - s);
+    const double s = (k1 - change) / (k1 - k0), inside = fmin(fmax(s, 0.0), 1.0);
+    const double share = fabs(s - 0.5) > 1.0 ? 1.0 / 6.0 : inside * (1.0 - inside);
+    const double work = 0.5 * (k0 - k1) * share;
     return isfinite(work) ? work : 0.0;
 }
 
