@@ -8,7 +8,6 @@ seconds in real time.
 """
 
 import time
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -90,11 +89,10 @@ def paced(coupler, steps, period):
 
 
 def main(steps=600):
-    # the actuator is 2 ms late, which adds energy; pm.rig.Compensated would make up for it
-    warnings.filterwarnings("ignore", "forces of .* have added energy", pm.StabilityWarning)
+    # the actuator is 2 ms late, which would add energy
     with simulated_rig(**specimen, delay=2e-3, noise=200.0) as (address, _):
         rig = Rig(address)
-        coupler = hybrid(rig)
+        coupler = hybrid(pm.rig.Compensated(rig, 2e-3))
         late, took = paced(coupler, steps, dt)
         commands = rig.close()
     drift = 1e3 * np.abs(commands[:, 2]).max()

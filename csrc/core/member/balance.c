@@ -7,9 +7,9 @@
 
 #include "object.h"
 
-/* Of the energy of the motion, from which on what was added is reported; of all work, below which
- * it is an error of the steps that does not grow; of sum |r| |ut|, below which it is rounding; of
- * a kinetic energy, below which it is no larger than the last one. */
+/* Of the largest energy of the motion, from which on what was added is reported; of all work, below
+ * which it is an error of the steps that does not grow; of sum |r| |ut|, below which it is rounding;
+ * of a kinetic energy, below which it is no larger than the last one. */
 #define REPORTED 0.1
 #define SHARE 0.01
 #define ROUNDING 1e-9
@@ -44,7 +44,9 @@ typedef struct {
     double start;          /* kinetic energy where the sums begin, */
     double first, largest; /* ... the first one that is not zero, the largest one, */
     double last;           /* ... and the last one */
-    pma_gain gain;
+    double since;          /* the time from which on the gain has exceeded what is reported */
+    bool exceeds;          /* ... as it does now */
+    pma_gain gain;         /* t > 0: it did so at two macro levels */
 } judgement;
 
 struct pma_balance {
@@ -56,6 +58,7 @@ struct pma_balance {
     double *product, *scratch; /* n each */
     double *inertia;           /* n: M w at the end of a substep */
     double *start;             /* n: what acts at the time level at which the sums begin */
+    pma_first_forces first;    /* at the next start */
     double *excess;            /* of the springs of each lane, in a substep, */
     double bent;               /* ... and of functions */
     bool begun;                /* the present is known */
@@ -98,6 +101,7 @@ static level take_level(const pma_balance *b, size_t number)
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
     const size_t n = parts->n, lanes = parts->lanes;
+    const size_t entries = parts->ptr ? (size_t)parts->ptr[n] : 0;
     const size_t kept = parts->has_responses ? parts->substeps : 1;
     const pma_array arrays[] = {
         PMA_ARRAY(pma_balance, work, kept),
@@ -108,6 +112,9 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         PMA_ARRAY(pma_balance, scratch, n),
         PMA_ARRAY(pma_balance, inertia, n),
         PMA_ARRAY(pma_balance, start, n),
+        PMA_ARRAY(pma_balance, first.once, n),
+        PMA_ARRAY(pma_balance, first.iterated, n),
+        PMA_ARRAY(pma_balance, first.stiffness, entries),
         PMA_ARRAY(pma_balance, excess, lanes),
         {offsetof(pma_balance, numbers), kept + 1, level_size(parts) * sizeof(double)},
         {0}};
@@ -203,12 +210,14 @@ static double bending(const pma_balance *b, const double *K, const double *du)
     return sum;
 }
 
-/* (B12)  The work of du . f beyond the mean of its ends, `change` apart, if its slope is k0 up to
- * the share s of the path and k1 from there on */
+/* (B12)  The work of du . f beyond the mean of its ends, `change` apart, with the slopes k0 and k1
+ * there: that of one bend at the share s of the path, or where the slope between them has been
+ * neither, of a cubic */
 static double work_of_bend(double change, double k0, double k1)
 {
-    const double s = fmin(fmax((k1 - change) / (k1 - k0), 0.0), 1.0);
-    const double work = 0.5 * (k0 - k1) * s * (1.0 - s);
+    const double s = (k1 - change) / (k1 - k0), inside = fmin(fmax(s, 0.0), 1.0);
+    const double share = fabs(s - 0.5) > 1.0 ? 1.0 / 6.0 : inside * (1.0 - inside);
+    const double work = 0.5 * (k0 - k1) * share;
     return isfinite(work) ? work : 0.0;
 }
 
@@ -276,7 +285,7 @@ static void sum_up(pma_balance *b, const level *from, level *to, const double *u
                             .size = fmax(before.size, size)};
 }
 
-/* The sums begin at this level, since the forces before it are not known. */
+/* The sums begin at this level, the first one whose forces are known. */
 static void begin_sums(pma_balance *b, level *at)
 {
     memcpy(b->start, at->acting, b->parts.n * sizeof(double));
@@ -312,6 +321,47 @@ static void add_extrapolated(pma_balance *b, const double *v, const double *w, d
 {
     for (size_t i = 0; i < b->parts.n; i++)
         vs[i] += v[i] + b->parts.h * w[i];
+}
+
+pma_first_forces *pma_balance_first(pma_balance *b)
+{
+    return &b->first;
+}
+
+void pma_balance_start(pma_balance *b, const pma_state *x)
+{
+    const size_t n = b->parts.n, bytes = n * sizeof(double);
+    const pma_first_forces *first = &b->first;
+    level *at = &b->present;
+    for (size_t i = 0; i < n; i++)
+        at->r[i] = first->once[i] + first->iterated[i];
+    pma_springs_add(b->parts.springs, x->springs, at->r);
+    memcpy(at->ut, x->u, bytes);
+    memcpy(at->u, x->u, bytes);
+    memcpy(at->v, x->v, bytes);
+    memcpy(at->acting, at->r, bytes);
+    memset(at->x, 0, bytes);
+    memset(at->vs, 0, bytes);
+    add_extrapolated(b, x->v, x->w, at->vs);
+    memcpy(at->springs, x->springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
+    if (b->parts.iterates)
+        memcpy(at->iterated, b->parts.iterates_springs ? at->r : first->iterated, bytes);
+    at->bends = b->parts.ptr != NULL;
+    if (at->bends) {
+        memcpy(at->functions, first->iterated, bytes);
+        memcpy(at->stiffness, first->stiffness, (size_t)b->parts.ptr[n] * sizeof(double));
+    }
+    multiply(b, &b->parts.M, x->w);
+    for (size_t i = 0; i < n; i++)
+        at->inertia[i] = -b->product[i];
+    begin_sums(b, at);
+    multiply(b, &b->parts.K, x->u);
+    for (size_t l = 0; l < b->parts.lanes; l++) {
+        judgement *j = &b->judged[l];
+        j->largest = j->start;
+        j->gain.energy = j->start + half_square(b, x->u, l);
+    }
+    b->begun = true;
 }
 
 void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const double *v,
@@ -355,31 +405,42 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
 /* (B9)  What the forces have given beyond what they took, less what the scheme dissipates */
 static double added(const pma_balance *b, const sums *now, double kinetic, double start)
 {
-    const double passive = -now->since, along = now->path - now->work;
+    const double passive = fmin(-now->since, -now->work), along = now->path - now->work;
     const double lost = now->resultant - (kinetic - start);
     const double dissipated = b->parts.is_pushed ? 0.0 : fmax(lost, 0.0);
     return (b->is_passive ? passive : fmin(passive, along)) - dissipated;
 }
 
-/* (B10)  where the motion is faster than ever before */
+/* (B10)  Does the gain exceed what is reported, where the motion is faster than ever before? */
+static bool exceeds(pma_balance *b, const level *at, size_t lane)
+{
+    judgement *so_far = &b->judged[lane];
+    pma_gain *gain = &so_far->gain;
+    const sums *now = &at->sums[lane];
+    const double kinetic = so_far->last;
+    if (!isfinite(kinetic) || kinetic < (1.0 - EQUAL) * so_far->largest)
+        return so_far->exceeds;
+    so_far->largest = fmax(so_far->largest, kinetic);
+    const double energy = added(b, now, kinetic, so_far->start);
+    if (energy > fmax(SHARE * now->gross, ROUNDING * now->size))
+        gain->added = fmax(gain->added, energy);
+    if (!(gain->added > REPORTED * kinetic))
+        return false;
+    multiply(b, &b->parts.K, at->u);
+    gain->energy = fmax(gain->energy, kinetic + half_square(b, at->u, lane));
+    return gain->added > REPORTED * gain->energy;
+}
+
 static void judge(pma_balance *b, const level *at, size_t lane)
 {
     judgement *so_far = &b->judged[lane];
-    const sums *now = &at->sums[lane];
-    const double kinetic = so_far->last;
-    so_far->first = so_far->first > 0.0 ? so_far->first : kinetic;
-    if (!isfinite(kinetic) || kinetic < (1.0 - EQUAL) * so_far->largest)
-        return;
-    so_far->largest = fmax(so_far->largest, kinetic);
-    const double energy = added(b, now, kinetic, so_far->start);
-    if (!(energy > fmax(SHARE * now->gross, fmax(ROUNDING * now->size, REPORTED * kinetic))))
-        return;
-    multiply(b, &b->parts.K, at->u);
-    const double whole = kinetic + half_square(b, at->u, lane);
-    if (energy > REPORTED * whole && energy * so_far->gain.energy >= so_far->gain.added * whole) {
-        const double first = so_far->gain.t > 0.0 ? so_far->gain.t : at->t;
-        so_far->gain = (pma_gain){.added = energy, .energy = whole, .t = first};
-    }
+    const bool before = so_far->exceeds;
+    so_far->first = so_far->first > 0.0 ? so_far->first : so_far->last;
+    so_far->exceeds = exceeds(b, at, lane);
+    if (!before)
+        so_far->since = at->t;
+    else if (so_far->exceeds && !(so_far->gain.t > 0.0))
+        so_far->gain.t = so_far->since;
 }
 
 void pma_balance_commit(pma_balance *b)
@@ -401,7 +462,7 @@ pma_gain pma_balance_gain(const pma_balance *b)
     pma_gain most = {0};
     for (size_t l = 0; l < b->parts.lanes; l++) {
         const pma_gain own = b->judged[l].gain;
-        if (own.added * most.energy >= most.added * own.energy && own.added > 0.0)
+        if (b->judged[l].exceeds && own.t > 0.0 && own.added * most.energy >= most.added * own.energy)
             most = own;
     }
     return most;

@@ -29,7 +29,8 @@ typedef struct {
     pma_matrix M, K;            /* for the kinetic and the strain energy */
     pma_matrix K_r, D_r;        /* as in (R2) and (M3); zero where they do not act */
     const pma_springs *springs; /* among the forces */
-    bool iterates;              /* some of them are evaluated at the state, not at the predictor */
+    bool iterates;              /* some of them are evaluated at the state, not at the predictor, */
+    bool iterates_springs;      /* ... springs among them */
     const int64_t *ptr;         /* n + 1: the stiffness of functions that are iterated, by rows; */
     const int32_t *index;       /* ... NULL: there are none. One lane */
 } pma_balance_parts;
@@ -40,8 +41,18 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 void pma_balance_destroy(pma_balance *b); /* NULL is allowed */
 const pma_balance_parts *pma_balance_get_parts(const pma_balance *b);
 
-/* From the present on. */
+/* From the present on, whose forces are not known: from the end of the first substep. */
 void pma_balance_begin(pma_balance *b);
+
+/* What functions give at the next start, once a step or iterated (n each), and the stiffness of the
+ * latter (as parts.ptr says). */
+typedef struct {
+    double *once, *iterated, *stiffness;
+} pma_first_forces;
+pma_first_forces *pma_balance_first(pma_balance *b);
+
+/* After `begin`: from the start x on, with these forces and those of springs. */
+void pma_balance_start(pma_balance *b, const pma_state *x);
 
 /* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), zeroed,
  * for the forces evaluated there or, of iterated ones, at the state. Two of them can be open. */
@@ -68,8 +79,8 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
 /* The last time level becomes the present, and is judged. */
 void pma_balance_commit(pma_balance *b);
 
-/* The energy added to the motion, that which it had then, the largest of all lanes by their ratio,
- * and the time at which the ratio first exceeded 0.1; zeros before it did.              (B10) */
+/* The largest energy that was added to the motion, and that it had; when the ratio first exceeded
+ * 0.1; of the lane in which it is largest. Zeros where it does not now.                    (B10) */
 typedef struct {
     double added, energy, t;
 } pma_gain;

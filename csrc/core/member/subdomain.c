@@ -259,15 +259,31 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
     return status;
 }
 
-/* r += f(u, v, t; q) with the histories of the start; the next start takes what they become */
+/* r += f(u, v, t; q) with the histories of the start; the next start takes what they become, and
+ * the balance, if there is one, f with its stiffness */
 static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u, const double *v,
                                      double *r)
 {
     const pma_internal *internal = &s->parts.internal;
+    const bool bends = s->balance && s->iterate;
+    const size_t entries = bends ? pma_iterate_entries(s->iterate) : 0;
     if (internal->count == 0)
         return PMA_OK;
-    return pma_internal_evaluate(internal, t, u, v, internal->initial, r, s->history, 0.0, 0.0,
-                                 NULL, NULL, s->force + s->parts.n, &s->code);
+    double *f = calloc(s->parts.n + 2 * entries, sizeof *f), *K = f + s->parts.n;
+    if (!f)
+        return PMA_NO_MEMORY;
+    const pma_status status = pma_internal_evaluate(
+        internal, t, u, v, internal->initial, f, s->history, 1.0, 0.0, bends ? K + entries : NULL,
+        bends ? K : NULL, s->force + s->parts.n, &s->code);
+    for (size_t i = 0; i < s->parts.n && status == PMA_OK; i++)
+        r[i] += f[i];
+    if (s->balance && status == PMA_OK) {
+        const pma_first_forces *first = pma_balance_first(s->balance);
+        memcpy(first->iterated, f, s->parts.n * sizeof *f);
+        memcpy(first->stiffness, K, entries * sizeof *f);
+    }
+    free(f);
+    return status;
 }
 
 /* The force of a specimen at the initial values, of springs and of functions that were evaluated */
@@ -304,6 +320,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
                                         &s->code);
     for (size_t i = 0; i < p->n; i++)
         r[i] = 0.0 - r[i]; /* no negative zeros */
+    for (size_t i = 0; i < p->n && s->balance && p->restoring.function; i++)
+        pma_balance_first(s->balance)->once[i] = pma_restoring_force(&p->restoring, i);
     if (status == PMA_OK && s->limits)
         status = measure_first(s, t, u);
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
@@ -337,6 +355,8 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
     pma_subdomain_watch_again(s);
+    if (s->balance)
+        pma_balance_start(s->balance, x);
     if (s->limits)
         pma_limits_begin_first(s->limits, v);
     if (s->iterate) {
@@ -400,6 +420,7 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
                                      .D_r = follows ? p->D_r : none,
                                      .springs = &p->springs,
                                      .iterates = s->iterate != NULL,
+                                     .iterates_springs = s->iterate && p->iterate->springs,
                                      .ptr = bends ? p->iterate->tangent.ptr : NULL,
                                      .index = bends ? p->iterate->tangent.index : NULL};
     return watch(s, &parts);
