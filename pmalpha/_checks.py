@@ -91,12 +91,22 @@ def whole_number(value: Any, name: str, *, low: int = 0, high: int = MOST) -> in
     try:
         number = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name} must be a whole number, got {value!r}") from None
+        raise TypeError(f"{name} must be a whole number, got {value!r}{as_int(value)}") from None
     if number < low:
         raise ValueError(f"{name} must be at least {low}, got {number}")
     if number > high:
         raise ValueError(f"{name} must be at most {high}, got {number}")
     return number
+
+
+def as_int(value: Any) -> str:
+    """What an error adds for floats, or an array of them, that are whole: which type is needed."""
+    array = np.asarray(value)
+    if array.dtype.kind != "f" or not array.size or np.any(array != np.rint(array)):
+        return ""
+    return (
+        f", a float: give the int {array.item():.0f}" if array.size == 1 else ", floats: give ints"
+    )
 
 
 def flag(value: Any, name: str) -> bool:

@@ -109,8 +109,8 @@ def assert_identical(history, other):
             assert_same_arrays(arrays_of(x), arrays_of(y), f" of subdomain {i}")
             assert_same_arrays(x.outputs, y.outputs, f" of the outputs of subdomain {i}")
     assert_same_arrays(arrays_of(history), arrays_of(other), "")
-    assert (history.energy is None) == (other.energy is None)
-    if history.energy is not None:
+    assert bool(history.energy) == bool(other.energy)
+    if history.energy:
         assert_same_arrays(history.energy.arrays(), other.energy.arrays(), " of the energy")
 
 

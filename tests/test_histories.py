@@ -139,7 +139,7 @@ def compare_histories(part, whole):
     rows = rows_of(part.multiplier_times, whole.multiplier_times)
     same(part.multipliers, whole.multipliers[rows], "recorded multipliers")
     same(part.velocity_jump, whole.velocity_jump[rows], "recorded jumps")
-    if part.energy is not None:
+    if part.energy:
         rows = rows_of(part.energy.t, whole.energy.t)
         for quantity in ("kinetic", "strain", "dissipated", "external", "interface", "balance"):
             x, y = (getattr(h.energy, quantity) for h in (part, whole))
@@ -208,7 +208,7 @@ class Histories(stateful.RuleBasedStateMachine):
         """
         done = self.coupler.step_count - self.twin.branch.steps
         assert done == steps if failure is None or all_reported else done < max(steps, 1)
-        energy = history is not None and history.energy is not None
+        energy = history is not None and bool(history.energy)
         springs = {name: None for name in self.springs} or None
         whole = self.twin.then("run", steps=done, energy=energy, record_springs=springs)
         if history is not None:
@@ -355,7 +355,7 @@ class Histories(stateful.RuleBasedStateMachine):
         for case, history in zip(cases, result):
             alone = self.make()
             alone.reset(**case)
-            energy = history.energy is not None
+            energy = bool(history.energy)
             compare_histories(history, alone.run(steps=4, energy=energy, record_springs=springs))
 
     def cases(self, count, seed):

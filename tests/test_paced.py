@@ -51,7 +51,7 @@ def test_a_paced_run_is_bitwise_the_run(coupling, threads):
             assert np.array_equal(getattr(paced[name], x), getattr(run[name], x))
     assert np.array_equal(paced.multipliers, run.multipliers)
     assert np.array_equal(paced.energy.strain, run.energy.strain)
-    assert run.pacing is None and coupler.last_history is None
+    assert not run.pacing and coupler.last_history is None
 
 
 def test_steps_begin_when_they_are_due_and_commands_come_in_between():

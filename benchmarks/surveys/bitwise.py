@@ -252,7 +252,7 @@ class Play:
             self.see(name, getattr(history, name))
         self.see("macro times", history.macro_times)
         energies = ("kinetic", "strain", "dissipated", "external", "interface", "balance")
-        for name in energies if history.energy is not None else ():
+        for name in energies if history.energy else ():
             self.see(f"energy.{name}", getattr(history.energy, name))
 
     def record(self):

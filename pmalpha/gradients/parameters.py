@@ -212,7 +212,8 @@ def _elements(subdomain: Subdomain | str, dofs: Any) -> np.ndarray:
     elif plain_array(dofs, "dofs").dtype.kind == "U":
         raise TypeError(f"dofs by name need the Subdomain itself, got its name {subdomain!r}")
     else:
-        array = dof_array(dofs, None, "dofs")
+        array = np.asarray(dofs)
+        array = dof_array(dofs, None, "dofs") if array.ndim == 2 else array
     if array.ndim != 2 or array.size == 0:
         raise ValueError(
             f"dofs must be an (e, k) array, a row for each element, got shape {array.shape}"

@@ -44,6 +44,16 @@ HALF_WAVES = 150
 # the largest range, at about this number of samples.
 DIFFERENT = 0.02
 SAMPLES = 256
+# Curves of the energies, in this order; those that are zero to rounding are left out.
+ENERGIES = {
+    "kinetic": "kinetic",
+    "strain": "strain",
+    "dissipated": "dissipated",
+    "external": "work of loads",
+    "interface": "work of constraints",
+    "contact": "work of contact",
+    "balance": "added by the steps",
+}
 LEGEND_WIDTH = 105  # characters in a line of the legend
 LONGEST = 40  # characters of a name
 HEIGHTS = (2.4, 1.15)  # of the panel of the dofs and of each panel below, in inches
@@ -81,8 +91,9 @@ def time_histories(
     chosen = history.substeps is not None and bool(np.any(history.substeps != history.substeps[0]))
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * len(interface)
     heights += [HEIGHTS[1]] * (chosen and bool(heights))
+    heights += [HEIGHTS[1]] * bool(history.energy)
     if not heights:
-        raise ValueError("the history has neither recorded dofs nor constraints to draw")
+        raise ValueError("the history has neither recorded dofs, constraints nor energies to draw")
     with shown_style():
         figure = shown_figure(figsize=(7.1, 0.8 + sum(heights)), layout="constrained")
         panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
@@ -96,6 +107,8 @@ def time_histories(
         if notes:
             words = "\n".join(notes.values())
             figure.supxlabel(words, x=0.01, horizontalalignment="left", fontsize=8.5)
+        if history.energy:
+            _draw_energy(axes.pop(), history)
         if chosen:
             _draw_substeps(axes.pop(), history)
         if curves:
@@ -106,6 +119,20 @@ def time_histories(
             _draw_interface(axes, history, rows, unit, interface)
         figure.align_ylabels()
     return first
+
+
+def energies(history: Any, *, title: str | None = None, ax: Axes | None = None) -> Axes:
+    require_axes(ax)
+    if not history.energy:
+        raise ValueError(f"the history has no energies to draw: {history.energy.call} records them")
+    with shown_style() if ax is None else style():
+        if ax is None:
+            ax = shown_figure(figsize=(7.1, 3.4), layout="constrained").subplots()
+        ax.set_xlabel(_time_label({}))
+        _draw_energy(ax, history)
+        if title is not None:
+            ax.figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+    return ax
 
 
 def _drawn_into(
@@ -291,6 +318,21 @@ def _draw_substeps(ax: Axes, history: Any) -> None:
     ax.yaxis.set_major_formatter("{x:g}")
     ax.set_ylabel("substeps")
     ax.legend(loc="upper right", ncols=DEFAULT_CURVES)
+
+
+def _draw_energy(ax: Axes, history: Any) -> None:
+    """Energies, and works since the beginning, each summed over the subdomains."""
+    sums = {name: x.sum(axis=1) for name, x in history.energy.arrays().items() if name in ENERGIES}
+    largest = max(map(_largest_size, sums.values()))
+    shown = [
+        Curve(label, history.energy.t, sums[name])
+        for name, label in ENERGIES.items()
+        if name in sums and _largest_size(sums[name]) > ROUNDING * largest
+    ]
+    _draw(ax, shown)
+    _label_axis(ax, "energy")
+    if shown:
+        _legend(ax)
 
 
 def _draw(ax: Axes, curves: Sequence[Curve], first: int = 0) -> None:

@@ -22,11 +22,14 @@ from .._checks import (
     vector,
     whole_number,
 )
+from .argument_order import OF_RESTORING, check_order
 from .lowlevel import check_signature
 from .springs import Spring, core_springs
 
 # Largest lag of a command, in steps.
 LARGEST_LAG = 1 << 20
+# Substeps of a delay that needs no further word.
+DEFAULT_STEPS = 100
 # Of the adaptive compensation: the low-pass filter, samples in a second, and limits of the
 # coefficients and of their change in a second, for delays up to 0.06 s.
 CUTOFF, SAMPLES, LONGEST = 20.0, 64, 0.06
@@ -56,7 +59,9 @@ class Response:
 class Device:
     """What is between the commands of a run and a specimen."""
 
-    def __init__(self, specimen: Any):
+    def __init__(self, specimen: Any, delay: float, max_steps: int):
+        self.delay = real_number(delay, "delay", low=0.0)
+        self.max_steps = whole_number(max_steps, "max_steps", low=1)
         self.specimen: Any = specimen
         if isinstance(specimen, Device):
             return
@@ -71,6 +76,8 @@ class Device:
                 "specimen must be a callable, a LowLevelCallable, springs, or one of these behind "
                 f"an actuator or a compensator, got {specimen!r}"
             )
+        else:
+            check_order(specimen, OF_RESTORING, "specimen")
 
     @property
     def innermost(self) -> Any:
@@ -103,6 +110,18 @@ class Device:
     def _filter(self, h: float) -> tuple[Any, ...]:
         """The filter in the form of the core, for steps of length h."""
         raise NotImplementedError
+
+    def _check_delays(self, h: float, what: str) -> None:
+        """ValueError for a delay of more than `max_steps` steps of length h."""
+        inner = self.specimen
+        if isinstance(inner, Device):
+            inner._check_delays(h, what)
+        if self.delay > self.max_steps * h * (1.0 + 1e-9):
+            raise ValueError(
+                f"delay of {type(self).__name__}, {what}, must be at most max_steps = "
+                f"{self.max_steps} substeps of {h:g}, got {self.delay:g}, {self.delay / h:.3g} "
+                "substeps; it is in the unit of t"
+            )
 
     def __repr__(self) -> str:
         return f"<{self.facts}>"
@@ -180,6 +199,9 @@ class SimulatedActuator(Device):
         Step of the converter of displacements.
     seed : int, optional
         Of the noise, which is the same in each run. Default: another one for each object.
+    max_steps : int, default 100
+        Largest number of substeps in the delay; more is a ValueError of the `Coupler`: a delay in
+        ms where t is in s has a thousand times as many.
 
     Examples
     --------
@@ -208,9 +230,9 @@ class SimulatedActuator(Device):
         saturation: float | None = None,
         quantum: float | None = None,
         seed: int | None = None,
+        max_steps: int = DEFAULT_STEPS,
     ):
-        super().__init__(specimen)
-        self.delay = real_number(delay, "delay", low=0.0)
+        super().__init__(specimen, delay, max_steps)
         self.order = whole_number(order, "order", low=1, high=3)
         self.frequency = None if frequency is None else positive_number(frequency, "frequency")
         if self.frequency is not None and self.frequency < LOWEST:
@@ -258,6 +280,9 @@ class Compensated(Device):
         what was measured in the last second (Chae and others 2013); t is in seconds.
     order : int, default 3
         Of the polynomial, 1 to 8.
+    max_steps : int, default 100
+        Largest number of substeps in the delay; more is a ValueError of the `Coupler`: a delay in
+        ms where t is in s has a thousand times as many.
 
     Notes
     -----
@@ -275,10 +300,17 @@ class Compensated(Device):
     1.0
     """
 
-    def __init__(self, specimen: Any, delay: float, method: str = "polynomial", order: int = 3):
-        super().__init__(specimen)
+    def __init__(
+        self,
+        specimen: Any,
+        delay: float,
+        method: str = "polynomial",
+        order: int = 3,
+        *,
+        max_steps: int = DEFAULT_STEPS,
+    ):
+        super().__init__(specimen, delay, max_steps)
         check_word(method, "method", ("polynomial", "inverse", "adaptive"))
-        self.delay = real_number(delay, "delay", low=0.0)
         self.method = method
         self.order = whole_number(order, "order", low=1, high=8)
         if method == "adaptive" and type(self.specimen) is tuple:

@@ -275,5 +275,7 @@ def require_two(a: Any, b: Any) -> None:
     for s in (a, b):
         if not isinstance(s, (Subdomain, str)):
             raise TypeError(f"a and b must be Subdomains or their names, got {s!r}")
-    if a is b or (name_of(a) is not None and name_of(a) == name_of(b)):
-        raise ValueError(f"a and b must be two different subdomains, got {a!r} and {b!r}")
+    if a is b:
+        raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
+    if name_of(a) is not None and name_of(a) == name_of(b):
+        raise ValueError(f"a and b must have different names, both are named {name_of(a)!r}")

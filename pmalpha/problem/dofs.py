@@ -8,7 +8,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from .._checks import MOST, counted, listing, plain_array
+from .._checks import MOST, as_int, counted, listing, plain_array
 
 # Names among which the nearest one is looked for.
 MOST_COMPARED = 20_000
@@ -140,7 +140,8 @@ def dof_array(
         return np.flatnonzero(dofs)
     beyond = dofs.dtype == object and all(type(x) is int for x in dofs.flat)  # one beyond int64
     if dofs.dtype.kind not in "iu" and not beyond:
-        raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
+        advice = as_int(dofs) if dofs.dtype.kind == "f" else ""
+        raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}{advice}")
     outside = dofs[(dofs < (0 if n is None else -n)) | (dofs >= (MOST if n is None else n))]
     if outside.size and n is None:
         rule = "not be negative" if outside.min() < 0 else f"be below {MOST}"

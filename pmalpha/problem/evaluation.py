@@ -13,6 +13,10 @@ from .tangents import Placement, Slots, Tangent, checked_tangent, entries_of, sy
 
 RETURNS = "(f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1)"
 
+# Differences of two evaluations that are rounding, relative to the largest entry.
+SAME = 1e-9
+# u, v, t, q
+Arguments = tuple[Any, ...]
 # f, K_t, C_t, q1 of one force.
 Values = tuple[np.ndarray, Tangent, Tangent, np.ndarray]
 
@@ -78,6 +82,9 @@ class CheckedInternal:
         self.history, self.own = histories(forces)
         # of the last evaluation, where a value was not finite: the time, and which one at what u
         self.not_finite: tuple[float, str] | None = None
+        # of the first evaluation of each force: its arguments, f and q1, until they are compared
+        self.first: dict[int, tuple[Arguments, np.ndarray, np.ndarray] | None] = {}
+        self.repeated = False
 
     def __call__(
         self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, wanted: bool
@@ -94,7 +101,9 @@ class CheckedInternal:
         self.not_finite = None
         K = np.zeros(self.slots.nnz) if wanted else None
         C = np.zeros(self.slots.nnz) if wanted and self.damped else None
-        for force, what, own, places in zip(self.forces, self.what, self.own, self.places):
+        for i, (force, what, own, places) in enumerate(
+            zip(self.forces, self.what, self.own, self.places)
+        ):
             if not wanted and force.residual is not None and not force.history.size:
                 residual = self._residual(force, what, u, v, t, q[own])
                 self._look_at({"residual": residual}, what, u, t)
@@ -102,12 +111,42 @@ class CheckedInternal:
                 continue
             values = evaluated(force, what, u, v, t, q[own])
             self._look_at({"f": values[0], "q1": values[3]}, what, u, t)
+            if not self.repeated and self.not_finite is None:
+                self._repeat(i, (u, v, t, q[own]), values)
             f += values[0]
             q1[own] = values[3]
             if K is not None:
                 self._place(values, what, t, places, K, C)
         self.check_symmetry(K, C, t)
         return f, K, C, q1
+
+    def _repeat(self, i: int, arguments: Arguments, values: Values) -> None:
+        """Evaluate a force once more as at its first evaluation, after one with other arguments;
+        ValueError where it returns something else, by what it remembers outside of q."""
+        if i not in self.first:
+            copies = tuple(np.copy(x) for x in arguments)
+            self.first[i] = (copies, values[0].copy(), values[3].copy())
+            return
+        if self.first[i] is None:
+            return
+        before, *results = self.first[i]
+        if all(np.array_equal(x, y) for x, y in zip(before, arguments)):
+            return
+        u, v, t, q = before
+        again = evaluated(self.forces[i], self.what[i], u, v, float(t), q)
+        for name, x, y in zip(("f", "q1"), results, (again[0], again[3])):
+            wrong = np.abs(y - x) > SAME * np.max(np.abs(x), initial=0.0)
+            if wrong.any():
+                j = int(np.argmax(wrong))
+                raise ValueError(
+                    f"{self.what[i]} must be a function of u, v, t and q alone: evaluated again "
+                    f"with the arguments of its first evaluation, at t = {float(t):g}, it returned "
+                    f"{name}[{j}] = {y[j]:g}, before {x[j]:g}. An iteration evaluates it any "
+                    "number of times; what it remembers of earlier steps is the history q, of "
+                    "InternalForce(evaluate, history=...), whose q1 it returns"
+                )
+        self.first[i] = None
+        self.repeated = len(self.first) == len(self.forces) and not any(self.first.values())
 
     def _look_at(
         self, values: Mapping[str, np.ndarray], what: str, u: np.ndarray, t: float

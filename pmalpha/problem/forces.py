@@ -6,7 +6,6 @@ A load is evaluated at the end of a step only, as its value there or as a mean (
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from inspect import signature
 from numbers import Number
 from sys import float_info
 from typing import Any, NamedTuple, Self, TypeAlias, TypeGuard, overload
@@ -15,6 +14,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import counted, flag, plain_array, real_array, time_step, vector
+from .argument_order import OF_FORCE, check_order, required_names
 from .argument_types import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
@@ -276,7 +276,7 @@ def _samples(record: Any, dt: Any) -> tuple[Any, Any]:
     if dt is None:
         raise TypeError(
             "dt must be given with an array, BaseAcceleration(values, direction, M, dt=0.01); a "
-            "Record has it"
+            f"Record has it{_table(plain_array(record, 'record'))}"
         )
     return record, dt
 
@@ -304,11 +304,19 @@ def _against(M: Matrix | None, direction: np.ndarray) -> np.ndarray:
 def _columns_differ(force: SampledForce, columns: int) -> str:
     """What is wrong with another number of columns than there are series."""
     values = force.values
-    rises = len(values) > 2 and bool(np.all(np.diff(values[:, 0]) > 0.0))
-    table = "; if the first column is time, take Record.from_times(t, values)" if rises else ""
     return (
         f"{force._shape_name} must have a column for each of the {values.shape[1]} series of "
-        f"{force._values_name}, got {columns}{table}"
+        f"{force._values_name}, got {columns}{_table(values)}"
+    )
+
+
+def _table(values: np.ndarray) -> str:
+    """What an error adds for values whose first column may be time."""
+    if values.ndim != 2 or values.shape[1] < 2 or values.dtype.kind not in "iuf":
+        return ""
+    rises = len(values) > 2 and bool(np.all(np.diff(values[:, 0]) > 0.0))
+    return (
+        "; if the first column is time, take readers.Record.from_times(t, values)" if rises else ""
     )
 
 
@@ -350,6 +358,7 @@ def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = N
     if callable(force):
         count = required_arguments(force)
         if count == 1 or count == 3 and name != "velocity":
+            check_order(force, OF_FORCE, name)
             return force
         rule = "t alone" if name == "velocity" else "t alone, or of t, u and v"
         raise TypeError(
@@ -426,18 +435,10 @@ def each_term(force: Force, change: Callable[[Term], Any]) -> Force:
 
 
 def required_arguments(function: Callable[..., Any]) -> int:
-    """Positional arguments that a function requires; 1 if it can be called with one.
-
-    A function without a readable signature, such as a compiled one, is taken as one of t.
-    """
-    try:
-        parameters = signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return 1
-    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    required = sum(p.default is p.empty for p in positional)
-    takes_one = bool(positional) or any(p.kind == p.VAR_POSITIONAL for p in parameters)
-    return 1 if required == 0 and takes_one else required
+    """Number of positional arguments that a function requires; 1 where its signature is not
+    readable, as of a compiled one."""
+    names = required_names(function)
+    return 1 if names is None else len(names)
 
 
 def is_of_motion(force: Term) -> TypeGuard[Callable[..., Any]]:

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .._checks import counted, positive_number, real_array, real_number, vector
+from .argument_order import OF_INTERNAL, check_order
 from .argument_types import SparseLike, VectorLike
 from .frozen import Frozen
 from .lowlevel import check_signature, evaluate_compiled
@@ -102,6 +103,8 @@ class InternalForce(Frozen):
         if isinstance(evaluate, LowLevelCallable):
             check_signature(evaluate, "internal")
             _check_order(pattern)
+        else:
+            check_order(evaluate, OF_INTERNAL, "internal")
         self._freeze()
 
     def __repr__(self) -> str:

@@ -10,6 +10,7 @@ from scipy import LowLevelCallable
 
 from .._checks import vector
 from .actuators import Device, core_specimen, divided
+from .argument_order import OF_RESTORING, check_order
 from .lowlevel import check_signature
 from .springs import Spring
 
@@ -41,6 +42,8 @@ def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None
         elif not callable(item):
             rule = "callable or a list of springs" if item is restoring else "a spring or callable"
             raise TypeError(f"{label} must be {rule}, got {item!r}")
+        else:
+            check_order(item, OF_RESTORING, label)
         found.append(item)
     if len(found) == 1 and not isinstance(found[0], Spring):
         return found[0]

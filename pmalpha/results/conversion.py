@@ -115,10 +115,10 @@ def dataset(history: Any) -> xarray.Dataset:
         if quantity.columns:
             times = times_name(quantity, history.coupling)
             variables[name] = ((times, COORDINATES[quantity.columns]), x)
-    if history.energy is not None:
+    if history.energy:
         for name, x in history.energy.arrays().items():
             variables[f"energy_{name}"] = ((macro, "subdomain"), x)
-    if history.substeps is not None or history.energy is not None:
+    if history.substeps is not None or history.energy:
         coordinates["subdomain"] = [name for name, _ in history.keys]
     for s in history.subdomains:
         if s is not None:
@@ -171,7 +171,7 @@ def title(history: Any) -> str:
 
 
 def energy_lines(history: Any) -> list[str]:
-    if history.energy is None:
+    if not history.energy:
         return []
     energy = history.energy
     stored = (energy.kinetic + energy.strain).sum(axis=1)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import counted
 from ..problem.subdomain import Subdomain
+from . import not_recorded
 from .contact_history import Contacts, Recorded, recorded_contacts
 from .contact_nodes import contact_fields
 from .conversion import dataset, frames, history_html
@@ -59,13 +60,13 @@ class History:
         Ends of the recorded macro steps, the beginning of the run first.
     keys : tuple of (str, `Subdomain` or None)
         Names and subdomains in their order; for a History from a file only the names.
-    energy : `Energy` or None
-        With ``run(energy=True)``.
+    energy : `Energy`
+        With ``run(energy=True)``; without, an object that is false and says so.
     substeps : (macro time levels, subdomains) array of int, or None
         Row k has those of the macro step that ends at ``macro_times[k]``, row 0 those with which
         the run began; they vary with ``run(tolerance=)``. None for a file of an older version.
-    pacing : `Pacing` or None
-        With `Coupler.run_paced`: the times of its fine steps. Not in files.
+    pacing : `Pacing`
+        With `Coupler.run_paced`: the times of its fine steps. Not in files. False as `energy` is.
     coupling : str or None
         That of the `Coupler`; None for a file of an older version.
     warnings : tuple of str
@@ -82,9 +83,9 @@ class History:
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
     # not | None: a checker would want a test at each use of what was requested
-    energy: Energy | Any = None
+    energy: Energy | Any = not_recorded.ENERGY
     substeps: np.ndarray | Any = None
-    pacing: Pacing | Any = None
+    pacing: Pacing | Any = not_recorded.PACING
     coupling: str | None = None
     warnings: tuple[str, ...] = ()
     contact_impulses: np.ndarray | Any = None
@@ -274,9 +275,10 @@ class History:
         """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
         Panels one above another with a common time axis; without constraints only the panel of the
-        dofs. Long histories are drawn as their envelope. A jump that is a rounding error, below
-        1e-12 of the largest recorded velocity or displacement, has no panel but a sentence below
-        the panels that states its size; usually that is the velocity jump.
+        dofs, and with ``run(energy=True)`` one of the energies, as `plot_energy`. Long histories
+        are drawn as their envelope. A jump that is a rounding error, below 1e-12 of the largest
+        recorded velocity or displacement, has no panel but a sentence below the panels that states
+        its size; usually that is the velocity jump.
 
         Parameters
         ----------
@@ -296,7 +298,7 @@ class History:
             ``{"length": "m", "time": "s", "force": "N"}``. Numbers are not converted. A quantity
             whose unit does not follow from those given is labelled without.
         ax : matplotlib.axes.Axes, optional
-            Axes to draw into, without the panels of the interface. Default: a new figure of pyplot.
+            Axes to draw into, without the other panels. Default: a new figure of pyplot.
 
         Returns
         -------
@@ -325,6 +327,43 @@ class History:
         return time_histories(
             self, dofs, constraints=constraints, quantity=quantity, title=title, units=units, ax=ax
         )
+
+    def plot_energy(self, *, title: str | None = None, ax: Axes | None = None) -> Axes:
+        """Plot the energies of a run with ``energy=True``, each summed over the subdomains.
+
+        Kinetic and strain energy, what was dissipated, the works of loads, of constraints that
+        prescribe a motion and of contacts, and what the steps have added. What is zero to rounding
+        has no curve.
+
+        Parameters
+        ----------
+        title : str, optional
+            Default: none.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into. Default: a new figure of pyplot.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            `ax`, or that of the new figure.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is missing.
+        ValueError
+            For a run without energies.
+
+        Examples
+        --------
+        >>> coupler = models.four_dof().coupler(0.05, coupling="pm")
+        >>> ax = coupler.run(steps=40, energy=True).plot_energy()
+        >>> [line.get_label() for line in ax.lines]
+        ['kinetic', 'strain', 'work of constraints', 'added by the steps']
+        """
+        from ..plot.histories import energies
+
+        return energies(self, title=title, ax=ax)
 
     # ---- files and other libraries -----------------------------------------------------------
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..problem.dofs import names_at
 from ..setup.member import Member
+from . import not_recorded
 
 # The times of rows, by their axis; under "mean", whose interface problems are those of macro steps,
 # the fine steps are the macro steps.
@@ -267,7 +268,7 @@ def joined(pieces: Sequence[Any]) -> Any:
     pieces = tuple(pieces)
     if not pieces:
         raise ValueError("pieces must be at least one History, got none")
-    if len(pieces) > 1 and any(piece.energy is not None for piece in pieces):
+    if len(pieces) > 1 and any(piece.energy for piece in pieces):
         raise ValueError(f"pieces must have no energies: {WORKS}")
     whole = pieces[0]
     for i, piece in enumerate(pieces[1:], start=1):
@@ -327,7 +328,7 @@ def stacked(pieces: Sequence[Any]) -> Any:
         s and replace(s, substep=s.substep if len({x.substep for x in own}) == 1 else None)
         for s, *own in zip(whole.subdomains, *(piece.subdomains for piece in pieces))
     ]
-    return replace(whole, subdomains=tuple(subdomains), energy=None)
+    return replace(whole, subdomains=tuple(subdomains), energy=not_recorded.ENERGY)
 
 
 def with_rows_of_all(change: Callable[..., np.ndarray], *pieces: Any) -> Any:

@@ -21,6 +21,7 @@ from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
+from . import not_recorded
 from .base_motion import Loads, added, check_ground
 from .clock import Clock
 from .contact_history import layouts
@@ -118,6 +119,7 @@ class Recording:
     coupling: under "mean" the multipliers belong to the middle of a macro step, not to its end.
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
+    problem: its description, which files have, so that no run of another one continues them.
     """
 
     def __init__(
@@ -131,8 +133,9 @@ class Recording:
         every: int | None,
         conserved: str | None = None,
         loads: Sequence[Loads] = (),
+        problem: Mapping[str, Any] | None = None,
     ):
-        self.loads = loads
+        self.loads, self.problem = loads, problem
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
@@ -313,7 +316,7 @@ class Recording:
             **filled,
             **made,
             keys=of.keys,
-            energy=self._energy_history(rows[1], end) if of.has_energy else None,
+            energy=self._energy_history(rows[1], end) if of.has_energy else not_recorded.ENERGY,
             contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
         )
@@ -408,6 +411,8 @@ class FiledRecording(Recording):
         header, arrays = contents_of(super().history(self.begin))
         header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
+        if self.problem is not None:
+            header["problem"] = dict(self.problem)
         if self.clock.origin == 0:  # else times are counted from a change of the steps
             header["dt"] = self.clock.dt
         if self.earlier is not None:

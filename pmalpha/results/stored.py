@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import listing
 from ..files import (
     HDF5,
     NPZ,
@@ -23,7 +24,7 @@ from ..files import (
     reading,
     write_npz,
 )
-from . import history_file
+from . import history_file, not_recorded
 from .array_file import hdf5_library
 from .contact_history import Recorded
 from .energy import ENERGY_FIELDS, OPTIONAL, Energy
@@ -36,6 +37,9 @@ from .history_file import (
     whole_numbers,
 )
 from .quantities import IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
+
+# Number of differences of two problems that an error lists.
+SHOWN = 6
 
 
 def write_history(path: str | PathLike[str], history: Any) -> None:
@@ -72,7 +76,7 @@ def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         if s is not None:
             arrays |= {f"{i}.{name}": x for name, x in arrays_of(s).items()}
             arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
-    if history.energy is not None:
+    if history.energy:
         arrays |= {f"energy.{name}": x for name, x in history.energy.arrays().items()}
     return header, arrays
 
@@ -121,7 +125,7 @@ def fields_of(
                 **_read(kind, OF_SUBDOMAIN, arrays, f"{i}."),
             )
         interface = _read(whole, OF_INTERFACE, arrays)
-        energy = None
+        energy: Any = not_recorded.ENERGY
         if any(key.startswith("energy.") for key in arrays):
             energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
             others: dict[str, Any] = {x: arrays.get(f"energy.{x}") for x in OPTIONAL}
@@ -176,6 +180,19 @@ def old_file(path: Path) -> Held | None:
         return None
 
 
+def differences(
+    saved: Mapping[str, Any], here: Mapping[str, Any], elsewhere: Sequence[str] = ()
+) -> list[str]:
+    """The facts that differ between the problem of a file and the one here, without those of
+    subdomains that are `elsewhere`, in other processes."""
+    apart = tuple(f" {word} {name!r}" for name in elsewhere for word in ("of", "on"))
+    return [
+        f"{fact} ({saved.get(fact, 'not given')} in the file, {here.get(fact, 'not given')} here)"
+        for fact in dict.fromkeys([*saved, *here])
+        if saved.get(fact) != here.get(fact) and not fact.endswith(apart)
+    ]
+
+
 class EarlierRows:
     """The complete rows of a file of ``run(record_to=)`` up to the present macro step.
 
@@ -192,9 +209,10 @@ class EarlierRows:
             self._refuse("must be a file of run(record_to=), not of History.save")
         self.begin, last = self.header["begin"], self.header["step_count"]
         if present > last or (present <= self.begin and present != last):
+            advice = "" if present > last else ": load the checkpoint of that run first"
             self._refuse(
                 f"must reach macro step {present}, the present, from an earlier one; it has those "
-                f"from {self.begin} to {last}"
+                f"from {self.begin} to {last}{advice}"
             )
         self.arrays = {
             name: x[: self._rows(name)] if name in self.header["nodes"] else x
@@ -225,6 +243,7 @@ class EarlierRows:
                 same = x.shape[1:] == first[name].shape[1:]
             if not same:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
+        self._check_problem(header.get("problem", {}))
         every = header["every"]
         if every and self.present % every and self.present != self.begin:
             return  # the last rows are not at the present
@@ -232,6 +251,15 @@ class EarlierRows:
         states = [x for x in header["nodes"] if x.endswith(motion) or ".outputs." in x]
         if any(not np.array_equal(self.arrays[x][-1], first[x][0]) for x in states):
             self._refuse("must have the present state of the coupler, it has another at this time")
+
+    def _check_problem(self, here: Mapping[str, Any]) -> None:
+        """ValueError for another problem than that of the file, by the facts that the file has."""
+        saved = self.header.get("problem", {})  # files of before version 0.4 have none
+        if not isinstance(saved, dict):
+            self._refuse(f"must have a description of its problem, got {saved!r}")
+        found = differences(saved, {fact: x for fact, x in here.items() if fact in saved})
+        if found:
+            self._refuse(f"must be of the same problem, but these differ: {listing(found, SHOWN)}")
 
     def same_steps(self, steps: Sequence[Any]) -> list[Any]:
         """The lengths of the steps of each subdomain; None where those of the file are others."""

@@ -269,6 +269,10 @@ def checked_cases(
         except (TypeError, ValueError) as error:
             raise type(error)(f"cases[{k}]: {error}") from None
         plain = plain if has_own else initial
+    if not checked:
+        raise ValueError(
+            f"cases must have at least one case, got none in {cases!r}; a generator is read once"
+        )
     return checked
 
 

@@ -28,6 +28,7 @@ from ..problem.actuators import Device
 from ..problem.forces import SampledForce, depends_on_motion
 from ..problem.springs import Spring
 from ..results.clock import Clock
+from ..results.stored import SHOWN, differences
 from ..setup.assembly import Assembly
 from ..setup.constraint_rows import CoreRows
 from ..setup.contact_rows import Contacts
@@ -54,8 +55,6 @@ OF_A_RANK = r"\.\d+\.[0-9a-f]{8}\.\d+"
 LONGEST_NAME = 255
 # Numbers of the rows of contacts.
 OF_CONTACTS = ("gap", "friction", "restitution")
-# Number of differences that an error lists.
-SHOWN = 6
 
 
 # ---- the problem -----------------------------------------------------------------------------
@@ -156,19 +155,6 @@ def checksum(A: Any) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
     return f"checksum {digest.hexdigest()[:16]}"
-
-
-def differences(
-    saved: Mapping[str, Any], here: Mapping[str, Any], elsewhere: Sequence[str] = ()
-) -> list[str]:
-    """The facts that differ between the problem of a file and the one here, without those of
-    subdomains that are `elsewhere`, in other processes."""
-    apart = tuple(f" {word} {name!r}" for name in elsewhere for word in ("of", "on"))
-    return [
-        f"{fact} ({saved.get(fact, 'not given')} in the file, {here.get(fact, 'not given')} here)"
-        for fact in dict.fromkeys([*saved, *here])
-        if saved.get(fact) != here.get(fact) and not fact.endswith(apart)
-    ]
 
 
 # ---- the state -------------------------------------------------------------------------------

@@ -1218,4 +1218,9 @@ def solve(
     >>> float(np.round(solve(oscillator, dt=0.001, t_end=1.0).u[-1, 0], 4))
     -0.4161
     """
+    if not isinstance(subdomain, Subdomain):
+        raise TypeError(
+            f"subdomain must be one Subdomain, not a list of them; several are for Coupler, got "
+            f"{subdomain!r}"
+        )
     return Coupler([subdomain], dt=dt, threads=threads).run(t_end, **as_run)[0]

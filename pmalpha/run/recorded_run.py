@@ -31,6 +31,7 @@ from .advance import advance_to
 from .gains import warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
+from .snapshot import problem_of
 from .works import resume, works_of
 
 
@@ -108,6 +109,7 @@ def recording_of(
     loads = [Loads(*own) for own in zip(session.loads.forces, session.loads.seen)]
     if checks_loads:
         of.check_ground(loads)
+    filed = record_to is not None and checks_loads
     return make(
         of,
         coupling=session.coupling,
@@ -117,6 +119,7 @@ def recording_of(
         every=every,
         conserved=conserved,
         loads=loads,
+        problem=problem_of(session) if filed else None,
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
+from .._checks import MOST
 from ..problem.actuators import Device
 from ..problem.forces import SampledForce
 from ..problem.restoring import items_of
@@ -101,10 +102,10 @@ class RepeatedFunctions:
 
     def _item(self, item: Any, what: str) -> Any:
         if isinstance(item, Device):
-            if item.springs:
-                return item
             moved = copy(item)
-            moved.specimen = self._item(item.specimen, what)
+            moved.max_steps = MOST  # checked with the steps of the coupler, which are halved here
+            if not isinstance(item.specimen, tuple) or isinstance(item.specimen, LowLevelCallable):
+                moved.specimen = self._item(item.specimen, what)
             return moved
         return item if isinstance(item, Spring) else self.of(item, what)
 

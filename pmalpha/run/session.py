@@ -18,6 +18,7 @@ from .._core import Guard
 from ..errors import warn
 from ..problem.argument_types import Coupling
 from ..problem.forces import Force, Mass, checked_force, depends_on_motion
+from ..problem.restoring import devices_of
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from ..results.clock import Clock
@@ -27,6 +28,7 @@ from ..results.recording import Recorded
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.contact_rows import Contacts
+from ..setup.ground_motion import warn_of_ground
 from ..setup.member import Member
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
@@ -144,6 +146,9 @@ def made(
     clock = Clock(options.dt)
     keys = tuple(zip(names[own], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
+    for name, s in keys:
+        for device in devices_of(s.restoring):
+            device._check_delays(clock.dt / s.substeps, f"restoring of subdomain {name!r}")
     rows = ConstraintRows(given, everything, own, ranks, contacts)
     motions = motions_of(given, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
     initial = InitialValues(keys, rows)
@@ -163,6 +168,7 @@ def made(
     assembly, forces = assemblies.first, [s.force for s in subdomains]
     core, members = assembly.core, assembly.members
     warn_of_skipped(members, forces, motions, clock.dt / core.instants)
+    warn_of_ground(members, forces, given, assembly.first)
     obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
     session = Session(
         guard=guard,

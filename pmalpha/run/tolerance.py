@@ -176,7 +176,7 @@ class Pieces:
         """Keep the macro step that was recorded."""
         step = self.session.core.step_count
         piece = recording.history(step)
-        if piece.energy is not None:
+        if piece.energy:
             piece = replace(piece, energy=self._continued(piece.energy))
         if self.every is None:
             self.histories.append(self._reduced(piece, slice(1, None)))

@@ -333,7 +333,9 @@ def _checked(points: Any, elements: Any, d: int) -> tuple[np.ndarray, dict[str, 
     coordinates = real_array(points, "points", 2)
     require_moderate(coordinates, "points")
     if coordinates.shape[1] != d:
-        raise ValueError(f"points must have shape (points, {d}), got {coordinates.shape}")
+        flat = d == 2 and coordinates.shape[1] == 3 and len(np.unique(coordinates[:, 2])) == 1
+        advice = f"; all have z = {coordinates[0, 2]:g}: give points[:, :2]" if flat else ""
+        raise ValueError(f"points must have shape (points, {d}), got {coordinates.shape}{advice}")
     kinds = {KINDS[kind].nodes: kind for kind in SHAPES if KINDS[kind].dimension == d}
     if not isinstance(elements, Mapping) or sp.issparse(elements):  # a dok_array is a Mapping
         columns = plain_array(elements, "elements").shape[1:]

@@ -1,0 +1,285 @@
+"""Mistakes that are easily made, refused by a message that says what is meant instead."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+from pmalpha import rig, structures
+
+RECORD = pm.readers.Record(np.sin(0.1 * np.arange(200)), 0.02)
+
+
+def mass(**arguments):
+    return pm.Subdomain([1.0], [1.0], **({"scheme": pm.Newmark()} | arguments))
+
+
+# ---- the order of arguments ------------------------------------------------------------------
+
+
+class Controller:
+    def __call__(self, u, v, t):
+        return 0.0 * u
+
+
+@pytest.mark.parametrize(
+    ("argument", "function", "expected", "found"),
+    [
+        ("force", lambda u, v, t: u, "t, u, v", "u, v, t"),
+        ("force", Controller(), "t, u, v", "u, v, t"),
+        ("restoring", lambda t, u, v: u, "u, v, t", "t, u, v"),
+        ("restoring", functools.partial(lambda k, t, u, v: u, 2.0), "u, v, t", "t, u, v"),
+        ("internal", lambda t, u, v, q: (u, 1.0), "u, v, t, q", "t, u, v, q"),
+        ("internal", lambda u, v, q, t: (u, 1.0), "u, v, t, q", "u, v, q, t"),
+    ],
+)
+def test_arguments_in_the_order_of_another_force_are_a_type_error(
+    argument, function, expected, found
+):
+    message = f"{argument} must be a function of {expected} in this order, got one of {found}:"
+    with pytest.raises(TypeError, match=message):
+        mass(**{argument: function})
+
+
+def test_a_specimen_behind_an_actuator_has_the_order_of_a_restoring_force():
+    with pytest.raises(TypeError, match="specimen must be a function of u, v, t in this order"):
+        rig.Compensated(lambda t, u, v: u, 0.01)
+
+
+def test_a_wrapper_that_changes_the_order_has_its_own_order():
+    def force(t, u, v):
+        return u
+
+    @functools.wraps(force)
+    def restoring(u, v, t):
+        return force(t, u, v)
+
+    assert mass(restoring=restoring).restoring is restoring
+    with pytest.raises(TypeError, match="got one of t, u, v"):
+        mass(restoring=force)
+
+
+@pytest.mark.parametrize("function", [lambda x, w, s: x, np.add, lambda *motion: motion[0]])
+def test_other_names_and_functions_without_names_are_in_the_order_of_the_user(function):
+    assert mass(restoring=function).restoring is function
+
+
+# ---- ground motions --------------------------------------------------------------------------
+
+
+def tied(force_a, force_b, M_b=1.0):
+    a = mass(name="a", force=force_a)
+    b = pm.Subdomain([M_b], [1.0], scheme=pm.GeneralizedAlpha(0.5), name="b", force=force_b)
+    return pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.01, coupling="gc")
+
+
+def test_a_ground_motion_of_one_of_two_tied_masses_is_a_warning_that_names_the_other():
+    quake = pm.BaseAcceleration(RECORD)
+    with pytest.warns(pm.ConstraintWarning, match="'b' has none, tied to 'a', which has one"):
+        tied(quake, None)
+    with pytest.warns(pm.ConstraintWarning, match="'a' has none, tied to 'b'"):
+        tied([1.0], [quake, [1.0]])
+
+
+def test_a_ground_motion_of_all_that_have_mass_is_no_warning():
+    quake = pm.BaseAcceleration(RECORD)
+    tied(quake, quake)  # one object is the load of both, each with its own mass
+    tied(quake, None, M_b=0.0)
+    tied(None, None)
+
+
+# ---- delays ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "device", [rig.Compensated, lambda f, tau, **o: rig.SimulatedActuator(f, delay=tau, **o)]
+)
+def test_a_delay_of_more_than_100_substeps_is_refused_unless_it_is_said(device):
+    def coupler(delay, **options):
+        specimen = device(lambda u, v, t: u, delay, **options)
+        return pm.Coupler([mass(restoring=specimen, substeps=2)], dt=0.02)
+
+    message = "at most max_steps = 100 substeps of 0.01, got 8, 800 substeps; it is in the unit"
+    with pytest.raises(ValueError, match=message):
+        coupler(8.0)
+    coupler(1.0)  # 100 substeps
+    with pytest.raises(ValueError, match="got 1.001"):
+        coupler(1.001)
+    assert coupler(8.0, max_steps=800).dt == 0.02
+
+
+def test_a_delay_behind_another_device_is_looked_at_too():
+    late = rig.SimulatedActuator(pm.CubicSpring([0], k=1.0, k3=0.0), delay=8.0)
+    with pytest.raises(ValueError, match="delay of SimulatedActuator"):
+        pm.Coupler([mass(restoring=rig.Compensated(late, 0.01))], dt=0.01)
+
+
+def test_the_halved_steps_of_an_error_estimate_may_have_delays_of_more_substeps():
+    late = rig.SimulatedActuator(pm.CubicSpring([0], k=1.0, k3=0.0), delay=0.9)
+    coupler = pm.Coupler([mass(restoring=rig.Compensated(late, 0.8), u0=1.0)], dt=0.01)
+    assert coupler.estimate_error(steps=4, halvings=1).dt == 0.01
+
+
+# ---- memory of internal forces ---------------------------------------------------------------
+
+
+def plastic(u, q):
+    f = np.clip(100.0 * (u - q), -1.0, 1.0)
+    return f, np.where(np.abs(f) < 1.0, 100.0, 0.0), None, u - f / 100.0
+
+
+def test_an_internal_force_that_remembers_outside_of_q_is_an_error_that_explains_q():
+    slip = np.zeros(1)
+
+    def remembering(u, v, t, q):
+        f, K, _, slip[:] = plastic(u, slip.copy())
+        return f, K
+
+    message = r"function of u, v, t and q alone.*InternalForce\(evaluate, history=...\)"
+    with pytest.raises(ValueError, match=message):
+        pm.Coupler([mass(internal=remembering, v0=10.0)], dt=0.01).run(0.1)
+
+
+@pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()])
+def test_an_internal_force_with_a_history_is_evaluated_once_more_in_a_run(scheme):
+    calls = []
+
+    def force(u, v, t, q):
+        calls.append((u[0], v[0], t, q[0]))
+        return plastic(u, q)
+
+    with_history = pm.InternalForce(force, history=[0.0])
+    coupler = pm.Coupler([mass(internal=with_history, v0=1.0, scheme=scheme)], dt=0.01)
+    calls.clear()
+    coupler.run(0.1)
+    # the arguments of the first evaluation come once more, right after the first other ones
+    other = next(i for i, x in enumerate(calls) if x != calls[0])
+    assert calls[other + 1] == calls[0]
+    assert calls[0] not in calls[other + 2 :]
+
+
+# ---- files and cases -------------------------------------------------------------------------
+
+
+def test_a_file_is_not_continued_by_a_run_of_another_problem(tmp_path):
+    pytest.importorskip("h5py")
+    path = tmp_path / "run.h5"
+    pm.Coupler([mass(name="m")], dt=0.01).run(0.1, record_to=path)
+    stiffer = pm.Coupler([pm.Subdomain([1.0], [2.0], scheme=pm.Newmark(), name="m")], dt=0.01)
+    stiffer.step(10)  # at rest, as the other one
+    with pytest.raises(ValueError, match="same problem, but these differ: K of 'm'"):
+        stiffer.run(0.2, record_to=path, append=True)
+    pushed = pm.Coupler([mass(name="m", force=pm.SampledForce([0.0, 1.0], 9.0))], dt=0.01)
+    pushed.reset(force={"m": [0.0]})
+    pushed.step(10)
+    with pytest.raises(ValueError, match="these differ: force of 'm'"):
+        pushed.run(0.2, record_to=path, append=True)
+    same = pm.Coupler([mass(name="m")], dt=0.01)
+    with pytest.raises(ValueError, match="load the checkpoint of that run first"):
+        same.run(0.2, record_to=path, append=True)
+    same.step(10)
+    assert same.run(0.2, record_to=path, append=True).macro_times.size == 21
+
+
+def test_a_file_without_a_description_of_its_problem_is_continued(tmp_path, monkeypatch):
+    """As older versions have written them."""
+    pytest.importorskip("h5py")
+    path = tmp_path / "run.h5"
+    coupler = pm.Coupler([mass(name="m")], dt=0.01)
+    with monkeypatch.context() as patch:
+        patch.setattr("pmalpha.run.recorded_run.problem_of", lambda session: None)
+        coupler.run(0.1, record_to=path)
+    assert coupler.run(0.2, record_to=path, append=True).macro_times.size == 21
+
+
+def test_a_generator_of_cases_that_was_read_already_is_an_error():
+    coupler = pm.Coupler([mass(name="m")], dt=0.01)
+    cases = ({"u0": {"m": [x]}} for x in (1.0, 2.0))
+    assert len(coupler.run_each(cases, 0.1)) == 2
+    with pytest.raises(ValueError, match="at least one case, got none.*a generator is read once"):
+        coupler.run_each(cases, 0.1)
+
+
+# ---- messages --------------------------------------------------------------------------------
+
+TABLE = np.column_stack([0.01 * np.arange(200), RECORD.values])
+POINTS = [[0.0, 0.0, 3.0], [1.0, 0.0, 3.0], [0.0, 1.0, 3.0]]
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (
+            lambda: pm.BaseAcceleration(RECORD.values, [1.0], [1.0]),
+            TypeError,
+            "dt must be given with an array",
+        ),
+        (
+            lambda: pm.BaseAcceleration(RECORD, 1.0, [1.0, 1.0]),
+            ValueError,
+            r"direction must have shape \(2,\), got one number",
+        ),
+        (lambda: pm.BaseAcceleration(TABLE), TypeError, "first column is time.*from_times"),
+        (
+            lambda: mass(force=pm.BaseAcceleration(TABLE, dt=0.01)),
+            ValueError,
+            "first column is time.*from_times",
+        ),
+        (
+            lambda: mass(force=pm.BaseAcceleration(RECORD, [1.0], [10.0])),
+            ValueError,
+            "M of the BaseAcceleration in force must be the mass matrix of the subdomain",
+        ),
+        (
+            lambda: pm.tie(mass(name="tower"), 0, mass(name="tower"), 0),
+            ValueError,
+            "a and b must have different names, both are named 'tower'",
+        ),
+        (
+            lambda: pm.solve([mass()], 0.01, 1.0),
+            TypeError,
+            "subdomain must be one Subdomain, not a list of them; several are for Coupler",
+        ),
+        (lambda: mass(substeps=5.0), TypeError, "whole number, got 5.0, a float: give the int 5"),
+        (lambda: mass(substeps=5.5), TypeError, "whole number, got 5.5$"),
+        (
+            lambda: pm.Coupler([mass()], dt=0.1).run(steps=10.0),
+            TypeError,
+            "steps must be a whole number, got 10.0, a float: give the int 10",
+        ),
+        (
+            lambda: pm.tie(mass(), 0.0, mass(), 0),
+            TypeError,
+            "dofs_a must be a 1-D array of whole numbers, got 0.0, a float: give the int 0",
+        ),
+        (
+            lambda: pm.tie(mass(), 0, mass(), np.array([0.0, 1.0])),
+            TypeError,
+            r"array\(\[0., 1.\]\), floats: give ints",
+        ),
+        (
+            lambda: pm.Parameters("a", dofs=-1, K=[[1.0]]),
+            ValueError,
+            r"dofs must be an \(e, k\) array, a row for each element, got shape \(\)",
+        ),
+        (
+            lambda: structures.plate_on(POINTS, [[0, 1, 2]], E=1.0, nu=0.3, rho=1.0),
+            ValueError,
+            r"points must have shape \(points, 2\), .*; all have z = 3: give points\[:, :2\]",
+        ),
+    ],
+)
+def test_the_message_says_what_is_meant_instead(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_what_was_not_recorded_says_which_call_records_it():
+    history = pm.Coupler([mass()], dt=0.01).run(0.1)
+    with pytest.raises(AttributeError, match=r"has no 'kinetic': .*energy=True"):
+        _ = history.energy.kinetic
+    with pytest.raises(AttributeError, match=r"has no 'missed': Coupler.run_paced"):
+        _ = history.pacing.missed
+    assert not history.energy and not history.pacing
+    assert repr(history.energy) == "<no energy: Coupler.run(..., energy=True) records it>"
