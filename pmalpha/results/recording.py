@@ -258,7 +258,9 @@ class Recording:
                 springs, outputs = of.springs[i], self.output_values[i]
                 selections[i] = CoreSelection(
                     position,
-                    *(arrays[name] for name in "uva"),
+                    u=arrays["u"],
+                    v=arrays["v"],
+                    a=arrays["a"],
                     springs=None
                     if springs is None
                     else (springs, arrays["deformation"], arrays["force"]),
@@ -310,11 +312,10 @@ class Recording:
             name: self._in_users_rows(name, x[: rows[of.interface[name][0]]])
             for name, x in self.interface.items()
         }
-        made = {name: x.made(self, end, filled) for name, x in OF_INTERFACE.items() if x.made}
+        filled |= {name: x.made(self, end, filled) for name, x in OF_INTERFACE.items() if x.made}
         return History(
             subdomains=tuple(subdomains),
             **filled,
-            **made,
             keys=of.keys,
             energy=self._energy_history(rows[1], end) if of.has_energy else not_recorded.ENERGY,
             contact_layout=() if of.contacts is None else layouts(of.contacts),
