@@ -33,6 +33,8 @@ class Scheme(Frozen):
         The parameters of equations (5) to (9).
     explicit : bool
         Equilibrium is taken with ``K ut`` (10) instead of ``K u1`` (7).
+    is_generalized_alpha : bool
+        Whether it has the four parameters; True of all schemes of the package.
     """
 
     _is_frozen: ClassVar[bool] = True  # the four parameters by the dataclass, others by Frozen

@@ -34,7 +34,6 @@ from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
     MACRO,
     Options,
-    check_schemes,
     checked_constraints,
     checked_options,
     checked_subdomains,
@@ -138,8 +137,7 @@ def made(
     options = checked_options(options, len(everything))
     coupling = options.coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
-    check_schemes(everything, names := names_of(everything), coupling, bool(unilateral))
-    given = checked_constraints(bilateral, everything, names)
+    given = checked_constraints(bilateral, everything, names := names_of(everything))
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, given, options.facts)

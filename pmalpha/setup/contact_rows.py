@@ -15,7 +15,7 @@ from ..blas import gemm_and_trsm
 from ..errors import ConstraintError, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import diagonal
-from ..problem.schemes import Scheme
+from ..problem.schemes import Scheme, require_generalized_alpha
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from .link import Link
@@ -140,6 +140,7 @@ class Contacts:
 
     def _check_subdomain(self, s: Subdomain, name: str, i: int) -> None:
         dofs, N = self.dofs[i], self.N[i]
+        require_generalized_alpha(s.scheme, "a contact", name)
         if s.internal is not None:
             raise ValueError(
                 f"contacts need subdomains without internal forces, got some on {name!r}: the "

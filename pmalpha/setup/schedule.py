@@ -29,24 +29,20 @@ COUPLINGS: dict[Coupling, str] = {
 }
 
 
-def check_schemes(
-    subdomains: Sequence[Subdomain], names: Sequence[str], coupling: str, contacts: bool
-) -> None:
-    """ValueError for a scheme that is not of the generalized-alpha family where it would have to
-    be."""
-    for s, name in zip(subdomains, names):
+def check_schemes(subdomains: Sequence[Subdomain], coupling: str) -> None:
+    """ValueError for a scheme outside of the generalized-alpha family where steps need it."""
+    for s, name in zip(subdomains, names_of(subdomains)):
         if coupling != "gc":
             require_generalized_alpha(s.scheme, f'coupling="{coupling}"', name)
         if s.double_step:
             require_generalized_alpha(s.scheme, "double_step=True", name)
-        if contacts:
-            require_generalized_alpha(s.scheme, "a contact", name)
 
 
 def double_steps(
     subdomains: Sequence[Subdomain], coupling: str, substeps: Sequence[int]
 ) -> tuple[bool, ...]:
     """Whether each subdomain takes double steps, with these numbers of substeps."""
+    check_schemes(subdomains, coupling)
     if coupling == "gc" or len(subdomains) == 1:
         return (False,) * len(subdomains)
     if coupling in MACRO:
