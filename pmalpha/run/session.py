@@ -128,25 +128,20 @@ def made(
     options: Options,
     threads: int | None,
 ) -> Session:
-    """The session of a new `Coupler` with these arguments, as in the table of
-    docs/architecture.md."""
+    """The session of a new `Coupler`, as in the table of docs/architecture.md."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
     threads_allowed = most_threads(threads)
     everything = subdomains if ranks is None else described(ranks, subdomains)
     own = slice(None) if ranks is None else ranks.own
-    options = checked_options(options, len(everything))
-    coupling = options.coupling
+    coupling = (options := checked_options(options, len(everything))).coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
     given = checked_constraints(bilateral, everything, names := names_of(everything))
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, given, options.facts)
-    clock = Clock(options.dt)
-    keys = tuple(zip(names[own], subdomains))
+    clock, keys = Clock(options.dt), tuple(zip(names[own], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
-    for name, s in keys:
-        for device in devices_of(s.restoring):
-            device._check_delays(clock.dt / s.substeps, f"restoring of subdomain {name!r}")
+    check_delays(keys, clock.dt)
     rows = ConstraintRows(given, everything, own, ranks, contacts)
     motions = motions_of(given, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
     initial = InitialValues(keys, rows)
@@ -186,6 +181,13 @@ def made(
     )
     take_loads(session)
     return session
+
+
+def check_delays(keys: Sequence[tuple[str, Subdomain]], dt: float) -> None:
+    """ValueError for a delay of a device of more steps of its subdomain than it takes."""
+    for name, s in keys:
+        for device in devices_of(s.restoring):
+            device._check_delays(dt / s.substeps, f"restoring of subdomain {name!r}")
 
 
 def contacts_of(
