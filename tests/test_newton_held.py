@@ -231,6 +231,36 @@ def test_a_residual_that_jumps_in_the_last_correction_is_seen(seed, coupling):
             assert imbalance(s, Li, x, history.multipliers, jump) < 1e-7
 
 
+def with_last_digits(internal, part):
+    """A force that leaps with the last eight bits of a displacement."""
+
+    def evaluate(u, v, t, q):
+        f, K, C, q1 = internal(u, v, t, q)
+        bits = np.ascontiguousarray(u).view(np.int64) & 255
+        return f + part * np.diag(K) * bits / 255.0, K, C, q1
+
+    return evaluate
+
+
+@couplings
+@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7])
+def test_a_force_that_leaps_within_rounding_ends_in_equilibrium_where_constraints_hold_it(
+    seed, coupling
+):
+    # each correction, were it made, would be followed by another force: no run converged
+    subdomains, L = held(seed, coupling)
+    leaping = with_last_digits(subdomains[0].internal, 0.01)
+    subdomains[0] = replace(subdomains[0], internal=leaping)
+    tangent = ("full", "reuse")[seed % 2]
+    c = coupler(subdomains, L, DT, coupling, newton=pm.Newton(tangent=tangent))
+    history = c.run(steps=STEPS)
+    assert history[0].iterations.max() < 10
+    # ten times the tolerance
+    assert imbalance(subdomains[0], L[0], history[0], history.multipliers, 0.0) < 1e-7
+    theirs = run(subdomains, L, DT, STEPS, Newton())
+    assert max(x.iterations.max() for x in theirs.subdomains) < 10
+
+
 def test_the_forces_of_a_first_guess_far_away_are_no_scale_of_the_residual():
     # the guess h v_n is up to 1.5 from where a spring 1000 u^3 has stopped the mass before
     def internal(u, v, t, q):
