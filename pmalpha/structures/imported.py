@@ -16,15 +16,15 @@ from .._checks import check_word, listing, plain_array, real_array
 from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
 from ..meshes.mesh import FileMesh
 from ..problem.dofs import as_nodes
+from ..readers.mesh_files import read_mesh
+from ..readers.unread import Unread
 from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
 from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
-from .mesh_files import read_mesh
 from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
-from .unread import Unread
 
 __all__ = ["from_mesh", "submesh"]
 
