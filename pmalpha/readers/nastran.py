@@ -126,6 +126,8 @@ def _dmig_cards(path: str) -> Iterator[_Card]:
         if name and name[0] not in "+*":
             if card is not None:
                 yield card
+            if name.startswith("INCLUDE"):
+                refuse(path, line.number, "INCLUDE is not read: give the file that it names")
             card = _Card(line.number, fields) if name.rstrip("*") == "DMIG" else None
         elif card is not None:
             card.fields.extend(fields)
