@@ -22,9 +22,9 @@ from odd_values import odd, odd_array
 
 import pmalpha as pm
 from pmalpha import files
+from pmalpha.readers import mesh_files
 from pmalpha.results import history_file
 from pmalpha.run import checkpoint as checkpoints
-from pmalpha.structures import mesh_files
 
 HDF5 = find_spec("h5py") is not None
 DOCUMENTED = (ValueError, OSError, MemoryError)

@@ -441,13 +441,17 @@ def test_cards_that_are_left_out_are_named_unless_ignored(tmp_path, text, materi
     [
         (
             BULK.replace("CHEXA   1", "CHEXA   x"),
-            "line 10, CHEXA: field 2 must be a whole number, got 'X'",
+            "line 10, CHEXA: field 2 must be a whole number, got 'x'",
         ),
         (
             BULK.replace("1.0     1.0     1.0", "1.0     1.0.0   1.0"),
             "GRID: field 5 must be a number",
         ),
         (grids() + card("CHEXA", 1, 7, *range(1, 8)), "CHEXA: must have 8 or 20 grid points"),
+        (
+            free(grids()) + "\nCHEXA,1,7,1,2,3,4,5,6,7,8\n",
+            "line 9: must have at most 10 fields, got 11",
+        ),
         (grids(system=5) + HEXA, "line 1, GRID: coordinate system 5 does not exist"),
         (grids(CORNERS[:7]) + HEXA, "CHEXA 1: grid point 8 does not exist"),
         (grids() + HEXA + HEXA, "line 11, CHEXA: element 1 is given twice"),
@@ -656,7 +660,7 @@ def test_an_entity_of_gmsh_is_in_all_of_its_groups_or_in_none(tmp_path, mesh_lib
 
 
 def test_binary_entities_of_gmsh_have_their_groups():
-    from pmalpha.structures.gmsh_entities import without_entities
+    from pmalpha.readers.gmsh_entities import without_entities
 
     def curve(tag, groups):
         sizes = [np.array(len(x), dtype="u8").tobytes() for x in (groups, [])]

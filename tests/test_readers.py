@@ -52,7 +52,7 @@ UPPER = "1 1 3.\n1 2 -2.\n2 2 3.\n2 3 -1.\n3 3 1.\n"
 LOWER = "1 1 3.\n2 1 -2.\n2 2 3.\n3 2 -1.\n3 3 1.\n"
 
 
-@pytest.mark.parametrize("text", [FULL, UPPER, LOWER, UPPER.replace(" ", ", ")])
+@pytest.mark.parametrize("text", [FULL, UPPER, LOWER, UPPER.replace(" ", ", "), "\ufeff" + UPPER])
 def test_a_coordinate_list_may_hold_the_whole_matrix_or_a_triangle(written, text):
     K = read_abaqus(written(text))
     np.testing.assert_array_equal(K.matrix.toarray(), BAR)
@@ -145,6 +145,7 @@ def test_labels_are_not_given_where_the_file_has_them(written):
         ("", ["must hold lines"]),
         ("** nothing\n", ["must hold lines"]),
         ("*USER ELEMENT, NODES=3\n1, 2\n", ["line 1", "must have NODES=, and nodes"]),
+        ("*User Element, nodes=2, Linear, Unsymm\n1\n", ["line 1", "symmetric", "UNSYMM"]),
         ("*MATRIX INPUT, NAME=K\n" + INPUT + "*MATRIX INPUT, NAME=M\n", ["line 7", "only matrix"]),
         ("*MATRIX INPUT, NAME=K, SCALE FACTOR=2.\n" + INPUT, ["line 1", "SCALE FACTOR"]),
         ("%%MatrixMarket matrix coordinate real general\n", ["line 1", "scipy.io.mmread"]),
@@ -264,6 +265,7 @@ def test_real_numbers_are_those_of_nastran(written, text, value):
         ),
         (FREE + "DMIG,KAAX,2,1,,2,1,1.\n", ["line 6", "(2, 1), (2, 1) again after line 5"]),
         (FREE.replace("5,1,3.", "5,1,3.,,9,1,-2."), ["line 2", "at most 10 fields, got 12"]),
+        ("include 'more.pch'\n" + WIDE, ["line 1", "INCLUDE is not read"]),
         ("GRID,1\n", ["must have DMIG"]),
     ],
 )

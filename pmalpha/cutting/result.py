@@ -20,7 +20,7 @@ from ..results.contact_nodes import nodal_fields
 from ..results.history import History, SubdomainHistory
 from ..results.keys import position
 from ..run.coupler import Coupler
-from ..structures.mesh_files import grid_of
+from ..structures.pyvista_grid import grid_of
 from ..structures.structure import Structure
 from .division import Division, checked_levels
 from .element_factors import factors

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._checks import fortran_real, listing
 from ..files import checked_path
+from .bulk_cards import fields_of
 from .exported import ExportedMatrix
 from .text import Entries, labelled, refuse, text_lines
 
@@ -115,37 +116,23 @@ def read_dmig(path: str | os.PathLike[str], name: str | None = None) -> Exported
 def _dmig_cards(path: str) -> Iterator[_Card]:
     card: _Card | None = None
     for line in text_lines(path):
-        text = line.text.expandtabs(8)
-        if text.startswith("$"):
+        if line.text.startswith("$"):
             continue
-        if text[0] in "+* ,":
+        try:
+            name, texts, _ = fields_of(line.text)
+        except ValueError as error:
+            refuse(path, line.number, str(error))
+        fields = [_Field(line.number, x) for x in texts]
+        if name and name[0] not in "+*":
             if card is not None:
-                card.fields.extend(_dmig_fields(path, line.number, text))
-            continue
-        if card is not None:
-            yield card
-        word = re.split(r"[\s*,]", text, maxsplit=1)[0].upper()
-        card = None
-        if word == "DMIG":
-            card = _Card(line.number, _dmig_fields(path, line.number, text))
+                yield card
+            if name.startswith("INCLUDE"):
+                refuse(path, line.number, "INCLUDE is not read: give the file that it names")
+            card = _Card(line.number, fields) if name.rstrip("*") == "DMIG" else None
+        elif card is not None:
+            card.fields.extend(fields)
     if card is not None:
         yield card
-
-
-def _dmig_fields(path: str, line: int, text: str) -> list[_Field]:
-    """Fields 2 to 9 of a line, or four wide fields."""
-    wide = "*" in text[:8].split(",")[0]
-    count = 4 if wide else 8
-    if "," in text:
-        fields = text.split(",")[1:]
-        if len(fields) > count + 1:  # the last one is the continuation marker
-            refuse(path, line, f"must have at most {count + 2} fields, got {len(fields) + 1}")
-        fields = fields[:count]
-    else:
-        width = 64 // count
-        fields = [text[i : i + width] for i in range(8, 72, width)]
-    fields += [""] * (count - len(fields))
-    return [_Field(line, field.strip()) for field in fields]
 
 
 def _dmig_form(path: str, name: str, cards: Sequence[_Card]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..files import reading
+
+# A mark of UTF-8 at the beginning of a file
+MARK = codecs.BOM_UTF8.decode("latin-1")
 
 
 class Line(NamedTuple):
@@ -32,6 +36,7 @@ def text_lines(path: str) -> Iterator[Line]:
         )
     with io.TextIOWrapper(reading(path), encoding="latin-1", newline=None) as file:
         for number, text in enumerate(file, start=1):
+            text = text.removeprefix(MARK) if number == 1 else text
             if "\0" in text:
                 refuse(path, number, "must be text, got a binary file")
             if text.strip():

@@ -98,7 +98,7 @@ def _sections(path: str, lines: list[Line]) -> Iterator[tuple[str, Line, list[st
     for line in lines:
         text = line.text.strip()
         if text.startswith("**"):
-            comments.append(text[2:].strip())
+            comments.append(text[2:].strip().upper())
         elif text.startswith("*"):
             if head is not None:
                 yield _word(head), head, comments, data
@@ -122,6 +122,8 @@ def _option(line: Line, name: str) -> str:
 
 def _labels(path: str, head: Line, comments: list[str], data: list[Line]) -> list[list[int]]:
     """Node and component of each row: the nodes are in comments, the components in data."""
+    if "UNSYMM" in head.text.upper():
+        refuse(path, head.number, "must be symmetric elements, got UNSYMM")
     try:
         count = int(_option(head, "NODES"))
         listed = comments[comments.index("ELEMENT NODES") + 1 :]

@@ -16,15 +16,15 @@ from .._checks import check_word, listing, plain_array, real_array
 from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
 from ..meshes.mesh import FileMesh
 from ..problem.dofs import as_nodes
+from ..readers.mesh_files import read_mesh
+from ..readers.unread import Unread
 from .checked import is_lumped, node_numbers, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import RULES, Moduli, Rule, lumped_shares
 from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
-from .mesh_files import read_mesh
 from .pattern import Pattern, lumped_mass
 from .structure import COINCIDENT, Structure
-from .unread import Unread
 
 __all__ = ["from_mesh", "submesh"]
 
@@ -143,17 +143,19 @@ def from_mesh(
     FileNotFoundError
         When there is no such file.
     TypeError, ValueError
-        For entries of a file that move, make or remove nodes or elements in a way that is not read,
-        elements that are unknown, flat or inverted (by their numbers), without a material or
+        For entries of a file that move, make, remove or connect nodes or elements in a way that is
+        not read, such as ``*TIE``, cells of different kinds with the same nodes, elements that are
+        unknown, flat or inverted (by their numbers), without a material or
         with two, surfaces that are not in a plane z = constant, names that the mesh does not have,
         materials with other numbers, or not positive ones.
 
     Warns
     -----
     UserWarning
-        For what is left out or taken as something else, with its number: springs, masses, ties and
-        all other entries of the file that are not read, shells beside solids, shells of a plane
-        mesh, which have no bending, and clockwise surfaces, which are turned.
+        For what is left out or taken as something else, with its number: springs, masses and
+        other entries of the file that are not read, shells beside solids, shells of a plane mesh,
+        which have no bending, clockwise surfaces, which are turned, elements of a file that have
+        the nodes of another one, and what a library prints on the file.
 
     Examples
     --------

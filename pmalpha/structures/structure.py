@@ -22,7 +22,7 @@ from ..problem.subdomain import Subdomain
 from ..reduction.fixed_dofs import Reduction, reduce
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
-from .mesh_files import grid_of
+from .pyvista_grid import grid_of
 from .stress import BAR, BEAM, base_shear, line_forces, nodal_stress, storey_drifts
 
 __all__ = ["Structure"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._checks import fortran_real, listing
 from ..meshes.mesh import Block, ElementType, FileMesh
-from .bulk_cards import ELEMENTS, REFUSED, Element, family_of, is_of_analysis
+from .bulk_cards import ELEMENTS, REFUSED, Element, family_of, fields_of, is_of_analysis
 from .included import Included
 from .unread import Unread, refused_at
 
@@ -258,7 +258,10 @@ def _cards(path: Path) -> Iterator[Card]:
     current: Card | None = None
     marker = ""
     for where, text in _bulk_lines((path,), Included(path)):
-        name, fields, mark = _split(text)
+        try:
+            name, fields, mark = fields_of(text)
+        except ValueError as error:
+            refused_at(where, str(error))
         if name.startswith("BEGIN"):
             refused_at(where, f"must be one model, got {name!r}")
         if name and name[0] not in "+*":
@@ -274,23 +277,6 @@ def _cards(path: Path) -> Iterator[Card]:
         marker = mark
     if current is not None:
         yield current
-
-
-def _split(text: str) -> tuple[str, list[str], str]:
-    """First field, the fields of data, each line as many as it can have, and the marker."""
-    text = text.upper()
-    if "," in text:
-        name, *fields = (x.strip() for x in text.split(","))
-        count = 4 if name.endswith("*") or name.startswith("*") else 8
-    else:
-        text = text.expandtabs(8)
-        name = text[:8].strip()
-        wide = 16 if name.endswith("*") or name.startswith("*") else 8
-        count = 64 // wide
-        ends = [8 + wide * k for k in range(count + 1)]
-        fields = [text[a:b].strip() for a, b in zip(ends, ends[1:])] + [text[72:80].strip()]
-    data = fields[:count] + (count - len(fields)) * [""]
-    return name, data, "".join(fields[count : count + 1])
 
 
 def _bulk_lines(

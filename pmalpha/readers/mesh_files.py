@@ -13,28 +13,24 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._checks import listing, real_number, require_finite, require_moderate
-from ..files import library, reading
+from .._checks import listing, require_finite, require_moderate
+from ..files import reading
 from ..memory import require
 from ..meshes.kinds import KINDS, dimension_of_kind
 from ..meshes.mesh import (
     Block,
     ElementType,
     FileMesh,
-    checked_mesh,
     first_of_equal,
-    nodal_vectors,
-    padded,
     without_cells,
 )
-from ..results.dof_motion import on_mesh
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
 from .gmsh_entities import without_entities
@@ -399,36 +395,3 @@ def _numbered(mesh: Any, names: str | None) -> dict[str, list[np.ndarray]]:
         raise ValueError(f"names must be that of whole numbers by cell, got {names!r}")
     values = np.unique(np.concatenate(data)).tolist()
     return {str(value): [np.flatnonzero(x == value) for x in data] for value in values}
-
-
-def grid_of(
-    structure: Any, motion: Any, t: Any, cells: Mapping[str, np.ndarray] | None = None
-) -> Any:
-    """The implementation of `Structure.to_pyvista`, with numbers of the elements by name."""
-    pyvista = library("pyvista", "to_pyvista", "pyvista")
-    mesh = checked_mesh(structure.points, structure.elements)
-    rows, kinds = [], []
-    for kind, nodes in mesh.blocks:
-        rows.append(np.insert(nodes, 0, nodes.shape[1], axis=1).ravel())
-        kinds.append(np.full(len(nodes), KINDS[kind].vtk, dtype=np.uint8))
-    points = np.ascontiguousarray(padded(mesh.points, 3))
-    grid = pyvista.UnstructuredGrid(np.concatenate(rows), np.concatenate(kinds), points)
-    for name, numbers in (cells or {}).items():
-        grid.cell_data[name] = numbers
-    if motion is None:
-        return grid
-    if not hasattr(motion, "u"):
-        grid.point_data["displacement"] = padded(nodal_vectors(motion, mesh, "motion"), 3)
-        return grid
-    k = -1 if t is None else _level(motion, t)
-    for name, kind in (("displacement", "u"), ("velocity", "v"), ("acceleration", "a")):
-        grid.point_data[name] = padded(nodal_vectors(on_mesh(motion, kind)[k], mesh, "motion"), 3)
-    grid.field_data["time"] = [motion.t[k]]
-    return grid
-
-
-def _level(motion: Any, t: Any) -> int:
-    """The recorded time level that is nearest to t."""
-    times = np.asarray(motion.t)
-    time = real_number(t, "t", low=float(times[0]), high=float(times[-1]))
-    return int(np.argmin(np.abs(times - time)))

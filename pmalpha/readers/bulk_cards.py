@@ -1,9 +1,26 @@
-"""Cards of bulk data of Nastran: elements that are read, what does not matter, and the rest."""
+"""Cards of bulk data of Nastran: their fields, elements, what does not matter, and the rest."""
 
 from __future__ import annotations
 
 import re
 from typing import NamedTuple
+
+
+def fields_of(text: str) -> tuple[str, list[str], str]:
+    """First field, the fields of data, each line as many as it can have, and the marker."""
+    text = text.expandtabs(8)
+    wide = "*" in text[:8].partition(",")[0]
+    count = 4 if wide else 8
+    if "," in text:
+        name, *fields = (x.strip() for x in text.split(","))
+        if any(fields[count + 1 :]):
+            raise ValueError(f"must have at most {count + 2} fields, got {len(fields) + 1}")
+    else:
+        name = text[:8].strip()
+        width = 64 // count
+        fields = [text[i : i + width].strip() for i in (*range(8, 72, width), 72)]
+    data = fields[:count] + (count - len(fields)) * [""]
+    return name.upper(), data, "".join(fields[count : count + 1]).upper()
 
 
 class Element(NamedTuple):
