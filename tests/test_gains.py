@@ -99,14 +99,14 @@ def rotating_bar(u, v, t, q):
 
 
 def test_a_stiff_bar_that_rotates_in_coarse_steps_is_warned_of():
-    """By 0.6 in a step, whose path on the chord compresses the bar: along it the stiffness is not
-    between those at its ends."""
+    """By half a radian in a step, whose path on the chord compresses the bar: along it the
+    stiffness is not between those at its ends."""
     mass = pm.Subdomain(
-        [1.0, 1.0], None, scheme=IMPLICIT, internal=rotating_bar, v0=[0.0, 1.3], name="ball"
+        [1.0, 1.0], None, scheme=IMPLICIT, internal=rotating_bar, v0=[0.0, 1.0], name="ball"
     )
     with pytest.warns(pm.StabilityWarning, match=ADDED):
-        v = pm.Coupler([mass], dt=0.45).run(steps=200)["ball"].v
-    assert np.max(np.sum(v**2, axis=1)) > 10.0 * 1.3**2
+        v = pm.Coupler([mass], dt=0.5).run(steps=200)["ball"].v
+    assert np.max(np.sum(v**2, axis=1)) > 10.0
 
 
 def test_the_warning_has_amount_ratio_time_and_causes_in_order():
