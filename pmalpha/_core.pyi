@@ -80,6 +80,7 @@ _Processes = tuple[
 class Subdomain:
     entries: int
     gain: tuple[float, float, float]
+    added_mass: float
     def __new__(
         cls,
         n: int,

@@ -311,10 +311,11 @@ class ConstraintWarning(UserWarning):
 
 
 class AccuracyWarning(UserWarning):
-    """The steps of a run do not see all of its load.
+    """The steps of a run do not see all of its load, or move another mass.
 
     They skip samples of a record that change the motion. Or substeps that were chosen by a
-    tolerance reached their largest number. No run estimates its own error.
+    tolerance reached their largest number. Or an estimate of the stiffness of restoring functions
+    far above it has acted as a mass. No run estimates its own error.
     """
 
 

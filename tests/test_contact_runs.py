@@ -259,6 +259,24 @@ def test_an_obstacle_that_moves_pushes():
         assert_close(history["box"].v[-1:], 3.0, 1e-9, "last velocity of the box", size=3.0)
 
 
+def test_the_velocity_of_an_obstacle_is_that_of_its_motion_from_the_first_step_on():
+    """From motions of order two alone, for which its differences are exact: a ball at rest that is
+    hit in the first step has v - d' = - e (0 - d'(0)) after it, of a first step the velocity d' at
+    its end; without restitution the ball goes on with the obstacle."""
+    h, speed, growth = 0.01, 0.7, 30.0
+    for restitution in (0.0, 0.5, 1.0):
+        ball = pm.Subdomain([2.0], [0.0], scheme=pm.Newmark(), name="ball")
+        wall = pm.contact(
+            ball, 0, motion=lambda t: speed * t + 0.5 * growth * t * t, restitution=restitution
+        )
+        v = pm.Coupler([ball], wall, dt=h).run(steps=4)["ball"].v[:, 0]
+        first = speed + growth * h + restitution * speed
+        # differences over h / 100, of motions of 1e-2 with rounding of 1e-16 of them
+        np.testing.assert_allclose(v[1], first, rtol=1e-11)
+        if restitution == 0.0:
+            np.testing.assert_allclose(v[1:], speed + growth * h * np.arange(1, 5), rtol=1e-11)
+
+
 def test_a_contact_is_pickled_with_names():
     _, joint = pounding(4e-3)
     again = pickle.loads(pickle.dumps(joint))

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from agreement import assert_identical
+from scipy import signal
 
 import pmalpha as pm
 from pmalpha import models, structures
+from pmalpha.run import loads
 
 # other tests ignore it
 pytestmark = [
@@ -287,3 +289,38 @@ def test_a_warning_that_is_an_error_changes_nothing():
     coupler.step(3)
     whole = pm.solve(oscillator(quake()[0]), dt=0.02, steps=6)
     assert coupler.state("mass").u[0] == whole.u[-1, 0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_steps_skip_is_that_of_straight_lines_through_an_oscillator(seed):
+    """(L3) with the oscillator from SciPy: its transfer function by the bilinear transformation."""
+    rng = np.random.default_rng(seed)
+    count, dt, step = 40 + 7 * seed, 0.01, (0.03, 0.04, 0.025)[seed]
+    values, weight = rng.standard_normal((count, 2)), np.array([1.0, 0.3])
+    omega = 2.0 * np.pi / (50.0 * step)
+    b, a = signal.bilinear([1.0], [1.0, 2.0 * 0.05 * omega, omega**2], 1.0 / dt)
+    t = dt * np.arange(count + int(np.ceil(50.0 * step / dt)))
+    f = np.zeros((len(t), 2))
+    f[:count] = values * weight
+    f[count:] = f[count - 1]
+    levels = step * np.arange(len(t))  # far beyond the end, where the force is held
+    skipped = f - np.column_stack([np.interp(t, levels, np.interp(levels, t, x)) for x in f.T])
+    change, response = (signal.lfilter(b, a, x, axis=0) for x in (skipped, f))
+    expected = (
+        np.sum(skipped[:count] ** 2) / np.sum(f[:count] ** 2),
+        np.sqrt(np.sum(change**2) / np.sum(response**2)),
+    )
+    force = pm.SampledForce(values, dt)
+    # sums of some hundred squares
+    np.testing.assert_allclose(loads.skipped(force, step, weight), expected, rtol=1e-10)
+
+
+def test_a_table_of_means_reaches_one_level_beyond_the_record():
+    """The mean over the last step that has a share of it is not zero, that of the next one is: a
+    free mass has all of the impulse, and keeps its velocity to the last digit."""
+    for step in (0.003, 0.01, 0.07, 0.1):
+        force = pulse(198, average=True)
+        mass = pm.Subdomain([1.0], [0.0], scheme=TRAPEZOIDAL, force=force, name="mass")
+        v = pm.Coupler([mass], dt=step).run(steps=int(0.2 / step) + 6)["mass"].v[:, 0]
+        np.testing.assert_array_equal(v[-3:], v[-1])
+        np.testing.assert_allclose(v[-1], 1.0, rtol=1e-12)  # the triangle ends with the record

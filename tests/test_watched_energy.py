@@ -150,6 +150,7 @@ def ball(force, estimate=0.0, scheme=IMPLICIT, dt=DT):
     return pm.Coupler([part], dt=dt)
 
 
+@pytest.mark.filterwarnings("ignore:restoring_stiffness of:pmalpha.AccuracyWarning")
 @pytest.mark.parametrize("estimate", [0.0, K])
 def test_contact_of_a_compiled_function_is_watched_like_that_of_a_python_one(estimate):
     coupler = ball(lambda u: K * max(u - 0.1, 0.0), estimate)

@@ -468,6 +468,12 @@ static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closu
     return Py_BuildValue("(ddd)", gain.added, gain.energy, gain.t);
 }
 
+static PyObject *subdomain_get_added_mass(SubdomainObject *self, void *Py_UNUSED(closure))
+{
+    const pma_balance *b = pma_subdomain_balance(self->core);
+    return PyFloat_FromDouble(b ? pma_balance_added_mass(b) : 0.0);
+}
+
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
 {
     return PyLong_FromSize_t(pma_subdomain_member(self->core).entries);
@@ -475,10 +481,11 @@ static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(cl
 
 static PyGetSetDef subdomain_getset[] = {
     {"gain", (getter)subdomain_get_gain, NULL,
-     "energy that evaluated forces have added to the motion, the energy that it had then, and "
-     "since "
-     "when that is more than a tenth; zeros before, and if not watched",
+     "the largest energy that evaluated forces have added to the motion, that it had, and since "
+     "when the former is more than a tenth; zeros if it is not, and if not watched",
      NULL},
+    {"added_mass", (getter)subdomain_get_added_mass, NULL,
+     "as how much of the mass an estimate above the stiffness of functions has acted; or 0", NULL},
     {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one substep", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };

@@ -8,8 +8,11 @@
 #include "check.h"
 #include "coupling/complementarity.h"
 #include "coupling/contact.h"
+#include "coupling/coupler.h"
 #include "matrices.h"
+#include "member/subdomain.h"
 #include "naive.h"
+#include "subdomains.h"
 #include "tests.h"
 
 enum { ROWS = 60 };
@@ -280,6 +283,124 @@ static void contacts_that_do_not_fit_are_refused(void)
     CHECK_STATUS(pma_contact_check(&parts, 1), PMA_BAD_SIZE);
 }
 
+/* ---- coupled to masses ----------------------------------------------------------------------- */
+
+/* Two free masses of 1 and 3 above the ground, or what moves there: contact 0 of the first one with
+ * the ground, contact 1 of both. Its arrays are those of the core, so it is not to be moved. */
+typedef struct {
+    double zeros[2], inverse[2], gap[2], restitution[2], friction[2], signs[3], force[2];
+    double moving[4]; /* d and d' of the ground */
+    int64_t none[3], first[3], columns[3];
+    int32_t rows[3];
+    pma_contact_side side;
+    pma_contact_parts contact;
+    pma_member member;
+    pma_subdomain *core;
+    pma_coupler *coupler;
+} masses;
+
+static const double MASS = 3.0, H = 0.0625, NONE[2] = {0.0, 0.0};
+
+static void make_masses(masses *x, double speed, const double *force)
+{
+    *x = (masses){.inverse = {1.0, 1.0 / MASS},
+                  .restitution = {0.5, 0.75},
+                  .signs = {1.0, -1.0, 1.0},
+                  .force = {force[0], force[1]},
+                  .moving = {0.0, 0.0, speed, 0.0},
+                  .first = {0, 1, 2},
+                  .columns = {0, 2, 3},
+                  .rows = {0, 1, 1}};
+    pma_parts parts = {.n = 2, .nb = 2, .substeps = 1};
+    parts.K = parts.C = (pma_matrix){.form = PMA_ZERO, .n = 2};
+    parts.link = (pma_link){.p = 0, .nb = 2, .ptr = x->none, .index = x->rows, .values = x->signs};
+    parts.single.step = pma_step_make(CENTRAL_DIFFERENCE, H);
+    parts.single.factor =
+        (pma_factor){.form = PMA_DIAGONAL, .n = 2, .nb = 2, .inverse = x->inverse};
+    parts.struck.inverse = x->inverse;
+    CHECK_STATUS(pma_subdomain_create(&parts, &x->core), PMA_OK);
+    pma_subdomain_set_load(x->core,
+                           (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 2, .values = x->force});
+    x->member = pma_subdomain_member(x->core);
+    x->side.N =
+        (pma_link){.p = 2, .nb = 2, .ptr = x->columns, .index = x->rows, .values = x->signs};
+    x->contact = (pma_contact_parts){.contacts = 2,
+                                     .first = x->first,
+                                     .gap = x->gap,
+                                     .restitution = x->restitution,
+                                     .friction = x->friction,
+                                     .sides = 1,
+                                     .side = &x->side,
+                                     .blas = NAIVE_BLAS};
+    x->contact.obstacle = (pma_load){
+        .kind = speed != 0.0 ? PMA_LOAD_CONSTANT : PMA_LOAD_NONE, .n = 4, .values = x->moving};
+    pma_coupler_parts coupled = {.count = 1, .members = &x->member, .dt = H};
+    coupled.schedule = &pma_contact_schedule;
+    coupled.contact = &x->contact;
+    CHECK_STATUS(pma_coupler_create(&coupled, &x->coupler), PMA_OK);
+}
+
+static void start_masses(masses *x, const double *u, const double *v)
+{
+    const double w[2] = {x->force[0], x->force[1] / MASS};
+    pma_subdomain_start(x->core, u, v, w, x->zeros);
+    pma_coupler_start(x->coupler, 0, x->zeros, x->zeros);
+}
+
+static void destroy_masses(masses *x)
+{
+    pma_coupler_destroy(x->coupler);
+    pma_subdomain_destroy(x->core);
+}
+
+/* The first mass hits the ground, then the second one, and the ground again: (U5) by hand, of one
+ * contact after the other. A record with one row leaves all impulses in the sum. */
+static void masses_hit_the_ground_and_each_other(void)
+{
+    static const double speeds[2] = {0.0, 0.0625}, u[2] = {0.53, 1.0}, v[2] = {-1.0, 0.0};
+    for (size_t k = 0; k < 2; k++) {
+        masses x;
+        const double up = speeds[k] + 0.5 * (speeds[k] + 1.0), down = up * (1.0 - 2.25) / 4.0;
+        const double away = up * 1.75 / 4.0, end = speeds[k] + 0.5 * (speeds[k] - down);
+        double gap[2], impulse[2];
+        pma_selection selection = {0};
+        const pma_record record = {.every = 1000,
+                                   .selections = &selection,
+                                   .contact_gap = gap,
+                                   .contact_impulse = impulse};
+        make_masses(&x, speeds[k], NONE);
+        start_masses(&x, u, v);
+        pma_coupler_record_present(x.coupler, &record);
+        CHECK_STATUS(pma_coupler_advance(x.coupler, 160, &record, NULL), PMA_OK);
+        const double *now = pma_subdomain_present(x.core)->v;
+        /* some roundings of numbers of order one */
+        CHECK_NEAR(now[0], end, 1e-14);
+        CHECK_NEAR(now[1], away, 1e-14);
+        size_t size;
+        const double *contact = pma_coupler_contact(x.coupler, &size);
+        CHECK_INT(size, 8); /* impulses, d and d', sums */
+        CHECK_NEAR(contact[4], speeds[k], 0.0);
+        CHECK_NEAR(contact[6], (up + 1.0) + (end - down), 1e-14);
+        CHECK_NEAR(contact[7], MASS * away, 1e-14);
+        destroy_masses(&x);
+    }
+}
+
+/* Inside of the ground, on the way out at 0.3, but for a force that turns it back in the step: the
+ * velocity -0.2 at its end is above the one that came in, reversed. */
+static void what_opens_already_is_not_pushed(void)
+{
+    static const double u[2] = {-1.0, 5.0}, v[2] = {0.3, 0.0}, force[2] = {-8.0, 0.0};
+    masses x;
+    make_masses(&x, 0.0, force);
+    start_masses(&x, u, v);
+    CHECK_STATUS(pma_coupler_advance(x.coupler, 1, NULL, NULL), PMA_OK);
+    CHECK_NEAR(pma_subdomain_present(x.core)->v[0], -0.2, 1e-15);
+    CHECK_STATUS(pma_coupler_advance(x.coupler, 1, NULL, NULL), PMA_OK);
+    CHECK_NEAR(pma_subdomain_present(x.core)->v[0], 0.1, 1e-15); /* half of 0.2, reversed */
+    destroy_masses(&x);
+}
+
 const test CONTACT_TESTS[] = {
     TEST(block_pivoting_solves_from_any_start),
     TEST(a_banded_matrix_is_solved),
@@ -289,5 +410,7 @@ const test CONTACT_TESTS[] = {
     TEST(friction_on_redundant_rows_is_solved),
     TEST(what_has_no_solution_names_a_row),
     TEST(contacts_that_do_not_fit_are_refused),
+    TEST(masses_hit_the_ground_and_each_other),
+    TEST(what_opens_already_is_not_pushed),
     END_OF_TESTS,
 };

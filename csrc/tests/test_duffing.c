@@ -92,6 +92,49 @@ static void duffing_pairs_converge_with_second_order(void)
     }
 }
 
+/* ---- units ----------------------------------------------------------------------------------- */
+
+static void make_scaled_pair(model *m, double scale, double length, bool keeps)
+{
+    *m = (model){.count = 2, .p = 1, .dt = 0.2, .rebased = true};
+    m->newton = (pma_newton){.tolerance = 1e-8, .iterations = 40, .reuse = keeps};
+    m->subdomains[0] = one_mass(scale * M_A, scale * K_A, 1.0, generalized_alpha(0.5), true);
+    m->subdomains[1] = one_mass(scale * M_B, scale * K_B, -1.0, generalized_alpha(0.8), true);
+    m->subdomains[1].substeps = 2;
+    for (size_t i = 0; i < 2; i++) {
+        subdomain *x = &m->subdomains[i];
+        x->u0[0] = length;
+        x->inner = (inner){.used = true, .keeps = keeps};
+        x->inner.cubic = scale * 300.0 / (length * length);
+    }
+    make_model(m);
+}
+
+/* Newton's method has no scale of its own: powers of two in forces, and in displacements, change
+ * what it accepts by nothing, (N7) and (N8). */
+static void iterations_are_the_same_in_other_units(void)
+{
+    static const double scales[3] = {1.0, 1048576.0, 1.0 / 1073741824.0};
+    static const double lengths[3] = {1.0, 1.0 / 1048576.0, 1048576.0};
+    static model m[3];
+    for (int keeps = 0; keeps < 2; keeps++) {
+        for (size_t k = 0; k < 3; k++) {
+            make_scaled_pair(&m[k], scales[k], lengths[k], keeps);
+            CHECK_STATUS(pma_coupler_advance(m[k].coupler, STEPS, NULL, NULL), PMA_OK);
+            for (size_t i = 0; i < 2; i++) {
+                const pma_state *x = pma_subdomain_present(m[k].subdomains[i].core);
+                const pma_state *first = pma_subdomain_present(m[0].subdomains[i].core);
+                const double u = x->u[0] / lengths[k], v = x->v[0] / lengths[k];
+                CHECK_NEAR(u, first->u[0], 1e-14); /* rounding of the last correction */
+                CHECK_NEAR(v, first->v[0], 1e-13);
+                CHECK(x->history[HISTORY] == first->history[HISTORY]); /* corrections */
+            }
+        }
+        for (size_t k = 0; k < 3; k++)
+            destroy_model(&m[k]);
+    }
+}
+
 /* ---- the law in the middle of a substep ------------------------------------------------------ */
 
 enum { RATIO = 4 }; /* substeps of B in one of A */
@@ -440,5 +483,6 @@ const test DUFFING_TESTS[] = {
     TEST(couplers_that_cannot_iterate_are_refused),
     TEST(an_interface_matrix_without_an_entry_of_a_member_is_refused),
     TEST(subdomains_that_cannot_be_iterated_are_refused),
+    TEST(iterations_are_the_same_in_other_units),
     END_OF_TESTS,
 };

@@ -220,6 +220,41 @@ static void a_run_goes_on_from_what_was_saved(void)
     }
 }
 
+/* Two masses on a stiff internal lever of 1 to 3, far from zero, go on with a small velocity: what
+ * rounding of 1000 makes of 1e6 times differences is larger than any force, and no residual (N8),
+ * so that a first correction, or none, is accepted. A third mass is tied to them. */
+static void rounding_of_displacements_is_no_residual(void)
+{
+    static const double K = 1e6, FAR = 1000.0, SPEED = 1e-3;
+    static model m;
+    m = (model){.count = 2, .p = 1, .dt = 0.01, .rebased = true};
+    m.newton = (pma_newton){.tolerance = 1e-8, .iterations = 5};
+    m.subdomains[0] = (subdomain){.n = 2,
+                                  .nb = 1,
+                                  .p = 1,
+                                  .substeps = 1,
+                                  .implicit = true,
+                                  .scheme = generalized_alpha(0.5),
+                                  .M = {1.0, 0.0, 0.0, 2.0},
+                                  .K = {9.0 * K, -3.0 * K, -3.0 * K, K},
+                                  .L = {0.0, 1.0},
+                                  .u0 = {FAR / 3.0, FAR},
+                                  .v0 = {SPEED / 3.0, SPEED},
+                                  .inner = {.used = true}};
+    m.subdomains[1] = one_mass(1.0, 0.0, -1.0, generalized_alpha(0.5), true);
+    m.subdomains[1].u0[0] = FAR;
+    m.subdomains[1].v0[0] = SPEED;
+    make_model(&m);
+    for (int64_t k = 0; k < STEPS; k++) {
+        CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
+        const pma_state *x = pma_subdomain_present(m.subdomains[0].core);
+        CHECK(x->history[HISTORY] <= 1.0);
+        for (size_t i = 0; i < 2; i++) /* rounding of 1e-7 in forces, in steps of 0.01 */
+            CHECK_NEAR(x->v[i], SPEED / (i == 0 ? 3.0 : 1.0), 1e-7);
+    }
+    destroy_model(&m);
+}
+
 const test ITERATED_RUNS_TESTS[] = {
     TEST(an_iterated_run_is_bitwise_identical_for_any_number_of_threads),
     TEST(a_function_that_fails_leaves_the_last_whole_macro_step),
@@ -227,5 +262,6 @@ const test ITERATED_RUNS_TESTS[] = {
     TEST(an_iteration_that_does_not_converge_names_the_subdomain),
     TEST(an_iteration_can_be_stopped_anywhere_and_goes_on),
     TEST(a_run_goes_on_from_what_was_saved),
+    TEST(rounding_of_displacements_is_no_residual),
     END_OF_TESTS,
 };

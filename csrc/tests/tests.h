@@ -59,6 +59,7 @@ extern const test ITERATED_TESTS[];
 extern const test DUFFING_TESTS[];
 extern const test ITERATED_RUNS_TESTS[];
 extern const test CONTACT_TESTS[];
+extern const test BALANCE_TESTS[];
 extern const test SPECIMEN_TESTS[];
 extern const test TRIAL_TESTS[];
 extern const test DENORMALS_TESTS[];

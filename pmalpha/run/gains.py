@@ -1,10 +1,10 @@
-"""Energy that forces add to a motion, and steps too long for tangents of the present: warnings."""
+"""Energy and mass that forces add to a motion, and steps too long for present tangents: warnings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..errors import StabilityWarning, warn
+from ..errors import AccuracyWarning, StabilityWarning, warn
 from ..setup.member import Member
 from ..setup.stability import present_ratio, warn_of_steps
 
@@ -15,14 +15,31 @@ CAUSES = (
 )
 
 
+# Of the mass, from which on what an estimate adds to it is reported: 5 per cent of a period.
+ADDED_MASS = 0.1
+
+
 def warn_of_gains(members: Sequence[Member]) -> None:
-    """StabilityWarning for energy that evaluated forces have added, (B10), once for each subdomain
-    and start."""
+    """StabilityWarning for energy that evaluated forces have added, (B10), AccuracyWarning for mass
+    that an estimate has, (B13), once for each subdomain and start."""
     for member in members:
         text = gain_of(member)
         if text and not member.reported:
             warn(text, StabilityWarning)
-        member.reported = bool(text)
+            member.reported = True
+        share = member.core.added_mass
+        if share > ADDED_MASS and not member.slowed:
+            warn(_words_of_mass(member, share), AccuracyWarning)
+            member.slowed = True
+
+
+def _words_of_mass(member: Member, share: float) -> str:
+    return (
+        f"restoring_stiffness of subdomain {member.name!r} is above the stiffness that its forces "
+        f"have had in the motion: what is beyond has acted as {100.0 * share:.3g} per cent of its "
+        f"mass; take a smaller estimate or shorter steps than {member.step:g}, or give a stop and "
+        "other forces of which the stiffness is known as internal= with their tangents"
+    )
 
 
 def gain_of(member: Member) -> str:

@@ -88,7 +88,7 @@ class InitialValues:
         contact = self._contact(loads)
         for member, state in zip(members, start.states):
             member.core.start(*state, start.lam)
-            member.reported = False
+            member.reported = member.slowed = False
         core.start(0, start.lam, start.g)
         core.set_numbers("end_multipliers", start.end_multipliers)
         core.set_numbers("contact", contact)

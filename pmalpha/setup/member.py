@@ -95,6 +95,7 @@ class Member:
     step_ratio: StepRatio | None = None
     # whether the energy that its forces add was warned of since the last start
     reported: bool = False
+    slowed: bool = False
     # length of its double steps, where they span a change of the steps and are not of length 2 h
     over: float | None = None
     # step length and factor of Mbar in the form of the core, by length: those of its steps and,
@@ -152,6 +153,7 @@ class Member:
             response_blocks=None,
             step_ratio=None,
             reported=False,
+            slowed=False,
         )
 
     @property

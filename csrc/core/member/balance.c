@@ -20,9 +20,9 @@
 
 /* Up to a time level: the work along the path of the evaluations, that of what acts, and that of
  * what has come to act since the start; the work of the resultant; the sum of the sizes of the
- * works, and the largest force times displacement. */
+ * works, and the largest force times displacement; of (B13) the numerator and the denominator. */
 typedef struct {
-    double path, work, since, resultant, gross, size;
+    double path, work, since, resultant, gross, size, excess, inertia;
 } sums;
 
 /* At a time level: where forces were evaluated and what they were, how far from there the state is,
@@ -257,6 +257,22 @@ static double work_to_state(const pma_balance *b, const level *from, const level
     return sum;
 }
 
+/* (B13)  al1 dut . (K_r dut - dr) and dut . M dut from one level to the next, of one lane */
+static void add_estimate(pma_balance *b, const level *from, level *to, double al1, const double *ut,
+                         const double *r)
+{
+    double *dut = b->scratch, held = 0.0;
+    for (size_t i = 0; i < b->parts.n; i++) {
+        dut[i] = ut[i] - from->ut[i];
+        held += dut[i] * (r[i] - from->r[i]);
+    }
+    multiply(b, &b->parts.K_r, dut);
+    const double estimate = 2.0 * half_square(b, dut, 0);
+    multiply(b, &b->parts.M, dut);
+    to->sums->excess = from->sums->excess + al1 * (estimate - held);
+    to->sums->inertia = from->sums->inertia + 2.0 * half_square(b, dut, 0);
+}
+
 /* (B8) of a lane, from one level to the next, whose x is known, with r - r_a in the product; the
  * two levels may be the same */
 static void sum_up(pma_balance *b, const level *from, level *to, const double *ut, const double *r,
@@ -282,7 +298,9 @@ static void sum_up(pma_balance *b, const level *from, level *to, const double *u
                             .since = before.since + (work - start),
                             .resultant = before.resultant + resultant,
                             .gross = before.gross + fabs(work - start),
-                            .size = fmax(before.size, size)};
+                            .size = fmax(before.size, size),
+                            .excess = to->sums[lane].excess,
+                            .inertia = to->sums[lane].inertia};
 }
 
 /* The sums begin at this level, the first one whose forces are known. */
@@ -297,12 +315,14 @@ static void begin_sums(pma_balance *b, level *at)
 }
 
 /* From level j to the next one, which has x and v, with the acceleration w */
-static void sum_up_lanes(pma_balance *b, size_t j, const double *ut, const double *r,
+static void sum_up_lanes(pma_balance *b, size_t j, double al1, const double *ut, const double *r,
                          const double *w, const double *springs)
 {
     const level *from = level_at(b, j);
     level *to = level_at(b, j + 1);
     const bool known = j > 0 || b->begun;
+    if (b->parts.estimates && known)
+        add_estimate(b, from, to, al1, ut, r);
     multiply(b, &b->parts.M, w);
     for (size_t i = 0; i < b->parts.n; i++)
         b->inertia[i] = -b->product[i];
@@ -380,7 +400,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
         memcpy(to->r, r, n * sizeof(double));
         memcpy(to->inertia, w, n * sizeof(double)); /* until the link response is known */
     } else {
-        sum_up_lanes(b, j, ut, r, w, springs);
+        sum_up_lanes(b, j, al1, ut, r, w, springs);
     }
     memcpy(to->springs, springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     memset(to->vs, 0, n * sizeof(double));
@@ -397,7 +417,7 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
         to->v[i] += link->v[i];
         w[i] += link->w[i];
     }
-    sum_up_lanes(b, j - 1, to->ut, to->r, w, to->springs);
+    sum_up_lanes(b, j - 1, al1, to->ut, to->r, w, to->springs);
     if (j == b->parts.substeps) /* the state at the end, not that of the free run */
         add_extrapolated(b, link->v, link->w, to->vs);
 }
@@ -466,6 +486,12 @@ pma_gain pma_balance_gain(const pma_balance *b)
             most = own;
     }
     return most;
+}
+
+double pma_balance_added_mass(const pma_balance *b)
+{
+    const sums *now = b->present.sums;
+    return now->inertia > 0.0 ? now->excess / now->inertia : 0.0;
 }
 
 bool pma_balance_is_broken(const pma_balance *b)

@@ -24,6 +24,7 @@ typedef struct {
     bool has_responses;         /* forces are evaluated in free macro runs, */
     bool corrects;              /* ... and K_r acts on u, not on the predictor */
     bool is_passive;            /* functions are evaluated once a step: their path is not known */
+    bool estimates;             /* ... and K_r is one of theirs, in an implicit scheme */
     bool is_pushed;             /* w is without what the interface does: mean coupling */
     double h;                   /* between two time levels */
     pma_matrix M, K;            /* for the kinetic and the strain energy */
@@ -85,6 +86,10 @@ typedef struct {
     double added, energy, t;
 } pma_gain;
 pma_gain pma_balance_gain(const pma_balance *b);
+
+/* As how much of the mass an estimate K_r has acted that is above the stiffness of the forces, in
+ * the motion up to the present; 0 unless parts.estimates.                                  (B13) */
+double pma_balance_added_mass(const pma_balance *b);
 
 /* Whether the motion is beyond 1e100 of its beginning: there it is no motion any more. */
 bool pma_balance_is_broken(const pma_balance *b);

@@ -412,6 +412,8 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
                                      .corrects = K_r.form != PMA_ZERO,
                                      .is_passive = p->restoring.function ||
                                                    (!s->iterate && p->internal.count > 0),
+                                     .estimates = p->restoring.function && !p->has_responses &&
+                                                  K_r.form != PMA_ZERO,
                                      .is_pushed = p->mean,
                                      .h = p->single.step.h,
                                      .M = M,
