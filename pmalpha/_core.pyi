@@ -6,20 +6,15 @@ from typing import Any, Literal, final
 import numpy as np
 from scipy import LowLevelCallable
 
+from .problem import forms
+
 SPRING_LAWS: dict[str, int]  # number of each law of springs
 MOST_SWEEPS: int  # over contacts with friction
 LANES: int  # vectors side by side: unit responses of one pass, load cases
 
-_Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
-# values of an unsymmetric matrix or factor: both sides of the diagonal, along a first axis more
-# of a matrix [d, i] = A_i,i+d, of a factor [j, k] = R_j+1+k,j
-_Band = tuple[np.ndarray]
-_Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-_Strips = _Panels  # first, ptr, index, start, values
+# Of named fields, and named tuples for dicts, see pmalpha.problem.forms; none without constraints
+_Matrix = np.ndarray | forms.Band | forms.Compressed | forms.Strips | None
 _Schedule = Literal["fine", "iterated", "macro", "shooting", "mean", "mean shooting", "contact"]
-_Matrix = np.ndarray | _Band | _Compressed | _Strips | None
-# constants of the step as pma_step has them, reciprocals of D, R
-_Operator = tuple[tuple[float, ...], np.ndarray, _Matrix | _Panels]
 _Load = (
     np.ndarray  # constant
     | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
@@ -28,43 +23,12 @@ _Load = (
     | None
 )
 _AnyLoad = _Load | list[_Load]  # whose sum acts
-# law, first and second position, parameters
-_Springs = tuple[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]]
 # position, u, v, w, and optionally (spring, deformation, force), (output, of_u, of_v, of_w) with
 # (start, position, weight) of each
 _Selection = tuple[Any, ...] | None
 # begin, every, selections, multipliers, velocity and displacement jumps, optionally energy, and
 # impulses and gaps of contacts
 _Record = tuple[Any, ...]
-_Link = tuple[int, np.ndarray, np.ndarray, np.ndarray]  # rows, and a matrix by columns
-# reciprocals of masses, alpha and beta of (U9), or B by columns
-_Struck = tuple[np.ndarray, float, float, _Link | None]
-# first row, gap, restitution and friction of each; subdomain and N of each side; dgemm, dtrsm
-_Contact = tuple[
-    np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[tuple[int, _Link], ...], Any, Any
-]
-
-# function, numbers in its history, where each value of its pattern is in that of the tangent and
-# which one is across the diagonal from it, potential
-_Function = tuple[
-    Callable[..., Any] | LowLevelCallable,
-    int,
-    np.ndarray | None,
-    np.ndarray | None,
-    Callable[..., Any] | None,
-]
-# ptr, index, structure, dgemm, dtrsm, unsymmetric: a matrix that is factored again and again
-_Numeric = tuple[np.ndarray, np.ndarray, _Panels | None, Any, Any, bool]
-# iterated springs, kept tangents, pattern, constant part in single and double steps, |M|, threads
-_Iterate = tuple[bool, bool, _Numeric, np.ndarray, np.ndarray | None, _Matrix, int]
-# tolerance, iterations, kept tangents; pattern and constant parts of H, or responses and |H|
-_Iteration = (
-    tuple[float, int, bool, _Numeric, np.ndarray, np.ndarray]
-    | tuple[float, int, bool, _Matrix, _Matrix, _Matrix]
-)
-
-# reciprocals of the diagonal of U, L below and U above the diagonal by columns, row and column of
-# the unknowns that are wanted
 # rank, remote subdomains (None for own), first of each rank, all, counts, starts, gather
 _Processes = tuple[
     int,
@@ -81,33 +45,7 @@ class Subdomain:
     entries: int
     gain: tuple[float, float, float]
     added_mass: float
-    def __new__(
-        cls,
-        n: int,
-        nb: int,
-        substeps: int,
-        K: _Matrix,
-        C: _Matrix,
-        single: _Operator,
-        twice: _Operator | None,
-        link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
-        restoring: tuple[
-            tuple[Callable[..., Any] | LowLevelCallable, ...], np.ndarray, np.ndarray | None
-        ]
-        | None = None,
-        D_r: _Matrix = None,
-        lagged: bool = False,
-        has_responses: bool = False,
-        K_r: _Matrix = None,
-        springs: tuple[_Springs, ...] = (),
-        M: _Matrix = ...,  # given where there are internal forces
-        internal: tuple[np.ndarray, np.ndarray, tuple[_Function, ...]] | None = None,
-        iterate: _Iterate | None = None,
-        mass: tuple[np.ndarray, Any] | None = None,  # factor of M: mean coupling
-        defers: bool = False,  # its single steps are closed, not responded to: mean coupling
-        continues: bool = False,
-        struck: _Struck | None = None,
-    ) -> Subdomain: ...
+    def __new__(cls, parts: dict[str, Any]) -> Subdomain: ...
     def set_load(self, load: _AnyLoad | tuple[_AnyLoad, ...], /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
     def rebase(self, twice: bool, lam: np.ndarray, /) -> None: ...
@@ -166,16 +104,8 @@ class Coupler:
     def __new__(
         cls,
         subdomains: tuple[Subdomain, ...],
-        p: int,
-        H_start: tuple[np.ndarray, Any],
-        H: tuple[np.ndarray, Any],
-        motions: tuple[np.ndarray, ...],
-        options: dict[str, Any],  # of Options.of_core
-        schedule: _Schedule = "fine",
-        iteration: _Iteration | None = None,
-        doubled: _Matrix = ...,  # mean coupling: the part of H of double steps
+        parts: dict[str, Any],
         processes: _Processes | None = None,
-        contact: _Contact | None = None,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_origin(self, number: int, t: float, /) -> None: ...
@@ -241,7 +171,7 @@ def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...
 def postorder(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> np.ndarray: ...
 def supernodes(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> tuple[np.ndarray, ...]: ...
 def factor_panels(
-    matrix: _Compressed,
+    matrix: forms.Compressed,
     structure: tuple[np.ndarray, ...],
     values: np.ndarray,
     inverse: np.ndarray,
@@ -252,14 +182,16 @@ def factor_panels(
     threads: int,
     /,
 ) -> int | None: ...
-def strips(matrix: _Compressed, /) -> _Strips: ...
-def solve(factor: _Factor, b: np.ndarray, /) -> np.ndarray: ...
-def permuted(matrix: _Compressed, order: np.ndarray, /) -> _Compressed: ...
+def strips(matrix: forms.Compressed, /) -> tuple[np.ndarray, ...]: ...
+def solve(factor: forms.Factor, b: np.ndarray, /) -> np.ndarray: ...
+def permuted(
+    matrix: forms.Compressed, order: np.ndarray, /
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 def follow_specimen(
-    specimen: tuple[Any, ...], t: np.ndarray, u: np.ndarray, v: np.ndarray
+    specimen: forms.Specimen, t: np.ndarray, u: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]: ...
 def follow_springs(
-    springs: tuple[_Springs, ...], u: np.ndarray, levels: np.ndarray | None, /
+    springs: tuple[forms.Springs, ...], u: np.ndarray, levels: np.ndarray | None, /
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 
 # u, v, a, levels x dofs; converted where they are not as above

@@ -7,6 +7,8 @@ import waits
 from scipy.linalg import cython_blas
 
 from pmalpha import _core
+from pmalpha.problem import forms
+from pmalpha.problem.step_constants import StepConstants
 
 
 def i64(*x):
@@ -40,12 +42,59 @@ def subdomain_arguments(**others):
     return parts | others
 
 
+# In these arguments a form is a tuple of as many items as it has, which saves its name.
+MATRICES = {1: forms.Band, 3: forms.Compressed, 5: forms.Strips}
+FACTORS = {1: forms.Band, 3: forms.Compressed, 5: forms.Panels}
+PARTS = {
+    "single": {3: forms.StepOperator},
+    "twice": {3: forms.StepOperator},
+    "link": {4: forms.Columns},
+    "mass": {2: forms.Factor},
+    "restoring": {3: forms.Restoring},
+    "internal": {3: forms.Internal},
+    "iterate": {7: forms.Iterate},
+    "struck": {4: forms.Struck},
+} | {name: MATRICES for name in ("K", "C", "D_r", "K_r", "M")}
+INNER = {
+    "R": FACTORS,
+    "step": {10: StepConstants},
+    "pattern": {6: forms.Numeric},
+    "structure": {5: forms.Supernodes},
+    "M_size": MATRICES,
+    "B": {4: forms.Columns},
+}
+ITEMS = {
+    "springs": {4: forms.Springs},
+    "forces": {5: forms.InternalForce},
+    "functions": {4: forms.Specimen},
+    "filters": {10: forms.Actuator, 6: forms.Adaptive},
+}
+
+
+def named(value, forms_of):
+    """A plain tuple as one of these forms, with its items as theirs; all else as it is."""
+    form = forms_of.get(len(value)) if type(value) is tuple else None
+    if form is None:
+        return value
+    return form(*(named_item(name, x) for name, x in zip(form._fields, value)))
+
+
+def named_item(name, value):
+    if name in ITEMS and type(value) is tuple:
+        return tuple(named(x, ITEMS[name]) for x in value)
+    return named(value, INNER.get(name, {}))
+
+
 def subdomain(**others):
-    return _core.Subdomain(**subdomain_arguments(**others))
+    arguments = subdomain_arguments(**others)
+    items = {x: named_item(x, value) for x, value in arguments.items() if x not in PARTS}
+    return _core.Subdomain(
+        items | {x: named(value, PARTS[x]) for x, value in arguments.items() if x in PARTS}
+    )
 
 
-ONE = (np.ones(1), None)  # the factor of a 1 x 1 unit matrix
-NONE = (np.empty(0), None)
+ONE = forms.Factor(np.ones(1), None)  # of a 1 x 1 unit matrix
+NONE = forms.Factor(np.empty(0), None)
 
 
 def coupler_arguments(**others):
@@ -54,7 +103,11 @@ def coupler_arguments(**others):
 
 
 def coupler(**others):
-    return _core.Coupler(**coupler_arguments(**others))
+    arguments = {"schedule": "fine"} | coupler_arguments(**others)
+    for x in ("H", "H_start"):
+        arguments[x] = named(arguments[x], {2: forms.Factor})
+    apart = {x: arguments.pop(x) for x in ("subdomains", "processes") if x in arguments}
+    return _core.Coupler(**apart, parts=arguments)
 
 
 def started(motions=(), subdomains=None, **of_subdomain):

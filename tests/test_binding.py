@@ -392,7 +392,8 @@ def test_a_coupler_of_no_subdomains_can_be_interrupted():
     code = """
 none = np.empty(0)
 try:
-    c = _core.Coupler((), 0, NONE, NONE, (), {"dt": 0.1})
+    parts = {"p": 0, "H_start": NONE, "H": NONE, "motions": (), "schedule": "fine"}
+    c = _core.Coupler((), parts | {"options": {"dt": 0.1}})
     c.start(0, none, none)
     with waits.ctrl_c_when(lambda: True, after=0.2):
         c.advance(2**62, None)

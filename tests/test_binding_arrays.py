@@ -20,6 +20,7 @@ from core_objects import (
 
 import pmalpha as pm
 from pmalpha import _core
+from pmalpha.problem import forms
 
 # ---- wrong arrays -------------------------------------------------------------------------------
 
@@ -93,7 +94,7 @@ def test_dense_matrices_of_another_kind_are_refused(K):
 
 
 def compressed(ptr=(0, 1, 2), index=(0, 1), values=(1.0, 1.0)):
-    return i64(*ptr), i32(*index), f64(*values)
+    return forms.Compressed(i64(*ptr), i32(*index), f64(*values))
 
 
 BAD_COMPRESSED = {
@@ -110,15 +111,15 @@ BAD_COMPRESSED = {
     "end too large": compressed(ptr=(0, 1, 2**62)),
     "few starts": compressed(ptr=(0, 2)),
     "many starts": compressed(ptr=(0, 1, 2, 2)),
-    "no starts": (i64(), i32(), f64()),
+    "no starts": forms.Compressed(i64(), i32(), f64()),
     "few indices": compressed(index=(0,)),
     "few values": compressed(values=(1.0,)),
     "two parts": compressed()[:2],
     "four parts": (*compressed(), None),
-    "int32 starts": (i32(0, 1, 2), i32(0, 1), f64(1.0, 1.0)),
-    "int64 indices": (i64(0, 1, 2), i64(0, 1), f64(1.0, 1.0)),
-    "float starts": (f64(0, 1, 2), i32(0, 1), f64(1.0, 1.0)),
-    "Nones": (None, None, None),
+    "int32 starts": forms.Compressed(i32(0, 1, 2), i32(0, 1), f64(1.0, 1.0)),
+    "int64 indices": forms.Compressed(i64(0, 1, 2), i64(0, 1), f64(1.0, 1.0)),
+    "float starts": forms.Compressed(f64(0, 1, 2), i32(0, 1), f64(1.0, 1.0)),
+    "Nones": forms.Compressed(None, None, None),
 }
 
 
@@ -187,10 +188,10 @@ def test_strips_that_are_wrong_in_themselves_are_refused():
 
 def test_a_factor_is_solved_with_if_it_is_right_in_itself():
     b = np.array([2.0, 3.0])
-    lower = (np.array([1.0, 0.5]), compressed(ptr=(0, 1, 1), index=(1,), values=(4.0,)))
+    lower = forms.Factor(np.array([1.0, 0.5]), compressed(ptr=(0, 1, 1), index=(1,), values=(4.0,)))
     # by hand: R = (1, 0; 4, 1), D = (1, 2): R y = b is y = (2, -5), then R^T x = (2, -2.5)
     np.testing.assert_array_equal(_core.solve(lower, b), [12.0, -2.5])
-    for bad in (None, (), (b,), (b, compressed(ptr=(0, 1, 1), index=(0,), values=(4.0,)))):
+    for bad in (None, (), (b,), forms.Factor(b, compressed(ptr=(0, 1, 1), index=(0,)))):
         check_refused(lambda bad=bad: _core.solve(bad, b))
     check_refused(lambda: _core.solve(lower, np.ones(3)))
 
@@ -244,11 +245,14 @@ def test_a_matrix_is_permuted_by_a_permutation_of_its_size():
 def test_filters_that_remember_too_much_are_refused():
     """Their numbers would overflow to few: what is beyond them was written."""
     none, one = np.zeros(0), np.ones(1)
-    late = (np.array([2**63 - 1]), one, np.inf, np.zeros((0, 0)), none, none, one, 0.0, 0.0, 0)
-    adaptive = (0.01, np.zeros((4, 3)), 0.05, 1, 2**62, np.zeros((1, 5)))
-    for own, message in ((late, "lag is out of range"), (adaptive, "not too large")):
+    phi = np.zeros((0, 0))
+    late = forms.Actuator(np.array([2**63 - 1]), one, np.inf, phi, none, none, one, 0.0, 0.0, 0)
+    adaptive = forms.Adaptive(0.01, np.zeros((4, 3)), 0.05, 1, 2**62, np.zeros((1, 5)))
+    for own, message in ((late, "lag is out of range"), (adaptive, "too large")):
         with pytest.raises(ValueError, match=message):
-            _core.follow_specimen(((own,), (), None, 0), np.zeros(9), *np.zeros((2, 9, 1)))
+            _core.follow_specimen(
+                forms.Specimen((own,), (), None, 0), np.zeros(9), *np.zeros((2, 9, 1))
+            )
 
 
 def test_lanes_are_split_into_arrays_of_their_shape():

@@ -11,10 +11,12 @@ SOURCES = sorted(CSRC.rglob("*.c"))
 # What a folder may include, besides its own files and status.h.
 BELOW = {
     "": set(),
+    "fields": set(),
     "algebra": set(),
     "member": {"algebra"},
     "workers": set(),
     "coupling": {"algebra", "member", "workers"},
+    "parts": {"fields", "algebra", "member", "coupling"},
 }
 
 

@@ -14,7 +14,7 @@ from scipy.linalg import cython_blas
 
 import pmalpha as pm
 from pmalpha import _core, structures
-from pmalpha.problem import ordering
+from pmalpha.problem import forms, ordering
 from pmalpha.problem.matrices import core_sparse, permuted
 from pmalpha.problem.ordering import _nested_dissection as dissection
 from pmalpha.problem.ordering import (
@@ -25,6 +25,7 @@ from pmalpha.problem.ordering import (
     node_size,
     with_full_nodes,
 )
+from pmalpha.problem.step_constants import StepConstants
 from pmalpha.setup import factors
 from pmalpha.setup.inertia import inertia
 from pmalpha.setup.link import Link, compliance
@@ -41,18 +42,12 @@ def ordered(A, nb):
 def solve(factor, b, nb):
     """A^-1 b by a step of the core: with al2 = 1 and no stiffness, w1 = A^-1 F."""
     n, none = b.size, np.empty(0)
-    link = (0, np.zeros(nb + 1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
-    s = _core.Subdomain(
-        n=n,
-        nb=nb,
-        substeps=1,
-        K=None,
-        C=None,
-        single=((1.0, 0.0, 1.0, *[0.0] * 6, 1.0), *factor),
-        twice=None,
-        link=link,
-    )
-    coupler = _core.Coupler((s,), 0, (none, None), (none, None), (), {"dt": 1.0})
+    link = forms.Columns(0, np.zeros(nb + 1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
+    single = forms.StepOperator(StepConstants(1.0, 0.0, 1.0, *[0.0] * 6, 1.0), *factor)
+    s = _core.Subdomain({"n": n, "nb": nb, "substeps": 1, "single": single, "link": link})
+    unit = forms.Factor(none, None)
+    of_coupler = {"p": 0, "H_start": unit, "H": unit, "motions": (), "schedule": "fine"}
+    coupler = _core.Coupler((s,), of_coupler | {"options": {"dt": 1.0}})
     zero = np.zeros(n)
     s.start(zero, zero, zero, none)
     s.set_load(b)

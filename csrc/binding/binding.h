@@ -18,33 +18,22 @@
 #include "algebra/elimination.h"
 #include "algebra/lanes.h"
 #include "coupling/coupler.h"
+#include "fields/field.h"
 #include "member/remote.h"
 #include "member/subdomain.h"
+#include "parts/parts.h"
 #include "status.h"
 #include "workers/denormals.h"
 #include "workers/team.h"
 
 /* ---- objects ---------------------------------------------------------------------------- */
 
-/* A Python callable that is an internal force. */
-typedef struct {
-    PyObject *callable, *potential; /* the latter is None where there is none */
-    npy_intp history, entries;
-} pma_callable;
-
-/* The internal forces of a subdomain, allocated. */
-typedef struct {
-    pma_internal_force *forces;
-    pma_callable *callables;
-} pma_forces;
-
 typedef struct SubdomainObject {
     PyObject_HEAD
     pma_subdomain *core;
-    PyObject *arrays; /* list: the arrays that the core points into */
-    PyObject *load;   /* list: the arrays of the load */
-    pma_spring_set *springs;
-    pma_forces forces;
+    PyObject *arrays;           /* list: the arrays that the core points into */
+    PyObject *load;             /* list: the arrays of the load */
+    pma_store store;            /* what the core points into, beside the arrays */
     pma_team *team;             /* of those that factor tangents, or NULL */
     PyObject *mass;             /* list: the arrays of M, while energies are summed */
     PyObject *response;         /* list: the arrays of the stored unit responses */
@@ -62,6 +51,7 @@ typedef struct {
     pma_interface H_start, H; /* factors of the interface matrix */
     PyObject *subdomains;     /* tuple of SubdomainObject */
     PyObject *arrays;         /* list: the arrays that the core points into */
+    pma_store store;          /* what it points into besides */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     PyObject *obstacle;       /* list: the arrays of obstacles of contacts, or NULL */
     pma_processes *processes; /* the others, or NULL */
@@ -237,21 +227,31 @@ PyObject *pma_new_array(npy_intp length, int type, void *data);
 /* A new tuple, which takes these references over; NULL where one of them is NULL. */
 PyObject *pma_pack(Py_ssize_t count, PyObject *const *items);
 
-/* None, an (n,) array, an (n, n) array or a tuple: (band,), (ptr, index, values) or
- * strips */
+/* ---- by named fields: parts/parts.h has what is taken from which ---------------------------- */
+
+/* A tree of an object; `arrays` keeps what it points into. To be ended, with what came of it: 0, or
+ * -1 with an exception set. */
+int pma_read_tree(PyObject *obj, PyObject *arrays, pma_store *store, pma_fields *out);
+int pma_end_tree(pma_fields *fields, pma_status status);
+
+/* What one taker of the core takes from an object. Memory that is needed besides goes to `store`. */
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
-
-/* (first, row_ptr, rows, start, values), the panels of a factor; not checked yet */
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
-
-/* (inverse, R): R is None, an (n, n) array whose row j is column j of R, (band,),
- * (ptr, index, values), or panels, followed by (position, supernodes) where the interface is not
- * last */
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
+int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out);
+int pma_take_springs(PyObject *obj, PyObject *arrays, pma_store *store, pma_springs *out);
+int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_store *store,
+                      pma_specimen **out);
+int pma_take_coupler(PyObject *obj, PyObject *arrays, pma_store *store, const pma_members *members,
+                     pma_coupler_taken *out);
+int pma_take_subdomain(PyObject *obj, PyObject *arrays, pma_store *store, pma_subdomain_taken *out);
 
-/* The same without values, which are not set. */
-int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
+/* What a function of the user, or a capsule of BLAS, is to the core (field.h, pma_role). */
+int pma_find_restoring(PyObject *obj, pma_function *out);
+int pma_find_internal(PyObject *obj, pma_store *store, pma_internal_force *out);
+int pma_find_potential(PyObject *obj, pma_internal_force *out);
+int pma_find_blas(PyObject *capsule, bool dgemm, pma_blas *out);
 
 /* Capsules of scipy.linalg.cython_blas */
 int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);
@@ -271,9 +271,6 @@ PyObject *pma_take_load(PyObject *obj, pma_load *load);
 /* A tuple of PMA_LANES loads, which load->each gets; the caller frees *each. */
 PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each);
 
-/* A tuple of (law, first, second, (parameter, ...)); the caller frees *sets */
-int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out);
-
 /* the user's dof at each position of the elimination order */
 int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out);
 
@@ -284,68 +281,13 @@ void *pma_address_of(PyObject *obj, void **user);
 /* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
 
-/* The list of arrays owns this memory of PyMem_Calloc from now on, also after an error; -1 for
- * NULL. `release` gets the capsule that it is in. */
-int pma_keep(void *memory, void (*release)(PyObject *owner), PyObject *arrays);
-
 /* n doubles of scratch, owned by the list of arrays */
 double *pma_add_scratch(npy_intp n, PyObject *arrays);
-
-/* A function of the user in the form of the core. */
-typedef struct {
-    pma_restoring_function function;
-    void *user;
-} pma_callback;
-
-/* A callable or LowLevelCallable of restoring forces; *by_caller is set for the former. */
-int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller);
-
-/* (filters, springs, function or None), in the user's order of dofs, with memory after that which
- * *restoring has already: each filter is (lag, weight, largest, phi, before, after, slope, noise,
- * quantum, seed), or (h, limits, threshold, every, window, section) */
-int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *restoring,
-                      pma_callback *out);
-
-/* None, or ((f, ...), order), of which the sum counts: each f is a callable f(u, v, t) -> (n,)
- * array in the user's order of dofs, a LowLevelCallable with the signature of
- * pma_restoring_function, or a specimen */
-int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
-
-/* None, or (order, initial, ((function, history, where, potential), ...)): each is a callable
- * f(u, v, t, q, wanted) -> (f, K, C, q1), or a LowLevelCallable with the signature of
- * pma_internal_function; *forces is the caller's to release. */
-int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *forces,
-                      pma_internal *out);
-void pma_release_forces(pma_forces *forces);
-
-/* (ptr, index, structure, dgemm, dtrsm) */
-int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
-                     pma_numeric_parts *out);
-
-/* (springs, keeps, pattern, base, base_twice, M_size, threads), pattern as above; *team: the
- * threads that factor tangents, or unchanged */
-int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pma_team **team,
-                     pma_iterate_parts *out);
-
-/* (tolerance, iterations, reuse, pattern, start, later), or under macro coupling
- * (tolerance, iterations, reuse, response_start, response, H_size) */
-int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
-                       pma_iteration_parts *out);
 
 /* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None,
  * contacts=None) with all rows up to macro step `end`; record->selections is the caller's to
  * free */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
-
-/* (p, ptr, index, values): L_b with nb columns */
-int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out);
-
-/* (first, gap, restitution, friction, ((subdomain, link), ...), dgemm, dtrsm): contacts; *sides
- * is the caller's to free, also after an error. (inverse, alpha, beta, None or B by columns, as a
- * link): what impulses meet, or None. */
-int pma_take_contact(CouplerObject *self, PyObject *obj, pma_contact_parts *out,
-                     pma_contact_side **sides);
-int pma_take_struck(PyObject *obj, size_t nb, PyObject *arrays, pma_struck *out);
 
 /* None, or (rank, remotes, first, all, counts, starts, gather): remotes has None for the subdomains
  * of this process, else (n, nb, substeps, h, doubled, al2, al2_twice, link); first (ranks + 1,) the

@@ -62,18 +62,6 @@ double *pma_add_scratch(npy_intp n, PyObject *arrays)
     return data;
 }
 
-int pma_keep(void *memory, void (*release)(PyObject *owner), PyObject *arrays)
-{
-    PyObject *owner = memory ? PyCapsule_New(memory, NULL, release) : PyErr_NoMemory();
-    if (!owner) {
-        PyMem_Free(memory);
-        return -1;
-    }
-    const int failed = PyList_Append(arrays, owner);
-    Py_DECREF(owner);
-    return failed;
-}
-
 /* Address and user data of a scipy.LowLevelCallable, a tuple that begins with a capsule; its
  * signature was checked in Python. NULL without an exception for any other object. */
 void *pma_address_of(PyObject *obj, void **user)
@@ -100,14 +88,13 @@ int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **
     return pma_take_positions(obj, (size_t)n, "order", NULL, &count, out);
 }
 
-int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller)
+int pma_find_restoring(PyObject *obj, pma_function *out)
 {
-    out->function = (pma_restoring_function)pma_address_of(function, &out->user);
+    out->function = (pma_restoring_function)pma_address_of(obj, &out->user);
     if (out->function)
         return 0;
-    if (!PyCallable_Check(function))
+    if (!PyCallable_Check(obj))
         return pma_refuse(PyExc_TypeError, "restoring must be callable");
-    *out = (pma_callback){call_callable, function};
-    *by_caller = true;
+    *out = (pma_function){call_callable, obj, true};
     return 0;
 }

@@ -16,173 +16,55 @@ static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
     return 0;
 }
 
-/* a tuple of (k,) arrays: the rows of each prescribed motion, before its load is set */
-static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
+static size_t nb_of(const void *of, size_t member)
 {
-    for (Py_ssize_t i = 0; i < PyTuple_Size(obj); i++) {
-        npy_intp rows = -1;
-        if (pma_take_vector(PyTuple_GetItem(obj, i), NPY_INT64, &rows, "motions", arrays,
-                            &motions[i].rows) < 0)
-            return -1;
-        motions[i].load.n = (size_t)rows;
-    }
-    return 0;
+    CouplerObject *self = (CouplerObject *)(uintptr_t)of;
+    return pma_subdomain_parts(pma_subdomain_of(self, (Py_ssize_t)member)->core)->nb;
 }
 
-static int take_interface_factor(PyObject *obj, npy_intp p, const char *name, PyObject *arrays,
-                                 pma_interface *own, pma_interface *out)
+static int create_interface(const pma_factor *factor, const char *name, pma_interface *own,
+                            pma_interface *out)
 {
-    pma_factor factor;
-    if (pma_take_factor(obj, p, p, name, arrays, &factor) < 0)
-        return -1;
-    const pma_status status = pma_interface_create(&factor, own);
+    const pma_status status = pma_interface_create(factor, own);
     *out = *own;
     return pma_check(status, name);
 }
 
-static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObject *motions,
-                      pma_coupler_parts *parts)
+static int take_parts(CouplerObject *self, PyObject *fields, PyObject *processes)
 {
-    const npy_intp p = (npy_intp)parts->p;
-    const Py_ssize_t count = PyTuple_Size(motions);
-    if (take_interface_factor(H_start, p, "H_start", self->arrays, &self->H_start,
-                              &parts->H_start) < 0 ||
-        take_interface_factor(H, p, "H", self->arrays, &self->H, &parts->H) < 0)
+    pma_coupler_taken taken;
+    const pma_members members = {
+        .count = (size_t)PyTuple_Size(self->subdomains), .nb = nb_of, .of = self};
+    if (pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
+        pma_take_coupler(fields, self->arrays, &self->store, &members, &taken) < 0 ||
+        create_interface(&taken.H_start, "H_start", &self->H_start, &taken.parts.H_start) < 0 ||
+        create_interface(&taken.H, "H", &self->H, &taken.parts.H) < 0)
         return -1;
-    for (Py_ssize_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < taken.parts.motion_count; i++) {
         if (PyList_Append(self->motions, Py_None) < 0)
             return -1;
     }
-    pma_motion *taken = PyMem_Calloc((size_t)count + 1, sizeof *taken);
-    if (!taken)
-        return pma_check(PMA_NO_MEMORY, NULL);
-    parts->motion_count = (size_t)count;
-    parts->motions = taken;
-    int failed = take_motions(motions, self->arrays, taken);
-    if (!failed)
-        failed = pma_coupler_fill(self, parts);
-    PyMem_Free(taken);
-    return failed;
-}
-
-static const struct {
-    const char *word;
-    const pma_schedule *schedule;
-} SCHEDULES[] = {{"fine", &pma_fine_schedule},      {"iterated", &pma_iterated_schedule},
-                 {"macro", &pma_macro_schedule},    {"shooting", &pma_shooting_schedule},
-                 {"mean", &pma_mean_schedule},      {"mean shooting", &pma_mean_shooting_schedule},
-                 {"contact", &pma_contact_schedule}};
-
-static const pma_schedule *schedule_of(const char *word)
-{
-    for (size_t i = 0; i < sizeof SCHEDULES / sizeof *SCHEDULES; i++) {
-        if (strcmp(word, SCHEDULES[i].word) == 0)
-            return SCHEDULES[i].schedule;
-    }
-    PyErr_Format(PyExc_ValueError, "schedule must be that of some coupling, got '%s'", word);
-    return NULL;
-}
-
-/* With a schedule that iterates, and no other */
-static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts,
-                          pma_iteration_parts *iteration)
-{
-    const bool shoots =
-        parts->schedule == &pma_shooting_schedule || parts->schedule == &pma_mean_shooting_schedule;
-    if ((obj != Py_None) != (shoots || parts->schedule == &pma_iterated_schedule))
-        return pma_refuse(PyExc_ValueError, "iteration must be given to a schedule that iterates");
-    if (obj == Py_None)
-        return 0;
-    parts->iteration = iteration;
-    return pma_take_iteration(obj, (npy_intp)parts->p, shoots, self->arrays, iteration);
-}
-
-/* Under mean coupling, the part of H of double steps; None if there are none */
-static int take_mean(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts)
-{
-    if (!obj)
-        return 0;
-    return pma_take_matrix(obj, (npy_intp)parts->p, "doubled", self->arrays, &parts->doubled);
-}
-
-static const pma_option *find_option(PyObject *name)
-{
-    const size_t count = sizeof PMA_COUPLER_OPTIONS / sizeof *PMA_COUPLER_OPTIONS;
-    for (size_t i = 0; PyUnicode_Check(name) && i < count; i++) {
-        if (PyUnicode_CompareWithASCIIString(name, PMA_COUPLER_OPTIONS[i].name) == 0)
-            return &PMA_COUPLER_OPTIONS[i];
-    }
-    PyErr_Format(PyExc_TypeError, "options must be those of the core, got %R", name);
-    return NULL;
-}
-
-static int take_option(const pma_option *option, PyObject *value, pma_coupler_parts *parts)
-{
-    char *to = (char *)parts + option->at;
-    if (option->kind == PMA_NUMBER)
-        *(double *)to = PyFloat_AsDouble(value);
-    else if (option->kind == PMA_COUNT)
-        *(size_t *)to = PyLong_AsSize_t(value);
-    else
-        *(bool *)to = PyObject_IsTrue(value) > 0;
-    return PyErr_Occurred() ? -1 : 0;
-}
-
-/* What is not in the dict is zero. */
-static int take_options(PyObject *dict, pma_coupler_parts *parts)
-{
-    PyObject *name, *value;
-    Py_ssize_t position = 0;
-    int failed = 0;
-    while (!failed && PyDict_Next(dict, &position, &name, &value)) {
-        const pma_option *option = find_option(name);
-        Py_INCREF(value);
-        failed = option ? take_option(option, value, parts) : -1;
-        Py_DECREF(value);
-    }
-    return failed;
+    return pma_coupler_fill(self, &taken.parts);
 }
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p",         "H_start", "H",         "motions", "options",
-                            "schedule",   "iteration", "doubled", "processes", "contact", NULL};
-    PyObject *subdomains, *H_start, *H, *motions, *options;
-    PyObject *iterated = Py_None, *doubled = NULL, *processes = Py_None, *contact = Py_None;
-    pma_contact_parts contacts;
-    pma_contact_side *sides = NULL;
-    pma_iteration_parts iteration;
-    Py_ssize_t p;
-    const char *schedule = "fine";
-    pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOO!O!|sOOOO", names, &PyTuple_Type,
-                                     &subdomains, &p, &H_start, &H, &PyTuple_Type, &motions,
-                                     &PyDict_Type, &options, &schedule, &iterated, &doubled,
-                                     &processes, &contact) ||
-        check_subdomains(type, subdomains) < 0 || take_options(options, &parts) < 0)
+    static char *names[] = {"subdomains", "parts", "processes", NULL};
+    PyObject *subdomains, *parts, *processes = Py_None;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!O!|O", names, &PyTuple_Type, &subdomains,
+                                     &PyDict_Type, &parts, &processes) ||
+        check_subdomains(type, subdomains) < 0)
         return NULL;
-    if (p < 0 || (PyTuple_Size(subdomains) == 0 && processes == Py_None))
-        return PyErr_Format(PyExc_ValueError, "p must be at least 0 and subdomains not empty");
-    parts.schedule = schedule_of(schedule);
-    if (parts.schedule && (contact != Py_None) != (parts.schedule == &pma_contact_schedule))
-        return PyErr_Format(PyExc_ValueError, "contact must be given to the schedule of contacts");
-    CouplerObject *self = parts.schedule ? (CouplerObject *)PyType_GenericAlloc(type, 0) : NULL;
+    if (PyTuple_Size(subdomains) == 0 && processes == Py_None)
+        return PyErr_Format(PyExc_ValueError, "subdomains must not be empty");
+    CouplerObject *self = (CouplerObject *)PyType_GenericAlloc(type, 0);
     if (!self)
         return NULL;
-    parts.p = (size_t)p;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
-    if (!self->arrays || !self->motions ||
-        pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
-        take_mean(self, doubled, &parts) < 0 ||
-        take_iteration(self, iterated, &parts, &iteration) < 0 ||
-        (contact != Py_None && pma_take_contact(self, contact, &contacts, &sides) < 0))
+    if (!self->arrays || !self->motions || take_parts(self, parts, processes) < 0)
         Py_CLEAR(self);
-    parts.contact = contact != Py_None ? &contacts : NULL;
-    if (self && take_parts(self, H_start, H, motions, &parts) < 0)
-        Py_CLEAR(self);
-    PyMem_Free(sides);
     return (PyObject *)self;
 }
 
@@ -206,6 +88,7 @@ static void coupler_dealloc(CouplerObject *self)
     pma_release_processes(self->processes);
     pma_interface_destroy(&self->H_start);
     pma_interface_destroy(&self->H);
+    pma_store_release(&self->store);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
@@ -492,7 +375,7 @@ static PyGetSetDef coupler_getset[] = {
 };
 
 static PyType_Slot coupler_slots[] = {
-    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, motions, options, schedule=\"fine\")\n\n"
+    {Py_tp_doc, "Coupler(subdomains, parts, processes=None)\n\n"
                 "The subdomains, the interface problem and the schedule."},
     {Py_tp_new, coupler_new},
     {Py_tp_traverse, coupler_traverse},

@@ -219,16 +219,21 @@ static void *pointer_of(PyObject *capsule, size_t arguments)
 }
 
 /* A function pointer from a void pointer, which POSIX defines and C11 does not. */
-int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
+int pma_find_blas(PyObject *capsule, bool dgemm, pma_blas *out)
 {
-    void *pointers[2] = {pointer_of(dgemm, 13), NULL};
-    if (pointers[0])
-        pointers[1] = pointer_of(dtrsm, 11);
-    if (!pointers[0] || !pointers[1])
+    void *pointer = pointer_of(capsule, dgemm ? 13 : 11);
+    if (!pointer)
         return -1;
-    memcpy(&blas->dgemm, &pointers[0], sizeof pointers[0]);
-    memcpy(&blas->dtrsm, &pointers[1], sizeof pointers[1]);
+    if (dgemm)
+        memcpy(&out->dgemm, &pointer, sizeof pointer);
+    else
+        memcpy(&out->dtrsm, &pointer, sizeof pointer);
     return 0;
+}
+
+int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *out)
+{
+    return pma_find_blas(dgemm, true, out) < 0 ? -1 : pma_find_blas(dtrsm, false, out);
 }
 
 static void work(void *ctx, size_t worker)
@@ -319,8 +324,9 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
         pma_take_vector(PyTuple_GetItem(structure, 4), NPY_INT64, &n, "owner", arrays, owner) < 0)
         return -1;
     PyObject *panels =
-        PyTuple_Pack(5, PyTuple_GetItem(structure, 0), PyTuple_GetItem(structure, 1),
-                     PyTuple_GetItem(structure, 2), PyTuple_GetItem(structure, 3), values);
+        Py_BuildValue("{sOsOsOsOsO}", "first", PyTuple_GetItem(structure, 0), "row_ptr",
+                      PyTuple_GetItem(structure, 1), "rows", PyTuple_GetItem(structure, 2), "start",
+                      PyTuple_GetItem(structure, 3), "values", values);
     const int failed = panels ? pma_take_panels(panels, "structure", arrays, p) : -1;
     Py_XDECREF(panels);
     if (failed)

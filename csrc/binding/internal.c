@@ -5,6 +5,11 @@
 /* ---- Python callables ----------------------------------------------------------------------- */
 
 typedef struct {
+    PyObject *callable, *potential; /* the latter is NULL where there is none */
+    npy_intp history, entries;
+} pma_callable;
+
+typedef struct {
     const pma_callable *of;
     double t;
     npy_intp n;
@@ -92,167 +97,32 @@ static int call_potential(intptr_t n, double *u, double *energy, void *user)
 
 /* ---- forces --------------------------------------------------------------------------------- */
 
-/* (function, history, where, across, potential): where is None for a force whose tangents are never
- * evaluated, across for one whose tangents are not compared with their transpose, potential is a
- * callable of Python or None */
-static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
-                      pma_internal_force *out)
+int pma_find_internal(PyObject *obj, pma_store *store, pma_internal_force *out)
 {
-    PyObject *function, *where, *across, *potential;
-    Py_ssize_t history;
-    npy_intp entries = -1;
-    if (!PyArg_ParseTuple(obj, "OnOOO", &function, &history, &where, &across, &potential))
-        return -1;
-    if (history < 0)
-        return pma_refuse(PyExc_ValueError, "history must not be negative");
-    out->history = (size_t)history;
-    if (where != Py_None) {
-        if (pma_take_vector(where, NPY_INT64, &entries, "where", arrays, &out->where) < 0)
-            return -1;
-        out->entries = (size_t)entries;
-    }
-    if (where != Py_None && across != Py_None &&
-        pma_take_vector(across, NPY_INT64, &entries, "across", arrays, &out->across) < 0)
-        return -1;
-    if (PyList_Append(arrays, function) < 0)
-        return -1;
-    out->function = (pma_internal_function)pma_address_of(function, &out->user);
+    out->function = (pma_internal_function)pma_address_of(obj, &out->user);
     if (out->function)
         return 0;
-    if (!PyCallable_Check(function))
+    if (!PyCallable_Check(obj))
         return pma_refuse(PyExc_TypeError, "internal must be callable");
-    if (potential != Py_None && PyList_Append(arrays, potential) < 0)
-        return -1;
-    *callable = (pma_callable){function, potential, history, (npy_intp)out->entries};
-    out->potential = potential != Py_None ? call_potential : NULL;
+    pma_callable *callable = pma_store_add(store, 1, sizeof *callable);
+    if (!callable)
+        return pma_check(PMA_NO_MEMORY, NULL);
+    *callable = (pma_callable){
+        .callable = obj, .history = (npy_intp)out->history, .entries = (npy_intp)out->entries};
     out->function = call_callable;
     out->user = callable;
     out->by_caller = true;
     return 0;
 }
 
-int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *forces,
-                      pma_internal *out)
+int pma_find_potential(PyObject *obj, pma_internal_force *out)
 {
-    PyObject *order, *initial, *list;
-    npy_intp history = -1;
-    *out = (pma_internal){.n = (size_t)n};
-    if (obj == Py_None)
-        return 0;
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "internal must be a tuple (order, initial, forces)");
-    if (!PyArg_ParseTuple(obj, "OOO!", &order, &initial, &PyTuple_Type, &list) ||
-        pma_take_order(order, n, arrays, &out->order) < 0 ||
-        pma_take_vector(initial, NPY_DOUBLE, &history, "initial", arrays, &out->initial) < 0)
-        return -1;
-    out->history = (size_t)history;
-    const size_t count = (size_t)PyTuple_Size(list);
-    forces->forces = PyMem_Calloc(count + 1, sizeof *forces->forces);
-    forces->callables = PyMem_Calloc(count + 1, sizeof *forces->callables);
-    if (!forces->forces || !forces->callables)
-        return pma_check(PMA_NO_MEMORY, NULL);
-    for (size_t k = 0; k < count; k++) {
-        if (take_force(PyTuple_GetItem(list, (Py_ssize_t)k), arrays, &forces->callables[k],
-                       &forces->forces[k]) < 0)
-            return -1;
-    }
-    out->forces = forces->forces;
-    out->count = count;
+    if (!out->by_caller)
+        return 0; /* of a compiled function there is none */
+    pma_callable *callable = out->user;
+    callable->potential = obj;
+    out->potential = call_potential;
     return 0;
-}
-
-void pma_release_forces(pma_forces *forces)
-{
-    PyMem_Free(forces->forces);
-    PyMem_Free(forces->callables);
-}
-
-/* ---- factors that are made again ------------------------------------------------------------ */
-
-/* (ptr, index, structure, dgemm, dtrsm, unsymmetric): structure is None where the pattern is a
- * diagonal */
-int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
-                     pma_numeric_parts *out)
-{
-    PyObject *ptr, *index, *structure, *dgemm, *dtrsm;
-    int unsymmetric;
-    npy_intp size = n + 1;
-    *out = (pma_numeric_parts){.n = (size_t)n, .nb = (size_t)nb};
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "pattern must be a tuple of six");
-    if (!PyArg_ParseTuple(obj, "OOOOOp", &ptr, &index, &structure, &dgemm, &dtrsm, &unsymmetric) ||
-        pma_take_vector(ptr, NPY_INT64, &size, "ptr", arrays, &out->ptr) < 0)
-        return -1;
-    out->unsymmetric = unsymmetric;
-    npy_intp entries = (npy_intp)out->ptr[n];
-    if (pma_take_vector(index, NPY_INT32, &entries, "index", arrays, &out->index) < 0)
-        return -1;
-    if (structure == Py_None)
-        return 0;
-    if (pma_take_blas(dgemm, dtrsm, &out->blas) < 0)
-        return -1;
-    if (!PyTuple_Check(structure) || PyTuple_Size(structure) != 5)
-        return pma_refuse(PyExc_TypeError, "structure must be a tuple of five arrays");
-    if (pma_take_structure(structure, "structure", arrays, &out->panels) < 0)
-        return -1;
-    return pma_take_vector(PyTuple_GetItem(structure, 4), NPY_INT64, &n, "owner", arrays,
-                           &out->owner);
-}
-
-int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pma_team **team,
-                     pma_iterate_parts *out)
-{
-    PyObject *pattern, *base, *twice, *M_size;
-    int springs, keeps;
-    Py_ssize_t threads;
-    const npy_intp n = (npy_intp)parts->n;
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "iterate must be a tuple of seven");
-    if (!PyArg_ParseTuple(obj, "ppOOOOn", &springs, &keeps, &pattern, &base, &twice, &M_size,
-                          &threads))
-        return -1;
-    *out = (pma_iterate_parts){.springs = springs, .keeps = keeps};
-    if (pma_take_numeric(pattern, n, (npy_intp)parts->nb, arrays, &out->tangent) < 0 ||
-        pma_take_crew(threads, team, &out->tangent.crew) < 0)
-        return -1;
-    const npy_intp entries = (npy_intp)out->tangent.ptr[n];
-    if (pma_take_doubles(base, entries, "base", arrays, &out->base) < 0 ||
-        pma_take_matrix(M_size, n, "M_size", arrays, &out->M_size) < 0)
-        return -1;
-    if (!parts->doubled)
-        return 0;
-    return pma_take_doubles(twice, entries, "base_twice", arrays, &out->base_twice);
-}
-
-/* (tolerance, iterations, reuse, pattern, start, later) for pm and gc,
- * (tolerance, iterations, reuse, response_start, response, H_size) for macro coupling */
-int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
-                       pma_iteration_parts *out)
-{
-    PyObject *first, *second, *third;
-    Py_ssize_t iterations;
-    int reuse;
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "iteration must be a tuple of six");
-    *out = (pma_iteration_parts){.newton = {.tolerance = 0.0}};
-    if (!PyArg_ParseTuple(obj, "dnpOOO", &out->newton.tolerance, &iterations, &reuse, &first,
-                          &second, &third))
-        return -1;
-    if (iterations < 1 || !(out->newton.tolerance > 0.0))
-        return pma_refuse(PyExc_ValueError, "need tolerance > 0 and iterations >= 1");
-    out->newton.iterations = (size_t)iterations;
-    out->newton.reuse = reuse;
-    if (macro)
-        return pma_take_matrix(first, p, "response_start", arrays, &out->response_start) < 0 ||
-                       pma_take_matrix(second, p, "response", arrays, &out->response) < 0
-                   ? -1
-                   : pma_take_matrix(third, p, "H_size", arrays, &out->H_size);
-    if (pma_take_numeric(first, p, p, arrays, &out->H) < 0)
-        return -1;
-    const npy_intp entries = (npy_intp)out->H.ptr[p];
-    return pma_take_doubles(second, entries, "start", arrays, &out->start) < 0
-               ? -1
-               : pma_take_doubles(third, entries, "later", arrays, &out->later);
 }
 
 /* ---- what iterations keep ------------------------------------------------------------------- */

@@ -4,96 +4,21 @@
 
 /* ---- making ----------------------------------------------------------------------------- */
 
-/* (constants of the step, inverse, R) */
-static int take_operator(PyObject *obj, const pma_parts *parts, const char *name, PyObject *arrays,
-                         pma_operator *out)
-{
-    pma_step *c = &out->step;
-    PyObject *inverse, *R;
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "%s must be a tuple (constants, inverse, R)", name);
-    if (!PyArg_ParseTuple(obj, "(dddddddddd)OO", &c->h, &c->al1, &c->al2, &c->u_a, &c->u_w, &c->v_a,
-                          &c->v_w, &c->a_a, &c->a_w, &c->a_w1, &inverse, &R))
-        return -1;
-    if (parts->iterate)
-        return 0; /* its factors follow the tangents */
-    PyObject *factor = PyTuple_Pack(2, inverse, R);
-    if (!factor)
-        return -1;
-    const int failed = pma_take_factor(factor, (npy_intp)parts->n, (npy_intp)parts->nb, name,
-                                       arrays, &out->factor);
-    Py_DECREF(factor);
-    return failed;
-}
-
-/* (p, ptr, index, values) of L_b by columns */
-static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
-                      pma_iterate_parts *iterate)
-{
-    static char *names[] = {
-        "n",      "nb",        "substeps",  "K",        "C",       "single",
-        "twice",  "link",      "restoring", "D_r",      "lagged",  "has_responses",
-        "K_r",    "springs",   "M",         "internal", "iterate", "mass",
-        "defers", "continues", "struck",    NULL};
-    Py_ssize_t n, nb, substeps;
-    PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
-    PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
-    PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
-    PyObject *struck = Py_None;
-    int lagged = 0, has_responses = 0, defers = 0, continues = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOOOOO|OOppOO!OOOOppO", names, &n, &nb,
-                                     &substeps, &K, &C, &single, &twice, &link, &restoring, &D_r,
-                                     &lagged, &has_responses, &K_r, &PyTuple_Type, &springs, &M,
-                                     &internal, &iterated, &mass, &defers, &continues, &struck))
-        return -1;
-    if (n < 1 || nb < 0 || nb > n || substeps < 1)
-        return pma_refuse(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
-    *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
-    parts->doubled = twice != Py_None;
-    parts->continues = continues;
-    parts->lagged = lagged;
-    parts->has_responses = has_responses;
-    parts->defers = defers;
-    if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
-        pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
-        pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
-        (springs && pma_take_springs(springs, arrays, &self->springs, &parts->springs) < 0))
-        return -1;
-    parts->shoots = M != NULL;
-    if ((M && pma_take_matrix(M, n, "M", arrays, &parts->M) < 0) ||
-        pma_take_internal(internal, n, arrays, &self->forces, &parts->internal) < 0)
-        return -1;
-    if (iterated != Py_None) {
-        if (pma_take_iterate(iterated, parts, arrays, &self->team, iterate) < 0)
-            return -1;
-        parts->iterate = iterate;
-    }
-    if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
-        pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
-        take_operator(single, parts, "single", arrays, &parts->single) < 0 ||
-        pma_take_link(link, parts->nb, arrays, &parts->link) < 0 ||
-        pma_take_struck(struck, parts->nb, arrays, &parts->struck) < 0)
-        return -1;
-    parts->mean = mass != Py_None;
-    if (parts->mean && pma_take_factor(mass, n, nb, "mass", arrays, &parts->mass) < 0)
-        return -1;
-    if (!parts->doubled)
-        return 0;
-    return take_operator(twice, parts, "twice", arrays, &parts->twice);
-}
-
 static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    pma_parts parts;
-    pma_iterate_parts iterate;
-    pma_status status;
+    static char *names[] = {"parts", NULL};
+    PyObject *parts;
+    pma_subdomain_taken taken;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!", names, &PyDict_Type, &parts))
+        return NULL;
     SubdomainObject *self = (SubdomainObject *)PyType_GenericAlloc(type, 0);
     if (!self)
         return NULL;
     self->arrays = PyList_New(0);
-    if (!self->arrays || take_parts(args, kwargs, self, &parts, &iterate) < 0)
+    if (!self->arrays || pma_take_subdomain(parts, self->arrays, &self->store, &taken) < 0 ||
+        pma_take_crew((Py_ssize_t)taken.threads, &self->team, &taken.iterate.tangent.crew) < 0)
         goto failed;
-    status = pma_subdomain_create(&parts, &self->core);
+    const pma_status status = pma_subdomain_create(&taken.parts, &self->core);
     if (status == PMA_OK)
         return (PyObject *)self;
     pma_raise(status, "Subdomain");
@@ -119,8 +44,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     PyObject_GC_UnTrack(self);
     pma_subdomain_destroy(self->core);
     pma_team_destroy(self->team);
-    PyMem_Free(self->springs);
-    pma_release_forces(&self->forces);
+    pma_store_release(&self->store);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->load);
     Py_XDECREF(self->mass);
@@ -550,11 +474,8 @@ static PyMethodDef subdomain_methods[] = {
 };
 
 static PyType_Slot subdomain_slots[] = {
-    {Py_tp_doc,
-     "Subdomain(n, nb, substeps, K, C, single, twice, link, restoring=None, "
-     "D_r=None, lagged=False, has_responses=False, K_r=None, springs=(), M, internal=None, "
-     "iterate=None)\n\n"
-     "A subdomain of the core, in elimination order."},
+    {Py_tp_doc, "Subdomain(parts)\n\n"
+                "A subdomain of the core, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},
     {Py_tp_dealloc, subdomain_dealloc},

@@ -8,6 +8,7 @@
 #define PMA_STATUS_LIST(X)                                        \
     X(PMA_OK, "no error")                                         \
     X(PMA_NO_MEMORY, "out of memory")                             \
+    X(PMA_REFUSED, "a field is not as it has to be")              \
     X(PMA_BAD_SIZE, "sizes do not agree")                         \
     X(PMA_BAD_INDEX, "an index is out of range or not in order")  \
     X(PMA_BAD_STEP, "the lengths of steps do not agree")          \

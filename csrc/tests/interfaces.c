@@ -5,7 +5,7 @@
 
 #include "check.h"
 
-/* A = R D Q^T with ones on the diagonals of R and Q, both by columns                         (F10) */
+/* A = R D Q^T with ones on the diagonals of R and Q, both by columns (F10) */
 pma_interface make_unsymmetric_interface(unsymmetric_interface *x, size_t p, const double *A)
 {
     assert(p >= 1 && p <= MOST_ROWS);

@@ -21,8 +21,8 @@ static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)
     subdomain x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.n = 2, x.M[3] = 1.0;
     const pma_parts good = describe(&x);
-    pma_parts bad[11];
-    for (size_t i = 0; i < 11; i++)
+    pma_parts bad[14];
+    for (size_t i = 0; i < 14; i++)
         bad[i] = good;
     bad[0].n = 0;
     bad[1].nb = 3;
@@ -35,7 +35,11 @@ static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)
     bad[8].doubled = true, bad[8].twice.factor.n = 1;
     bad[9].doubled = true, bad[9].twice.factor.nb = 0;
     bad[10].nb = 0;
-    for (size_t i = 0; i < 11; i++) {
+    bad[11].continues = true; /* without double steps */
+    bad[12].defers = true;    /* without mean coupling */
+    bad[13].mean = true, bad[13].has_responses = true, bad[13].mass = good.single.factor;
+    bad[13].defers = true, bad[13].substeps = 2;
+    for (size_t i = 0; i < 14; i++) {
         CHECK_STATUS(subdomain_status(&bad[i]), PMA_BAD_SIZE);
     }
     pma_subdomain *made = NULL;

@@ -14,6 +14,7 @@ typedef struct {
 #define END_OF_TESTS {NULL, NULL}
 
 extern const test STATUS_TESTS[];
+extern const test FIELDS_TESTS[];
 extern const test SCHEME_TESTS[];
 extern const test MATRIX_TESTS[];
 extern const test KERNEL_TESTS[];

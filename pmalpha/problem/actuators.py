@@ -22,6 +22,7 @@ from .._checks import (
     vector,
     whole_number,
 )
+from . import forms
 from .argument_order import OF_RESTORING, check_order
 from .lowlevel import check_signature
 from .springs import Spring, core_springs
@@ -107,7 +108,7 @@ class Device:
         """Its parameters, for the comparison of problems."""
         raise NotImplementedError
 
-    def _filter(self, h: float) -> tuple[Any, ...]:
+    def _filter(self, h: float) -> forms.Actuator | forms.Adaptive:
         """The filter in the form of the core, for steps of length h."""
         raise NotImplementedError
 
@@ -255,11 +256,11 @@ class SimulatedActuator(Device):
         given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
         return f"SimulatedActuator {given}"
 
-    def _filter(self, h: float) -> tuple[Any, ...]:
+    def _filter(self, h: float) -> forms.Actuator | forms.Adaptive:
         dynamics = held_dynamics(self.order, self.frequency, self.damping, h)
         largest = np.inf if self.saturation is None else self.saturation
         rest = (self.noise, self.quantum or 0.0, self.seed)
-        return (*delayed(self.delay, h), largest, *dynamics, *rest)
+        return forms.Actuator(*delayed(self.delay, h), largest, *dynamics, *rest)
 
 
 class Compensated(Device):
@@ -325,7 +326,7 @@ class Compensated(Device):
         order = f", order={self.order}" if self.method == "polynomial" else ""
         return f"Compensated delay={self.delay!r}, method={self.method!r}{order}"
 
-    def _filter(self, h: float) -> tuple[Any, ...]:
+    def _filter(self, h: float) -> forms.Actuator | forms.Adaptive:
         if self.method == "adaptive":
             return adaptive(self.delay, h)
         taps: list[tuple[float, np.ndarray, np.ndarray]]
@@ -341,7 +342,8 @@ class Compensated(Device):
             lags, at = np.unique(np.concatenate([lag for _, lag, _ in taps]), return_inverse=True)
             weights = np.bincount(at, np.concatenate([a * weight for a, _, weight in taps]))
         lags = np.ascontiguousarray(lags, dtype=np.int64)
-        return (lags, weights, np.inf, *held_dynamics(1, None, 1.0, h), 0.0, 0.0, 0)
+        dynamics = held_dynamics(1, None, 1.0, h)
+        return forms.Actuator(lags, weights, np.inf, *dynamics, 0.0, 0.0, 0)
 
 
 # ---- the filters of the core ---------------------------------------------------------------------
@@ -390,7 +392,7 @@ def held_dynamics(
     return tuple(map(np.ascontiguousarray, (E[:, :order], before, after, slope)))  # type: ignore
 
 
-def adaptive(delay: float, h: float) -> tuple[Any, ...]:
+def adaptive(delay: float, h: float) -> forms.Adaptive:
     """The adaptive compensation, (Y6) and (Y7), for steps of length h."""
     from scipy.signal import butter
 
@@ -401,7 +403,7 @@ def adaptive(delay: float, h: float) -> tuple[Any, ...]:
     start = np.array([1.0, delay, 0.5 * delay**2])
     limits = np.array([start, LEAST, scale * MOST, scale * CHANGE * every * h])
     sections = butter(6, min(CUTOFF, 0.25 / h), fs=1.0 / h, output="sos")[:, [0, 1, 2, 4, 5]]
-    return h, limits, THRESHOLD, every, window, np.ascontiguousarray(sections)
+    return forms.Adaptive(h, limits, THRESHOLD, every, window, np.ascontiguousarray(sections))
 
 
 class CheckedSpecimen:
@@ -437,7 +439,7 @@ def divided(value: Any, n: int) -> tuple[Any, Any]:
     return value, None
 
 
-def core_specimen(device: Device, n: int, h: float, what: str) -> tuple[Any, ...]:
+def core_specimen(device: Device, n: int, h: float, what: str) -> forms.Specimen:
     """A device with its specimen for the core: filters, springs, function, compensators."""
     devices = [device]
     while isinstance(devices[-1].specimen, Device):
@@ -452,4 +454,5 @@ def core_specimen(device: Device, n: int, h: float, what: str) -> tuple[Any, ...
         springs, function = (), CheckedSpecimen(inner, n, what, needs_measured=needs)
     outermost = [isinstance(one, Compensated) for one in devices]
     compensators = [*outermost, False].index(False)
-    return tuple(one._filter(h) for one in devices), springs, function, compensators
+    filters = tuple(one._filter(h) for one in devices)
+    return forms.Specimen(filters, springs, function, compensators)

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from .. import _core
 from .._checks import counted, real_array, require_finite
 from ..blas import one_thread
+from .forms import Band, Compressed, Strips
 from .sparse_arrays import check_arrays
 
 Matrix: TypeAlias = np.ndarray | sp.csr_array  # a diagonal, dense, or by rows
@@ -386,7 +387,7 @@ def skew_part(A: Matrix) -> Matrix | None:
 
 
 def core_matrix(A: Matrix | None, *, symmetric: bool = True) -> Any:
-    """A in a form of the core: None, an array by columns, band, (ptr, index, values) or strips.
+    """A in a form of the core: None, an array by columns, Band, Compressed or Strips.
 
     Of a `symmetric` matrix, rows are taken for columns, and a band is what is above the diagonal.
     """
@@ -400,12 +401,12 @@ def core_matrix(A: Matrix | None, *, symmetric: bool = True) -> Any:
     for own, (i, j) in zip(band, ((rows, A.indices), (A.indices, rows))):
         upper = j >= i
         own[j[upper] - i[upper], i[upper]] = A.data[upper]
-    return (band[0] if symmetric else band,)
+    return Band(band[0] if symmetric else band)
 
 
-def strips_or_rows(A: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Strips, where they take few enough bytes, else (ptr, index, values)."""
-    strips = _core.strips(A)
+def strips_or_rows(A: Compressed) -> Strips | Compressed:
+    """Strips, where they take few enough bytes, else the rows themselves."""
+    strips = Strips(*_core.strips(A))
     first, _, index, _, values = strips
     bytes_of_strips = 8 * values.size + 4 * index.size + 24 * first.size
     bytes_of_rows = 12 * A[2].size + 8 * A[0].size
@@ -423,9 +424,9 @@ def is_narrow(width: int, n: int, entries: int) -> bool:
     return 0 < width <= WIDEST_BAND and width <= n and 8 * width * n <= 12 * entries + 8 * n
 
 
-def core_sparse(A: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(ptr, index, values) of a compressed matrix, in the types of the core."""
-    return (
+def core_sparse(A: Any) -> Compressed:
+    """A compressed matrix in the types of the core."""
+    return Compressed(
         np.ascontiguousarray(A.indptr, dtype=np.int64),
         np.ascontiguousarray(A.indices, dtype=np.int32),
         np.ascontiguousarray(A.data, dtype=np.float64),

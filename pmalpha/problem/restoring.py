@@ -9,6 +9,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import vector
+from . import forms
 from .actuators import Device, core_specimen, divided
 from .argument_order import OF_RESTORING, check_order
 from .lowlevel import check_signature
@@ -145,7 +146,7 @@ def core_restoring(
     order: np.ndarray,
     h: float,
     feedback: Feedback | None = None,
-) -> tuple[Any, ...] | None:
+) -> forms.Restoring | None:
     """The functions of subdomain `name` in the form of the core, None without functions.
 
     The Python callables are one function of the core, which comes first, with a load that depends
@@ -167,4 +168,4 @@ def core_restoring(
         elif is_compiled(item):
             functions.append(item)
     load = None if feedback is None else feedback.last
-    return (tuple(functions), order, load) if functions else None
+    return forms.Restoring(tuple(functions), order, load) if functions else None

@@ -15,6 +15,7 @@ import scipy.sparse as sp
 
 from .. import _core
 from .._checks import counted, real_array
+from . import forms
 from .dofs import GROUND, dof_list, spring_dofs
 from .frozen import Frozen
 
@@ -520,11 +521,11 @@ def assembled(springs: tuple[Spring, ...], tangents: Sequence[np.ndarray], n: in
     return total
 
 
-def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple[Any, ...]:
+def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple[forms.Springs, ...]:
     """Springs in the form of the core, for the position of each dof in the elimination order."""
     with_ground = np.append(position, GROUND).astype(np.int32)  # index -1 is the ground
     return tuple(
-        (
+        forms.Springs(
             _core.SPRING_LAWS[spring.law],
             np.ascontiguousarray(with_ground[spring.dofs[:, 0]]),
             np.ascontiguousarray(with_ground[spring.dofs[:, 1]]),

@@ -8,13 +8,13 @@ import numpy as np
 
 from .._checks import counted
 from .._tables import html_table, text_table
+from ..problem.forms import Band, Compressed, Factor
 from ..problem.matrices import combination
 from ..problem.schemes import CentralDifference, Scheme
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..results.dof_motion import State
 from ..results.keys import position
-from ..setup.factors import Factor
 from ..setup.internal_forces import closing_tangent
 from ..setup.member import Member
 from ..setup.stability import SMALL, limit_of
@@ -141,8 +141,8 @@ def factor_form(factor: Factor) -> str:
         return f"diagonal, {n}"
     if isinstance(R, np.ndarray):
         return f"dense, {n * (n + 1) // 2}"
-    if len(R) == 1:
-        return f"band, {n + R[0].size}"
-    if len(R) == 3:
-        return f"columns, {n + R[2].size}"
-    return f"panels, {R[4].size}"
+    if isinstance(R, Band):
+        return f"band, {n + R.band.size}"
+    if isinstance(R, Compressed):
+        return f"columns, {n + R.values.size}"
+    return f"panels, {R.values.size}"

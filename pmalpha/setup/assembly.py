@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..blas import one_thread
+from ..problem.forms import Operator
 from ..problem.subdomain import Subdomain
 from .constraint_rows import CoreRows
 from .contact_rows import Contacts
@@ -153,7 +154,7 @@ class Assemblies:
         for i, first in enumerate(self.first.members, self.first_own):
             known = self._known.get((i, *layout.of(i)))
             if known is None:
-                operators: dict[float, tuple[Any, ...]] = {}
+                operators: dict[float, Operator] = {}
                 for key, member in list(self._known.items()):
                     operators |= member.known if key[0] == i else {}
                 has_responses = _has_responses(self.coupling, layout.substeps[i])
@@ -191,7 +192,6 @@ class Assemblies:
         # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
         H, H_start = self._interface_factors(layout, members)
         iteration = iteration_of(members, p, self.options.newton, macro or mean, self.ranks)
-        others = self._of_the_schedule(members)
         for member in members:
             if member.internal is None and not mean:  # else they cost more than a sweep
                 member.blocks.clear()
@@ -200,16 +200,14 @@ class Assemblies:
         if self.accelerations is None:
             self.accelerations = InitialAccelerations(members, p, self.rows, self.ranks)
 
+        schedule = self._schedule(iterated=iteration is not None)
+        parts = {"p": p, "H_start": H_start, "H": H, "motions": self.motions}
+        parts |= {"schedule": schedule, "iteration": iteration}
+        parts |= {"options": self.options.of_core(layout.dt, *self.threads)}
         core = _core.Coupler(
             tuple(member.core for member in members),
-            p,
-            H_start,
-            H,
-            self.motions,
-            self.options.of_core(layout.dt, *self.threads),
-            self._schedule(iterated=iteration is not None),
-            iteration,
-            **others,
+            parts | self._of_the_schedule(members),
+            processes(self.ranks, map(remote_of, members)),
         )
         if self.contacts is not None:
             self.contacts.check_compliance(core, members)
@@ -276,13 +274,12 @@ class Assemblies:
         return "fine"
 
     def _of_the_schedule(self, members: Sequence[Member]) -> dict[str, Any]:
-        """What else the core needs of contacts, of mean coupling and of other processes."""
-        p = self.rows.size
-        others = {"processes": processes(self.ranks, map(remote_of, members))}
+        """What else the core needs of contacts and of mean coupling."""
+        others: dict[str, Any] = {}
         if self.contacts is not None:
             others["contact"] = self.contacts.core(members)
         if self.coupling == "mean":
-            return others | {"doubled": doubled_part(members, p, self.ranks)}
+            others["doubled"] = doubled_part(members, self.rows.size, self.ranks)
         return others
 
     def _interface_factors(
@@ -297,7 +294,7 @@ class Assemblies:
         p = self.rows.size
         iterated = joined(self.ranks, [member.tangent is not None for member in members])
         if self.coupling in ("pm", "gc") and any(iterated):
-            unit = (np.ones(p), None)
+            unit = Factor(np.ones(p), None)
             return unit, unit
         start = layout.spans_change  # whose assembly takes the first macro step alone
         matrix = interface_matrix(members, p, start=start, ranks=self.ranks)

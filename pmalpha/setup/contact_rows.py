@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,6 +13,7 @@ from .._checks import counted, numbered
 from ..blas import gemm_and_trsm
 from ..errors import ConstraintError, StabilityWarning, warn
 from ..memory import require
+from ..problem import forms
 from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme, require_generalized_alpha
 from ..problem.subdomain import Subdomain
@@ -221,16 +221,16 @@ class Contacts:
 
     # ---- the core --------------------------------------------------------------------------------
 
-    def core(self, members: Sequence[Member]) -> tuple[Any, ...]:
+    def core(self, members: Sequence[Member]) -> forms.Contact:
         """The contacts in the form of the core."""
         require(8.0 * 3.0 * self.rows**2, f"the contacts of {counted(self.rows, 'row')}")
         sides = []
         for i in self.N:
             member = members[i]
             assert member.N is not None
-            sides.append((i, member.N.core(member.n - member.nb)))
+            sides.append(forms.Side(i, member.N.core(member.n - member.nb)))
         numbers = (self.numbers(x) for x in ("gap", "restitution", "friction"))
-        return (self.first, *numbers, tuple(sides), *gemm_and_trsm())
+        return forms.Contact(self.first, *numbers, tuple(sides), *gemm_and_trsm())
 
     def links(self, count: int) -> list[Link | None]:
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]

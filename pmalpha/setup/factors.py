@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,6 +12,7 @@ from .. import _core
 from ..blas import gemm_and_trsm, one_thread
 from ..errors import FactorizationError
 from ..memory import require
+from ..problem.forms import Band, Compressed, Factor, Panels, Supernodes
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
 from ..problem.ordering import Graph, elimination_order, rows_of, with_full_nodes
 from .inertia import Inertia, inertia
@@ -34,10 +34,6 @@ SHARE, MOST_THREADS = 1e8, 64
 # What is subtracted from a diagonal entry of an unsymmetric matrix, relative to it, leaves half of
 # the digits (F11).
 GROWTH = 1e8
-
-# (inverse, R): the reciprocals of D, and R in a form of the core. Of an unsymmetric matrix, values
-# have one axis more, the first, of length 2: for R and Q, which has the same pattern.
-Factor = tuple[np.ndarray, Any]
 
 
 @dataclass(frozen=True)
@@ -78,8 +74,7 @@ class Structure:
     """The symbolic factorization of all matrices with entries in one pattern."""
 
     entries: int  # of R, with the diagonal
-    # (first, row_ptr, rows, start, owner); None where sweeps of columns are faster
-    panels: tuple[Any, ...] | None
+    panels: Supernodes | None  # None where sweeps of columns are faster
 
     @property
     def operations(self) -> float:
@@ -109,8 +104,8 @@ def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
     entries = n + int(_core.count_factor(ptr, index).sum())
     if entries <= WIDE * n:
         return Structure(entries, None)
-    panels = _core.supernodes(ptr, index, nb)
-    return Structure(int(panels[3][-1]), panels)
+    panels = Supernodes(*_core.supernodes(ptr, index, nb))
+    return Structure(int(panels.start[-1]), panels)
 
 
 def factorize(
@@ -133,7 +128,7 @@ def factorize(
         raise names.not_definite(A, 0)
     if A.ndim == 1:
         check_pivots(A if symmetric else np.abs(A), A, names)
-        return 1.0 / A, None
+        return Factor(1.0 / A, None)
     if not symmetric:
         with one_thread():
             factor = unsymmetric(A, names, nb, structure, threads)
@@ -159,7 +154,7 @@ def dense_columns(A: np.ndarray, names: Names) -> Factor:
         raise names.not_definite(A, info - 1)
     root = lower.diagonal().copy()
     check_pivots(root**2, A, names)
-    return 1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None])
+    return Factor(1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None]))
 
 
 def supernodal(
@@ -170,24 +165,24 @@ def supernodal(
     inverse, R, failed = _in_panels(entries, names, nb, structure, threads, symmetric=True)
     if failed is not None:
         raise names.not_definite(A, failed)
-    return inverse, R
+    return Factor(inverse, R)
 
 
 def _in_panels(
-    A: tuple[Any, ...],
+    A: Compressed,
     names: Names,
     nb: int,
     structure: Structure | None,
     threads: int,
     *,
     symmetric: bool,
-) -> tuple[np.ndarray, tuple[Any, ...], int | None]:
+) -> tuple[np.ndarray, Band | Compressed | Panels, int | None]:
     """The reciprocals of D, R or R and Q, and the column where it failed, or None."""
     if structure is None:
         structure = structure_of(*A[:2], nb)
     thin = structure.panels is None
     if thin:
-        structure = Structure(structure.entries, _core.supernodes(*A[:2], nb))
+        structure = Structure(structure.entries, Supernodes(*_core.supernodes(*A[:2], nb)))
     assert structure.panels is not None
     n, entries = A[0].size - 1, structure.panels[3][-1]
     threads = structure.threads(threads)
@@ -202,7 +197,7 @@ def _in_panels(
     failed = _core.factor_panels(
         A, structure.panels, values, inverse, LOST, GROWTH, *gemm_and_trsm(), threads
     )
-    panels = (*structure.panels[:4], values)
+    panels = Panels(*structure.panels[:4], values)
     return inverse, columns_of_panels(panels) if thin and failed is None else panels, failed
 
 
@@ -219,13 +214,13 @@ def unsymmetric(
         entries = core_sparse(A)
     else:  # one panel
         index = np.tile(np.arange(n, dtype=np.int32), n)
-        entries = (np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
+        entries = Compressed(np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
         found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
-        structure = Structure(n * n, (*found, np.zeros(n, int)))
+        structure = Structure(n * n, Supernodes(*found, np.zeros(n, int)))
     inverse, R, failed = _in_panels(entries, names, nb, structure, threads, symmetric=False)
     if failed is not None:
         raise _refused(names, diagonal(A), inverse, failed)
-    return inverse, R if sparse else R[-1].reshape(2, n, n)
+    return Factor(inverse, R if sparse else R[-1].reshape(2, n, n))
 
 
 def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
@@ -237,7 +232,7 @@ def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
     return sp.csr_array((values, where), shape=A.shape)  # adds up; sorted, zeros are kept
 
 
-def columns_of_panels(panels: tuple[Any, ...]) -> tuple[Any, ...]:
+def columns_of_panels(panels: Panels) -> Band | Compressed:
     """R, or R and Q, by columns from their panels: for chains and other thin patterns."""
     first, row_ptr, rows, start, values = panels
     width, below = np.diff(first), np.diff(row_ptr)
@@ -286,16 +281,17 @@ def sides(factor: Factor) -> list[Factor]:
     """The factor with R, and if there is a Q with Q in its place."""
     inverse, R = factor
     if R is None or isinstance(R, np.ndarray):
-        return [factor] if R is None or R.ndim == 2 else [(inverse, R[0]), (inverse, R[1])]
-    at = 0 if len(R) == 1 else 2 if len(R) == 3 else 4
-    if R[at].ndim == (2 if len(R) == 1 else 1):
+        return [factor] if R is None or R.ndim == 2 else [Factor(inverse, x) for x in R]
+    name, ndim = ("band", 2) if isinstance(R, Band) else ("values", 1)
+    values = getattr(R, name)
+    if values.ndim == ndim:
         return [factor]
-    return [(inverse, (*R[:at], values, *R[at + 1 :])) for values in R[at]]
+    return [Factor(inverse, R._replace(**{name: x})) for x in values]
 
 
-def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[Any, ...]:
+def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> Band | Compressed:
     """Entries below the diagonal by columns, of R (k,), or of R and Q (2, k), in a form of the
-    core: a band or (ptr, index, values)."""
+    core."""
     n = ptr.size - 1
     columns = np.repeat(np.arange(n), np.diff(ptr))
     distance = rows - columns
@@ -303,8 +299,8 @@ def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[A
     if width < n and is_narrow(width, n, rows.size):
         band = np.zeros((*values.shape[:-1], n, width))
         band[..., columns, distance - 1] = values
-        return (band,)
-    return ptr, rows.astype(np.int32, copy=False), np.ascontiguousarray(values)
+        return Band(band)
+    return Compressed(ptr, rows.astype(np.int32, copy=False), np.ascontiguousarray(values))
 
 
 def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
@@ -353,10 +349,10 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         return np.eye(nb)
     if isinstance(R, np.ndarray):
         return R[begin:, begin:].T
-    if len(R) == 1:
-        return _block_of_band(R[0][begin:])
+    if isinstance(R, Band):
+        return _block_of_band(R.band[begin:])
     block = np.zeros((nb, nb), order="F")
-    if len(R) == 3:
+    if isinstance(R, Compressed):
         ptr, index, values = R
         column = np.repeat(np.arange(nb), np.diff(ptr[begin:]))
         block[index[ptr[begin] :] - begin, column] = values[ptr[begin] :]

@@ -132,6 +132,6 @@ def interface_factor(
 ) -> Factor:
     """The factor of H, empty without constraints. `rows` are the constraints in the order of H."""
     if H is None:
-        return np.empty(0), None
+        return Factor(np.empty(0), None)
     names = Names(what, rows)
     return factorize(H, names, symmetric=symmetric, threads=threads)

@@ -13,7 +13,9 @@ from scipy import LowLevelCallable
 from .. import _core
 from ..blas import gemm_and_trsm
 from ..memory import require
+from ..problem import forms
 from ..problem.evaluation import CheckedInternal, first_tangent, histories
+from ..problem.forms import Numeric, Supernodes
 from ..problem.internal import InternalForce
 from ..problem.lowlevel import evaluate_compiled
 from ..problem.matrices import (
@@ -130,7 +132,7 @@ class TangentPattern:
     pattern: sp.csr_array  # in elimination order, all values 1
     nb: int  # number of interface dofs
     # the panels of the factor; None where the pattern is the diagonal
-    structure: tuple[Any, ...] | None
+    structure: Supernodes | None
 
     @property
     def symbolic(self) -> Structure:
@@ -142,7 +144,7 @@ class TangentPattern:
         """Entries of the factor, with the diagonal."""
         return self.order.size if self.structure is None else int(self.structure[3][-1])
 
-    def core(self, name: str, symmetric: bool, scratch: float) -> tuple[Any, ...]:
+    def core(self, name: str, symmetric: bool, scratch: float) -> Numeric:
         """Pattern and structure in the form of the core, where their memory is there, and bytes of
         scratch."""
         what = f"the tangent of {name!r}"
@@ -208,38 +210,38 @@ def narrow_order(pattern: sp.csr_array, last: np.ndarray) -> tuple[np.ndarray, i
     return best, least
 
 
-def structure(pattern: sp.csr_array, nb: int) -> tuple[Any, ...] | None:
+def structure(pattern: sp.csr_array, nb: int) -> Supernodes | None:
     """The panels of the factor of a pattern in elimination order; None for a diagonal."""
     if pattern.nnz == pattern.shape[0]:
         return None
-    return _core.supernodes(*core_sparse(pattern)[:2], nb)
+    return Supernodes(*_core.supernodes(*core_sparse(pattern)[:2], nb))
 
 
 def numeric(
     pattern: sp.csr_array,
-    panels: tuple[Any, ...] | None,
+    panels: Supernodes | None,
     what: str,
     symmetric: bool,
     scratch: float = 0.0,
-) -> tuple[Any, ...]:
-    """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again."""
+) -> Numeric:
+    """What the core factors again and again."""
     panel = 8.0 if symmetric else 16.0
     size = 8.0 * pattern.nnz + (0.0 if panels is None else panel * float(panels[3][-1])) + scratch
     require(size, f"the factor of {what} ({pattern.shape[0]} rows)")
     ptr, index, _ = core_sparse(pattern)
-    return ptr, index, panels, *gemm_and_trsm(), not symmetric
+    return Numeric(ptr, index, panels, *gemm_and_trsm(), not symmetric)
 
 
 def core_internal(
     forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None, symmetric: bool
-) -> tuple[Any, ...]:
-    """(order, initial, functions) of the core; without tangents in an explicit subdomain.
+) -> forms.Internal:
+    """The forces for the core; without tangents in an explicit subdomain.
 
     If the tangents have to be `symmetric`, the core checks those of compiled functions;
     `CheckedInternal` checks the others.
     """
     functions = tuple(
-        (
+        forms.InternalForce(
             function,
             history,
             None if tangent is None else tangent.places(pattern),
@@ -248,7 +250,7 @@ def core_internal(
         )
         for function, history, pattern in forces.functions
     )
-    return order.astype(np.int64), forces.initial, functions
+    return forms.Internal(order.astype(np.int64), forces.initial, functions)
 
 
 def across(pattern: sp.csr_array) -> np.ndarray:

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from .._checks import counted
 from ..errors import FactorizationError
 from ..memory import require
+from ..problem import forms
 from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
 from .interface import is_symmetric_sum, summed, total
@@ -99,7 +100,7 @@ def linear_twin(member: Member) -> Member:
 
 def iteration_of(
     members: Sequence[Member], p: int, newton: Newton, macro: bool, ranks: Ranks | None = None
-) -> tuple[Any, ...] | None:
+) -> forms.Iteration | forms.Shooting | None:
     """What the core's coupler iterates with; None where it is linear."""
     found = joined(
         ranks, [(member.internal is not None, member.tangent is not None) for member in members]
@@ -108,10 +109,10 @@ def iteration_of(
         return None
     options = (newton.tol, newton.iterations, newton.tangent == "reuse")
     if macro:
-        return (*options, *_responses(members, p, ranks))
+        return forms.Shooting(*options, *_responses(members, p, ranks))
     if not any(iterated for _, iterated in found):
         return None
-    return (*options, *_constant_part(members, p, ranks))
+    return forms.Iteration(*options, *_constant_part(members, p, ranks))
 
 
 def _responses(members: Sequence[Member], p: int, ranks: Ranks | None) -> tuple[Any, Any, Any]:

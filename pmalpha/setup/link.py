@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from .._checks import counted
 from ..blas import one_thread
 from ..memory import require
+from ..problem.forms import Columns
 from ..problem.matrices import core_sparse
 from .factors import Factor, interface_block, sides
 
@@ -127,10 +128,10 @@ class Link:
         entries = slice(ptr[0], ptr[-1])
         return Link(self.p, ptr - ptr[0], self.index[entries], self.values[entries])
 
-    def core(self, begin: int) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    def core(self, begin: int) -> Columns:
         """The columns from begin on, in the form of the core."""
         own = self.of_dofs(begin, self.n)
-        return own.p, own.ptr, own.index, own.values
+        return Columns(own.p, own.ptr, own.index, own.values)
 
     def without(self, dofs: np.ndarray) -> Link:
         """The columns of these dofs are emptied."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ import scipy.sparse as sp
 from .. import _core
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
+from ..problem import forms
+from ..problem.forms import Operator
 from ..problem.limits import limits_of_dofs
 from ..problem.matrices import (
     Matrix,
@@ -100,7 +103,7 @@ class Member:
     over: float | None = None
     # step length and factor of Mbar in the form of the core, by length: those of its steps and,
     # before it is built, others that have been made
-    known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
+    known: dict[float, Operator] = field(default_factory=dict)
     # its load if that depends on the motion, for steps of all lengths
     feedback: Feedback | None = None
     # tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign
@@ -134,7 +137,7 @@ class Member:
         substeps: int,
         double: bool,
         over: float | None,
-        known: dict[float, tuple[Any, ...]],
+        known: dict[float, Operator],
         *,
         has_responses: bool,
     ) -> Member:
@@ -246,12 +249,12 @@ class Member:
         h = self.lengths[twice]
         return self.subdomain.scheme.coefficients(h)[1] / self.mbar(h)
 
-    def operator(self, h: float) -> tuple[Any, ...]:
-        """Step length and factor of Mbar(h) in the form of the core."""
+    def operator(self, h: float) -> Operator:
+        """Step length and factor of Mbar(h)."""
         if self.tangent is not None:
-            return (h, None, None)  # the core factors the tangents
+            return Operator(h, None, None)  # the core factors the tangents
         if self.mass_factor is not None:
-            return (h, *self.mass_factor)
+            return Operator(h, *self.mass_factor)
         if h in self.known:
             return self.known[h]
         explicit = self.subdomain.scheme.explicit
@@ -261,7 +264,7 @@ class Member:
         factor = self.factor(self.mbar(h), what, symmetric=own and not self.indefinite)
         if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
-        return (h, *factor)
+        return Operator(h, *factor)
 
 
 def mbar(scheme: Scheme, h: float, M: Matrix, damping: Matrix, stiffness: Matrix) -> Matrix:
@@ -332,52 +335,33 @@ def core_subdomain(
     member: Member,
     scheme: Scheme,
     L: Link,
-    single: tuple[Any, ...],
+    single: Operator,
     *,
-    twice: tuple[Any, ...] | None = None,
+    twice: Operator | None = None,
     substeps: int = 1,
-    K: Matrix = None,
-    C: Matrix = None,
-    restoring: tuple[Any, ...] | None = None,
-    D_r: Matrix = None,
-    lagged: bool = False,
-    has_responses: bool = False,
-    K_r: Matrix = None,
-    springs: tuple[Any, ...] = (),
-    **internal: Any,
+    matrices: Mapping[str, Matrix] = MappingProxyType({}),
+    **parts: Any,
 ) -> _core.Subdomain:
-    """The object of the core for a subdomain with these matrices and operators."""
-    own = member.symmetric
+    """The object of the core for a subdomain with this operator; parts: csrc/core/parts."""
+    matrices = {x: core_matrix(A, symmetric=member.symmetric) for x, A in matrices.items()}
+    sizes = {"n": member.n, "nb": member.nb, "substeps": substeps}
+    steps = {"single": _in_core(scheme, single)}
+    steps |= {} if twice is None else {"twice": _in_core(scheme, twice)}
+    link = {"link": L.core(member.n - member.nb)}
+    return _core.Subdomain(sizes | steps | link | matrices | parts)
 
-    def in_core(operator: tuple[Any, ...]) -> tuple[Any, ...]:
-        """With the constants of the step in place of its length."""
-        return (scheme.constants(operator[0]), *operator[1:])
 
-    return _core.Subdomain(
-        n=member.n,
-        nb=member.nb,
-        substeps=substeps,
-        K=core_matrix(K, symmetric=own),
-        C=core_matrix(C, symmetric=own),
-        single=in_core(single),
-        twice=None if twice is None else in_core(twice),
-        link=L.core(member.n - member.nb),
-        restoring=restoring,
-        D_r=core_matrix(D_r, symmetric=own),
-        lagged=lagged,
-        has_responses=has_responses,
-        K_r=core_matrix(K_r, symmetric=own),
-        springs=springs,
-        **internal,
-    )
+def _in_core(scheme: Scheme, operator: Operator) -> forms.StepOperator:
+    return forms.StepOperator(scheme.constants(operator.h), operator.inverse, operator.R)
 
 
 def core_of_steps(
-    member: Member, operators: Sequence[tuple[Any, ...]], **others: Any
+    member: Member, operators: Sequence[Operator], *, K_r: Matrix, **others: Any
 ) -> _core.Subdomain:
     """The same for the steps of a subdomain, with the operators of its lengths."""
     single, *twice = operators
-    member.factors = [operator[1:] for operator in operators]
+    member.factors = [operator.factor for operator in operators]
+    matrices = {"K": member.K, "C": member.C, "D_r": member.D_r, "K_r": K_r}
     return core_subdomain(
         member,
         member.subdomain.scheme,
@@ -385,9 +369,7 @@ def core_of_steps(
         single,
         twice=twice[0] if twice else None,
         substeps=member.substeps,
-        K=member.K,
-        C=member.C,
-        D_r=member.D_r,
+        matrices=matrices,
         lagged=member.subdomain.damping == "lagged",
         has_responses=member.has_responses,
         continues=member.over is not None,
@@ -456,7 +438,7 @@ def warn_of_order(members: Sequence[Member]) -> None:
 def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
     operators = list(map(member.operator, member.lengths))
-    member.known = {operator[0]: operator for operator in operators}
+    member.known = {operator.h: operator for operator in operators}
     member.core = core_of_steps(
         member,
         operators,
@@ -497,14 +479,15 @@ def _internal(member: Member, threads: int) -> dict[str, Any]:
     scratch = 0.0 if structure is None or threads == 1 else structure.scratch(threads)
     pattern = member.tangent.core(member.name, member.symmetric, scratch)
     over = twice[0] if twice else None
-    iterate = (springs, member.reuses, pattern, base, over, core_size(member.M), threads)
+    size = core_size(member.M)
+    iterate = forms.Iterate(springs, member.reuses, pattern, base, over, size, threads)
     return {"M": core_matrix(member.M), "internal": own, "iterate": iterate}
 
 
 # ---- impulses of contacts ----------------------------------------------------------------------
 
 
-def struck(member: Member) -> tuple[Any, ...] | None:
+def struck(member: Member) -> forms.Struck | None:
     """What impulses meet in a subdomain, for the core: equation (U4)."""
     if member.N is None:
         return None
@@ -517,10 +500,10 @@ def struck(member: Member) -> tuple[Any, ...] | None:
     if rates is not None and not s.scheme.explicit:
         a0, a1 = rates
         alpha = (a1 + 0.5 * member.h) / (al1 + al2 * a1)
-        return inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None
+        return forms.Struck(inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None)
     stiffness = combination([(1.0, member.K), (1.0, member.K_r)])
     B = combination([(1.0, member.damping), (0.5 * member.h, stiffness)])
-    return inverse, 0.0, 0.0, Link.of(_columns(B, member.n)).core(begin)
+    return forms.Struck(inverse, 0.0, 0.0, Link.of(_columns(B, member.n)).core(begin))
 
 
 def _columns(A: Matrix | None, n: int) -> sp.csc_array:

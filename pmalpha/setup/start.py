@@ -24,9 +24,9 @@ from .._checks import listing, numbered
 from .._core import LANES
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, warn
+from ..problem.forms import Factor, Operator
 from ..problem.matrices import EXPORTED, Matrix, combination, diagonal
 from ..problem.schemes import Scheme
-from .factors import Factor
 from .interface import interface_factor, summed, total
 from .link import Block, Link, compliance, diagonal_compliances
 from .member import Member, core_subdomain
@@ -72,12 +72,9 @@ class InitialAccelerations:
         everywhere = (np.arange(p),)
         self.coupler = _core.Coupler(
             tuple(self.cores),
-            p,
-            factor,
-            factor,
-            everywhere,
-            {"dt": 1.0},
-            processes=processes(ranks, map(_Mass.remote, self.masses)),
+            {"p": p, "H_start": factor, "H": factor, "motions": everywhere}
+            | {"schedule": "fine", "options": {"dt": 1.0}},
+            processes(ranks, map(_Mass.remote, self.masses)),
         )
         self.lanes: tuple[tuple[_core.Subdomain, ...], _core.Coupler] | None = None  # when needed
 
@@ -185,7 +182,7 @@ class _Mass:
         self.massless = member.massless
         matrix = member.regular_mass if self.massless.size else member.M
         self.diagonal = matrix if matrix.ndim == 1 else None
-        self.operator = (1.0, *(member.mass_factor or _mass_factor(member, matrix)))
+        self.operator = Operator(1.0, *(member.mass_factor or _mass_factor(member, matrix)))
         self.linked = member.L.without(self.massless) if self.massless.size else member.L
 
     @property
@@ -228,7 +225,7 @@ def _compliances(masses: Sequence[_Mass]) -> list[Block]:
     plain = [(1.0 / m.diagonal, m.linked) for m in masses if m.diagonal is not None]
     blocks = iter(diagonal_compliances([d for d, _ in plain], [L for _, L in plain]))
     return [
-        compliance(m.operator[1:], m.linked, m.member.nb, m.member.name)
+        compliance(m.operator.factor, m.linked, m.member.nb, m.member.name)
         if m.diagonal is None
         else next(blocks)
         for m in masses

@@ -69,6 +69,8 @@ static pma_status check(const pma_numeric_parts *parts)
         status = check_row(parts, i);
     if (status != PMA_OK || is_diagonal(parts))
         return status;
+    if (!parts->panels.first)
+        return PMA_BAD_INDEX;
     return pma_panels_check(&parts->panels, parts->n, parts->nb);
 }
 

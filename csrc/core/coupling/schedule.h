@@ -130,7 +130,8 @@ struct pma_schedule {
     /* Records the accelerations that no state has, of the present; NULL if there are none. */
     void (*record_present)(const pma_coupler *c, const pma_record *record);
     /* Members in other processes: what a round (1, 2, ... in a macro step) needs of a member, their
-     * number returned: one for each interface problem; every member where it is in round k; does (S3) apply? */
+     * number returned: one for each interface problem; every member where it is in round k; does
+     * (S3) apply? */
     size_t (*interface_pieces)(const pma_coupler *c, const pma_coupled *m, size_t round,
                                pma_piece *pieces);
     void (*move_to)(pma_coupler *c, size_t k);

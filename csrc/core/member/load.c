@@ -37,10 +37,11 @@ typedef struct {
     double weight[2];
 } sum_of_samples;
 
-/* F(t) = shape ((1 - theta) s_j + theta s_{j+1}), t = begin + (j + theta) dt            (L1) */
+/* F(t) = shape ((1 - theta) s_j + theta s_{j+1}), t = begin + (j + theta) dt, the first sample
+ * before begin (L1) */
 static sum_of_samples samples_at(const pma_load *load, double t)
 {
-    const double x = sample_position(load->dt, t - load->begin);
+    const double x = fmax(0.0, sample_position(load->dt, t - load->begin));
     const double last = (double)(load->samples - 1);
     if (x >= last)
         return (sum_of_samples){

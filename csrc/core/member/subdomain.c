@@ -31,6 +31,8 @@ static pma_status check_sizes(const pma_parts *p)
         return PMA_BAD_SIZE;
     if (p->K.n != p->n || p->C.n != p->n || p->link.nb != p->nb)
         return PMA_BAD_SIZE;
+    if ((p->defers && !(p->mean && p->substeps == 1)) || (p->continues && !p->doubled))
+        return PMA_BAD_SIZE;
     if (p->restoring.function && p->restoring.n != p->n)
         return PMA_BAD_SIZE;
     if ((p->shoots && p->M.n != p->n) || (p->iterate && !p->shoots))

@@ -1,0 +1,114 @@
+/* parts.h - what subdomains and couplers are made of, taken from a tree of fields.
+ *
+ * Sizes and kinds are checked here, indices where an object is made of the parts. */
+#ifndef PMA_PARTS_H
+#define PMA_PARTS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "algebra/factor.h"
+#include "algebra/link.h"
+#include "algebra/matrix.h"
+#include "algebra/numeric.h"
+#include "algebra/panels.h"
+#include "coupling/contact.h"
+#include "coupling/coupler.h"
+#include "coupling/iteration.h"
+#include "fields/field.h"
+#include "member/internal.h"
+#include "member/iterate.h"
+#include "member/restoring.h"
+#include "member/specimen.h"
+#include "member/springs.h"
+#include "member/struck.h"
+#include "member/subdomain.h"
+
+/* ---- matrices (matrices.c) ------------------------------------------------------------------ */
+
+/* None; doubles (n,), a diagonal; doubles (n, n) by columns; {band: (width + 1, n)};
+ * {ptr, indices, values} by rows; {first, ptr, indices, start, values}, strips. Of an unsymmetric band
+ * (2, width + 1, n), what is above and what is below the diagonal. */
+pma_status pma_parts_matrix(const pma_field *f, size_t n, pma_matrix *out);
+
+/* {inverse (n,), R}: R is None, (n, n) by columns, {band: (n, width)}, {ptr, indices, values} by
+ * columns, or {first, row_ptr, rows, start, values}, panels. Values of an unsymmetric matrix have
+ * an axis more, the first, for R and Q. */
+pma_status pma_parts_factor(const pma_field *f, size_t n, size_t nb, pma_factor *out);
+
+/* {first, row_ptr, rows, start}, and with values */
+pma_status pma_parts_structure(const pma_field *f, pma_panels *out);
+pma_status pma_parts_panels(const pma_field *f, pma_panels *out);
+
+/* {p, ptr, indices, values}: L_b by columns */
+pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out);
+
+/* {ptr, indices, structure, dgemm, dtrsm, unsymmetric}: what is factored again and again; structure
+ * is None of a diagonal, else as above with owner (n,). Without a crew. */
+pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out);
+
+/* ---- forces (forces.c, specimens.c) --------------------------------------------------------- */
+
+/* What stands for a function of the user in the core. */
+typedef struct {
+    pma_restoring_function function;
+    void *user;
+    bool by_caller; /* to be called by the thread that called advance */
+} pma_function;
+
+/* A tuple of {law, first, second, parameters} */
+pma_status pma_parts_springs(const pma_field *f, pma_springs *out);
+
+/* None, or {functions, order, load}: the sum of functions, each of the user or a specimen */
+pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out);
+
+/* {filters, springs, function, compensators}; each filter is {lag, weight, largest, phi, before,
+ * after, slope, noise, quantum, seed}, or one that adapts, {h, limits, threshold, every, window,
+ * section}. by_caller is set if it calls such a function. */
+pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, bool *by_caller);
+
+/* None, or {order, initial, forces}, each force {function, history, where, across, potential} */
+pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out);
+
+/* None, or {inverse, alpha, beta, B}: what impulses meet */
+pma_status pma_parts_struck(const pma_field *f, size_t nb, pma_struck *out);
+
+/* ---- a whole subdomain (subdomains.c) ------------------------------------------------------- */
+
+/* The parts; iterate and threads, of those that factor its tangents, where parts.iterate is set,
+ * which then points to `iterate`. */
+typedef struct {
+    pma_parts parts;
+    pma_iterate_parts iterate;
+    size_t threads;
+} pma_subdomain_taken;
+
+pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out);
+
+/* ---- a coupler (couplers.c) ----------------------------------------------------------------- */
+
+/* The members of a coupler, as far as its fields need them: interface dofs of each. */
+typedef struct {
+    size_t count;
+    size_t (*nb)(const void *of, size_t member);
+    const void *of;
+} pma_members;
+
+/* The parts without members and interfaces, for which there are the factors; parts.iteration and
+ * parts.contact point to what is here where they are set. */
+typedef struct {
+    pma_coupler_parts parts;
+    pma_factor H_start, H;
+    pma_iteration_parts iteration;
+    pma_contact_parts contact;
+} pma_coupler_taken;
+
+/* {p, H_start, H, motions, options, schedule, iteration, doubled, contact}: motions is a tuple of
+ * the rows of each; options those of PMA_COUPLER_OPTIONS; schedule a word; iteration, or None, is
+ * {tolerance, iterations, reuse} with {pattern, start, later} or, of schedules that shoot,
+ * {response_start, response, H_size}; contact, or None, is {first, gap, restitution, friction,
+ * sides, dgemm, dtrsm} with sides {member, N}. */
+pma_status pma_parts_coupler(const pma_field *f, const pma_members *members,
+                             pma_coupler_taken *out);
+
+#endif

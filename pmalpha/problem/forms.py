@@ -1,0 +1,236 @@
+"""What the core takes by name: matrices, factors and the parts of a subdomain.
+
+Each is a dict of the tree that `_core` reads, with its fields for keys (csrc/core/parts/parts.h).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Band(NamedTuple):
+    """Diagonals of a matrix, (width + 1, n), or columns of a factor, (n, width)."""
+
+    band: np.ndarray
+
+
+class Compressed(NamedTuple):
+    """A sparse matrix by rows, or a factor or link by columns."""
+
+    ptr: np.ndarray
+    indices: np.ndarray
+    values: np.ndarray
+
+
+class Strips(NamedTuple):
+    """A sparse matrix whose adjacent rows with the same columns are stored together."""
+
+    first: np.ndarray
+    ptr: np.ndarray
+    indices: np.ndarray
+    start: np.ndarray
+    values: np.ndarray
+
+
+class Supernodes(NamedTuple):
+    """The structure of a factor in panels, and the supernode of each column."""
+
+    first: np.ndarray
+    row_ptr: np.ndarray
+    rows: np.ndarray
+    start: np.ndarray
+    owner: np.ndarray
+
+
+class Panels(NamedTuple):
+    """A factor in panels."""
+
+    first: np.ndarray
+    row_ptr: np.ndarray
+    rows: np.ndarray
+    start: np.ndarray
+    values: np.ndarray
+
+
+class Factor(NamedTuple):
+    """The reciprocals of D, and R in a form of the core.
+
+    Of an unsymmetric matrix, values have one axis more, the first, of length 2: for R and Q, which
+    has the same pattern.
+    """
+
+    inverse: np.ndarray
+    R: Any
+
+
+class Operator(NamedTuple):
+    """Step length and factor of Mbar."""
+
+    h: float
+    inverse: np.ndarray | None
+    R: Any
+
+    @property
+    def factor(self) -> Factor:
+        return Factor(self.inverse, self.R)  # type: ignore[arg-type]  # None where none is read
+
+
+class StepOperator(NamedTuple):
+    """The same for the core: with the constants of the step."""
+
+    step: Any
+    inverse: np.ndarray | None
+    R: Any
+
+
+class Columns(NamedTuple):
+    """Columns of a link with p rows."""
+
+    p: int
+    ptr: np.ndarray
+    indices: np.ndarray
+    values: np.ndarray
+
+
+class Numeric(NamedTuple):
+    """A pattern that is factored again and again; structure is None of a diagonal."""
+
+    ptr: np.ndarray
+    indices: np.ndarray
+    structure: Supernodes | None
+    dgemm: Any
+    dtrsm: Any
+    unsymmetric: bool
+
+
+class Springs(NamedTuple):
+    """Springs of one law, between positions; -1 is the ground."""
+
+    law: int
+    first: np.ndarray
+    second: np.ndarray
+    parameters: tuple[np.ndarray, ...]
+
+
+class Restoring(NamedTuple):
+    """Functions whose sum counts, the dof at each position, and a load among their results."""
+
+    functions: tuple[Any, ...]
+    order: np.ndarray
+    load: np.ndarray | None
+
+
+class Actuator(NamedTuple):
+    """A filter of commands: (Y1) to (Y3)."""
+
+    lag: np.ndarray
+    weight: np.ndarray
+    largest: float
+    phi: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    slope: np.ndarray
+    noise: float
+    quantum: float
+    seed: int
+
+
+class Adaptive(NamedTuple):
+    """A filter that adapts: (Y6), (Y7). limits: rows of start, least, most and change."""
+
+    h: float
+    limits: np.ndarray
+    threshold: float
+    every: int
+    window: int
+    section: np.ndarray
+
+
+class Specimen(NamedTuple):
+    """Filters, the outermost first, of which the first are compensators, and what follows them."""
+
+    filters: tuple[Actuator | Adaptive, ...]
+    springs: tuple[Springs, ...]
+    function: Any
+    compensators: int
+
+
+class InternalForce(NamedTuple):
+    """A function, numbers in its history, where each value of its pattern is in that of the tangent
+    and which one is across the diagonal from it, and its potential."""
+
+    function: Any
+    history: int
+    where: np.ndarray | None
+    across: np.ndarray | None
+    potential: Any
+
+
+class Internal(NamedTuple):
+    order: np.ndarray
+    initial: np.ndarray
+    forces: tuple[InternalForce, ...]
+
+
+class Iterate(NamedTuple):
+    """What an iterated subdomain needs: its pattern and the constant part of Mbar."""
+
+    springs: bool
+    keeps: bool
+    pattern: Numeric
+    base: np.ndarray
+    base_twice: np.ndarray | None
+    M_size: Any
+    threads: int
+
+
+class Struck(NamedTuple):
+    """What impulses meet (U4)."""
+
+    inverse: np.ndarray
+    alpha: float
+    beta: float
+    B: Columns | None
+
+
+class Iteration(NamedTuple):
+    """How a fine step is iterated: the pattern of H and the entries of its constant part."""
+
+    tolerance: float
+    iterations: int
+    reuse: bool
+    pattern: Numeric
+    start: np.ndarray
+    later: np.ndarray
+
+
+class Shooting(NamedTuple):
+    """How a macro step is iterated: the linear subdomains' part of H, and the size of H."""
+
+    tolerance: float
+    iterations: int
+    reuse: bool
+    response_start: Any
+    response: Any
+    H_size: Any
+
+
+class Side(NamedTuple):
+    """A subdomain of contacts, and their rows on it."""
+
+    member: int
+    N: Columns
+
+
+class Contact(NamedTuple):
+    """The first row of each contact, and its numbers."""
+
+    first: np.ndarray
+    gap: np.ndarray
+    restitution: np.ndarray
+    friction: np.ndarray
+    sides: tuple[Side, ...]
+    dgemm: Any
+    dtrsm: Any
