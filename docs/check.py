@@ -45,10 +45,11 @@ def names_without_a_page(site):
 
 
 def formulas_not_drawn(site):
-    """Pages with TeX left in their text."""
+    """Pages with TeX left in their text or in a formula."""
     for path in sorted(site.rglob("*.html")):
         text = re.sub(r"(?s)<(pre|script|code|annotation).*?</\1>", "", path.read_text())
-        if found := re.search(r"\\(?:frac|bar|tilde|alpha|Lambda|\[|\()", text):
+        written = r"\\(?:frac|bar|tilde|alpha|Lambda|\[|\()|<m(?:i|o|n|text)>[^<]*?(&(?:amp;)?|\\)<"
+        if found := re.search(written, text):
             yield path.relative_to(site), found[0]
 
 

@@ -211,3 +211,36 @@ def test_the_check_of_the_site_finds_formulas_that_are_not_drawn(tmp_path):
     check = runpy.run_path(str(ROOT / "docs" / "check.py"))
     (tmp_path / "page.html").write_text("<p>\\(\\bar M w\\)</p><pre>\\alpha</pre>")
     assert [str(page) for page, _ in check["formulas_not_drawn"](tmp_path)] == ["page.html"]
+    for sign in ("&", "&amp;", "\\foo\\"):
+        (tmp_path / "page.html").write_text(f"<math><mi>x</mi><mi>{sign}</mi><mo>&lt;</mo></math>")
+        assert [str(page) for page, _ in check["formulas_not_drawn"](tmp_path)] == ["page.html"]
+    (tmp_path / "page.html").write_text("<math><mi>x</mi><mo>&lt;</mo><mo>&#x0003D;</mo></math>")
+    assert not list(check["formulas_not_drawn"](tmp_path))
+
+
+def test_the_check_of_the_site_finds_a_number_that_is_drawn_on_its_formula(tmp_path):
+    """With the style of the site they are in one line, or below each other on a telephone."""
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    if check["browser"]() is None:
+        pytest.skip("no browser")
+    style = (ROOT / "docs" / "_static" / "site.css").read_text()
+    formula = "<mrow>" + 12 * "<mi>w</mi><mo>+</mo>" + "<mi>b</mi></mrow>"
+    number = '<span class="eqno">(R3)</span>'
+    theme = "div.math { position: relative; overflow-x: auto }"
+    theme += "div.math span.eqno { position: absolute; right: 0; top: 50%; "
+    theme += "transform: translateY(-50%) }"
+    (tmp_path / "docs").mkdir()
+
+    def faults(css, formula):
+        (tmp_path / "docs" / "page.html").write_text(
+            f"<!doctype html><meta name=viewport content='width=device-width'><style>{css}</style>"
+            f'<div class="math"><math display="block">{formula}</math>{number}</div>'
+        )
+        return list(check["faults_as_drawn"](tmp_path))
+
+    on_it = "the number (R3) is drawn on its formula"
+    assert faults(theme, formula) == [("docs/page.html", "390", on_it)]
+    assert faults(theme + style, formula) == []
+    literal = "a formula has & as it is written"
+    found = faults(theme + style, "<mi>x</mi><mi>&amp;</mi>")
+    assert found == [("docs/page.html", width, literal) for width in ("1400", "390")]
