@@ -1,16 +1,20 @@
 """Checks of the built site: `python docs/check.py build/docs/html`.
 
 Every public name has a page, formulas are drawn, and no page, style or script loads anything from
-another address: the site reads the same without a network. Its search, run by node where that is
+another address: the site reads the same without a network. A browser, where one is installed, draws
+the pages with formulas at the widths of a desk and of a telephone: nothing is on something else or
+cut off. Its search, run by node where that is
 installed, has the page that answers each question among its first three results.
 """
 
+import html
 import inspect
 import json
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pmalpha
@@ -41,10 +45,11 @@ def names_without_a_page(site):
 
 
 def formulas_not_drawn(site):
-    """Pages with TeX left in their text."""
+    """Pages with TeX left in their text or in a formula."""
     for path in sorted(site.rglob("*.html")):
         text = re.sub(r"(?s)<(pre|script|code|annotation).*?</\1>", "", path.read_text())
-        if found := re.search(r"\\(?:frac|bar|tilde|alpha|Lambda|\[|\()", text):
+        written = r"\\(?:frac|bar|tilde|alpha|Lambda|\[|\()|<m(?:i|o|n|text)>[^<]*?(&(?:amp;)?|\\)<"
+        if found := re.search(written, text):
             yield path.relative_to(site), found[0]
 
 
@@ -64,12 +69,52 @@ def questions_without_answer(site):
             yield question, pages
 
 
+def browser():
+    """The command of a browser that draws without a screen, or None."""
+    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+    return next(filter(None, map(shutil.which, names)), None)
+
+
+def faults_as_drawn(site, widths=(1400, 390)):
+    """(page, width of the window, fault) of the pages with formulas, as a browser draws them."""
+    if browser() is None:
+        print("no browser: the pages are not looked at")
+        return
+    pages = [
+        path
+        for path in sorted((site / "docs").rglob("*.html"))
+        if path.parent.name != "api" and 'class="math"' in path.read_text()
+    ]
+    frames = "".join(
+        f'<iframe title="{path.relative_to(site)}" src="{path.resolve().as_uri()}" width="{width}" '
+        'height="900"></iframe>'
+        for path in pages
+        for width in widths
+    )
+    script = Path(__file__).with_name("measure.js").read_text()
+    with tempfile.TemporaryDirectory() as folder:
+        whole = Path(folder, "pages.html")
+        whole.write_text(
+            f"<!doctype html><meta charset=utf-8><script>{script}</script><body>{frames}"
+        )
+        options = ["--no-sandbox", "--single-process", "--no-zygote", "--disable-gpu"]
+        options += ["--disable-dev-shm-usage", "--allow-file-access-from-files", "--dump-dom"]
+        command = [browser(), *options, f"--user-data-dir={folder}", whole.as_uri()]
+        done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
+    measured = json.loads(html.unescape(re.search(r"<body>(.*)</body>", done.stdout, re.S)[1]))
+    if len(measured) != len(pages) * len(widths) or not all(count for _, _, count, _ in measured):
+        raise RuntimeError(f"the browser has not drawn all pages: {measured}")
+    for page, width, _, faults in measured:
+        yield from ((page, width, fault) for fault in faults)
+
+
 if __name__ == "__main__":
     site = Path(sys.argv[1])
     faults = [
         *(f"{page} loads {address}" for page, address in addresses_outside(site)),
         *(f"{name} has no page" for name in names_without_a_page(site)),
         *(f"{page} shows {tex} as it is written" for page, tex in formulas_not_drawn(site)),
+        *(f"{x} in {width} pixels: {fault}" for x, width, fault in faults_as_drawn(site)),
         *(f"the search for {x!r} finds {pages}" for x, pages in questions_without_answer(site)),
     ]
     print("\n".join(faults) or f"{len(list(site.rglob('*.html')))} pages, complete by themselves")

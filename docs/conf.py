@@ -65,6 +65,7 @@ html_theme = "furo"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_favicon = "_static/favicon.svg"
 html_title = f"pmalpha {release}"
 html_show_copyright = False
 html_show_sphinx = False
@@ -100,8 +101,9 @@ def tex(formula):
 def mathml(formula, display):
     """A formula as MathML, which browsers draw without a script, a font or a network."""
     formula, tag, _ = (*re.split(r"\\tag\{(.*?)\}", formula), "", "")[:3]
+    formula = formula.replace("{aligned}", "{align*}")  # of which latex2mathml makes a table
     drawn = latex2mathml.converter.convert(formula, display="block" if display else "inline")
-    if unknown := re.findall(r"<m[io]>(\\\w*)", drawn):
+    if unknown := re.findall(r"<m[io]>(\\\w*|&(?:amp;)?)<", drawn):
         raise ValueError(f"{unknown[0]} in {formula!r} has no MathML")
     return drawn, tag
 
@@ -152,6 +154,19 @@ def link_equations(app, doctree, docname):
             text.parent.replace(text, [*parts, Text(text[end:])])
 
 
+# of developers: found by their titles, not by their words
+FOR_DEVELOPERS = [
+    *("CHANGELOG", "CONTRIBUTING", "benchmarks/README", "docs/architecture", "docs/decisions"),
+    *("docs/adding", "docs/developers", "docs/list-of-files", "docs/reproduction", "docs/versions"),
+]
+
+
+def leave_out_of_search(app, _env):
+    """The words of pages for developers are not those that a user looks for."""
+    for name in FOR_DEVELOPERS:
+        app.env.metadata[name]["nosearch"] = True
+
+
 def without_addresses(_app, doctree):
     """The signs on the buttons of animations, of matplotlib from elsewhere, are in site.css."""
     for node in doctree.findall(raw):
@@ -172,6 +187,7 @@ def setup(app):
     app.connect("builder-inited", lambda app: questions.write(app.srcdir))
     app.connect("builder-inited", find_equations)
     app.connect("doctree-read", without_addresses)
+    app.connect("env-updated", leave_out_of_search)
     app.connect("doctree-resolved", link_equations)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("build-finished", redirect)

@@ -43,4 +43,4 @@ def page():
 
 def write(sources):
     """The page, in the copied sources."""
-    Path(sources, "docs", "files.md").write_text(page())
+    Path(sources, "docs", "list-of-files.md").write_text(page())

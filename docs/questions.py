@@ -19,6 +19,9 @@ QUESTIONS = {
     "which step": "tutorial",
     "is my result right": "right",
     "error of a run": "right",
+    "hdf5": "experiments",
+    "ParaView": "model",
+    "progress bar": "experiments",
 }
 
 

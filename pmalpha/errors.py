@@ -296,7 +296,7 @@ class StabilityWarning(UserWarning):
     shows that ties or damping make it stable (see `analysis.critical_step`). Or under macro
     coupling a subdomain resonates with the macro step or a double step has no damping. Or a mass is
     so small that its accelerations take all digits of the displacements. Or evaluated forces have
-    added more than a tenth of its energy to a motion, (B10).
+    added more than a tenth of its energy to a motion, equation (B10).
     """
 
 

@@ -5,6 +5,7 @@ The other checks of numpydoc are in docs/conf.py and run with `make docs`.
 
 import dataclasses
 import inspect
+import re
 
 import pytest
 
@@ -77,3 +78,19 @@ def test_a_class_documents_its_arguments_or_the_attributes_that_it_comes_with():
             assert parameters == arguments(cls), name
         else:  # errors have a message
             assert attributes(cls) - {"message"} <= documented(cls, "Attributes"), name
+
+
+# "equation (H4)", "equations (H6) to (H8)"
+NAMED = re.compile(
+    r"equations? \([A-Z]\d{1,2}\)(?:( to |, | and )\([A-Z]\d{1,2}\))*", re.IGNORECASE
+)
+
+
+def test_a_docstring_says_that_the_number_of_an_equation_is_one_and_of_what():
+    """In a terminal (H4) alone means nothing; a sentence with words comes before it."""
+    for name, thing in {**FUNCTIONS, **CLASSES}.items():
+        text = " ".join((inspect.getdoc(thing) or "").split())
+        bare = re.findall(r"\([A-Z]\d{1,2}\)", NAMED.sub("", text))
+        assert not bare, (name, bare)
+        alone = re.search(rf"(?:^|[.:] |-- )(?:{NAMED.pattern})(?: of [\w/.]+)?\.", text, re.I)
+        assert not alone, (name, alone)

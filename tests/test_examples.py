@@ -1,5 +1,7 @@
 """The examples run, and their results are asserted."""
 
+import re
+import runpy
 import signal
 import sys
 import threading
@@ -215,3 +217,10 @@ def test_the_specimen_dissipates_the_area_of_its_loop():
     work = np.sum(0.5 * (force[loop][1:] + force[loop][:-1]) * np.diff(turns[loop]))
     # a parallelogram: 4 (1 - hardening) fy (d - fy / k); 1e-3: the corners between two points
     assert work == pytest.approx(4 * (1 - hardening) * fy * (d - fy / k), rel=1e-3)
+
+
+def test_the_structure_of_the_readme_prints_its_motion(capsys):
+    runpy.run_path(str(EXAMPLES / "tower_on_rig.py"), run_name="__main__")
+    largest, last = map(float, re.findall(r"-?\d+\.\d+", capsys.readouterr().out))
+    # free vibration from 0.1, which algorithmic damping alone does not let exceed the start
+    assert largest == 0.1 and abs(last) < largest

@@ -1,6 +1,7 @@
 """Mistakes that are easily made, refused by a message that says what is meant instead."""
 
 import functools
+import warnings
 
 import numpy as np
 import pytest
@@ -84,9 +85,11 @@ def test_a_ground_motion_of_one_of_two_tied_masses_is_a_warning_that_names_the_o
 
 def test_a_ground_motion_of_all_that_have_mass_is_no_warning():
     quake = pm.BaseAcceleration(RECORD)
-    tied(quake, quake)  # one object is the load of both, each with its own mass
-    tied(quake, None, M_b=0.0)
-    tied(None, None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tied(quake, quake)  # one object is the load of both, each with its own mass
+        tied(quake, None, M_b=0.0)
+        tied(None, None)
 
 
 # ---- delays ----------------------------------------------------------------------------------

@@ -47,6 +47,27 @@ def legend(ax):
     return [text.get_text() for text in ax.get_legend().get_texts()]
 
 
+def test_energies_that_were_recorded_have_a_panel_and_a_figure_of_their_own():
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
+    history = coupler.run(steps=20, energy=True)
+    panel = history.plot().figure.axes[-1]
+    assert panel.get_ylabel() == "energy" and panel.get_xlabel() == "time $t$"
+    kinetic = history.energy.kinetic.sum(axis=1)
+    assert np.array_equal(lines(panel)["kinetic"], np.column_stack([history.energy.t, kinetic]))
+    # no damping, loads or contacts: their works are zero and have no curve
+    expected = ["kinetic", "strain", "work of constraints", "added by the steps"]
+    assert list(lines(panel)) == expected
+    _, ax = pyplot.subplots()
+    assert history.plot_energy(ax=ax) is ax and list(lines(ax)) == expected
+
+
+def test_energies_that_were_not_recorded_are_not_drawn():
+    history = four_dof()
+    assert "energy" not in [ax.get_ylabel() for ax in history.plot().figure.axes]
+    with pytest.raises(ValueError, match="no energies to draw: .*energy=True.* records them"):
+        history.plot_energy()
+
+
 def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
     history = four_dof()
     figure = history.plot({"A": [2, 0], "B": 1}).figure
@@ -286,7 +307,7 @@ def test_hundreds_of_curves_are_refused():
 
 def test_nothing_recorded_and_no_constraints_is_nothing_to_draw():
     subdomain = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
-    with pytest.raises(ValueError, match="neither recorded dofs nor constraints"):
+    with pytest.raises(ValueError, match="neither recorded dofs, constraints nor energies"):
         pm.Coupler([subdomain], dt=0.1).run(steps=2, record={}).plot()
 
 

@@ -145,7 +145,7 @@ def _label(ax, x, y, text):
 def draw_first_example(figure):
     """Roof displacement with the step of the example and with steps that are too long."""
     names = example()
-    tower, rig, history = names["tower"], names["rig"], names["history"]
+    tower, rig, history = names["tower"], names["base"], names["history"]
     above, below = figure.subplots(2, 1, sharex=True)
 
     t = history["tower"].t

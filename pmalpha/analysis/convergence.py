@@ -112,8 +112,8 @@ def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str
     """Errors after the first two macro steps: the initialization error e2 of the paper.
 
     In the first macro step all subdomains take single steps, in the second the first double steps.
-    With different steps the error depends on the `start` of the coupler: "rebased" (S3), or "plain"
-    as in the paper.
+    With different steps the error depends on the `start` of the coupler: "rebased", equation
+    (S3), or "plain" as in the paper.
 
     Parameters
     ----------

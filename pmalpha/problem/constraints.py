@@ -45,8 +45,8 @@ class Constraint(Frozen):
     velocity : callable, `SampledForce` or (p,) array, optional
         Right-hand side g(t) of the p rows. It is evaluated at every fine step, in advance like a
         load, and the initial velocities must satisfy it. Its derivative at t = 0, which the initial
-        accelerations need (S1), is the slope of the first two samples; for a callable, a difference
-        of order 2 over an eighth of the fine step with which the coupler was made.
+        accelerations need, equation (S1), is the slope of the first two samples; for a callable, a
+        difference of order 2 over an eighth of the fine step with which the coupler was made.
 
     Raises
     ------

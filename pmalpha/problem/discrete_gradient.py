@@ -24,7 +24,8 @@ class DiscreteGradient(Frozen):
     With the trapezoidal rule the force of a step is the mean of its ends, and its work is the
     change of a quadratic energy only. Here the mean is replaced by the difference of the potentials
     divided by that of the deformations, so that the energy of springs of any stiffness is conserved
-    exactly, up to the tolerance of Newton's method. Equations (H6) to (H8) of docs/method.md.
+    exactly, up to the tolerance of Newton's method: the discrete gradient of equations (H6) to (H8)
+    of docs/method.md.
 
     Parameters
     ----------
@@ -118,7 +119,7 @@ class DiscreteGradient(Frozen):
         return f, self._tangent(slope, u.size), None, q1
 
     def potential(self, u: np.ndarray) -> float:
-        """The energy of the springs, (H5).
+        """The energy of the springs, equation (H5).
 
         Parameters
         ----------

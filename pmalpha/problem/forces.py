@@ -49,10 +49,9 @@ class SampledForce(Frozen):
         True: each time level takes the mean of the force over one step of the subdomain about it,
         half of the step that ends there and half of the one that begins there, equation (L2);
         double steps take it over 2 h. Impulses are kept, wherever they are and however the steps
-        change, (L5); nothing is delayed, and the order of accuracy remains; t = 0 takes the mean
-        over the first half step. Frequencies
-        near those of the steps are damped, not removed: filter the record for that. Calling the
-        object returns F(t) itself.
+        change, equation (L5); nothing is delayed, and the order of accuracy remains; t = 0 takes
+        the mean over the first half step. Frequencies near those of the steps are damped, not
+        removed: filter the record for that. Calling the object returns F(t) itself.
 
     Raises
     ------

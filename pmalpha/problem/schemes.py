@@ -197,8 +197,9 @@ class GeneralizedAlpha(Scheme):
 
     Notes
     -----
-    Second order. Equation (P1); Chung and Hulbert 1993, Hulbert and Chung 1996, with equilibrium
-    at the end of the step (Arnold and Bruels 2007; Bursi et al. 2008).
+    Second order. Its constants follow from rho by equation (P1); Chung and Hulbert
+    1993, Hulbert and Chung 1996, with equilibrium at the end of the step (Arnold and Bruels 2007;
+    Bursi et al. 2008).
 
     Examples
     --------

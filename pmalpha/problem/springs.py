@@ -177,7 +177,7 @@ class CubicSpring(Spring):
 
 
 class Gap(Spring):
-    """A stop: :math:`f = k (d - gap)` where the deformation d is above the gap, else 0, (H2).
+    """A stop: :math:`f = k (d - gap)` of a deformation d above the gap, else 0, equation (H2).
 
     Parameters
     ----------
@@ -257,7 +257,10 @@ class Bilinear(Spring):
 
 
 class BoucWen(Spring):
-    """The smooth hysteresis of Bouc and Wen, equation (H4), with A = 1.
+    """The smooth hysteresis of Bouc and Wen: :math:`f = a k d + (1 - a) fy z`, equation (H4).
+
+    a is the hardening and d the deformation, which z follows within [-1, 1], with d_y = fy / k, by
+    :math:`z' = d' / d_y (1 - (gamma + beta sgn(d' z)) |z|^n)`.
 
     Parameters
     ----------

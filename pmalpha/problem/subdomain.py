@@ -112,7 +112,16 @@ def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
 class Subdomain(Frozen):
     """One subdomain of the coupled problem (1): :math:`M w + C v + K u + r + f = F(t) + L^T Lam`.
 
-    Arrays are copied, and several couplers can contain the same subdomain.
+    Most have six arguments: the matrices M and K, a `scheme`, its number of `substeps` in a macro
+    step, a load `force`, and a `name`::
+
+        scheme = pm.GeneralizedAlpha(0.8)
+        tower = pm.Subdomain(M, K, scheme=scheme, substeps=5, force=f, name="tower")
+
+    Then damping: C, `rayleigh` or `damping_ratio`; the motion at t = 0: `u0`, `v0`; forces that
+    depend on the motion: `restoring` for what is evaluated once a substep, such as a specimen, with
+    its estimates and `limits`, and `internal` for what is iterated. Arrays are copied, and several
+    couplers can contain the same subdomain.
 
     Parameters
     ----------
@@ -151,8 +160,8 @@ class Subdomain(Frozen):
         Of a test specimen: a command or a measured force beyond them is a `LimitError`, before
         the command is given.
     damping : {"implicit", "lagged"}, default "implicit"
-        "lagged": C acts on the extrapolated velocity, (R4): no factor in an explicit subdomain,
-        and a smaller critical step, (C2).
+        "lagged": C acts on the extrapolated velocity, equation (R4): no factor in an explicit
+        subdomain, and a smaller critical step, equation (C2).
     rayleigh : (c_m, c_k), optional
         Rayleigh damping c_m M + c_k K, added to C. K is the stiffness at u0: with the tangents
         there of internal forces and springs, and with restoring_stiffness for functions in

@@ -26,7 +26,7 @@ class Contact(Frozen):
     A row that is closed pushes with an impulse P >= 0 in each fine step, N_i^T P on subdomain i,
     and slides with Coulomb's friction. It is one of the `constraints` of a `Coupler` under "gc",
     or "pm" where its subdomains take single steps, and all its subdomains are at the finest step.
-    Equations (U1) to (U11).
+    Impulses, friction and restitution are those of equations (U1) to (U11) of docs/method.md.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,11 @@ class Tracking:
     J7: float | None = None
     J8: float | None = None
     J9: float | None = None
+
+    def __repr__(self) -> str:
+        """The numbers that there are, without the array."""
+        values = ((x.name, getattr(self, x.name)) for x in fields(self) if x.name != "energies")
+        return f"Tracking({', '.join(f'{name}={x:.4g}' for name, x in values if x is not None)})"
 
 
 def tracking(

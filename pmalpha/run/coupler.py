@@ -57,14 +57,15 @@ class Coupler:
         numbers of substeps. "mean": as "macro", with tied displacements. docs/choosing.md helps to
         choose.
     start : {"rebased", "plain"}, default "rebased"
-        "plain" begins double steps as the paper does, without (S3).
+        "plain" begins double steps as the paper does, without re-basing their free velocity,
+        equation (S3).
     newton : Newton, default Newton()
         How internal forces are iterated.
     threads : int, optional
-        Maximum number of threads, including the caller, up to the number of processors on which
-        the process may run; results are bitwise identical. Default: that number if (W1) to (W3) of
-        docs/method.md predict a gain, else 1; while macro steps are faster in one thread than in
-        several, which is timed now and then, one.
+        Maximum number of threads, including the caller, up to the number of processors on which the
+        process may run; results are bitwise identical. Default: that number if the costs of
+        equations (W1) to (W3) of docs/method.md predict a gain, else 1; while macro steps are
+        faster in one thread than in several, which is timed now and then, one.
     comm : mpi4py.MPI.Intracomm, optional
         Processes that share the problem: `subdomains` are those of this rank, `constraints` the
         same on every rank, and all ranks make the same calls; see docs/many.md.
@@ -298,7 +299,7 @@ class Coupler:
             `BaseAcceleration`: its exact integrals, from rest.
         tolerance : float or dict of float, optional
             With "gc": choose substeps so that the local error of the displacements per unit of time
-            stays below this, (Q5) and (Q6).
+            stays below this, by the estimate and the rule of equations (Q5) and (Q6).
         progress : True or callable, optional
             True: a tqdm bar; or called as ``progress(done, total)`` about every 50 ms.
 
@@ -325,7 +326,8 @@ class Coupler:
         Warns
         -----
         StabilityWarning
-            When steps are above a critical step found in the run, or forces add energy, (B10).
+            When steps are above a critical step found in the run, or forces add energy, equation
+            (B10).
 
         Notes
         -----
@@ -397,9 +399,9 @@ class Coupler:
 
         Notes
         -----
-        Equation (D5) of docs/method.md. It is an estimate, as good as the difference of the two
-        runs is small, and says nothing of what both have in common: the model, and means or
-        samples of a load that no step sees. docs/right.md has measured values.
+        Richardson's extrapolation, equation (D5) of docs/method.md. It is an estimate, as good as
+        the difference of the two runs is small, and says nothing of what both have in common: the
+        model, and means or samples of a load that no step sees. docs/right.md has measured values.
 
         Examples
         --------
@@ -434,9 +436,10 @@ class Coupler:
         """`run` at the pace of a clock: each fine step begins at its absolute time.
 
         For a specimen in a laboratory, given as ``restoring=``. Fine steps are those of the largest
-        number of substeps; step k is due k h / `rate` after the first (Y10). The command of a fine
-        step is computed and given to the specimen when it begins. Limits of velocity and
-        acceleration are checked by the clock too (Y12). Results are bitwise those of `run`.
+        number of substeps; step k is due k h / `rate` after the first, equation (Y10). The command
+        of a fine step is computed and given to the specimen when it begins. Limits of velocity and
+        acceleration are checked by the clock too, equation (Y12). Results are bitwise those of
+        `run`.
 
         Parameters
         ----------
@@ -714,9 +717,9 @@ class Coupler:
 
         Notes
         -----
-        Equations (Q1) to (Q4) of docs/method.md. Times are counted from the change: time levels
-        are t_change + (k / max ss) dt, and `t_end` of `run` is a whole number of macro steps after
-        t_change. `step_count` goes on.
+        The state is handed over by equations (Q1) to (Q4) of docs/method.md. Times are counted from
+        the change: time levels are t_change + (k / max ss) dt, and `t_end` of `run` is a whole
+        number of macro steps after t_change. `step_count` goes on.
 
         Under "pm", which subdomains take double steps follows from the new numbers as it does when
         a Coupler is made. One with one substep that took double steps before takes a double step of
@@ -797,8 +800,9 @@ class Coupler:
 
         Notes
         -----
-        Equations (A1) to (A17) of docs/method.md. Unsymmetric matrices, prescribed velocities and
-        functions of the multipliers need couplers of their own for the reversed run.
+        The adjoint of the discrete run, equations (A1) to (A17) of docs/method.md. Unsymmetric
+        matrices, prescribed velocities and functions of the multipliers need couplers of their own
+        for the reversed run.
 
         Examples
         --------
@@ -1058,15 +1062,15 @@ class Coupler:
 
         Notes
         -----
-        Equations (N18) to (N20) of docs/method.md. Springs and forces with a history are evaluated
-        at the end of one path from their history at t = 0, as the start of a run evaluates them,
-        (N17), whatever the load steps: so the run stays at rest. Where yielding depends on the path
-        of the load, apply it in a run.
+        Newton's method by load steps, equations (N18) to (N20) of docs/method.md. Springs and
+        forces with a history are evaluated at the end of one path from their history at t = 0, as
+        the start of a run evaluates them, equation (N17), whatever the load steps: so the run stays
+        at rest. Where yielding depends on the path of the load, apply it in a run.
 
         Exception: under "mean" explicit subdomains with `GeneralizedAlpha` rest in another
-        equilibrium, (K9): K acts at a distance of 0.25 to 0.3 h^2 y from it, with the acceleration
-        y that the multipliers alone would give the masses. Central difference, implicit schemes and
-        other couplings do rest.
+        equilibrium, equation (K9): K acts at a distance of 0.25 to 0.3 h^2 y from it, with the
+        acceleration y that the multipliers alone would give the masses. Central difference,
+        implicit schemes and other couplings do rest.
 
         Examples
         --------
