@@ -1,4 +1,4 @@
-"""Energy and mass that forces add to a motion, and steps too long for present tangents: warnings."""
+"""Warnings: energy and mass that forces add to a motion, steps too long for present tangents."""
 
 from __future__ import annotations
 
