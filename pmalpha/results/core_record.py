@@ -6,6 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+# The arrays of a record with a column for each constraint.
+OF_CONSTRAINTS = ("multipliers", "velocity_jump", "displacement_jump")
+
 
 class CoreSelection(NamedTuple):
     """What is recorded of a subdomain; rows of arrays are its time levels."""
@@ -34,4 +37,4 @@ class CoreRecord(NamedTuple):
     @property
     def interface(self) -> tuple[np.ndarray, ...]:
         """The arrays with a column for each constraint."""
-        return self.multipliers, self.velocity_jump, self.displacement_jump
+        return tuple(getattr(self, name) for name in OF_CONSTRAINTS)

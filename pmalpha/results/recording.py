@@ -25,7 +25,7 @@ from . import not_recorded
 from .base_motion import Loads, added, check_ground
 from .clock import Clock
 from .contact_history import layouts
-from .core_record import CoreRecord, CoreSelection
+from .core_record import OF_CONSTRAINTS, CoreRecord, CoreSelection
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, output_array, row_count
@@ -270,15 +270,14 @@ class Recording:
         contacts = None
         if of.contacts is not None:
             contacts = interface["contact_impulses"], interface["contact_gaps"]
+        of_constraints: dict[str, Any] = {name: interface[name] for name in OF_CONSTRAINTS}
         return CoreRecord(
             self.begin,
             self.every or 0,
             tuple(selections),
-            interface["multipliers"],
-            interface["velocity_jump"],
-            interface["displacement_jump"],
-            self._energies(self.energy) if of.has_energy else None,
-            contacts,
+            energy=self._energies(self.energy) if of.has_energy else None,
+            contacts=contacts,
+            **of_constraints,
         )
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:

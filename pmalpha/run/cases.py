@@ -23,7 +23,7 @@ from ..memory import require
 from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
 from ..results.base_motion import Loads
-from ..results.core_record import CoreSelection
+from ..results.core_record import OF_CONSTRAINTS, CoreSelection
 from ..results.history import History
 from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
@@ -117,13 +117,8 @@ class Lanes:
         shapes = [(x.shape[0], x.shape[1] * LANES) for x in records[0].interface]
         if [x.shape for x in self.interface] != shapes:
             self.interface = [np.empty(shape) for shape in shapes]
-        multipliers, velocity_jump, displacement_jump = self.interface
-        record = records[0]._replace(
-            selections=selections,
-            multipliers=multipliers,
-            velocity_jump=velocity_jump,
-            displacement_jump=displacement_jump,
-        )
+        arrays: dict[str, Any] = dict(zip(OF_CONSTRAINTS, self.interface, strict=True))
+        record = records[0]._replace(selections=selections, **arrays)
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
