@@ -67,7 +67,7 @@ def test_a_stop_that_throws_a_mass_away_is_warned_of_once(forces, scheme, spring
     with pytest.warns(pm.StabilityWarning, match=ADDED) as seen:
         assert largest_energy(coupler, 100) > 2.0
         coupler.step(10)
-    assert len(seen) == 1
+    assert [x.category for x in seen].count(pm.StabilityWarning) == 1
     coupler.reset()
     with pytest.warns(pm.StabilityWarning, match=ADDED):
         coupler.step(100)

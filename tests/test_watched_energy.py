@@ -157,7 +157,7 @@ def test_contact_of_a_compiled_function_is_watched_like_that_of_a_python_one(est
     with pytest.warns(pm.StabilityWarning, match=ADDED) as seen:
         coupler.step(20)
         coupler.step(20)
-    assert len(seen) == 1
+    assert [x.category for x in seen].count(pm.StabilityWarning) == 1
     by_python = pm.Subdomain(
         [1.0],
         None,

@@ -482,7 +482,8 @@ pma_gain pma_balance_gain(const pma_balance *b)
     pma_gain most = {0};
     for (size_t l = 0; l < b->parts.lanes; l++) {
         const pma_gain own = b->judged[l].gain;
-        if (b->judged[l].exceeds && own.t > 0.0 && own.added * most.energy >= most.added * own.energy)
+        if (b->judged[l].exceeds && own.t > 0.0 &&
+            own.added * most.energy >= most.added * own.energy)
             most = own;
     }
     return most;
