@@ -187,3 +187,20 @@ def test_drifts_and_base_shear_of_a_frame_need_no_formula():
 def floors(building):
     """Feet, and all nodes of the beams at each height, also those within a span."""
     return [np.array([0, 1, 2]), building.nodes_at(y=3.0), building.nodes_at(y=6.0)]
+
+
+def test_the_shear_of_a_storey_is_that_of_the_static_load_above_it():
+    points = [[x, y] for y in (0.0, 3.0, 6.0) for x in (0.0, 4.0)]
+    members = [[0, 2], [1, 3], [2, 4], [3, 5], [2, 3], [4, 5]]
+    frame = pm.structures.beam_frame(points, members, EA=1e3, EI=10.0, rhoA=1.0, divisions=3)
+    feet = frame.dofs(frame.nodes_at(y=0.0))
+    free = np.setdiff1d(np.arange(frame.n), feet)
+    load = np.zeros(frame.n)
+    load[frame.dofs([2, 4, 5], "ux")] = 5.0, 1.0, 2.0  # at both levels
+    u = np.zeros(frame.n)
+    u[free] = np.linalg.solve(frame.K.toarray()[np.ix_(free, free)], load[free])
+    # statics: all of the load acts on the first storey, that of the roof on the second
+    assert frame.storey_shears() @ u == pytest.approx([-8.0, -3.0], rel=1e-9)
+    assert frame.storey_shears() @ u == pytest.approx([(frame.base_shear() @ u)[0], -3.0], rel=1e-9)
+    with pytest.raises(ValueError, match="storey_shears needs elements 'line'"):
+        pm.structures.plate(1, 1, 1.0, E=1.0, nu=0.2, rho=1.0).storey_shears()

@@ -44,6 +44,7 @@ HALF_WAVES = 150
 # the largest range, at about this number of samples.
 DIFFERENT = 0.02
 SAMPLES = 256
+ENERGY = Quantity("", "energy", "F u", label="energy")
 # Curves of the energies, in this order; those that are zero to rounding are left out.
 ENERGIES = {
     "kinetic": "kinetic",
@@ -108,7 +109,7 @@ def time_histories(
             words = "\n".join(notes.values())
             figure.supxlabel(words, x=0.01, horizontalalignment="left", fontsize=8.5)
         if history.energy:
-            _draw_energy(axes.pop(), history)
+            _draw_energy(axes.pop(), history, unit)
         if chosen:
             _draw_substeps(axes.pop(), history)
         if curves:
@@ -129,7 +130,7 @@ def energies(history: Any, *, title: str | None = None, ax: Axes | None = None) 
         if ax is None:
             ax = shown_figure(figsize=(7.1, 3.4), layout="constrained").subplots()
         ax.set_xlabel(_time_label({}))
-        _draw_energy(ax, history)
+        _draw_energy(ax, history, {})
         if title is not None:
             ax.figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
     return ax
@@ -320,7 +321,7 @@ def _draw_substeps(ax: Axes, history: Any) -> None:
     ax.legend(loc="upper right", ncols=DEFAULT_CURVES)
 
 
-def _draw_energy(ax: Axes, history: Any) -> None:
+def _draw_energy(ax: Axes, history: Any, unit: Mapping[str, str]) -> None:
     """Energies, and works since the beginning, each summed over the subdomains."""
     sums = {name: x.sum(axis=1) for name, x in history.energy.arrays().items() if name in ENERGIES}
     largest = max(map(_largest_size, sums.values()))
@@ -330,7 +331,7 @@ def _draw_energy(ax: Axes, history: Any) -> None:
         if name in sums and _largest_size(sums[name]) > ROUNDING * largest
     ]
     _draw(ax, shown)
-    _label_axis(ax, "energy")
+    _label_axis(ax, ENERGY, unit)
     if shown:
         _legend(ax)
 

@@ -85,7 +85,8 @@ class Scheme(Frozen):
         Returns
         -------
         StepConstants
-            A named tuple: h, al1, al2 (P2), u_a, u_w (5), v_a, v_w (6), a_a, a_w, a_w1 (9).
+            A named tuple: h; al1, al2 of equation (P2); u_a, u_w of (5); v_a, v_w of (6); a_a, a_w,
+            a_w1 of (9).
 
         Examples
         --------

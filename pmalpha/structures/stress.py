@@ -113,20 +113,41 @@ def _placed(rows: np.ndarray, lines: np.ndarray, d: int, n: int) -> sp.csr_array
 
 
 def storey_drifts(structure: Any, component: str) -> sp.csr_array:
+    levels, is_grounded = _storeys(structure, component, "storey_drifts")
+    means = [_mean(structure, nodes, component) for nodes in levels]
+    if is_grounded:
+        means.insert(0, sp.csr_array((1, structure.n)))  # the ground is the level below
+    return sp.csr_array(sp.vstack([b - a for a, b in zip(means, means[1:])], format="csr"))
+
+
+def storey_shears(structure: Any, component: str) -> sp.csr_array:
+    """Minus the rows of K, summed over all nodes above the lower level of each storey: forces
+    between these nodes have the sum zero."""
+    levels, is_grounded = _storeys(structure, component, "storey_shears")
+    heights = structure.points[:, -1]
+    tolerance = EQUAL * np.ptp(structure.points, axis=0).max()
+    lower = [-np.inf] * is_grounded + [heights[nodes].max() + tolerance for nodes in levels[:-1]]
+    above = sp.csr_array((heights > np.array(lower)[:, None]).astype(float))
+    nodes = np.arange(len(heights))
+    rows = sp.csr_array(structure.K)[structure.dofs(nodes, component)]
+    return sp.csr_array(-(above @ rows))
+
+
+def _storeys(structure: Any, component: str, what: str) -> tuple[list[np.ndarray], bool]:
+    """The nodes of each level, and whether the ground is a level below them."""
     if set(structure.elements) != {"line"} or component not in structure.components:
         raise ValueError(
-            f"storey_drifts needs elements 'line' with a component {component!r}, got "
+            f"{what} needs elements 'line' with a component {component!r}, got "
             f"{sorted(structure.elements)} with {structure.components}"
         )
     along = structure.points.shape[1] == 1
     order = np.argsort(structure.points[:, 0], kind="stable")
     levels = list(order[:, None]) if along else levels_of(structure)
-    means = [_mean(structure, nodes, component) for nodes in levels]
-    if along and ground_springs(structure, component)[: structure.dofs_per_node].any():
-        means.insert(0, sp.csr_array((1, structure.n)))  # the ground is the level below
-    if len(means) < 2:
-        raise ValueError("storey_drifts needs two levels with horizontal members, got fewer")
-    return sp.csr_array(sp.vstack([b - a for a, b in zip(means, means[1:])], format="csr"))
+    springs = ground_springs(structure, component)[: structure.dofs_per_node]
+    is_grounded = along and bool(springs.any())
+    if len(levels) + is_grounded < 2:
+        raise ValueError(f"{what} needs two levels with horizontal members, got fewer")
+    return levels, is_grounded
 
 
 def levels_of(structure: Any) -> list[np.ndarray]:

@@ -23,7 +23,7 @@ from ..reduction.fixed_dofs import Reduction, reduce
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
 from .pyvista_grid import grid_of
-from .stress import BAR, BEAM, base_shear, line_forces, nodal_stress, storey_drifts
+from .stress import BAR, BEAM, base_shear, line_forces, nodal_stress, storey_drifts, storey_shears
 
 __all__ = ["Structure"]
 
@@ -616,6 +616,37 @@ class Structure:
         (6, 2)
         """
         return storey_drifts(self, component)
+
+    def storey_shears(self, component: str = "ux") -> sp.csr_array:
+        """The matrix W from displacements of all dofs to the shear forces of the storeys.
+
+        For ``run(outputs=)`` of a subdomain that `subdomain` made, whatever is fixed.
+
+        Parameters
+        ----------
+        component : str, default "ux"
+            Direction of the forces.
+
+        Returns
+        -------
+        (storeys, n) csr_array
+            Storeys as of `storey_drifts`. The force acts on all that is above the lower level of
+            the storey: under a static load it is minus the load there, and that of the first storey
+            is `base_shear`. Forces of damping are rows of C in the same way.
+
+        Raises
+        ------
+        ValueError
+            As of `storey_drifts`; for a structure with internal forces.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> structures.chain(2, 1.0, [4.0], ground=(6.0, 0.0)).storey_shears().toarray().tolist()
+        [[-6.0, 0.0], [4.0, -4.0]]
+        """
+        self._require_linear("storey_shears")
+        return storey_shears(self, component)
 
     def base_shear(self, nodes: Any = None, component: str = "ux") -> sp.csr_array:
         """The matrix W from displacements of all dofs to the force of the supports at some nodes.
