@@ -127,7 +127,7 @@ PyObject *pma_coupler_in_lanes(CouplerObject *self, PyObject *subdomains);
 /* The core of a coupler whose subdomains are set. */
 int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts);
 
-/* ... and in internal.c. */
+/* ... and in state_methods.c. */
 PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *ignored);
 PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
 
@@ -234,7 +234,7 @@ PyObject *pma_pack(Py_ssize_t count, PyObject *const *items);
 int pma_read_tree(PyObject *obj, PyObject *arrays, pma_store *store, pma_fields *out);
 int pma_end_tree(pma_fields *fields, pma_status status);
 
-/* What one taker of the core takes from an object. Memory that is needed besides goes to `store`. */
+/* What one taker of the core takes from an object. Memory needed besides goes to `store`. */
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,

@@ -1,4 +1,4 @@
-/* Internal forces of a subdomain, and what their iteration needs. */
+/* Internal forces of a subdomain that are functions of the user. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
@@ -123,45 +123,4 @@ int pma_find_potential(PyObject *obj, pma_internal_force *out)
     callable->potential = obj;
     out->potential = call_potential;
     return 0;
-}
-
-/* ---- what iterations keep ------------------------------------------------------------------- */
-
-PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
-{
-    pma_iterate *it = pma_subdomain_iterate(self->core);
-    bool twice;
-    if (!it)
-        Py_RETURN_NONE;
-    if (!pma_subdomain_claim(self))
-        return NULL;
-    const double *kept = pma_iterate_kept(it, &twice);
-    const double scale = pma_iterate_scale(it);
-    PyObject *entries =
-        kept ? pma_new_vector((npy_intp)pma_iterate_entries(it), kept) : Py_NewRef(Py_None);
-    pma_subdomain_release(self);
-    return entries ? Py_BuildValue("(dNO)", scale, entries, twice ? Py_True : Py_False) : NULL;
-}
-
-PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args)
-{
-    PyObject *entries;
-    const double *kept = NULL;
-    double scale;
-    int twice;
-    pma_iterate *it = pma_subdomain_iterate(self->core);
-    if (!PyArg_ParseTuple(args, "dOp", &scale, &entries, &twice))
-        return NULL;
-    if (!it)
-        return PyErr_Format(PyExc_ValueError, "the subdomain is not iterated");
-    if (entries != Py_None &&
-        pma_take_doubles(entries, (npy_intp)pma_iterate_entries(it), "entries", NULL, &kept) < 0)
-        return NULL;
-    if (!pma_subdomain_claim(self))
-        return NULL;
-    pma_caller before = pma_gil_release(); /* factors as in a step */
-    const pma_status status = pma_iterate_restore(it, scale, kept, twice);
-    pma_gil_acquire(before);
-    pma_subdomain_release(self);
-    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "entries");
 }

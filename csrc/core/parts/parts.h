@@ -27,8 +27,8 @@
 /* ---- matrices (matrices.c) ------------------------------------------------------------------ */
 
 /* None; doubles (n,), a diagonal; doubles (n, n) by columns; {band: (width + 1, n)};
- * {ptr, indices, values} by rows; {first, ptr, indices, start, values}, strips. Of an unsymmetric band
- * (2, width + 1, n), what is above and what is below the diagonal. */
+ * {ptr, indices, values} by rows; {first, ptr, indices, start, values}, strips. Of an unsymmetric
+ * band (2, width + 1, n), what is above and what is below the diagonal. */
 pma_status pma_parts_matrix(const pma_field *f, size_t n, pma_matrix *out);
 
 /* {inverse (n,), R}: R is None, (n, n) by columns, {band: (n, width)}, {ptr, indices, values} by
@@ -47,7 +47,7 @@ pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out);
  * is None of a diagonal, else as above with owner (n,). Without a crew. */
 pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out);
 
-/* ---- forces (forces.c, specimens.c) --------------------------------------------------------- */
+/* ---- forces (springs.c, specimens.c, forces.c) ---------------------------------------------- */
 
 /* What stands for a function of the user in the core. */
 typedef struct {
