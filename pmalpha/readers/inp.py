@@ -18,7 +18,7 @@ from .._checks import fortran_real
 from ..meshes.kinds import KINDS
 from ..meshes.mesh import Block, ElementType, FileMesh
 from .included import Included
-from .inp_keywords import CONNECTIONS, LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
+from .inp_keywords import LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
 from .unread import Unread, refused_at
 
 Key = TypeVar("Key", int, tuple[int, int])
@@ -116,8 +116,7 @@ class _Reader:
         if keyword in self.readers:
             self.readers[keyword](section)
         elif keyword in REFUSED:
-            family = "CONNECTION" if keyword in CONNECTIONS else "GEOMETRY"
-            self.unread.refuse(keyword, family, section.where, REFUSED[keyword])
+            self.unread.refuse(keyword, "GEOMETRY", section.where, REFUSED[keyword])
         elif not is_of_analysis(keyword):
             family = LEFT_OUT.get(keyword, "UNKNOWN")
             self.unread.leave_out("keywords {} are not read", keyword, family)

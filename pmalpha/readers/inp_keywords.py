@@ -69,6 +69,7 @@ CONNECTIONS = _words(
 
 # by the keyword the family of what is left out
 LEFT_OUT = {
+    **dict.fromkeys(CONNECTIONS, "CONNECTION"),
     **dict.fromkeys(
         ("CONTACT", "CONTACT PAIR", "FASTENER PROPERTY", "RIGID SURFACE"), "CONNECTION"
     ),
@@ -81,10 +82,6 @@ LEFT_OUT = {
 
 # by the keyword what it does to nodes and elements
 REFUSED = {
-    **dict.fromkeys(
-        CONNECTIONS,
-        "it connects nodes, which pm.tie_coincident and pm.interpolate do for subdomains",
-    ),
     "ELCOPY": "it makes elements from others",
     "IMPERFECTION": "it moves nodes",
     "IMPORT": "it takes elements from another analysis",
