@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 UNITS = {"length": "u", "time": "t", "force": "F"}
+ENERGY = Quantity("subdomains", "a sum over the subdomains", "F u", "macro", label="energy")
 MOTION = {name: x for name, x in OF_SUBDOMAIN.items() if x.label}
 # The panels of constraints, jumps first.
 INTERFACE = {
