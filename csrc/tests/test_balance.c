@@ -1,4 +1,4 @@
-/* test_balance.c - energy and mass that evaluated forces add to a motion, by hand.  (B8) to (B13) */
+/* test_balance.c - energy and mass that evaluated forces add, by hand.  (B8) to (B13) */
 #include <stddef.h>
 #include <stdint.h>
 
@@ -96,8 +96,8 @@ static void a_weight_is_no_source(void)
     pma_balance_destroy(b);
 }
 
-/* (B13)  al1 = 1/4; dut = (1, 1), then (1, -3); of dof 0 the force has its stiffness, of dof 1 none:
- * 1/4 (5 + 5 x 9) of 1 + 1 + 1 + 9 */
+/* (B13)  al1 = 1/4; dut = (1, 1), then (1, -3); of dof 0 the force has its stiffness, of dof 1
+ * none: 1/4 (5 + 5 x 9) of 1 + 1 + 1 + 9 */
 static void an_estimate_above_the_stiffness_is_a_mass(void)
 {
     static const double ut[2][N] = {{1.0, 1.0}, {2.0, -2.0}}, r[2][N] = {{3.0, 0.0}, {6.0, 0.0}};

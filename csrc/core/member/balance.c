@@ -8,8 +8,8 @@
 #include "object.h"
 
 /* Of the largest energy of the motion, from which on what was added is reported; of all work, below
- * which it is an error of the steps that does not grow; of sum |r| |ut|, below which it is rounding;
- * of a kinetic energy, below which it is no larger than the last one. */
+ * which it is an error of the steps that does not grow; of sum |r| |ut|, below which it is
+ * rounding; of a kinetic energy, below which it is no larger than the last one. */
 #define REPORTED 0.1
 #define SHARE 0.01
 #define ROUNDING 1e-9

@@ -10,7 +10,7 @@
 
 #include "status.h"
 
-/* A residual that is this many times the one that the correction began with has jumped.      (N9) */
+/* A residual that is this many times the one that the correction began with has jumped.  (N9) */
 #define PMA_LEAP 1e3
 
 typedef struct {
