@@ -259,8 +259,8 @@ class SimulatedActuator(Device):
     def _filter(self, h: float) -> forms.Actuator | forms.Adaptive:
         dynamics = held_dynamics(self.order, self.frequency, self.damping, h)
         largest = np.inf if self.saturation is None else self.saturation
-        rest = (self.noise, self.quantum or 0.0, self.seed)
-        return forms.Actuator(*delayed(self.delay, h), largest, *dynamics, *rest)
+        ends = (*delayed(self.delay, h), largest, *dynamics)
+        return forms.Actuator(*ends, self.noise, self.quantum or 0.0, self.seed)
 
 
 class Compensated(Device):

@@ -127,9 +127,10 @@ class CheckedInternal:
             copies = tuple(np.copy(x) for x in arguments)
             self.first[i] = (copies, values[0].copy(), values[3].copy())
             return
-        if self.first[i] is None:
+        first = self.first[i]
+        if first is None:
             return
-        before, *results = self.first[i]
+        before, *results = first
         if all(np.array_equal(x, y) for x, y in zip(before, arguments)):
             return
         u, v, t, q = before

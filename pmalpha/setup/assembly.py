@@ -11,11 +11,11 @@ import numpy as np
 
 from .. import _core
 from ..blas import one_thread
-from ..problem.forms import Operator
+from ..problem.forms import Factor, Operator
 from ..problem.subdomain import Subdomain
 from .constraint_rows import CoreRows
 from .contact_rows import Contacts
-from .factors import Eliminations, Factor
+from .factors import Eliminations
 from .floating import warn_of_growing, warn_of_loose
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .internal_forces import closing_tangent

@@ -229,8 +229,9 @@ class Contacts:
             member = members[i]
             assert member.N is not None
             sides.append(forms.Side(i, member.N.core(member.n - member.nb)))
-        numbers = (self.numbers(x) for x in ("gap", "restitution", "friction"))
-        return forms.Contact(self.first, *numbers, tuple(sides), *gemm_and_trsm())
+        gap, restitution, friction = map(self.numbers, ("gap", "restitution", "friction"))
+        routines = gemm_and_trsm()
+        return forms.Contact(self.first, gap, restitution, friction, tuple(sides), *routines)
 
     def links(self, count: int) -> list[Link | None]:
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]

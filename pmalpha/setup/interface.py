@@ -9,9 +9,10 @@ import scipy.sparse as sp
 
 from .._checks import counted
 from ..memory import require
+from ..problem.forms import Factor
 from ..problem.matrices import Matrix, dense, row_of_entries
 from ..problem.ordering import elimination_order, graph_of
-from .factors import Factor, Names, factorize
+from .factors import Names, factorize
 from .link import Block, diagonal_compliances
 from .member import Member
 from .ranks import Ranks, joined

@@ -135,7 +135,7 @@ def _block(member: Member, start: bool) -> Block:
 
 def _constant_part(
     members: Sequence[Member], p: int, ranks: Ranks | None
-) -> tuple[tuple[Any, ...], np.ndarray, np.ndarray]:
+) -> tuple[forms.Numeric, np.ndarray, np.ndarray]:
     """The pattern of H for the core, and the values of its constant part, in the first macro step
     and after it."""
     if p == 0:

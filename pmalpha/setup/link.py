@@ -12,9 +12,9 @@ import scipy.sparse as sp
 from .._checks import counted
 from ..blas import one_thread
 from ..memory import require
-from ..problem.forms import Columns
+from ..problem.forms import Columns, Factor
 from ..problem.matrices import core_sparse
-from .factors import Factor, interface_block, sides
+from .factors import interface_block, sides
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,10 @@ from .._checks import counted, listing, numbered
 from .._core import LANES
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
+from ..problem.forms import Factor
 from ..problem.matrices import Matrix, core_matrix, product
 from ..problem.schemes import explicit_rho
-from .factors import Factor, solve
+from .factors import solve
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
 from .member import Member

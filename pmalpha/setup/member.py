@@ -15,7 +15,7 @@ from .. import _core
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
 from ..problem import forms
-from ..problem.forms import Operator
+from ..problem.forms import Factor, Operator
 from ..problem.limits import limits_of_dofs
 from ..problem.matrices import (
     Matrix,
@@ -31,7 +31,7 @@ from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
-from .factors import Elimination, Eliminations, Factor, Names
+from .factors import Elimination, Eliminations, Names
 from .internal_forces import (
     InternalForces,
     TangentPattern,
