@@ -93,9 +93,9 @@ class Layout:
 
     def read(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
-        arrays = [[x.reshape(-1, LANES) for x in own.levels()] for own in cores]
+        arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
         numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
-        lam = core.multipliers.reshape(-1, LANES)[: self.rows.p]
+        lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
         return np.concatenate([*numbers, self.rows.forces(lam.T).T])
 
     def names(self) -> tuple[str, ...]:
