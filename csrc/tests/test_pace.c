@@ -68,8 +68,8 @@ static void paced_steps_begin_when_they_are_due_and_are_those_of_any_run(void)
     CHECK_STATUS(pma_coupler_advance(unpaced.coupler, STEPS, NULL, NULL), PMA_OK);
     const snapshot expected = present(&unpaced);
     make_chain(&m, RESTORED, 1.0);
-    pma_subdomain_time(m.subdomains[1].core, &stamp,
-                       NULL); /* with as many substeps as there are fine steps */
+    /* with as many substeps as there are fine steps */
+    CHECK_STATUS(pma_subdomain_time(m.subdomains[1].core, &stamp, NULL), PMA_OK);
     pma_coupler_set_pace(m.coupler, &pace);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     check_same_present(&m, &expected);

@@ -188,25 +188,13 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     return status;
 }
 
-static void release_limits(pma_subdomain *s)
-{
-    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
-        pma_limits_destroy(s->sent[i]);
-    free((void *)s->sent);
-    free(s->given);
-    pma_limits_destroy(s->limits);
-    s->sent = NULL;
-    s->given = NULL;
-    s->limits = NULL;
-}
-
 void pma_subdomain_destroy(pma_subdomain *s)
 {
     if (!s)
         return;
     pma_energy_destroy(s->energy);
     pma_balance_destroy(s->balance);
-    release_limits(s);
+    pma_rig_destroy(s->rig);
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
@@ -288,23 +276,6 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     return status;
 }
 
-/* The force of a specimen at the initial values, of springs and of functions that were evaluated */
-static pma_status measure_first(pma_subdomain *s, double t, const double *u)
-{
-    const pma_parts *p = &s->parts;
-    double *first = pma_limits_first(s->limits, u);
-    double *fresh = calloc(pma_springs_numbers(&p->springs) + 1, sizeof *fresh);
-    if (!fresh)
-        return PMA_NO_MEMORY;
-    memset(first, 0, p->n * sizeof(double));
-    pma_springs_subtract(&p->springs, u, fresh, fresh, first);
-    free(fresh);
-    for (size_t i = 0; i < p->n; i++)
-        first[i] = (p->restoring.function ? pma_restoring_force(&p->restoring, i) : 0.0) - first[i];
-    s->breached = s->limits;
-    return pma_limits_measure_first(s->limits, t) ? PMA_OK : PMA_LIMITED;
-}
-
 pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
                                             const double *v, double *r)
 {
@@ -317,6 +288,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
     pma_springs_subtract(&p->springs, u, fresh, fresh, r);
     free(fresh);
     memset(s->remembered, 0, p->restoring.memory * sizeof(double));
+    if (s->rig)
+        pma_rig_command_first(s->rig);
     if (p->restoring.function)
         status = pma_restoring_subtract(&p->restoring, t, u, v, s->remembered, s->remembered, r,
                                         &s->code);
@@ -324,8 +297,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
         r[i] = 0.0 - r[i]; /* no negative zeros */
     for (size_t i = 0; i < p->n && s->balance && p->restoring.function; i++)
         pma_balance_first(s->balance)->once[i] = pma_restoring_force(&p->restoring, i);
-    if (status == PMA_OK && s->limits)
-        status = measure_first(s, t, u);
+    if (status == PMA_OK && s->rig)
+        status = pma_rig_reply_first(s->rig, t, u);
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
 }
 
@@ -359,8 +332,8 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     pma_subdomain_watch_again(s);
     if (s->balance)
         pma_balance_start(s->balance, x);
-    if (s->limits)
-        pma_limits_begin_first(s->limits, v);
+    if (s->rig)
+        pma_rig_begin(s->rig, v);
     if (s->iterate) {
         x->history[s->parts.internal.history] = 0.0; /* corrections */
         pma_iterate_restore(s->iterate, 0.0, NULL, false);
@@ -449,59 +422,13 @@ void pma_subdomain_watch_again(pma_subdomain *s)
 {
     if (s->balance)
         pma_balance_begin(s->balance);
-    if (s->limits)
-        pma_limits_begin(s->limits);
-    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
-        pma_limits_begin(s->sent[i]);
+    if (s->rig)
+        pma_rig_begin(s->rig, NULL);
 }
 
 const pma_balance *pma_subdomain_balance(const pma_subdomain *s)
 {
     return s->balance;
-}
-
-/* ---- a specimen ----------------------------------------------------------------------------- */
-
-static pma_status create_limits(pma_subdomain *s, const pma_limits_parts *parts)
-{
-    const size_t compensators = s->parts.restoring.compensators;
-    PMA_TRY(pma_limits_create(parts, &s->limits));
-    if (compensators == 0)
-        return PMA_OK;
-    s->sent = (pma_limits **)calloc(compensators, sizeof *s->sent);
-    s->given = calloc(2 * parts->n, sizeof *s->given);
-    if (!s->sent || !s->given)
-        return PMA_NO_MEMORY;
-    for (size_t i = 0; i < compensators; i++)
-        PMA_TRY(pma_limits_create(parts, &s->sent[i]));
-    s->parts.restoring.cell->self = s;
-    s->parts.restoring.cell->allows = pma_substep_allows;
-    return PMA_OK;
-}
-
-pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
-{
-    if (parts->n != s->parts.n)
-        return PMA_BAD_SIZE;
-    release_limits(s);
-    const pma_status status = create_limits(s, parts);
-    if (status != PMA_OK)
-        release_limits(s);
-    return status;
-}
-
-pma_breach pma_subdomain_breach(const pma_subdomain *s)
-{
-    return *pma_limits_breach(s->breached);
-}
-
-void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limits_clock *clock)
-{
-    s->stamp = stamp;
-    if (s->limits)
-        pma_limits_pace(s->limits, clock);
-    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
-        pma_limits_pace(s->sent[i], clock);
 }
 
 /* ---- energy --------------------------------------------------------------------------------- */

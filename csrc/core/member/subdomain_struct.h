@@ -7,6 +7,7 @@
 
 #include "algebra/tree.h"
 #include "member/levels.h"
+#include "member/rig.h"
 #include "member/subdomain.h"
 #include "member/update.h"
 
@@ -23,16 +24,11 @@ struct pma_subdomain {
     pma_member_table table;
     pma_load load;
     pma_levels levels;
-    pma_energy *energy;           /* of a run that sums it up, else NULL */
-    pma_balance *balance;         /* of one whose forces are watched, else NULL */
-    pma_limits *limits;           /* of a specimen that has some, else NULL */
-    pma_limits **sent;            /* the same of what each compensator gives; or NULL */
-    double *given;                /* 2 n: what one gives */
-    const pma_limits *breached;   /* the one that was exceeded last */
-    const pma_substep *evaluated; /* whose restoring forces are being evaluated, else NULL */
-    pma_stamp *stamp;             /* of one in a paced run, else NULL */
-    pma_response *response;       /* if the subdomain has responses, else NULL */
-    pma_iterate *iterate;         /* if its steps are iterated, else NULL */
+    pma_energy *energy;     /* of a run that sums it up, else NULL */
+    pma_balance *balance;   /* of one whose forces are watched, else NULL */
+    pma_rig *rig;           /* of one with limits or in a paced run, else NULL */
+    pma_response *response; /* if the subdomain has responses, else NULL */
+    pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
     bool branched;         /* several workers have branches of the tree of the factor */
     pma_branches branches; /* ... these */
@@ -125,12 +121,6 @@ bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, cons
  * the internal forces; fails only where a function of the user evaluates that. */
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
-
-/* Before and after springs and functions are evaluated at the displacement of `to`: within the
- * limits of the specimen? PMA_LIMITED if not. */
-bool pma_substep_allows(void *subdomain, size_t compensator, const double *u, const double *v);
-pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to);
-pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to);
 
 /* r (n) += springs and restoring forces, as evaluated last, without loads that depend on motion */
 void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r);

@@ -79,65 +79,8 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
     const pma_parts *p = &s->parts;
     const size_t springs = pma_springs_numbers(&p->springs);
     const pma_state *last = pma_levels_at(&s->levels, step->j);
-    s->evaluated = step;
-    const pma_status status =
-        pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
-                               to->springs + springs, y, &s->code);
-    s->evaluated = NULL;
-    return status;
-}
-
-bool pma_substep_allows(void *subdomain, size_t i, const double *u, const double *v)
-{
-    pma_subdomain *s = subdomain;
-    const pma_substep *step = s->evaluated;
-    if (!step || !s->sent)
-        return true; /* the first command, which is that of the structure */
-    const size_t n = s->parts.n;
-    const int64_t *order = s->parts.restoring.order;
-    const pma_state *from = pma_levels_at(&s->levels, step->j);
-    for (size_t k = 0; k < n; k++) {
-        s->given[k] = u[order[k]];
-        s->given[n + k] = v[order[k]];
-    }
-    s->breached = s->sent[i];
-    return pma_limits_command(s->sent[i], step->number, step->j % s->parts.substeps == 0, step->t1,
-                              from->u, from->v, s->given, s->given + n);
-}
-
-pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to)
-{
-    const pma_state *from = pma_levels_at(&s->levels, step->j);
-    s->breached = s->limits;
-    if (s->limits &&
-        !pma_limits_command(s->limits, step->number, step->j % s->parts.substeps == 0, step->t1,
-                            from->u, from->v, to->u, s->parts.restoring.function ? s->vs : NULL))
-        return PMA_LIMITED;
-    const pma_stamp *stamp = s->stamp;
-    for (size_t k = 0; stamp && k < stamp->count; k++)
-        stamp->command[k] = to->u[stamp->position[k]];
-    if (stamp)
-        s->stamp->commanded = stamp->now(stamp->ctx);
-    return PMA_OK;
-}
-
-pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to)
-{
-    const pma_parts *p = &s->parts;
-    const pma_stamp *stamp = s->stamp;
-    if (stamp)
-        s->stamp->returned = stamp->now(stamp->ctx);
-    for (size_t k = 0; stamp && k < stamp->count; k++)
-        stamp->force[k] = pma_restoring_force(&p->restoring, (size_t)stamp->position[k]);
-    s->breached = s->limits;
-    if (!s->limits)
-        return PMA_OK;
-    double *r = pma_limits_force(s->limits);
-    memset(r, 0, p->n * sizeof(double));
-    pma_springs_add(&p->springs, to->springs, r);
-    for (size_t i = 0; p->restoring.function && i < p->n; i++)
-        r[i] += pma_restoring_force(&p->restoring, i);
-    return pma_limits_measure(s->limits) ? PMA_OK : PMA_LIMITED;
+    return pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                                  to->springs + springs, y, &s->code);
 }
 
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
@@ -146,14 +89,14 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
-    if (s->limits || s->stamp)
-        PMA_TRY(pma_substep_command(s, step, to));
+    if (s->rig)
+        PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
     if (p->restoring.function)
         PMA_TRY(pma_substep_subtract_restoring(s, step, to, to->w));
-    if (s->limits || s->stamp)
-        PMA_TRY(pma_substep_measure(s, to));
+    if (s->rig)
+        PMA_TRY(pma_rig_reply(s->rig, to));
     if (s->extrapolates && p->internal.count > 0)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
