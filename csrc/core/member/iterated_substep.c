@@ -125,8 +125,8 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     if (s->extrapolates)
         pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
     s->update->predict(&op->step, 0, p->n, from, to);
-    if (s->is_pushed)
-        pma_substep_push(p->n, op->step.h, s->push, to, s->extrapolates ? s->vs : NULL);
+    if (s->mean && s->mean->is_pushed)
+        pma_substep_push(p->n, op->step.h, s->mean->push, to, s->extrapolates ? s->vs : NULL);
     for (size_t i = 0; i < p->n; i++)
         it->guess[i] = to->w[i] = (it->v_n[i] - to->v[i]) / op->step.al2;
     return hold(it, from, to);

@@ -95,16 +95,8 @@ static pma_status lay_out(pma_subdomain *s)
     const pma_parts *p = &s->parts;
     const size_t n = p->n, nb = p->nb, history = p->internal.history;
     const size_t scratch = pma_parts_scratch(p);
-    const size_t functions = p->internal.count > 0 ? n + pma_internal_scratch(&p->internal) : 0;
-    const bool sweeps = p->struck.ptr && p->single.factor.form != PMA_DIAGONAL;
     const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
-                                PMA_ARRAY(pma_subdomain, force, functions),
-                                PMA_ARRAY(pma_subdomain, history, history),
                                 PMA_ARRAY(pma_subdomain, product, p->shoots ? n : 0),
-                                PMA_ARRAY(pma_subdomain, acceleration, p->mean ? n : 0),
-                                PMA_ARRAY(pma_subdomain, push, p->mean ? n : 0),
-                                PMA_ARRAY(pma_subdomain, impulse, p->struck.inverse ? 2 * nb : 0),
-                                PMA_ARRAY(pma_subdomain, sweep, sweeps ? n : 0),
                                 PMA_ARRAY(pma_subdomain, closing, nb),
                                 PMA_ARRAY(pma_subdomain, link, nb),
                                 PMA_ARRAY(pma_subdomain, work, scratch),
@@ -121,8 +113,39 @@ static pma_status lay_out(pma_subdomain *s)
     s->block = pma_object_fill(s, arrays);
     if (!s->block)
         return PMA_NO_MEMORY;
-    for (size_t i = 0; i < history; i++)
-        s->history[i] = p->internal.initial[i];
+    return PMA_OK;
+}
+
+static pma_status create_internal(const pma_parts *p, pma_internal_forces **out)
+{
+    const size_t history = p->internal.history;
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_internal_forces, force, p->n + pma_internal_scratch(&p->internal)),
+        PMA_ARRAY(pma_internal_forces, history, history),
+        {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    for (size_t i = 0; *out && i < history; i++)
+        (*out)->history[i] = p->internal.initial[i];
+    return *out ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status create_mean(const pma_parts *p, pma_mean **out)
+{
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_mean, push, p->n), PMA_ARRAY(pma_mean, acceleration, p->n), {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    return *out ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status create_features(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    if (p->internal.count > 0)
+        PMA_TRY(create_internal(p, &s->internal));
+    if (p->mean)
+        PMA_TRY(create_mean(p, &s->mean));
+    if (p->struck.inverse)
+        PMA_TRY(pma_impulse_create(p, &s->impulse));
     return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
@@ -170,7 +193,8 @@ static pma_status fill(pma_subdomain *s, const pma_parts *parts)
     PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
     PMA_TRY(pma_division_find(s));
     s->table = pma_subdomain_table(s);
-    return lay_out(s);
+    PMA_TRY(lay_out(s));
+    return create_features(s);
 }
 
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
@@ -201,6 +225,9 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_division_destroy(s);
     pma_tree_destroy(s->tree);
     pma_tree_destroy(s->tree_twice);
+    free(s->internal);
+    free(s->mean);
+    free(s->impulse);
     free(s->block);
     free(s->spread);
     free(s);
@@ -263,8 +290,8 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     if (!f)
         return PMA_NO_MEMORY;
     const pma_status status = pma_internal_evaluate(
-        internal, t, u, v, internal->initial, f, s->history, 1.0, 0.0, bends ? K + entries : NULL,
-        bends ? K : NULL, s->force + s->parts.n, &s->code);
+        internal, t, u, v, internal->initial, f, s->internal->history, 1.0, 0.0,
+        bends ? K + entries : NULL, bends ? K : NULL, s->internal->force + s->parts.n, &s->code);
     for (size_t i = 0; i < s->parts.n && status == PMA_OK; i++)
         r[i] += f[i];
     if (s->balance && status == PMA_OK) {
@@ -327,7 +354,8 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->a, w, bytes);
     memcpy(x->springs + pma_springs_numbers(&s->parts.springs), s->remembered,
            s->parts.restoring.memory * sizeof(double));
-    memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
+    if (s->internal)
+        memcpy(x->history, s->internal->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
     pma_subdomain_watch_again(s);
     if (s->balance)
@@ -436,9 +464,14 @@ const pma_balance *pma_subdomain_balance(const pma_subdomain *s)
 /* f of the internal functions, as evaluated last; NULL if there are none */
 static double *internal_force_of(const pma_subdomain *s)
 {
-    if (s->parts.internal.count == 0)
+    if (!s->internal)
         return NULL;
-    return s->iterate ? pma_iterate_force(s->iterate) : s->force;
+    return s->iterate ? pma_iterate_force(s->iterate) : s->internal->force;
+}
+
+static double *potential_of(const pma_subdomain *s)
+{
+    return pma_internal_has_potential(&s->parts.internal) ? &s->internal->potential : NULL;
 }
 
 pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
@@ -452,8 +485,9 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     if (!after)
         return PMA_NO_MEMORY;
     memset(f, 0, s->parts.n * sizeof *f);
-    pma_status status = pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0,
-                                              0.0, NULL, NULL, s->force + s->parts.n, &s->code);
+    pma_status status =
+        pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0, 0.0, NULL, NULL,
+                              s->internal->force + s->parts.n, &s->code);
     free(after);
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }
@@ -462,22 +496,21 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
 static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew)
 {
     pma_energy *energy;
-    const pma_energy_parts parts = {
-        .n = s->parts.n,
-        .nb = s->parts.nb,
-        .substeps = s->parts.substeps,
-        .has_responses = s->parts.has_responses,
-        .doubled = s->parts.doubled,
-        .M = M,
-        .skew = skew,
-        .K = s->parts.K,
-        .C = s->parts.C,
-        .link = s->parts.link,
-        .load = &s->load,
-        .restoring = &s->parts.restoring,
-        .internal = internal_force_of(s),
-        .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
-        .springs = &s->parts.springs};
+    const pma_energy_parts parts = {.n = s->parts.n,
+                                    .nb = s->parts.nb,
+                                    .substeps = s->parts.substeps,
+                                    .has_responses = s->parts.has_responses,
+                                    .doubled = s->parts.doubled,
+                                    .M = M,
+                                    .skew = skew,
+                                    .K = s->parts.K,
+                                    .C = s->parts.C,
+                                    .link = s->parts.link,
+                                    .load = &s->load,
+                                    .restoring = &s->parts.restoring,
+                                    .internal = internal_force_of(s),
+                                    .potential = potential_of(s),
+                                    .springs = &s->parts.springs};
     PMA_TRY(pma_energy_create(&parts, &energy));
     pma_subdomain_end_energy(s);
     s->energy = energy;

@@ -11,50 +11,69 @@
 #include "member/subdomain.h"
 #include "member/update.h"
 
-/* A substep that several workers take together. */
+/* Of a subdomain whose substeps several workers may take together, in ranges of its rows or in
+ * branches of the tree of its factor. */
 typedef struct {
+    pma_branches branches; /* zeroed: ranges */
+    double *fronts;        /* of all workers but the first */
+    size_t trunk;          /* entries above the branches of two workers */
+    /* what they do: a substep from its beginning, where it is opened, to its end x */
     const pma_operator *op;
     const pma_substep *step;
-    const pma_state *from, *x; /* at its beginning, where it is opened; at its end */
+    const pma_state *from, *x;
     const pma_workers *workers;
-} pma_divided;
+} pma_division;
+
+/* Of one under mean coupling. */
+typedef struct {
+    bool is_pushed;
+    double *push;             /* n: acceleration by which substeps are pushed (K2), if is_pushed */
+    double *acceleration;     /* n: scratch */
+    const pma_operator *open; /* of the open step, if its closing waits (K7), else NULL */
+} pma_mean;
+
+/* Of one that contacts reach. */
+typedef struct {
+    double *J, *force; /* nb each: of the open substep */
+    double *sweep;     /* n: scratch, where its forces are swept */
+} pma_impulse;
+
+/* Of one with internal forces. */
+typedef struct {
+    double *force;    /* n, and scratch: where they are explicit */
+    double *history;  /* at the next start */
+    double potential; /* as evaluated last */
+} pma_internal_forces;
 
 struct pma_subdomain {
     pma_parts parts;
     pma_member_table table;
     pma_load load;
     pma_levels levels;
-    pma_energy *energy;     /* of a run that sums it up, else NULL */
-    pma_balance *balance;   /* of one whose forces are watched, else NULL */
-    pma_rig *rig;           /* of one with limits or in a paced run, else NULL */
-    pma_response *response; /* if the subdomain has responses, else NULL */
-    pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
-    bool branched;         /* several workers have branches of the tree of the factor */
-    pma_branches branches; /* ... these */
-    double *fronts;        /* of all workers but the first */
-    size_t trunk;          /* entries above the branches of two workers */
-    pma_divided divided;   /* what they do */
-    bool extrapolates;     /* a substep uses the velocity extrapolated from its beginning (R1) */
-    bool evaluates;        /* it has springs, or a force that depends on that velocity (R3) */
-    double *vs;            /* n: extrapolated velocity, if there is one */
-    double *force;         /* n, and scratch: internal forces of an explicit subdomain */
-    double *history;       /* of internal forces, at the next start */
-    double *remembered;    /* by the restoring function, at the next start */
-    double potential;      /* of internal forces, as evaluated last */
-    double *product;       /* n: scratch, if it shoots */
-    double *acceleration;  /* n: scratch, under mean coupling */
-    double *push;          /* n: acceleration by which substeps are pushed (K2), if is_pushed */
-    bool is_pushed;
-    const pma_operator *open; /* if its closing is deferred: of the step that is open, else NULL */
-    double *impulse;          /* 2 nb: of the open substep, if it can be struck: J, force */
-    double *sweep;            /* n: scratch of impulses whose forces are swept */
+
+    /* what a subdomain or a run has, or NULL */
+    pma_energy *energy;   /* that is summed up */
+    pma_balance *balance; /* of forces that are watched */
+    pma_rig *rig;         /* of a specimen with limits, or in a paced run */
+    pma_response *response;
+    pma_iterate *iterate; /* of steps that are iterated */
+    pma_division *division;
+    pma_mean *mean;
+    pma_impulse *impulse;
+    pma_internal_forces *internal;
+    pma_tree *tree, *tree_twice; /* of the factors of both operators */
+    void *spread;                /* springs in lanes */
+
+    bool extrapolates;        /* a substep uses the velocity from its beginning (R1) */
+    bool evaluates;           /* it has springs, or a force that depends on that velocity (R3) */
+    double *vs;               /* n: extrapolated velocity, if there is one */
+    double *remembered;       /* by the restoring function, at the next start */
+    double *product;          /* n: scratch, if it shoots */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */
-    pma_tree *tree, *tree_twice; /* of the factors of both operators; NULL where there is none */
     void *block;
-    void *spread; /* springs in lanes */
 };
 
 /* Its link response. */
@@ -145,15 +164,13 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
 
 /* ---- by several workers: division.c ---------------------------------------------------------- */
 
-/* Finds whether they can have branches of a tree, and which. Allocates: PMA_NO_MEMORY. */
+/* Finds whether they can have ranges of rows, if Mbar is diagonal, or branches of a tree, and which.
+ * Allocates: PMA_NO_MEMORY. */
 pma_status pma_division_find(pma_subdomain *s);
 void pma_division_destroy(pma_subdomain *s);
 
 /* Branches for this number of workers, where they have some. Allocates. */
 pma_status pma_division_prepare(pma_subdomain *s, size_t workers);
-
-/* Diagonal Mbar, linear, single steps: they can have ranges of rows. */
-bool pma_division_is_in_ranges(const pma_subdomain *s);
 
 /* As pma_substep_open and pma_substep_close, bitwise. */
 pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pma_workers *workers);
@@ -167,6 +184,8 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s);
 /* ---- impulses: struck.c --------------------------------------------------------------------- */
 
 extern const pma_struck_table pma_struck_operations;
+
+pma_status pma_impulse_create(const pma_parts *parts, pma_impulse **out);
 
 /* ---- link response: response.c -------------------------------------------------------------- */
 

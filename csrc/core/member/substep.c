@@ -62,12 +62,13 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
                                     double t1)
 {
     const pma_parts *p = &s->parts;
-    memset(s->force, 0, p->n * sizeof(double));
+    double *f = s->internal->force;
+    memset(f, 0, p->n * sizeof(double));
     pma_status status =
-        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, s->force, to->history,
-                              0.0, 0.0, NULL, NULL, s->force + p->n, &s->code);
+        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, f, to->history, 0.0,
+                              0.0, NULL, NULL, f + p->n, &s->code);
     for (size_t i = 0; i < p->n; i++)
-        to->w[i] -= s->force[i];
+        to->w[i] -= f[i];
     for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)
         status = isfinite(to->history[i]) ? PMA_OK : PMA_NOT_FINITE;
     return status;
@@ -97,7 +98,7 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
         PMA_TRY(pma_substep_subtract_restoring(s, step, to, to->w));
     if (s->rig)
         PMA_TRY(pma_rig_reply(s->rig, to));
-    if (s->extrapolates && p->internal.count > 0)
+    if (s->extrapolates && s->internal)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
         return PMA_OK;
@@ -127,8 +128,8 @@ __attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_s
     const pma_parts *p = &s->parts;
     double *r = pma_balance_open(s->balance, step->number, to->u);
     pma_substep_add_evaluated(s, to, r);
-    for (size_t i = 0; p->internal.count > 0 && i < p->n; i++)
-        r[i] += s->force[i];
+    for (size_t i = 0; s->internal && i < p->n; i++)
+        r[i] += s->internal->force[i];
 }
 
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
@@ -167,8 +168,8 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
 
     /* (5), (6) */
     s->update->predict(&op->step, 0, n, from, to);
-    if (s->is_pushed)
-        pma_substep_push(n, op->step.h, s->push, to, s->extrapolates ? s->vs : NULL);
+    if (s->mean && s->mean->is_pushed)
+        pma_substep_push(n, op->step.h, s->mean->push, to, s->extrapolates ? s->vs : NULL);
 
     add_forces(s, step, to, 0, n);
 
@@ -211,7 +212,7 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     PMA_TRY(solve_free(s, step, op, to, vf));
     find_free_velocity(s, step, op, to, vf);
     if (s->parts.defers)
-        s->open = op;
+        s->mean->open = op;
     return PMA_OK;
 }
 
@@ -235,8 +236,10 @@ bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, cons
 
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
 {
-    return pma_internal_potential(&s->parts.internal, u, &s->potential, s->force + s->parts.n,
-                                  &s->code);
+    pma_internal_forces *f = s->internal;
+    return f ? pma_internal_potential(&s->parts.internal, u, &f->potential, f->force + s->parts.n,
+                                      &s->code)
+             : PMA_OK;
 }
 
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
@@ -265,21 +268,23 @@ void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, const pma_substep *step,
                                                           const double *lam)
 {
-    const pma_step *c = &s->open->step;
+    const pma_operator *op = s->mean->open;
+    const pma_step *c = &op->step;
+    double *y = s->mean->push;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     const double share = 0.5 * c->h * c->h / c->al1, v_y = c->h - c->al2 * share;
     double zero = 0.0;
     pma_link_load(&s->parts.link, lam, s->closing);
     for (size_t i = 0; i < s->parts.nb; i++)
         s->closing[i] *= share;
-    bool finite = pma_substep_sweep_back(s, s->open, x);
-    s->open = NULL;
-    pma_substep_accelerate(s, lam, s->push);
+    bool finite = pma_substep_sweep_back(s, op, x);
+    s->mean->open = NULL;
+    pma_substep_accelerate(s, lam, y);
     for (size_t i = 0; i < s->parts.n; i++) {
-        x->v[i] += v_y * s->push[i];
-        x->w[i] -= share * s->push[i];
-        x->a[i] -= c->a_w1 * share * s->push[i];
-        zero += 0.0 * s->push[i];
+        x->v[i] += v_y * y[i];
+        x->w[i] -= share * y[i];
+        x->a[i] -= c->a_w1 * share * y[i];
+        zero += 0.0 * y[i];
     }
     if (!finite || zero != 0.0)
         return PMA_NOT_FINITE;
@@ -290,7 +295,7 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
-    if (s->open)
+    if (s->mean && s->mean->open)
         return close_waiting(s, step, lam);
     /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     pma_substep_load_interface(s, lam);
