@@ -61,8 +61,8 @@ static bool is_diagonal(const pma_operator *op)
     return op->factor.form == PMA_DIAGONAL;
 }
 
-/* w_b (nb) := what is swept of w_l under f and J; the swept right-hand side in s->impulse->sweep, if
- * Mbar is not diagonal and B is given                                                      (U4) */
+/* w_b (nb) := what is swept of w_l under f and J; the right-hand side, swept, in `sweep` if Mbar is
+ * not diagonal and B is given                                                              (U4) */
 static void find_link(pma_subdomain *s, const pma_operator *op, const double *f, const double *J,
                       double *w_b)
 {

@@ -1,7 +1,8 @@
 /* subdomain_struct.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
- * one with impulses, division.c one by several workers, response.c what macro coupling adds. */
+ * one with impulses, division.c one by several workers, response.c what macro coupling adds, rig.c
+ * what is around the restoring forces of a specimen. */
 #ifndef PMA_SUBDOMAIN_STRUCT_H
 #define PMA_SUBDOMAIN_STRUCT_H
 
@@ -65,7 +66,7 @@ struct pma_subdomain {
     pma_tree *tree, *tree_twice; /* of the factors of both operators */
     void *spread;                /* springs in lanes */
 
-    bool extrapolates;        /* a substep uses the velocity from its beginning (R1) */
+    bool extrapolates;        /* a substep uses the velocity extrapolated from its start (R1) */
     bool evaluates;           /* it has springs, or a force that depends on that velocity (R3) */
     double *vs;               /* n: extrapolated velocity, if there is one */
     double *remembered;       /* by the restoring function, at the next start */
@@ -164,7 +165,7 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
 
 /* ---- by several workers: division.c ---------------------------------------------------------- */
 
-/* Finds whether they can have ranges of rows, if Mbar is diagonal, or branches of a tree, and which.
+/* Finds whether they can have ranges of rows, if Mbar is diagonal, or branches of a tree.
  * Allocates: PMA_NO_MEMORY. */
 pma_status pma_division_find(pma_subdomain *s);
 void pma_division_destroy(pma_subdomain *s);
