@@ -106,6 +106,26 @@ def test_what_a_compensator_makes_of_a_command_is_limited(scheme, name, others):
     assert error.time == pytest.approx(specimen.table[0][-1] + H)
 
 
+def test_after_a_failure_the_next_initial_values_are_no_motion_from_there():
+    failures = [OSError("no reply")]
+
+    class Failing(Specimen):
+        def __call__(self, u, v, t):
+            if t > 5.5 * H and failures:
+                raise failures.pop()
+            return super().__call__(u, v, t)
+
+    specimen = Failing()
+    compensated = [pm.rig.Compensated(specimen, 0.1, order=1)]
+    coupler = made(compensated, Limits(velocity=1.5), u0=[0.3])
+    with pytest.raises(OSError, match="no reply"):
+        coupler.run(1.0)
+    specimen.commands.clear()
+    coupler.reset(u0={"rig": [0.5]})  # within a step that were a rate of 20
+    coupler.run(0.2)
+    assert specimen.commands[0] == (0.0, 0.5, 0.0)
+
+
 def test_a_force_beyond_its_limit_ends_the_run():
     specimen = Specimen()
     coupler = made(specimen, Limits(force=1.0))

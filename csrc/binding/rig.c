@@ -93,7 +93,8 @@ static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values
     for (Py_ssize_t i = 0; i < count; i++) {
         pma_subdomain *s = pma_subdomain_of(self, i)->core;
         const pma_limits_clock clock = clock_of(self, i, pace);
-        pma_subdomain_time(s, NULL, &clock);
+        if (pma_check(pma_subdomain_time(s, NULL, &clock), NULL) < 0)
+            return -1;
         if (!pma_subdomain_parts(s)->restoring.function)
             continue;
         pma_stamp *stamp = &pace->stamps[pace->stamp_count++];
@@ -103,7 +104,8 @@ static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values
                                take_monitored(positions, last, s, stamp) < 0))
             return -1;
         pace->columns += 2 * stamp->count;
-        pma_subdomain_time(s, stamp, &clock);
+        if (pma_check(pma_subdomain_time(s, stamp, &clock), NULL) < 0)
+            return -1;
     }
     PyArrayObject *array;
     const npy_intp shape[2] = {(npy_intp)pace->rows, (npy_intp)pace->columns};
@@ -157,7 +159,7 @@ void pma_release_pace(CouplerObject *self, pma_pace *pace)
         return;
     pma_coupler_set_pace(self->core, NULL);
     for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++)
-        pma_subdomain_time(pma_subdomain_of(self, i)->core, NULL, NULL);
+        (void)pma_subdomain_time(pma_subdomain_of(self, i)->core, NULL, NULL);
     int64_t *count = PyArray_DATA((PyArrayObject *)PyTuple_GetItem(self->pace, 3));
     count[0] = pace->origin;
     count[1] = (int64_t)pace->done;

@@ -81,7 +81,7 @@ static void step_in_branches(const pma_member *m, size_t workers, const pma_subs
 /* Every node is in one branch or in the trunk. */
 static void check_division(const pma_subdomain *s, size_t workers)
 {
-    const pma_branches *b = &s->branches;
+    const pma_branches *b = &s->division->branches;
     const pma_tree *T = s->parts.single.factor.tree;
     size_t nodes = b->trunk_count;
     CHECK_INT(b->workers, workers);
@@ -97,7 +97,7 @@ static void check_division(const pma_subdomain *s, size_t workers)
 static void check_branches(pma_subdomain *a, pma_subdomain *b, bool doubled, size_t workers)
 {
     const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
-    if (!b->branched)
+    if (!b->division || b->division->branches.workers == 0)
         return;
     CHECK_STATUS(y.table->prepare(y.self, false, workers), PMA_OK);
     check_division(b, workers);
@@ -309,7 +309,7 @@ static void check_parts(const pma_parts *parts, bool branched, bool doubled)
 {
     for (size_t workers = 1; workers <= 5; workers += 2) {
         pma_subdomain *a = start(parts), *b = start(parts);
-        CHECK_INT(b->branched, branched);
+        CHECK_INT(b->division && b->division->branches.workers > 0, branched);
         check_branches(a, b, doubled, workers);
         pma_subdomain_destroy(a);
         pma_subdomain_destroy(b);

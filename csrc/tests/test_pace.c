@@ -8,6 +8,7 @@
 #include "coupling/coupler.h"
 #include "coupling/pace.h"
 #include "member/limits.h"
+#include "member/subdomain_struct.h"
 #include "models.h"
 #include "tests.h"
 #include "workers/thread.h"
@@ -68,8 +69,8 @@ static void paced_steps_begin_when_they_are_due_and_are_those_of_any_run(void)
     CHECK_STATUS(pma_coupler_advance(unpaced.coupler, STEPS, NULL, NULL), PMA_OK);
     const snapshot expected = present(&unpaced);
     make_chain(&m, RESTORED, 1.0);
-    pma_subdomain_time(m.subdomains[1].core, &stamp,
-                       NULL); /* with as many substeps as there are fine steps */
+    /* with as many substeps as there are fine steps */
+    CHECK_STATUS(pma_subdomain_time(m.subdomains[1].core, &stamp, NULL), PMA_OK);
     pma_coupler_set_pace(m.coupler, &pace);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     check_same_present(&m, &expected);
@@ -83,6 +84,24 @@ static void paced_steps_begin_when_they_are_due_and_are_those_of_any_run(void)
     }
     destroy_model(&m);
     destroy_model(&unpaced);
+}
+
+static void a_subdomain_has_a_rig_while_it_is_paced_and_for_its_limits(void)
+{
+    static model m;
+    make_chain(&m, RESTORED, 1.0);
+    pma_subdomain *s = m.subdomains[1].core;
+    pma_stamp stamp = {.now = read_counted};
+    const pma_limits_parts limits = {.n = s->parts.n, .h = 0.5, .energy = INFINITY};
+    CHECK(!s->rig);
+    CHECK_STATUS(pma_subdomain_time(s, &stamp, NULL), PMA_OK);
+    CHECK(s->rig);
+    CHECK_STATUS(pma_subdomain_time(s, NULL, NULL), PMA_OK);
+    CHECK(!s->rig);
+    CHECK_STATUS(pma_subdomain_limit(s, &limits), PMA_OK);
+    CHECK_STATUS(pma_subdomain_time(s, NULL, NULL), PMA_OK);
+    CHECK(s->rig);
+    destroy_model(&m);
 }
 
 /* Every reading takes longer than a period. */
@@ -313,6 +332,7 @@ static void a_clock_judges_only_commands_that_were_given_by_it(void)
 
 const test PACE_TESTS[] = {
     TEST(paced_steps_begin_when_they_are_due_and_are_those_of_any_run),
+    TEST(a_subdomain_has_a_rig_while_it_is_paced_and_for_its_limits),
     TEST(a_step_that_ends_late_ends_a_run_that_stops_and_no_other),
     TEST(a_stall_shifts_the_schedule_and_no_step_is_made_up_for),
     TEST(a_long_wait_is_interrupted_to_poll),

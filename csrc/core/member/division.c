@@ -11,7 +11,8 @@
 
 /* ---- which subdomains, and in which branches ------------------------------------------------- */
 
-bool pma_division_is_in_ranges(const pma_subdomain *s)
+/* Diagonal Mbar, linear, single steps: no row waits for another. */
+static bool is_in_ranges(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !s->evaluates;
@@ -26,18 +27,19 @@ static bool is_in_branches(const pma_subdomain *s)
            (!p->doubled || pma_factor_tree(&p->twice.factor) == T);
 }
 
-pma_status pma_division_find(pma_subdomain *s)
+static bool has_branches(const pma_division *d)
 {
-    s->branched = is_in_branches(s);
-    const pma_status status = s->branched ? pma_division_prepare(s, 2) : PMA_OK;
-    s->trunk = s->branches.trunk_entries;
-    return status;
+    return d->branches.workers > 0;
 }
 
-pma_status pma_division_prepare(pma_subdomain *s, size_t workers)
+static void release(pma_division *d)
 {
-    if (s->branches.workers == workers)
-        return PMA_OK;
+    pma_branches_destroy(&d->branches);
+    free(d->fronts);
+}
+
+static pma_status find_branches(const pma_subdomain *s, pma_division *d, size_t workers)
+{
     const pma_factor *f = &s->parts.single.factor;
     pma_branches branches;
     PMA_TRY(pma_branches_create(pma_factor_tree(f), workers, &branches));
@@ -46,44 +48,77 @@ pma_status pma_division_prepare(pma_subdomain *s, size_t workers)
         pma_branches_destroy(&branches);
         return PMA_NO_MEMORY;
     }
-    pma_division_destroy(s);
-    s->branches = branches;
-    s->fronts = fronts;
+    release(d);
+    d->branches = branches;
+    d->fronts = fronts;
     return PMA_OK;
+}
+
+pma_status pma_division_find(pma_subdomain *s)
+{
+    const bool branched = is_in_branches(s);
+    if (!branched && !is_in_ranges(s))
+        return PMA_OK;
+    s->division = calloc(1, sizeof *s->division);
+    if (!s->division)
+        return PMA_NO_MEMORY;
+    if (branched)
+        PMA_TRY(find_branches(s, s->division, 2));
+    s->division->trunk = s->division->branches.trunk_entries;
+    return PMA_OK;
+}
+
+pma_status pma_division_prepare(pma_subdomain *s, size_t workers)
+{
+    pma_division *d = s->division;
+    return has_branches(d) && d->branches.workers != workers ? find_branches(s, d, workers)
+                                                             : PMA_OK;
 }
 
 void pma_division_destroy(pma_subdomain *s)
 {
-    pma_branches_destroy(&s->branches);
-    free(s->fronts);
-    s->fronts = NULL;
+    if (s->division)
+        release(s->division);
+    free(s->division);
+}
+
+static const pma_division *begin(pma_subdomain *s, const pma_substep *step,
+                                 const pma_workers *workers)
+{
+    pma_division *d = s->division;
+    d->op = pma_operator_of(s, step->twice);
+    d->step = step;
+    d->from = pma_levels_origin(&s->levels, step);
+    d->x = pma_levels_at(&s->levels, step->j + 1);
+    d->workers = workers;
+    return d;
 }
 
 /* ---- what a worker has ----------------------------------------------------------------------- */
 
 static bool share(pma_subdomain *s, bool (*work)(void *self, size_t worker))
 {
-    const pma_workers *workers = s->divided.workers;
+    const pma_workers *workers = s->division->workers;
     return workers->share(workers->ctx, work, s);
 }
 
 /* The first of its range of rows. */
 static size_t begin_of(const pma_subdomain *s, size_t worker)
 {
-    const size_t n = s->parts.n, workers = s->divided.workers->count;
+    const size_t n = s->parts.n, workers = s->division->workers->count;
     return worker < workers ? worker * (n / workers) : n;
 }
 
 static double *front_of(const pma_subdomain *s, size_t worker)
 {
-    const size_t front = pma_factor_front(&s->divided.op->factor);
-    return worker == 0 ? NULL : s->fronts + (worker - 1) * front;
+    const size_t front = pma_factor_front(&s->division->op->factor);
+    return worker == 0 ? NULL : s->division->fronts + (worker - 1) * front;
 }
 
 /* The first node of a branch, all of which follow one another up to its root. */
 static size_t lowest_of(const pma_subdomain *s, size_t root)
 {
-    const pma_tree *T = pma_factor_tree(&s->divided.op->factor);
+    const pma_tree *T = pma_factor_tree(&s->division->op->factor);
     while (T->child[root] != PMA_NO_NODE)
         root = T->child[root];
     return root;
@@ -95,7 +130,7 @@ static size_t lowest_of(const pma_subdomain *s, size_t root)
 static bool predict(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
-    const pma_divided *d = &s->divided;
+    const pma_division *d = s->division;
     s->update->predict(&d->op->step, begin_of(s, worker), begin_of(s, worker + 1), d->from, d->x);
     return true;
 }
@@ -104,23 +139,23 @@ static bool predict(void *self, size_t worker)
 static bool add_forces(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
-    pma_substep_add_forces(s, s->divided.step, begin_of(s, worker), begin_of(s, worker + 1));
+    pma_substep_add_forces(s, s->division->step, begin_of(s, worker), begin_of(s, worker + 1));
     return true;
 }
 
 /* (11), (F2) */
 static void open_node(const pma_subdomain *s, size_t node, double *front)
 {
-    const pma_factor *f = &s->divided.op->factor;
-    pma_substep_add_forces(s, s->divided.step, pma_factor_node(f, node),
+    const pma_factor *f = &s->division->op->factor;
+    pma_substep_add_forces(s, s->division->step, pma_factor_node(f, node),
                            pma_factor_node(f, node + 1));
-    pma_factor_open_node(f, node, s->divided.x->w, front, s->work);
+    pma_factor_open_node(f, node, s->division->x->w, front, s->work);
 }
 
 static bool open_branches(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
-    const pma_branches *b = &s->branches;
+    const pma_branches *b = &s->division->branches;
     for (size_t i = b->begin[worker]; i < b->begin[worker + 1]; i++) {
         for (size_t node = lowest_of(s, b->root[i]); node <= b->root[i]; node++)
             open_node(s, node, front_of(s, worker));
@@ -132,18 +167,14 @@ pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pm
 {
     const size_t n = s->parts.n;
     PMA_TRY(pma_substep_load(s, step));
-    s->divided = (pma_divided){.op = pma_operator_of(s, step->twice),
-                               .step = step,
-                               .from = pma_levels_origin(&s->levels, step),
-                               .x = pma_levels_at(&s->levels, step->j + 1),
-                               .workers = workers};
+    const pma_division *d = begin(s, step, workers);
     (void)share(s, predict); /* of all rows, before K ut of any */
-    (void)share(s, s->branched ? open_branches : add_forces);
-    for (size_t i = 0; i < s->branches.trunk_count; i++)
-        open_node(s, s->branches.trunk[i], NULL);
-    if (s->branched)
+    (void)share(s, has_branches(d) ? open_branches : add_forces);
+    for (size_t i = 0; i < d->branches.trunk_count; i++)
+        open_node(s, d->branches.trunk[i], NULL);
+    if (has_branches(d))
         pma_substep_add_forces(s, step, n - s->parts.nb, n);
-    pma_factor_open_border(&s->divided.op->factor, s->divided.x->w,
+    pma_factor_open_border(&d->op->factor, d->x->w,
                            pma_levels_free_velocity(&s->levels, step->j + 1), s->work);
     pma_substep_free_velocity(s, step);
     return PMA_OK;
@@ -155,7 +186,7 @@ pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pm
 static bool close_range(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
-    const pma_divided *d = &s->divided;
+    const pma_division *d = s->division;
     const size_t begin = begin_of(s, worker), end = begin_of(s, worker + 1);
     const size_t inside = pma_least(end, s->parts.n - s->parts.nb);
     if (begin < inside)
@@ -165,7 +196,7 @@ static bool close_range(void *self, size_t worker)
 
 static bool close_node(const pma_subdomain *s, size_t node, double *front)
 {
-    const pma_divided *d = &s->divided;
+    const pma_division *d = s->division;
     const pma_factor *f = &d->op->factor;
     pma_factor_close_node(f, node, d->x->w, front, s->work);
     return s->update->correct(&d->op->step, pma_factor_node(f, node), pma_factor_node(f, node + 1),
@@ -175,7 +206,7 @@ static bool close_node(const pma_subdomain *s, size_t node, double *front)
 static bool close_branches(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
-    const pma_branches *b = &s->branches;
+    const pma_branches *b = &s->division->branches;
     bool finite = true;
     for (size_t i = b->begin[worker]; i < b->begin[worker + 1]; i++) {
         for (size_t node = b->root[i] + 1, low = lowest_of(s, b->root[i]); node-- > low;)
@@ -187,16 +218,15 @@ static bool close_branches(void *self, size_t worker)
 pma_status pma_division_close(pma_subdomain *s, const pma_substep *step, const double *lam,
                               const pma_workers *workers)
 {
-    const pma_operator *op = pma_operator_of(s, step->twice);
-    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    const pma_division *d = begin(s, step, workers);
+    const pma_state *x = d->x;
     bool finite = true;
-    s->divided = (pma_divided){.op = op, .step = step, .x = x, .workers = workers};
     pma_substep_load_interface(s, lam);
-    pma_factor_close_border(&op->factor, s->closing, x->w, s->work);
-    if (s->branched)
-        finite = s->update->correct(&op->step, s->parts.n - s->parts.nb, s->parts.n, x);
-    for (size_t i = s->branches.trunk_count; i-- > 0;)
-        finite = close_node(s, s->branches.trunk[i], NULL) && finite;
-    finite = share(s, s->branched ? close_branches : close_range) && finite;
+    pma_factor_close_border(&d->op->factor, s->closing, x->w, s->work);
+    if (has_branches(d))
+        finite = s->update->correct(&d->op->step, s->parts.n - s->parts.nb, s->parts.n, x);
+    for (size_t i = d->branches.trunk_count; i-- > 0;)
+        finite = close_node(s, d->branches.trunk[i], NULL) && finite;
+    finite = share(s, has_branches(d) ? close_branches : close_range) && finite;
     return finite ? pma_substep_observe(s, step, lam) : PMA_NOT_FINITE;
 }

@@ -41,8 +41,8 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     const pma_parts *p = &s->parts;
     if (p->lagged)
         pma_matrix_subtract(&p->C, s->vs, it->fixed);
-    if (s->limits || s->stamp)
-        PMA_TRY(pma_substep_command(s, &it->step, to));
+    if (s->rig)
+        PMA_TRY(pma_rig_command(s->rig, &it->step, to));
     if (!it->parts.springs)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->fixed);
     if (p->D_r.form != PMA_ZERO) {
@@ -52,7 +52,7 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     }
     if (p->restoring.function)
         PMA_TRY(pma_substep_subtract_restoring(s, &it->step, to, it->fixed));
-    return s->limits || s->stamp ? pma_substep_measure(s, to) : PMA_OK;
+    return s->rig ? pma_rig_reply(s->rig, to) : PMA_OK;
 }
 
 /* pull := L_b^T Lam, and its size */
@@ -125,8 +125,8 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     if (s->extrapolates)
         pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
     s->update->predict(&op->step, 0, p->n, from, to);
-    if (s->is_pushed)
-        pma_substep_push(p->n, op->step.h, s->push, to, s->extrapolates ? s->vs : NULL);
+    if (s->mean && s->mean->is_pushed)
+        pma_substep_push(p->n, op->step.h, s->mean->push, to, s->extrapolates ? s->vs : NULL);
     for (size_t i = 0; i < p->n; i++)
         it->guess[i] = to->w[i] = (it->v_n[i] - to->v[i]) / op->step.al2;
     return hold(it, from, to);

@@ -7,7 +7,7 @@
 #include "object.h"
 
 /* Commands of the last substeps, and those before a macro step that may be taken again; vectors of
- * all, with that of the initial values, and of `given`. */
+ * all, with that of the initial values, and of a drive. */
 enum { RING = 4, KEPT = 2, COMMANDS = RING + KEPT + 1, VECTORS = 2 * COMMANDS + 3 };
 
 typedef struct {
@@ -26,14 +26,14 @@ typedef struct {
     bool known;
     int64_t t, t_before;
     double *u, *before, *rate;
-} given;
+} drive;
 
 struct pma_limits {
     pma_limits_parts parts;
     pma_limits_clock clock;                /* without a function: none */
     command ring[RING], kept[KEPT], start; /* start: of the initial values, until they begin */
     command *last;
-    given given;
+    drive drive;
     double t; /* of the last command */
     pma_breach breach;
     double *numbers; /* of all commands */
@@ -55,9 +55,9 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
         x->u = l->numbers + 2 * i * n;
         x->r = x->u + n;
     }
-    l->given.u = l->numbers + (size_t)(2 * COMMANDS) * n;
-    l->given.before = l->given.u + n;
-    l->given.rate = l->given.before + n;
+    l->drive.u = l->numbers + (size_t)(2 * COMMANDS) * n;
+    l->drive.before = l->drive.u + n;
+    l->drive.rate = l->drive.before + n;
     l->start.number = NONE;
     pma_limits_begin(l);
     *out = l;
@@ -76,7 +76,7 @@ void pma_limits_begin(pma_limits *l)
     for (size_t i = 0; i < KEPT; i++)
         l->kept[i].number = NONE;
     l->last = &l->ring[0];
-    l->given.known = false;
+    l->drive.known = false;
 }
 
 void pma_limits_pace(pma_limits *l, const pma_limits_clock *clock)
@@ -162,15 +162,15 @@ static bool is_allowed(pma_limits *l, const double *u1, const double *u2, const 
 /* ---- by the clock --------------------------------------------------------------------------- */
 
 /* The motion of the problem, at the pace of the clock, before the first command of a paced run */
-static void assume_given(pma_limits *l, int64_t t, const double *u1, const double *u2)
+static void begin_drive(pma_limits *l, int64_t t, const double *u1, const double *u2)
 {
-    given *g = &l->given;
+    drive *d = &l->drive;
     for (size_t i = 0; i < l->parts.n; i++) {
-        g->u[i] = g->before[i] = u1[i];
-        g->rate[i] = (u1[i] - u2[i]) / (1e-9 * l->clock.period);
+        d->u[i] = d->before[i] = u1[i];
+        d->rate[i] = (u1[i] - u2[i]) / (1e-9 * l->clock.period);
     }
-    g->t = g->t_before = t - (int64_t)ceil(l->clock.period);
-    g->known = true;
+    d->t = d->t_before = t - (int64_t)ceil(l->clock.period);
+    d->known = true;
 }
 
 /* Is u at time t within the limits of a specimen that takes a period to move to a command, and
@@ -178,14 +178,14 @@ static void assume_given(pma_limits *l, int64_t t, const double *u1, const doubl
 static bool can_be_given(pma_limits *l, int64_t t, const double *u)
 {
     const pma_limits_parts *p = &l->parts;
-    given *g = &l->given;
+    drive *d = &l->drive;
     const double T = 1e-9 * l->clock.period;
-    const bool stood = (double)(t - g->t) >= 2.0 * l->clock.period;
-    const bool follows = (double)(t - g->t_before) >= l->clock.period;
-    const double *before = follows ? g->u : g->before;
+    const bool stood = (double)(t - d->t) >= 2.0 * l->clock.period;
+    const bool follows = (double)(t - d->t_before) >= l->clock.period;
+    const double *before = follows ? d->u : d->before;
     for (size_t i = 0; i < p->n; i++) {
         const double rate = (u[i] - before[i]) / T;
-        const double acceleration = (rate - (stood ? 0.0 : g->rate[i])) / T;
+        const double acceleration = (rate - (stood ? 0.0 : d->rate[i])) / T;
         if ((p->velocity && breaks(l, PMA_OF_VELOCITY, i, rate, p->velocity[i])) ||
             (p->acceleration &&
              breaks(l, PMA_OF_ACCELERATION, i, acceleration, p->acceleration[i]))) {
@@ -194,13 +194,13 @@ static bool can_be_given(pma_limits *l, int64_t t, const double *u)
         }
     }
     if (follows) {
-        memcpy(g->before, g->u, p->n * sizeof(double));
-        g->t_before = g->t;
+        memcpy(d->before, d->u, p->n * sizeof(double));
+        d->t_before = d->t;
     }
     for (size_t i = 0; i < p->n; i++)
-        g->rate[i] = (u[i] - g->before[i]) / T;
-    memcpy(g->u, u, p->n * sizeof(double));
-    g->t = t;
+        d->rate[i] = (u[i] - d->before[i]) / T;
+    memcpy(d->u, u, p->n * sizeof(double));
+    d->t = t;
     return true;
 }
 
@@ -219,12 +219,12 @@ bool pma_limits_command(pma_limits *l, int64_t number, bool first, double t, con
         return false;
     if (l->clock.now) {
         const int64_t now = l->clock.now(l->clock.ctx);
-        if (!l->given.known)
-            assume_given(l, now, u1, u2);
+        if (!l->drive.known)
+            begin_drive(l, now, u1, u2);
         if (!can_be_given(l, now, u))
             return false;
     } else {
-        l->given.known = false; /* a command of which no clock knows */
+        l->drive.known = false; /* a command of which no clock knows */
     }
     l->last = slot(l, number);
     memcpy(l->last->u, u, l->parts.n * sizeof(double));

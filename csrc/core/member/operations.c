@@ -32,7 +32,7 @@ static pma_status prepare(void *self, bool ahead, size_t workers)
 {
     pma_subdomain *s = self;
     const pma_status status = ahead ? pma_levels_extend(&s->levels) : PMA_OK;
-    return s->branched && status == PMA_OK ? pma_division_prepare(s, workers) : status;
+    return s->division && status == PMA_OK ? pma_division_prepare(s, workers) : status;
 }
 
 static size_t opened(const void *self)
@@ -51,8 +51,8 @@ static bool is_known(const void *self, const pma_substep *step)
 static void push(void *self, const double *lam)
 {
     pma_subdomain *s = self;
-    s->is_pushed = true;
-    pma_substep_accelerate(s, lam, s->push);
+    s->mean->is_pushed = true;
+    pma_substep_accelerate(s, lam, s->mean->push);
 }
 
 /* ---- values on the interface ---------------------------------------------------------------- */
@@ -64,10 +64,11 @@ static const double *displacement(const pma_subdomain *s, size_t j)
     const pma_state *x = pma_levels_at(&s->levels, j);
     const double *u = pma_interface_of(s, x->u), *v = pma_interface_of(s, x->v);
     const double *vf = pma_levels_free_velocity(&s->levels, j);
-    if (j == 0 || !s->open)
+    if (j == 0 || !s->mean || !s->mean->open)
         return u;
+    const pma_step *c = &s->mean->open->step;
     for (size_t i = 0; i < s->parts.nb; i++)
-        s->link[i] = u[i] + s->open->step.al1 / s->open->step.al2 * (vf[i] - v[i]);
+        s->link[i] = u[i] + c->al1 / c->al2 * (vf[i] - v[i]);
     return s->link;
 }
 
@@ -111,8 +112,8 @@ static void record(void *self, pma_recordable what, size_t j, const double *lam,
     } else if (what == PMA_RESPONSE) {
         pma_selection_add(selection, &s->response->state, row);
     } else {
-        pma_substep_accelerate(s, lam, s->acceleration);
-        pma_selection_accelerate(selection, s->acceleration, row);
+        pma_substep_accelerate(s, lam, s->mean->acceleration);
+        pma_selection_accelerate(selection, s->mean->acceleration, row);
     }
 }
 
@@ -131,7 +132,8 @@ static void commit(void *self)
 static void discard(void *self)
 {
     pma_subdomain *s = self;
-    s->open = NULL;
+    if (s->mean)
+        s->mean->open = NULL;
     pma_levels_discard(&s->levels);
     if (s->iterate)
         pma_iterate_discard(s->iterate);
@@ -261,9 +263,7 @@ static pma_evaluation forces_of(const pma_parts *p)
 /* What one worker reads while others wait: the trunk of the tree, no row of a range. */
 static size_t entries_alone(const pma_subdomain *s)
 {
-    if (s->iterate || !(s->branched || pma_division_is_in_ranges(s)))
-        return entries_of(&s->parts);
-    return s->branched ? 2 * s->trunk : 0;
+    return s->iterate || !s->division ? entries_of(&s->parts) : 2 * s->division->trunk;
 }
 
 pma_member pma_subdomain_member(pma_subdomain *s)

@@ -98,11 +98,11 @@ static void move(const pma_actuator *a, double done, size_t dof, size_t n, doubl
 
 /* ---- adaptive compensation ------------------------------------------------------------------ */
 
-/* Memory of a dof: coefficients, the last three commands and velocities, the command sent, where it
+/* Memory of a dof: coefficients, the last three commands and velocities, the output, where it
  * began, the largest |x|, the last three x through the low-pass filter, its states for x and for
  * commands, and the window of samples. */
 typedef struct {
-    double *a, *d, *v, *sent, *begin, *largest, *x, *low, *window;
+    double *a, *d, *v, *output, *begin, *largest, *x, *low, *window;
 } adapting;
 
 static size_t adaptive_numbers(const pma_adaptive *p)
@@ -112,14 +112,14 @@ static size_t adaptive_numbers(const pma_adaptive *p)
 
 static adapting adapting_at(const pma_adaptive *p, double *own)
 {
-    double *d = own + TERMS, *v = d + TERMS, *x = v + TERMS, *sent = x + TERMS, *low = sent + 3;
+    double *d = own + TERMS, *v = d + TERMS, *x = v + TERMS, *output = x + TERMS, *low = output + 3;
     return (adapting){.a = own,
                       .d = d,
                       .v = v,
                       .x = x,
-                      .sent = sent,
-                      .begin = sent + 1,
-                      .largest = sent + 2,
+                      .output = output,
+                      .begin = output + 1,
+                      .largest = output + 2,
                       .low = low,
                       .window = low + 4 * p->sections};
 }
@@ -160,7 +160,7 @@ static void compensate(const pma_adaptive *p, double done, double *u, double *v,
     }
     push(at.d, *u);
     push(at.v, *v);
-    *u = *at.sent = compensated(p, at.a, at.d);
+    *u = *at.output = compensated(p, at.a, at.d);
     *v = compensated(p, at.a, at.v);
 }
 
@@ -242,19 +242,19 @@ static double largest_of(const double *window, size_t samples)
     return largest;
 }
 
-/* What was measured is compared with what was sent, and the coefficients adapt. */
+/* What was measured is compared with the output, and the coefficients adapt. */
 static void learn(const pma_adaptive *p, double done, double measured, double *own)
 {
     const adapting at = adapting_at(p, own);
     push(at.x, low_pass(p, measured - *at.begin, at.low));
-    const double sent = low_pass(p, *at.sent - *at.begin, at.low + 2 * p->sections);
+    const double output = low_pass(p, *at.output - *at.begin, at.low + 2 * p->sections);
     *at.largest = fmax(*at.largest, fabs(at.x[0]));
     if (fmod(done, (double)p->every) != 0.0)
         return;
     const double taken = floor(done / (double)p->every);
     double *row = at.window + ROW * (size_t)fmod(taken, (double)p->window);
     differentiate(at.x, p->h, row);
-    row[TERMS] = sent;
+    row[TERMS] = output;
     const size_t samples = taken + 1.0 < (double)p->window ? (size_t)taken + 1 : p->window;
     const double largest = largest_of(at.window, samples);
     if (4 * samples < p->window || !(largest > 0.0) || largest < p->threshold * *at.largest)

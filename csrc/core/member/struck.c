@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "member/subdomain_struct.h"
+#include "object.h"
 
 pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb)
 {
@@ -24,6 +25,17 @@ pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb)
             return PMA_BAD_INDEX;
     }
     return PMA_OK;
+}
+
+pma_status pma_impulse_create(const pma_parts *parts, pma_impulse **out)
+{
+    const bool sweeps = parts->struck.ptr && parts->single.factor.form != PMA_DIAGONAL;
+    const pma_array arrays[] = {PMA_ARRAY(pma_impulse, J, parts->nb),
+                                PMA_ARRAY(pma_impulse, force, parts->nb),
+                                PMA_ARRAY(pma_impulse, sweep, sweeps ? parts->n : 0),
+                                {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    return *out ? PMA_OK : PMA_NO_MEMORY;
 }
 
 /* J = M^-1 f */
@@ -49,7 +61,7 @@ static bool is_diagonal(const pma_operator *op)
     return op->factor.form == PMA_DIAGONAL;
 }
 
-/* w_b (nb) := what is swept of w_l under f and J; the swept right-hand side in s->sweep, if Mbar is
+/* w_b (nb) := what is swept of w_l under f and J; the right-hand side, swept, in `sweep` if Mbar is
  * not diagonal and B is given                                                              (U4) */
 static void find_link(pma_subdomain *s, const pma_operator *op, const double *f, const double *J,
                       double *w_b)
@@ -63,9 +75,9 @@ static void find_link(pma_subdomain *s, const pma_operator *op, const double *f,
         memset(w_b, 0, nb * sizeof(double)); /* a diagonal Mbar needs no rows but these */
         resist(p, nb, J, s->parts.n - nb, w_b);
     } else {
-        memset(s->sweep, 0, s->parts.n * sizeof(double));
-        resist(p, nb, J, 0, s->sweep);
-        pma_factor_open(&op->factor, s->sweep, w_b, s->link_work);
+        memset(s->impulse->sweep, 0, s->parts.n * sizeof(double));
+        resist(p, nb, J, 0, s->impulse->sweep);
+        pma_factor_open(&op->factor, s->impulse->sweep, w_b, s->link_work);
         return;
     }
     pma_factor_interface(&op->factor, w_b, s->link_work);
@@ -77,7 +89,7 @@ static void recoil(void *self, const double *f, double *v)
     pma_subdomain *s = self;
     const pma_operator *op = &s->parts.single;
     const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
-    double *J = s->impulse;
+    double *J = s->impulse->J;
     find_jump(s, f, J);
     find_link(s, op, f, J, v);
     for (size_t i = 0; i < s->parts.nb; i++)
@@ -95,7 +107,7 @@ static void strike(void *self, const pma_substep *step, const double *f)
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     const size_t nb = s->parts.nb;
     const double alpha = p->ptr ? 0.0 : p->alpha;
-    double *J = s->impulse, *force = s->impulse + nb;
+    double *J = s->impulse->J, *force = s->impulse->force;
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     double *u = pma_interface_of(s, to->u), *v = pma_interface_of(s, to->v);
     double *a = pma_interface_of(s, to->a);
@@ -111,7 +123,7 @@ static void strike(void *self, const pma_substep *step, const double *f)
     if (p->ptr && is_diagonal(op))
         resist(p, nb, J, 0, to->w);
     for (size_t i = 0; p->ptr && !is_diagonal(op) && i < s->parts.n; i++)
-        to->w[i] += s->sweep[i];
+        to->w[i] += s->impulse->sweep[i];
 }
 
 static pma_status close(void *self, const pma_substep *step, const double *lam)
@@ -119,7 +131,7 @@ static pma_status close(void *self, const pma_substep *step, const double *lam)
     pma_subdomain *s = self;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
-    const double *J = s->impulse, *force = s->impulse + s->parts.nb;
+    const double *J = s->impulse->J, *force = s->impulse->force;
     double *w = pma_interface_of(s, x->w);
     pma_substep_load_interface(s, lam);
     for (size_t i = 0; i < s->parts.nb; i++)

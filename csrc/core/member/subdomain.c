@@ -95,16 +95,8 @@ static pma_status lay_out(pma_subdomain *s)
     const pma_parts *p = &s->parts;
     const size_t n = p->n, nb = p->nb, history = p->internal.history;
     const size_t scratch = pma_parts_scratch(p);
-    const size_t functions = p->internal.count > 0 ? n + pma_internal_scratch(&p->internal) : 0;
-    const bool sweeps = p->struck.ptr && p->single.factor.form != PMA_DIAGONAL;
     const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
-                                PMA_ARRAY(pma_subdomain, force, functions),
-                                PMA_ARRAY(pma_subdomain, history, history),
                                 PMA_ARRAY(pma_subdomain, product, p->shoots ? n : 0),
-                                PMA_ARRAY(pma_subdomain, acceleration, p->mean ? n : 0),
-                                PMA_ARRAY(pma_subdomain, push, p->mean ? n : 0),
-                                PMA_ARRAY(pma_subdomain, impulse, p->struck.inverse ? 2 * nb : 0),
-                                PMA_ARRAY(pma_subdomain, sweep, sweeps ? n : 0),
                                 PMA_ARRAY(pma_subdomain, closing, nb),
                                 PMA_ARRAY(pma_subdomain, link, nb),
                                 PMA_ARRAY(pma_subdomain, work, scratch),
@@ -121,8 +113,39 @@ static pma_status lay_out(pma_subdomain *s)
     s->block = pma_object_fill(s, arrays);
     if (!s->block)
         return PMA_NO_MEMORY;
-    for (size_t i = 0; i < history; i++)
-        s->history[i] = p->internal.initial[i];
+    return PMA_OK;
+}
+
+static pma_status create_internal(const pma_parts *p, pma_internal_forces **out)
+{
+    const size_t history = p->internal.history;
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_internal_forces, force, p->n + pma_internal_scratch(&p->internal)),
+        PMA_ARRAY(pma_internal_forces, history, history),
+        {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    for (size_t i = 0; *out && i < history; i++)
+        (*out)->history[i] = p->internal.initial[i];
+    return *out ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status create_mean(const pma_parts *p, pma_mean **out)
+{
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_mean, push, p->n), PMA_ARRAY(pma_mean, acceleration, p->n), {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    return *out ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status create_features(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    if (p->internal.count > 0)
+        PMA_TRY(create_internal(p, &s->internal));
+    if (p->mean)
+        PMA_TRY(create_mean(p, &s->mean));
+    if (p->struck.inverse)
+        PMA_TRY(pma_impulse_create(p, &s->impulse));
     return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
@@ -170,7 +193,8 @@ static pma_status fill(pma_subdomain *s, const pma_parts *parts)
     PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
     PMA_TRY(pma_division_find(s));
     s->table = pma_subdomain_table(s);
-    return lay_out(s);
+    PMA_TRY(lay_out(s));
+    return create_features(s);
 }
 
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
@@ -188,31 +212,22 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     return status;
 }
 
-static void release_limits(pma_subdomain *s)
-{
-    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
-        pma_limits_destroy(s->sent[i]);
-    free((void *)s->sent);
-    free(s->given);
-    pma_limits_destroy(s->limits);
-    s->sent = NULL;
-    s->given = NULL;
-    s->limits = NULL;
-}
-
 void pma_subdomain_destroy(pma_subdomain *s)
 {
     if (!s)
         return;
     pma_energy_destroy(s->energy);
     pma_balance_destroy(s->balance);
-    release_limits(s);
+    pma_rig_destroy(s->rig);
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
     pma_division_destroy(s);
     pma_tree_destroy(s->tree);
     pma_tree_destroy(s->tree_twice);
+    free(s->internal);
+    free(s->mean);
+    free(s->impulse);
     free(s->block);
     free(s->spread);
     free(s);
@@ -275,8 +290,8 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     if (!f)
         return PMA_NO_MEMORY;
     const pma_status status = pma_internal_evaluate(
-        internal, t, u, v, internal->initial, f, s->history, 1.0, 0.0, bends ? K + entries : NULL,
-        bends ? K : NULL, s->force + s->parts.n, &s->code);
+        internal, t, u, v, internal->initial, f, s->internal->history, 1.0, 0.0,
+        bends ? K + entries : NULL, bends ? K : NULL, s->internal->force + s->parts.n, &s->code);
     for (size_t i = 0; i < s->parts.n && status == PMA_OK; i++)
         r[i] += f[i];
     if (s->balance && status == PMA_OK) {
@@ -286,23 +301,6 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     }
     free(f);
     return status;
-}
-
-/* The force of a specimen at the initial values, of springs and of functions that were evaluated */
-static pma_status measure_first(pma_subdomain *s, double t, const double *u)
-{
-    const pma_parts *p = &s->parts;
-    double *first = pma_limits_first(s->limits, u);
-    double *fresh = calloc(pma_springs_numbers(&p->springs) + 1, sizeof *fresh);
-    if (!fresh)
-        return PMA_NO_MEMORY;
-    memset(first, 0, p->n * sizeof(double));
-    pma_springs_subtract(&p->springs, u, fresh, fresh, first);
-    free(fresh);
-    for (size_t i = 0; i < p->n; i++)
-        first[i] = (p->restoring.function ? pma_restoring_force(&p->restoring, i) : 0.0) - first[i];
-    s->breached = s->limits;
-    return pma_limits_measure_first(s->limits, t) ? PMA_OK : PMA_LIMITED;
 }
 
 pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
@@ -317,6 +315,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
     pma_springs_subtract(&p->springs, u, fresh, fresh, r);
     free(fresh);
     memset(s->remembered, 0, p->restoring.memory * sizeof(double));
+    if (s->rig)
+        pma_rig_command_first(s->rig);
     if (p->restoring.function)
         status = pma_restoring_subtract(&p->restoring, t, u, v, s->remembered, s->remembered, r,
                                         &s->code);
@@ -324,8 +324,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
         r[i] = 0.0 - r[i]; /* no negative zeros */
     for (size_t i = 0; i < p->n && s->balance && p->restoring.function; i++)
         pma_balance_first(s->balance)->once[i] = pma_restoring_force(&p->restoring, i);
-    if (status == PMA_OK && s->limits)
-        status = measure_first(s, t, u);
+    if (status == PMA_OK && s->rig)
+        status = pma_rig_reply_first(s->rig, t, u);
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
 }
 
@@ -354,13 +354,14 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->a, w, bytes);
     memcpy(x->springs + pma_springs_numbers(&s->parts.springs), s->remembered,
            s->parts.restoring.memory * sizeof(double));
-    memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
+    if (s->internal)
+        memcpy(x->history, s->internal->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
     pma_subdomain_watch_again(s);
     if (s->balance)
         pma_balance_start(s->balance, x);
-    if (s->limits)
-        pma_limits_begin_first(s->limits, v);
+    if (s->rig)
+        pma_rig_begin(s->rig, v);
     if (s->iterate) {
         x->history[s->parts.internal.history] = 0.0; /* corrections */
         pma_iterate_restore(s->iterate, 0.0, NULL, false);
@@ -449,10 +450,8 @@ void pma_subdomain_watch_again(pma_subdomain *s)
 {
     if (s->balance)
         pma_balance_begin(s->balance);
-    if (s->limits)
-        pma_limits_begin(s->limits);
-    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
-        pma_limits_begin(s->sent[i]);
+    if (s->rig)
+        pma_rig_begin(s->rig, NULL);
 }
 
 const pma_balance *pma_subdomain_balance(const pma_subdomain *s)
@@ -460,58 +459,19 @@ const pma_balance *pma_subdomain_balance(const pma_subdomain *s)
     return s->balance;
 }
 
-/* ---- a specimen ----------------------------------------------------------------------------- */
-
-static pma_status create_limits(pma_subdomain *s, const pma_limits_parts *parts)
-{
-    const size_t compensators = s->parts.restoring.compensators;
-    PMA_TRY(pma_limits_create(parts, &s->limits));
-    if (compensators == 0)
-        return PMA_OK;
-    s->sent = (pma_limits **)calloc(compensators, sizeof *s->sent);
-    s->given = calloc(2 * parts->n, sizeof *s->given);
-    if (!s->sent || !s->given)
-        return PMA_NO_MEMORY;
-    for (size_t i = 0; i < compensators; i++)
-        PMA_TRY(pma_limits_create(parts, &s->sent[i]));
-    s->parts.restoring.cell->self = s;
-    s->parts.restoring.cell->allows = pma_substep_allows;
-    return PMA_OK;
-}
-
-pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
-{
-    if (parts->n != s->parts.n)
-        return PMA_BAD_SIZE;
-    release_limits(s);
-    const pma_status status = create_limits(s, parts);
-    if (status != PMA_OK)
-        release_limits(s);
-    return status;
-}
-
-pma_breach pma_subdomain_breach(const pma_subdomain *s)
-{
-    return *pma_limits_breach(s->breached);
-}
-
-void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limits_clock *clock)
-{
-    s->stamp = stamp;
-    if (s->limits)
-        pma_limits_pace(s->limits, clock);
-    for (size_t i = 0; s->sent && i < s->parts.restoring.compensators; i++)
-        pma_limits_pace(s->sent[i], clock);
-}
-
 /* ---- energy --------------------------------------------------------------------------------- */
 
 /* f of the internal functions, as evaluated last; NULL if there are none */
 static double *internal_force_of(const pma_subdomain *s)
 {
-    if (s->parts.internal.count == 0)
+    if (!s->internal)
         return NULL;
-    return s->iterate ? pma_iterate_force(s->iterate) : s->force;
+    return s->iterate ? pma_iterate_force(s->iterate) : s->internal->force;
+}
+
+static double *potential_of(const pma_subdomain *s)
+{
+    return pma_internal_has_potential(&s->parts.internal) ? &s->internal->potential : NULL;
 }
 
 pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
@@ -525,8 +485,9 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     if (!after)
         return PMA_NO_MEMORY;
     memset(f, 0, s->parts.n * sizeof *f);
-    pma_status status = pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0,
-                                              0.0, NULL, NULL, s->force + s->parts.n, &s->code);
+    pma_status status =
+        pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0, 0.0, NULL, NULL,
+                              s->internal->force + s->parts.n, &s->code);
     free(after);
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }
@@ -535,22 +496,21 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
 static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew)
 {
     pma_energy *energy;
-    const pma_energy_parts parts = {
-        .n = s->parts.n,
-        .nb = s->parts.nb,
-        .substeps = s->parts.substeps,
-        .has_responses = s->parts.has_responses,
-        .doubled = s->parts.doubled,
-        .M = M,
-        .skew = skew,
-        .K = s->parts.K,
-        .C = s->parts.C,
-        .link = s->parts.link,
-        .load = &s->load,
-        .restoring = &s->parts.restoring,
-        .internal = internal_force_of(s),
-        .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
-        .springs = &s->parts.springs};
+    const pma_energy_parts parts = {.n = s->parts.n,
+                                    .nb = s->parts.nb,
+                                    .substeps = s->parts.substeps,
+                                    .has_responses = s->parts.has_responses,
+                                    .doubled = s->parts.doubled,
+                                    .M = M,
+                                    .skew = skew,
+                                    .K = s->parts.K,
+                                    .C = s->parts.C,
+                                    .link = s->parts.link,
+                                    .load = &s->load,
+                                    .restoring = &s->parts.restoring,
+                                    .internal = internal_force_of(s),
+                                    .potential = potential_of(s),
+                                    .springs = &s->parts.springs};
     PMA_TRY(pma_energy_create(&parts, &energy));
     pma_subdomain_end_energy(s);
     s->energy = energy;

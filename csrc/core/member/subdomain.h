@@ -145,7 +145,7 @@ void pma_subdomain_watch_again(pma_subdomain *s);
 /* What was seen so far; NULL where it is not watched. */
 const pma_balance *pma_subdomain_balance(const pma_subdomain *s);
 
-/* ---- a specimen among the restoring forces (limits.h) ---------------------------------------- */
+/* ---- a specimen among the restoring forces (rig.h) ------------------------------------------- */
 
 /* What it may be commanded and may return; these arrays are the caller's. Allocates. Steps that
  * would leave the limits fail with PMA_LIMITED before the command is given. */
@@ -154,8 +154,8 @@ pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts);
 pma_breach pma_subdomain_breach(const pma_subdomain *s);
 
 /* From now on, until both are NULL: when its function is called and returns, if it has one, and the
- * clock by which its limits judge commands. */
-void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limits_clock *clock);
+ * clock by which its limits judge commands. Allocates where it has a stamp and no limits. */
+pma_status pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limits_clock *clock);
 
 /* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 

@@ -1,64 +1,80 @@
 /* subdomain_struct.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
- * one with impulses, division.c one by several workers, response.c what macro coupling adds. */
+ * one with impulses, division.c one by several workers, response.c what macro coupling adds, rig.c
+ * what is around the restoring forces of a specimen. */
 #ifndef PMA_SUBDOMAIN_STRUCT_H
 #define PMA_SUBDOMAIN_STRUCT_H
 
 #include "algebra/tree.h"
 #include "member/levels.h"
+#include "member/rig.h"
 #include "member/subdomain.h"
 #include "member/update.h"
 
-/* A substep that several workers take together. */
+/* Of a subdomain whose substeps several workers may take together, in ranges of its rows or in
+ * branches of the tree of its factor. */
 typedef struct {
+    pma_branches branches; /* zeroed: ranges */
+    double *fronts;        /* of all workers but the first */
+    size_t trunk;          /* entries above the branches of two workers */
+    /* what they do: a substep from its beginning, where it is opened, to its end x */
     const pma_operator *op;
     const pma_substep *step;
-    const pma_state *from, *x; /* at its beginning, where it is opened; at its end */
+    const pma_state *from, *x;
     const pma_workers *workers;
-} pma_divided;
+} pma_division;
+
+/* Of one under mean coupling. */
+typedef struct {
+    bool is_pushed;
+    double *push;             /* n: acceleration by which substeps are pushed (K2), if is_pushed */
+    double *acceleration;     /* n: scratch */
+    const pma_operator *open; /* of the open step, if its closing waits (K7), else NULL */
+} pma_mean;
+
+/* Of one that contacts reach. */
+typedef struct {
+    double *J, *force; /* nb each: of the open substep */
+    double *sweep;     /* n: scratch, where its forces are swept */
+} pma_impulse;
+
+/* Of one with internal forces. */
+typedef struct {
+    double *force;    /* n, and scratch: where they are explicit */
+    double *history;  /* at the next start */
+    double potential; /* as evaluated last */
+} pma_internal_forces;
 
 struct pma_subdomain {
     pma_parts parts;
     pma_member_table table;
     pma_load load;
     pma_levels levels;
-    pma_energy *energy;           /* of a run that sums it up, else NULL */
-    pma_balance *balance;         /* of one whose forces are watched, else NULL */
-    pma_limits *limits;           /* of a specimen that has some, else NULL */
-    pma_limits **sent;            /* the same of what each compensator gives; or NULL */
-    double *given;                /* 2 n: what one gives */
-    const pma_limits *breached;   /* the one that was exceeded last */
-    const pma_substep *evaluated; /* whose restoring forces are being evaluated, else NULL */
-    pma_stamp *stamp;             /* of one in a paced run, else NULL */
-    pma_response *response;       /* if the subdomain has responses, else NULL */
-    pma_iterate *iterate;         /* if its steps are iterated, else NULL */
     const pma_update *update;
-    bool branched;         /* several workers have branches of the tree of the factor */
-    pma_branches branches; /* ... these */
-    double *fronts;        /* of all workers but the first */
-    size_t trunk;          /* entries above the branches of two workers */
-    pma_divided divided;   /* what they do */
-    bool extrapolates;     /* a substep uses the velocity extrapolated from its beginning (R1) */
-    bool evaluates;        /* it has springs, or a force that depends on that velocity (R3) */
-    double *vs;            /* n: extrapolated velocity, if there is one */
-    double *force;         /* n, and scratch: internal forces of an explicit subdomain */
-    double *history;       /* of internal forces, at the next start */
-    double *remembered;    /* by the restoring function, at the next start */
-    double potential;      /* of internal forces, as evaluated last */
-    double *product;       /* n: scratch, if it shoots */
-    double *acceleration;  /* n: scratch, under mean coupling */
-    double *push;          /* n: acceleration by which substeps are pushed (K2), if is_pushed */
-    bool is_pushed;
-    const pma_operator *open; /* if its closing is deferred: of the step that is open, else NULL */
-    double *impulse;          /* 2 nb: of the open substep, if it can be struck: J, force */
-    double *sweep;            /* n: scratch of impulses whose forces are swept */
+
+    /* what a subdomain or a run has, or NULL */
+    pma_energy *energy;   /* that is summed up */
+    pma_balance *balance; /* of forces that are watched */
+    pma_rig *rig;         /* of a specimen with limits, or in a paced run */
+    pma_response *response;
+    pma_iterate *iterate; /* of steps that are iterated */
+    pma_division *division;
+    pma_mean *mean;
+    pma_impulse *impulse;
+    pma_internal_forces *internal;
+    pma_tree *tree, *tree_twice; /* of the factors of both operators */
+    void *spread;                /* springs in lanes */
+
+    bool extrapolates;        /* a substep uses the velocity extrapolated from its start (R1) */
+    bool evaluates;           /* it has springs, or a force that depends on that velocity (R3) */
+    double *vs;               /* n: extrapolated velocity, if there is one */
+    double *remembered;       /* by the restoring function, at the next start */
+    double *product;          /* n: scratch, if it shoots */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */
-    pma_tree *tree, *tree_twice; /* of the factors of both operators; NULL where there is none */
     void *block;
-    void *spread; /* springs in lanes */
 };
 
 /* Its link response. */
@@ -126,12 +142,6 @@ bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, cons
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
 
-/* Before and after springs and functions are evaluated at the displacement of `to`: within the
- * limits of the specimen? PMA_LIMITED if not. */
-bool pma_substep_allows(void *subdomain, size_t compensator, const double *u, const double *v);
-pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to);
-pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to);
-
 /* r (n) += springs and restoring forces, as evaluated last, without loads that depend on motion */
 void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r);
 
@@ -155,15 +165,13 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
 
 /* ---- by several workers: division.c ---------------------------------------------------------- */
 
-/* Finds whether they can have branches of a tree, and which. Allocates: PMA_NO_MEMORY. */
+/* Finds whether they can have ranges of rows, if Mbar is diagonal, or branches of a tree.
+ * Allocates: PMA_NO_MEMORY. */
 pma_status pma_division_find(pma_subdomain *s);
 void pma_division_destroy(pma_subdomain *s);
 
 /* Branches for this number of workers, where they have some. Allocates. */
 pma_status pma_division_prepare(pma_subdomain *s, size_t workers);
-
-/* Diagonal Mbar, linear, single steps: they can have ranges of rows. */
-bool pma_division_is_in_ranges(const pma_subdomain *s);
 
 /* As pma_substep_open and pma_substep_close, bitwise. */
 pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pma_workers *workers);
@@ -177,6 +185,8 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s);
 /* ---- impulses: struck.c --------------------------------------------------------------------- */
 
 extern const pma_struck_table pma_struck_operations;
+
+pma_status pma_impulse_create(const pma_parts *parts, pma_impulse **out);
 
 /* ---- link response: response.c -------------------------------------------------------------- */
 

@@ -62,12 +62,13 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
                                     double t1)
 {
     const pma_parts *p = &s->parts;
-    memset(s->force, 0, p->n * sizeof(double));
+    double *f = s->internal->force;
+    memset(f, 0, p->n * sizeof(double));
     pma_status status =
-        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, s->force, to->history,
-                              0.0, 0.0, NULL, NULL, s->force + p->n, &s->code);
+        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, f, to->history, 0.0,
+                              0.0, NULL, NULL, f + p->n, &s->code);
     for (size_t i = 0; i < p->n; i++)
-        to->w[i] -= s->force[i];
+        to->w[i] -= f[i];
     for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)
         status = isfinite(to->history[i]) ? PMA_OK : PMA_NOT_FINITE;
     return status;
@@ -79,65 +80,8 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
     const pma_parts *p = &s->parts;
     const size_t springs = pma_springs_numbers(&p->springs);
     const pma_state *last = pma_levels_at(&s->levels, step->j);
-    s->evaluated = step;
-    const pma_status status =
-        pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
-                               to->springs + springs, y, &s->code);
-    s->evaluated = NULL;
-    return status;
-}
-
-bool pma_substep_allows(void *subdomain, size_t i, const double *u, const double *v)
-{
-    pma_subdomain *s = subdomain;
-    const pma_substep *step = s->evaluated;
-    if (!step || !s->sent)
-        return true; /* the first command, which is that of the structure */
-    const size_t n = s->parts.n;
-    const int64_t *order = s->parts.restoring.order;
-    const pma_state *from = pma_levels_at(&s->levels, step->j);
-    for (size_t k = 0; k < n; k++) {
-        s->given[k] = u[order[k]];
-        s->given[n + k] = v[order[k]];
-    }
-    s->breached = s->sent[i];
-    return pma_limits_command(s->sent[i], step->number, step->j % s->parts.substeps == 0, step->t1,
-                              from->u, from->v, s->given, s->given + n);
-}
-
-pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to)
-{
-    const pma_state *from = pma_levels_at(&s->levels, step->j);
-    s->breached = s->limits;
-    if (s->limits &&
-        !pma_limits_command(s->limits, step->number, step->j % s->parts.substeps == 0, step->t1,
-                            from->u, from->v, to->u, s->parts.restoring.function ? s->vs : NULL))
-        return PMA_LIMITED;
-    const pma_stamp *stamp = s->stamp;
-    for (size_t k = 0; stamp && k < stamp->count; k++)
-        stamp->command[k] = to->u[stamp->position[k]];
-    if (stamp)
-        s->stamp->commanded = stamp->now(stamp->ctx);
-    return PMA_OK;
-}
-
-pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to)
-{
-    const pma_parts *p = &s->parts;
-    const pma_stamp *stamp = s->stamp;
-    if (stamp)
-        s->stamp->returned = stamp->now(stamp->ctx);
-    for (size_t k = 0; stamp && k < stamp->count; k++)
-        stamp->force[k] = pma_restoring_force(&p->restoring, (size_t)stamp->position[k]);
-    s->breached = s->limits;
-    if (!s->limits)
-        return PMA_OK;
-    double *r = pma_limits_force(s->limits);
-    memset(r, 0, p->n * sizeof(double));
-    pma_springs_add(&p->springs, to->springs, r);
-    for (size_t i = 0; p->restoring.function && i < p->n; i++)
-        r[i] += pma_restoring_force(&p->restoring, i);
-    return pma_limits_measure(s->limits) ? PMA_OK : PMA_LIMITED;
+    return pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                                  to->springs + springs, y, &s->code);
 }
 
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
@@ -146,15 +90,15 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
-    if (s->limits || s->stamp)
-        PMA_TRY(pma_substep_command(s, step, to));
+    if (s->rig)
+        PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
     if (p->restoring.function)
         PMA_TRY(pma_substep_subtract_restoring(s, step, to, to->w));
-    if (s->limits || s->stamp)
-        PMA_TRY(pma_substep_measure(s, to));
-    if (s->extrapolates && p->internal.count > 0)
+    if (s->rig)
+        PMA_TRY(pma_rig_reply(s->rig, to));
+    if (s->extrapolates && s->internal)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
         return PMA_OK;
@@ -184,8 +128,8 @@ __attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_s
     const pma_parts *p = &s->parts;
     double *r = pma_balance_open(s->balance, step->number, to->u);
     pma_substep_add_evaluated(s, to, r);
-    for (size_t i = 0; p->internal.count > 0 && i < p->n; i++)
-        r[i] += s->force[i];
+    for (size_t i = 0; s->internal && i < p->n; i++)
+        r[i] += s->internal->force[i];
 }
 
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
@@ -224,8 +168,8 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
 
     /* (5), (6) */
     s->update->predict(&op->step, 0, n, from, to);
-    if (s->is_pushed)
-        pma_substep_push(n, op->step.h, s->push, to, s->extrapolates ? s->vs : NULL);
+    if (s->mean && s->mean->is_pushed)
+        pma_substep_push(n, op->step.h, s->mean->push, to, s->extrapolates ? s->vs : NULL);
 
     add_forces(s, step, to, 0, n);
 
@@ -268,7 +212,7 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     PMA_TRY(solve_free(s, step, op, to, vf));
     find_free_velocity(s, step, op, to, vf);
     if (s->parts.defers)
-        s->open = op;
+        s->mean->open = op;
     return PMA_OK;
 }
 
@@ -292,8 +236,10 @@ bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, cons
 
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
 {
-    return pma_internal_potential(&s->parts.internal, u, &s->potential, s->force + s->parts.n,
-                                  &s->code);
+    pma_internal_forces *f = s->internal;
+    return f ? pma_internal_potential(&s->parts.internal, u, &f->potential, f->force + s->parts.n,
+                                      &s->code)
+             : PMA_OK;
 }
 
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
@@ -322,21 +268,23 @@ void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, const pma_substep *step,
                                                           const double *lam)
 {
-    const pma_step *c = &s->open->step;
+    const pma_operator *op = s->mean->open;
+    const pma_step *c = &op->step;
+    double *y = s->mean->push;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     const double share = 0.5 * c->h * c->h / c->al1, v_y = c->h - c->al2 * share;
     double zero = 0.0;
     pma_link_load(&s->parts.link, lam, s->closing);
     for (size_t i = 0; i < s->parts.nb; i++)
         s->closing[i] *= share;
-    bool finite = pma_substep_sweep_back(s, s->open, x);
-    s->open = NULL;
-    pma_substep_accelerate(s, lam, s->push);
+    bool finite = pma_substep_sweep_back(s, op, x);
+    s->mean->open = NULL;
+    pma_substep_accelerate(s, lam, y);
     for (size_t i = 0; i < s->parts.n; i++) {
-        x->v[i] += v_y * s->push[i];
-        x->w[i] -= share * s->push[i];
-        x->a[i] -= c->a_w1 * share * s->push[i];
-        zero += 0.0 * s->push[i];
+        x->v[i] += v_y * y[i];
+        x->w[i] -= share * y[i];
+        x->a[i] -= c->a_w1 * share * y[i];
+        zero += 0.0 * y[i];
     }
     if (!finite || zero != 0.0)
         return PMA_NOT_FINITE;
@@ -347,7 +295,7 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
-    if (s->open)
+    if (s->mean && s->mean->open)
         return close_waiting(s, step, lam);
     /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     pma_substep_load_interface(s, lam);
