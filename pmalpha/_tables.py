@@ -10,11 +10,11 @@ def text_table(
     headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[str] = ()
 ) -> str:
     """A table in fixed-width text; words to the left, numbers to the right."""
-    whole = [headings, *rows]
-    widths = [max(map(len, column)) for column in zip(*whole)]
+    lines = [headings, *rows]
+    widths = [max(map(len, column)) for column in zip(*lines)]
     aligned = [
         [x.ljust(w) if name in left else x.rjust(w) for name, x, w in zip(headings, row, widths)]
-        for row in whole
+        for row in lines
     ]
     return "\n".join("  ".join(row).rstrip() for row in aligned)
 

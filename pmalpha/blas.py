@@ -52,9 +52,9 @@ def _search() -> _core.OneThread:
     from threadpoolctl import ThreadpoolController
 
     libraries = ThreadpoolController().select(user_api="blas").lib_controllers
-    own = _core.OneThread(tuple(pair for x in libraries for pair in _addresses(x)))
-    one = _found.setdefault("one", own)
-    if one is own and hasattr(os, "register_at_fork"):
+    context = _core.OneThread(tuple(pair for x in libraries for pair in _addresses(x)))
+    one = _found.setdefault("one", context)
+    if one is context and hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=one.after_fork)
     return one
 

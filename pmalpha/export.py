@@ -182,9 +182,9 @@ def _written(count: int, most: int | None) -> np.ndarray:
 
 def _warn_if_thinned(count: int) -> None:
     if count > MOST_FILES:
-        n, kept = _interval(count, MOST_FILES), _written(count, MOST_FILES).size
+        n, times = _interval(count, MOST_FILES), _written(count, MOST_FILES).size
         warn(
-            f"{kept} of {count} times are written, one in {n} and the last, since a .pvd file has "
+            f"{times} of {count} times are written, one in {n} and the last, since a .pvd file has "
             f"a .vtu file for each; most_times={count} writes all, .xdmf has all in two files",
             UserWarning,
         )
@@ -207,10 +207,10 @@ def _fields(
     return fields
 
 
-def _items(given: Any, argument: str) -> Iterable[tuple[Any, Any]]:
-    if not isinstance(given, Mapping):
-        raise TypeError(f"{argument} must be a dict, got {given!r}")
-    return given.items()
+def _items(mapping: Any, argument: str) -> Iterable[tuple[Any, Any]]:
+    if not isinstance(mapping, Mapping):
+        raise TypeError(f"{argument} must be a dict, got {mapping!r}")
+    return mapping.items()
 
 
 def _cell_numbers(mesh: Mesh, cells: Mapping[str, Any]) -> dict[str, np.ndarray]:

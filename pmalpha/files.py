@@ -78,14 +78,14 @@ def checked_path(
     With `suffixes` ValueError for another one; none is right too.
     """
     try:
-        whole = Path(os.fsdecode(path))
+        file_path = Path(os.fsdecode(path))
     except TypeError:
         raise TypeError(f"{name} must be a str or a path, got {path!r}") from None
-    if "\0" in str(whole):
+    if "\0" in str(file_path):
         raise ValueError(f"{name} must have no null character, got {path!r}")
-    if suffixes and whole.suffix.lower() not in ("", *suffixes):
-        raise ValueError(f"{name} must end in {' or '.join(suffixes)}, got {str(whole)!r}")
-    return whole
+    if suffixes and file_path.suffix.lower() not in ("", *suffixes):
+        raise ValueError(f"{name} must end in {' or '.join(suffixes)}, got {str(file_path)!r}")
+    return file_path
 
 
 def uninterrupted(call: Callable[..., T], *arguments: Any) -> T:
@@ -398,8 +398,8 @@ def writing(
     After an exception nothing is left of it, and OSErrors have the `name` of the argument and the
     rule.
     """
-    whole = checked_path(path, name)
-    target = Path(os.path.realpath(whole))  # of a link the target is replaced
+    file_path = checked_path(path, name)
+    target = Path(os.path.realpath(file_path))  # of a link the target is replaced
     file = None
     try:
         if target.exists() and not target.is_file():
@@ -412,7 +412,7 @@ def writing(
         if not isinstance(error, OSError):
             raise
         message = f"{name} {rule}: {error.strerror or error}"
-        raise OSError(error.errno, message, str(whole)) from error
+        raise OSError(error.errno, message, str(file_path)) from error
 
 
 @contextmanager
@@ -434,17 +434,17 @@ def check_replaceable(path: str | os.PathLike[str], name: str) -> None:
 
     Its message has the `name` of the argument.
     """
-    whole = checked_path(path, name)
-    target = Path(os.path.realpath(whole))
+    file_path = checked_path(path, name)
+    target = Path(os.path.realpath(file_path))
     number = 0
     if not target.parent.is_dir():
         number = errno.ENOENT
     elif not os.access(target.parent, os.W_OK | os.X_OK):
         number = errno.EACCES
     elif target.exists() and not target.is_file():
-        raise OSError(errno.EINVAL, f"{name} cannot be written: {NO_FILE}", str(whole))
+        raise OSError(errno.EINVAL, f"{name} cannot be written: {NO_FILE}", str(file_path))
     if number:
-        raise OSError(number, f"{name} cannot be written: {os.strerror(number)}", str(whole))
+        raise OSError(number, f"{name} cannot be written: {os.strerror(number)}", str(file_path))
 
 
 def reading(path: str | os.PathLike[str]) -> BinaryIO:
@@ -452,11 +452,11 @@ def reading(path: str | os.PathLike[str]) -> BinaryIO:
 
     It is the context: one made of a generator could be left open by Ctrl-C.
     """
-    whole = checked_path(path)
-    refusal = OSError(errno.EINVAL, "path cannot be read: a device or a pipe", str(whole))
-    if whole.exists() and not whole.is_file() and not whole.is_dir():
+    file_path = checked_path(path)
+    refusal = OSError(errno.EINVAL, "path cannot be read: a device or a pipe", str(file_path))
+    if file_path.exists() and not file_path.is_file() and not file_path.is_dir():
         raise refusal  # not even opened, which some devices take for an order
-    file = open(whole, "rb", opener=_opened_without_waiting)
+    file = open(file_path, "rb", opener=_opened_without_waiting)
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise refusal

@@ -65,14 +65,15 @@ def _free_of_windows() -> int | None:
 
 
 def free_of_groups(
-    root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")
+    root: Path = Path("/sys/fs/cgroup"), group_list: Path = Path("/proc/self/cgroup")
 ) -> int | None:
     """Available memory of the Linux containers of this process, one within the other.
 
-    root: where the groups are mounted, version 1 or 2. own: the list of the groups of the process.
+    root: where the groups are mounted, version 1 or 2. group_list: the file with the groups of the
+        process.
     """
     try:
-        lines = own.read_text().splitlines()
+        lines = group_list.read_text().splitlines()
     except OSError:
         return None
     free = [_free_of_group(folder, names) for folder, names in _groups(lines, root)]

@@ -267,9 +267,11 @@ class Adjoint:
         states = [s[0] + sources[x.name].at(0, x.n) for x, s in zip(self.members, start)]
         M = sp.block_diag([x.M.T for x in self.members], format="csc")
         L = sp.hstack([x.L for x in self.members], format="csc")
-        whole = sp.block_array([[M, L.T], [L, None]], format="csc") if self.p else M
+        matrix = sp.block_array([[M, L.T], [L, None]], format="csc") if self.p else M
         right = np.concatenate([s[2] + s[3] for s in states] + [-of_lam])
-        *mus, slope = np.split(sla.splu(whole).solve(right), np.cumsum([x.n for x in self.members]))
+        *mus, slope = np.split(
+            sla.splu(matrix).solve(right), np.cumsum([x.n for x in self.members])
+        )
         u0 = [s[0] - x.K.T @ m for x, s, m in zip(self.members, states, mus)]
         v0 = [s[1] - x.C.T @ m for x, s, m in zip(self.members, states, mus)]
         return mus, u0, v0, slope

@@ -57,13 +57,15 @@ def _changed(
 ) -> Any:
     """The coupler at t = 0 with parameter j changed by a step."""
 
-    def change(key: str, own: dict[str, Any]) -> None:
+    def change(key: str, arguments: dict[str, Any]) -> None:
         if key != name:
             return
-        dofs = np.arange(own["u0"].size)
+        dofs = np.arange(arguments["u0"].size)
         for kind in p.matrices:
-            own[kind] = combination([(1.0, own[kind]), (step, p._matrix(kind, j, dofs))])
+            arguments[kind] = combination(
+                [(1.0, arguments[kind]), (step, p._matrix(kind, j, dofs))]
+            )
         if "M" in p.matrices:
-            own["force"] = with_mass(own["force"], own["M"])
+            arguments["force"] = with_mass(arguments["force"], arguments["M"])
 
     return remade(session, make, change)

@@ -193,16 +193,16 @@ class Blocks:
         `names` are the subdomains of the parameters.
         """
         sizes = {x.name: x.n * x.substeps for x in self.single.members}
-        kept = 24 * self.steps * sum(sizes[name] for name in set(names)) <= KEPT
-        if kept and record is not None:
+        in_memory = 24 * self.steps * sum(sizes[name] for name in set(names)) <= KEPT
+        if in_memory and record is not None:
             record = {**record, **dict.fromkeys(names)}
         blocks, pieces, borders = [], [], []
         self.coupler.step(0)  # the initial accelerations
         for first, last in zip(self.borders, self.borders[1:]):
-            snapshot = None if kept else self.coupler.snapshot()
+            snapshot = None if in_memory else self.coupler.snapshot()
             borders.append(self.problem.accelerations())
             pieces.append(self.coupler.run(steps=last - first, record=record))
-            blocks.append(pieces[-1] if kept else snapshot)
+            blocks.append(pieces[-1] if in_memory else snapshot)
             self._reported(last)
         borders.append(self.problem.accelerations())
         return blocks, borders, type(pieces[0]).join(pieces)
@@ -228,15 +228,15 @@ class Blocks:
         """`names` are the subdomains of the parameters."""
         record = objective.record if isinstance(objective, Misfit) else None
         blocks, accelerations, history = self.forward(record, names)
-        found = objective(history)
-        if not isinstance(found, Sequence) or len(found) != 2:
+        result = objective(history)
+        if not isinstance(result, Sequence) or len(result) != 2:
             raise TypeError(
                 "objective must return its value and the derivatives by subdomain, or be a Misfit, "
-                f"got {found!r}"
+                f"got {result!r}"
             )
-        value, given = found
+        value, derivatives = result
         members, p, fine = self.single.members, self.single.p, self.single.fine
-        sources, of_lam = checked_sources(members, given, history, self.steps)
+        sources, of_lam = checked_sources(members, derivatives, history, self.steps)
         if self.problem.mean and (of_lam is not None or any(np.any(x.w) for x in sources.values())):
             raise ValueError(
                 'objective must be a function of u and v under "mean", whose multipliers and '
@@ -307,15 +307,15 @@ def checked_parameters(parameters: Any, session: Any) -> tuple[list[Parameters],
 
 
 def checked_sources(
-    members: Sequence[AdjointMember], given: Any, history: Any, steps: int
+    members: Sequence[AdjointMember], sources: Any, history: Any, steps: int
 ) -> tuple[dict[str, Sources], np.ndarray | None]:
     """What the objective returned, by subdomain, and that of the multipliers."""
-    if not isinstance(given, Mapping):
-        raise TypeError(f"objective must return (value, sources), a dict, got {given!r}")
+    if not isinstance(sources, Mapping):
+        raise TypeError(f"objective must return (value, sources), a dict, got {sources!r}")
     names = [x.name for x in members]
-    if unknown := set(given) - {*names, "multipliers"}:
+    if unknown := set(sources) - {*names, "multipliers"}:
         raise KeyError(f"sources must be by subdomain, {names}, got {sorted(map(str, unknown))}")
-    of_lam = given.get("multipliers")
+    of_lam = sources.get("multipliers")
     if of_lam is not None:
         of_lam = np.asarray(of_lam, float)
         if of_lam.shape != history.multipliers.shape:
@@ -323,23 +323,23 @@ def checked_sources(
                 f"the source of multipliers must have shape {history.multipliers.shape}, got "
                 f"{of_lam.shape}"
             )
-    return {x.name: _sources(x, given.get(x.name, {}), history, steps) for x in members}, of_lam
+    return {x.name: _sources(x, sources.get(x.name, {}), history, steps) for x in members}, of_lam
 
 
-def _sources(x: AdjointMember, given: Mapping[str, Any], history: Any, steps: int) -> Sources:
+def _sources(x: AdjointMember, sources: Mapping[str, Any], history: Any, steps: int) -> Sources:
     """The sources of a subdomain as the objective returned them, on the dofs where they are."""
     levels = steps * x.substeps + 1
-    if not given:
+    if not sources:
         none = np.zeros((levels, 0))
         return Sources(np.zeros(0, int), none, none, none)
     dofs = history[x.name].dofs
-    if unknown := set(given) - set(KINDS):
+    if unknown := set(sources) - set(KINDS):
         raise ValueError(
             f"sources of {x.name!r} must be of u, v or a, got {sorted(map(str, unknown))}"
         )
     arrays = []
     for kind in KINDS:
-        array = np.zeros((levels, dofs.size)) if kind not in given else np.asarray(given[kind])
+        array = np.zeros((levels, dofs.size)) if kind not in sources else np.asarray(sources[kind])
         if array.shape != (levels, dofs.size):
             raise ValueError(
                 f"the source {kind} of {x.name!r} must have shape {(levels, dofs.size)}, got "
@@ -412,7 +412,7 @@ def _by_forward_runs(
     what: str,
     report: Any,
 ) -> dict[str, np.ndarray]:
-    cases = [case for each in of for case in _cases(problem, *each)]
+    cases = [case for entry in of for case in _cases(problem, *entry)]
     columns: list[dict[str, np.ndarray]] = []
     for chunk in _chunks(cases):
         runs = problem.sensitive(chunk, steps, sensors)
@@ -450,14 +450,14 @@ def _by_reversed_runs(
         name: np.zeros((steps * members[name].substeps + 1, dofs.size, m))
         for name, dofs in sensors.items()
     }
-    each = [
+    loads = [
         (name, column, dof, before)
         for name, dofs in sensors.items()
         for column, dof in enumerate(dofs)
         for before in range(members[name].substeps)
     ]
     done = 0
-    for chunk in _chunks(each):
+    for chunk in _chunks(loads):
         cases = [
             problem.unit_loads(name, dof, before, what, steps) for name, _, dof, before in chunk
         ]
@@ -466,9 +466,9 @@ def _by_reversed_runs(
             mus = {x: sfft.rfft(members[x].adjoint_of(run[x]), lengths[x], axis=0) for x in names}
             level = slice(members[name].substeps - before, None, members[name].substeps)
             first = 0
-            for p, own, motion in spectra:
-                q = members[own].substeps
-                series = sfft.irfft(p._spectrum(mus[own], motion), lengths[own], axis=0)
+            for p, subdomain, motion in spectra:
+                q = members[subdomain].substeps
+                series = sfft.irfft(p._spectrum(mus[subdomain], motion), lengths[subdomain], axis=0)
                 out[name][level, column, first : first + p.m] = series[q - 1 : steps * q : q]
                 first += p.m
         done += len(chunk)

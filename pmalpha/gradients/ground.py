@@ -50,9 +50,9 @@ def check_masses(
 
     `names` are the subdomains of the parameters.
     """
-    own = {name: (s, force) for (name, s), force in zip(keys, forces)}
+    subdomains = {name: (s, force) for (name, s), force in zip(keys, forces)}
     for p, name in zip(parameters, names):
-        s, force = own[name]
+        s, force = subdomains[name]
         if "M" not in p.matrices:
             continue
         if not all(of_own_mass(x, s.M) for x in filter(_is_ground, terms_of(force))):
@@ -64,7 +64,7 @@ def check_masses(
 
 
 def acceleration(force: Force, t: np.ndarray) -> np.ndarray:
-    """That of the ground in the direction of each dof, (levels, n), as the load has it; without
-    a ground motion (1, 1), zero."""
-    found = (x for x in filter(_is_ground, terms_of(force)) if x.direction is not None)
-    return sum((x._series(t) @ x.direction.T for x in found), np.zeros((1, 1)))
+    """Acceleration of the ground in the direction of each dof, (levels, n), as the load has it;
+    without a ground motion (1, 1), zero."""
+    motions = (x for x in filter(_is_ground, terms_of(force)) if x.direction is not None)
+    return sum((x._series(t) @ x.direction.T for x in motions), np.zeros((1, 1)))

@@ -61,8 +61,8 @@ class Misfit(Frozen):
         if not isinstance(measured, Mapping) or not measured:
             raise TypeError(f"measured must be a dict by subdomain, got {measured!r}")
         self.measured: dict[str, list[dict[str, Any]]] = {}
-        for name, given in measured.items():
-            several = given if isinstance(given, (list, tuple)) else [given]
+        for name, value in measured.items():
+            several = value if isinstance(value, (list, tuple)) else [value]
             for of in several:
                 if not isinstance(of, Mapping):
                     raise TypeError(
@@ -73,13 +73,13 @@ class Misfit(Frozen):
         self._freeze()
 
     def __repr__(self) -> str:
-        each = []
+        parts = []
         for name, of in self._each():
             what = counted(len(of["sensors"]), "dof" if "dofs" in of else "row")
             kinds = ", ".join(k for k in KINDS if k in of["data"])
             levels = len(next(iter(of["data"].values())))
-            each.append(f"{name!r}: {kinds + ' of ' if kinds else ''}{what}, {levels} levels")
-        return f"<Misfit of {'; '.join(each)}>"
+            parts.append(f"{name!r}: {kinds + ' of ' if kinds else ''}{what}, {levels} levels")
+        return f"<Misfit of {'; '.join(parts)}>"
 
     def _each(self) -> Iterator[tuple[str, dict[str, Any]]]:
         return ((name, of) for name, several in self.measured.items() for of in several)
@@ -118,10 +118,10 @@ class Misfit(Frozen):
                 columns: Any = columns_of(of["dofs"], run.dofs, run.n, run.dof_names, what)
             else:
                 columns = places(run.dofs, of["columns"])
-            own = sources.setdefault(name, {})
+            derivatives = sources.setdefault(name, {})
             for kind in of["data"]:
                 motion = getattr(run, kind)
-                source = own.setdefault(kind, np.zeros((len(motion), len(run.dofs))))
+                source = derivatives.setdefault(kind, np.zeros((len(motion), len(run.dofs))))
                 value += _added(name, kind, of, motion, columns, source)
         return value, sources
 
@@ -193,17 +193,17 @@ def _of_motion(name: str, of: dict[str, Any]) -> dict[str, Any]:
         out["W"], out["n"] = sp.csr_array(W[:, out["columns"]]), W.shape[1]
     if not out["sensors"].size:
         raise ValueError(f"dofs of {name!r} must be at least one, got none")
-    given = {k: of[k] for k in KINDS if k in of}
-    if not given:
+    arrays = {k: of[k] for k in KINDS if k in of}
+    if not arrays:
         raise ValueError(f"measured[{name!r}] must have data of u, v or a")
-    return _with_data(name, out, given, of)
+    return _with_data(name, out, arrays, of)
 
 
 def _given_dofs(value: Any, what: str) -> Any:
     """As they are where they are names or count from the end: what they are of is not known."""
-    given = np.atleast_1d(plain_array(value, what))
-    if given.ndim == 1 and (
-        given.dtype.kind in "UO" or (given.dtype.kind == "i" and given.min(initial=0) < 0)
+    array = np.atleast_1d(plain_array(value, what))
+    if array.ndim == 1 and (
+        array.dtype.kind in "UO" or (array.dtype.kind == "i" and array.min(initial=0) < 0)
     ):
         return [value] if isinstance(value, str) else list(value)
     return dof_list(value, None, what)
@@ -223,7 +223,7 @@ def _require_keys(name: str, of: Mapping[str, Any], known: set[str]) -> None:
 
 
 def _with_data(
-    name: str, out: dict[str, Any], given: Mapping[str, Any], of: Mapping[str, Any]
+    name: str, out: dict[str, Any], arrays: Mapping[str, Any], of: Mapping[str, Any]
 ) -> dict[str, Any]:
     """`out` with the weight and the data by kind, checked."""
     count = out["sensors"].size
@@ -234,7 +234,7 @@ def _with_data(
             f"{out['weight'].shape}"
         )
     out["data"] = {}
-    for kind, values in given.items():
+    for kind, values in arrays.items():
         data = np.array(values, float)
         if np.any(np.isinf(data)):
             raise ValueError(

@@ -76,8 +76,8 @@ class Parameters(Frozen):
             raise TypeError(
                 f"subdomain must be a Subdomain or the name of one, got {type(subdomain).__name__}"
             )
-        given = {name: x for name, x in (("K", K), ("C", C), ("M", M)) if x is not None}
-        if not given:
+        matrices = {name: x for name, x in (("K", K), ("C", C), ("M", M)) if x is not None}
+        if not matrices:
             raise ValueError("K, C or M must be given, got none of them")
         self.subdomain = subdomain
         self.dofs: np.ndarray | None = None
@@ -85,14 +85,14 @@ class Parameters(Frozen):
         if dofs is None:
             if labels is not None:
                 raise ValueError("labels must come with the dofs of elements")
-            self.matrices = {x: _listed(value, x) for x, value in given.items()}
+            self.matrices = {x: _listed(value, x) for x, value in matrices.items()}
             counts = {name: len(value) for name, value in self.matrices.items()}
             if len(set(counts.values())) != 1:
                 raise ValueError(f"K, C and M must be lists of one length, got {counts}")
             self.labels = np.arange(next(iter(counts.values())))
         else:
             self.dofs = _elements(subdomain, dofs)
-            self.matrices = {x: _element(value, x, self.dofs) for x, value in given.items()}
+            self.matrices = {x: _element(value, x, self.dofs) for x, value in matrices.items()}
             self.labels, self._of = labelled(labels, len(self.dofs))
         self.m = len(self.labels)
         self._freeze()
@@ -124,11 +124,11 @@ class Parameters(Frozen):
             the predictor for u.
         """
         if self.dofs is None:
-            whole = [
+            terms = [
                 [np.vdot(mu, (D @ motion[kind].T).T) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            sums: np.ndarray = -np.sum(whole, axis=0)
+            sums: np.ndarray = -np.sum(terms, axis=0)
             return sums
         e, k = self.dofs.shape
         total = np.zeros(e)
@@ -144,11 +144,11 @@ class Parameters(Frozen):
     def _spectrum(self, mu: np.ndarray, motion: dict[str, np.ndarray]) -> np.ndarray:
         """`_products` of spectra, frequency by frequency: (frequencies, m), complex."""
         if self.dofs is None:
-            whole = [
+            terms = [
                 [np.sum(mu * (D @ motion[kind].T).T, axis=1) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            sums: np.ndarray = -np.sum(whole, axis=0).T
+            sums: np.ndarray = -np.sum(terms, axis=0).T
             return sums
         frequencies, (e, k) = len(mu), self.dofs.shape
         total = np.zeros((frequencies, self.m), complex)
@@ -186,9 +186,9 @@ class Parameters(Frozen):
         matrices = self.matrices[kind]
         if self.dofs is None:
             return matrices[j][dofs][:, dofs]
-        own = np.flatnonzero(self._of == j)
-        local = np.searchsorted(dofs, self.dofs[own])
-        entries = matrices if len(matrices) == 1 else matrices[own]
+        elements = np.flatnonzero(self._of == j)
+        local = np.searchsorted(dofs, self.dofs[elements])
+        entries = matrices if len(matrices) == 1 else matrices[elements]
         rows, columns, values = np.broadcast_arrays(local[:, :, None], local[:, None], entries)
         shape = (dofs.size, dofs.size)
         return sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape)
@@ -197,8 +197,8 @@ class Parameters(Frozen):
         """tr(dMbar_j Y Z^T) with dMbar = sum of weights times dM, dC, dK, for (A10)."""
         used = {kind: x for kind, x in self.matrices.items() if weights[kind] != 0.0}
         if self.dofs is None:
-            whole = [[weights[kind] * np.sum(Z * (D @ Y)) for D in x] for kind, x in used.items()]
-            return np.sum(whole, axis=0) if whole else np.zeros(self.m)
+            terms = [[weights[kind] * np.sum(Z * (D @ Y)) for D in x] for kind, x in used.items()]
+            return np.sum(terms, axis=0) if terms else np.zeros(self.m)
         pairs = Z[self.dofs] @ Y[self.dofs].transpose(0, 2, 1)
         total = np.zeros(len(self.dofs))
         for kind, x in used.items():
@@ -231,14 +231,14 @@ def _element(value: Any, name: str, dofs: np.ndarray) -> np.ndarray:
 
 def labelled(labels: Any, e: int) -> tuple[np.ndarray, np.ndarray]:
     """The different labels in rising order, and the number of that of each element."""
-    given = np.arange(e) if labels is None else plain_array(labels, "labels")
-    if given.shape != (e,):
-        raise ValueError(f"labels must have shape ({e},), one each element, got {given.shape}")
-    if given.dtype.kind == "O" and all(isinstance(x, str) for x in given):
-        given = given.astype(str)
-    if given.dtype.kind not in "iuU":
-        raise TypeError(f"labels must be whole numbers or names, got dtype {given.dtype}")
-    return np.unique(given, return_inverse=True)
+    array = np.arange(e) if labels is None else plain_array(labels, "labels")
+    if array.shape != (e,):
+        raise ValueError(f"labels must have shape ({e},), one each element, got {array.shape}")
+    if array.dtype.kind == "O" and all(isinstance(x, str) for x in array):
+        array = array.astype(str)
+    if array.dtype.kind not in "iuU":
+        raise TypeError(f"labels must be whole numbers or names, got dtype {array.dtype}")
+    return np.unique(array, return_inverse=True)
 
 
 def _listed(value: Any, name: str) -> list[Any]:

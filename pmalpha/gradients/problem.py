@@ -62,14 +62,14 @@ class Problem:
         """
         out = {}
         members = zip(self.single.members, self.steady.members)
-        for (first, x), w, own in zip(members, beginning, run.subdomains):
-            if own is None:
+        for (first, x), w, history in zip(members, beginning, run.subdomains):
+            if history is None:
                 continue
-            out[x.name] = motion = x.motion(own, w)
+            out[x.name] = motion = x.motion(history, w)
             single = slice(0, 1 if self.invariant else first.substeps + 1)
-            motion["K"][single] = own.u[single] - first.al1_beside_K * own.a[single]
-            motion["K"][0] = own.u[0]
-            motion["M"] = motion["M"] + self.ground(x.name, 0, len(own.u) - 1)
+            motion["K"][single] = history.u[single] - first.al1_beside_K * history.a[single]
+            motion["K"][0] = history.u[0]
+            motion["M"] = motion["M"] + self.ground(x.name, 0, len(history.u) - 1)
         return out
 
     @property

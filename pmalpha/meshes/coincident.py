@@ -150,10 +150,10 @@ def _close_pairs(sides: Sequence[Side], reach: float) -> tuple[np.ndarray, np.nd
             distance, index = tree_of(sides[j].points[near_j]).query(
                 one.points[near_i], k=2, distance_upper_bound=reach * (1.0 + ROUNDING) + 1e-150
             )
-            found = np.nonzero(distance <= reach)
-            nodes_j = near_j[index[found]] + start[j]
-            pairs.append(np.column_stack([near_i[found[0]] + start[i], nodes_j]))
-            distances.append(distance[found])
+            matches = np.nonzero(distance <= reach)
+            nodes_j = near_j[index[matches]] + start[j]
+            pairs.append(np.column_stack([near_i[matches[0]] + start[i], nodes_j]))
+            distances.append(distance[matches])
     return np.concatenate(pairs), np.concatenate(distances)
 
 
@@ -184,9 +184,9 @@ def _pairwise(
     entries = []
     for begin, end in zip(start, start[1:]):
         of = [(nodes[x] >= begin) & (nodes[x] < end) for x in (earlier, later)]
-        columns = [column[x[own], component[own]] for x, own in zip((earlier, later), of)]
+        columns = [column[x[mask], component[mask]] for x, mask in zip((earlier, later), of)]
         signs = [np.full(len(c), sign) for c, sign in zip(columns, (1.0, -1.0))]
-        row = [rows[own] for own in of]
+        row = [rows[mask] for mask in of]
         entries.append((np.concatenate(row), np.concatenate(columns), np.concatenate(signs)))
     return entries, len(rows)
 
@@ -197,8 +197,8 @@ def _require_touch(sides: Sequence[Side], nodes: np.ndarray, reach: float) -> No
     if not alone.size:
         return
     s = sides[alone[0]]
-    others = np.concatenate([other.points for other in sides if other is not s])
-    distance = tree_of(others).query(s.points)[0].min()
+    points = np.concatenate([other.points for other in sides if other is not s])
+    distance = tree_of(points).query(s.points)[0].min()
     raise ValueError(
         f"points must have nodes of every subdomain coincident with one of another, up to "
         f"{reach:g}, got none of {s.subdomain!r}; its smallest distance to another is {distance:g}"
@@ -219,8 +219,8 @@ def _require_no_merger(
 def _require_apart(sides: Sequence[Side], nodes: np.ndarray, reach: float) -> None:
     """ValueError for a tied node that has another of its own side within the tolerance."""
     for side, begin, end in zip(sides, _starts(sides), _starts(sides)[1:]):
-        own = np.sort(nodes[(nodes >= begin) & (nodes < end)]) - begin
-        distance, index = tree_of(side.points).query(side.points[own], k=2)
+        nodes_of_side = np.sort(nodes[(nodes >= begin) & (nodes < end)]) - begin
+        distance, index = tree_of(side.points).query(side.points[nodes_of_side], k=2)
         close = np.flatnonzero(distance[:, 1] <= reach)
         if close.size:
             _refuse_merger(side, np.sort(index[close[0]]), reach)
@@ -303,9 +303,9 @@ def contact_coincident(
     sides = checked_sides(points, d[0] if d else 1, dofs_per_node, reduced)
     pairs = coincident_nodes(sides, tol)
     directions = _directions(normal, sides[0].points.shape)[pairs[:, 0]]
-    columns = [side.columns[own] for side, own in zip(sides, pairs.T)]
-    kept = np.any([(c >= 0) & (directions != 0.0) for c in columns], axis=(0, 2))
-    columns, directions = [c[kept] for c in columns], directions[kept]
+    columns = [side.columns[nodes] for side, nodes in zip(sides, pairs.T)]
+    rows = np.any([(c >= 0) & (directions != 0.0) for c in columns], axis=(0, 2))
+    columns, directions = [c[rows] for c in columns], directions[rows]
     along = _perpendicular(directions) if np.any(np.asarray(friction) != 0.0) else []
     return Contact(
         _matrices(sides, columns, directions),
@@ -319,13 +319,13 @@ def contact_coincident(
 
 def _directions(normal: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Unit vectors, one for each node of the first subdomain."""
-    given = real_array(normal, "normal", (1, 2))
-    if given.shape not in (shape[1:], shape):
-        raise ValueError(f"normal must have shape {shape[1:]} or {shape}, got {given.shape}")
-    length = np.linalg.norm(given, axis=-1, keepdims=True)
+    vectors = real_array(normal, "normal", (1, 2))
+    if vectors.shape not in (shape[1:], shape):
+        raise ValueError(f"normal must have shape {shape[1:]} or {shape}, got {vectors.shape}")
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     if not np.all(length > 0.0):
         raise ValueError("normal must not have the length 0")
-    return np.broadcast_to(given / length, shape)
+    return np.broadcast_to(vectors / length, shape)
 
 
 def _perpendicular(n: np.ndarray) -> list[np.ndarray]:
@@ -344,8 +344,8 @@ def _perpendicular(n: np.ndarray) -> list[np.ndarray]:
 def _matrices(sides: list[Side], columns: list[np.ndarray], along: np.ndarray) -> dict[Any, Any]:
     """The rows of along . (u_b - u_a), without fixed dofs."""
     out = {}
-    for side, own, sign in zip(sides, columns, (-1.0, 1.0)):
-        row, component = np.nonzero((own >= 0) & (along != 0.0))
-        entries = (sign * along[row, component], (row, own[row, component]))
-        out[side.subdomain] = sp.csr_array(entries, shape=(len(own), side.n))
+    for side, dofs, sign in zip(sides, columns, (-1.0, 1.0)):
+        row, component = np.nonzero((dofs >= 0) & (along != 0.0))
+        entries = (sign * along[row, component], (row, dofs[row, component]))
+        out[side.subdomain] = sp.csr_array(entries, shape=(len(dofs), side.n))
     return out

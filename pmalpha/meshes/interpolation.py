@@ -242,18 +242,18 @@ def _located(
     np.minimum.at(nearest, which, distance)
     close = np.flatnonzero((distance <= reach) & (distance <= nearest[which] + rounding))
     close = close[np.lexsort((element[close], which[close]))]
-    found, first = np.unique(which[close], return_index=True)
+    rows, first = np.unique(which[close], return_index=True)
     close = close[first]
 
-    if chosen is not None and len(found) < len(nodes):
-        _refuse_outside(a, b, elements, np.delete(nodes, found), reach)
-    if not found.size:
+    if chosen is not None and len(rows) < len(nodes):
+        _refuse_outside(a, b, elements, np.delete(nodes, rows), reach)
+    if not rows.size:
         _refuse_apart(a, b, elements, reach)
     if chosen is None:
         warn_of_near((nearest > reach) & (nearest <= near), reach, near)
     weights = elements.cell.values(xi[close])
     weights[weights <= (rounding[close] / elements.radius[element[close]])[:, None]] = 0.0
-    return nodes[found], element[close], weights / weights.sum(axis=1, keepdims=True)
+    return nodes[rows], element[close], weights / weights.sum(axis=1, keepdims=True)
 
 
 def _candidates(

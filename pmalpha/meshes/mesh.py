@@ -47,9 +47,9 @@ def first_of_equal(blocks: list[Block]) -> np.ndarray:
     start = np.cumsum([0, *(len(block.nodes) for block in blocks)])
     first = np.arange(start[-1])
     for width in dict.fromkeys(block.nodes.shape[1] for block in blocks):
-        own = [i for i, block in enumerate(blocks) if block.nodes.shape[1] == width]
-        cells = np.concatenate([np.arange(start[i], start[i + 1]) for i in own])
-        nodes = np.sort(np.concatenate([blocks[i].nodes for i in own]), axis=1)
+        numbers = [i for i, block in enumerate(blocks) if block.nodes.shape[1] == width]
+        cells = np.concatenate([np.arange(start[i], start[i + 1]) for i in numbers])
+        nodes = np.sort(np.concatenate([blocks[i].nodes for i in numbers]), axis=1)
         if _have_equal_rows(nodes):
             _, one, inverse = np.unique(nodes, axis=0, return_index=True, return_inverse=True)
             first[cells] = cells[one[inverse.reshape(-1)]]
@@ -68,7 +68,7 @@ def without_cells(read: FileMesh, first: np.ndarray) -> FileMesh:
     ends = np.cumsum([0, *(len(block.nodes) for block in blocks)])
     groups = {}
     for name, members in read.groups.items():
-        all_of = np.concatenate([a + own for a, own in zip(start, members)])
+        all_of = np.concatenate([a + cells for a, cells in zip(start, members)])
         new = np.unique(number[first[all_of]])
         groups[name] = [new[(new >= a) & (new < b)] - a for a, b in zip(ends, ends[1:])]
     return read._replace(blocks=blocks, groups=groups)
@@ -222,8 +222,8 @@ def _unshared(faces: list[Block]) -> list[Block]:
     outer[order] = ~(np.append(same, False) | np.insert(same, 0, False))
     ends = np.cumsum([len(block.nodes) for block in faces])[:-1]
     return [
-        Block(block.kind, block.nodes[own])
-        for block, own in zip(faces, np.split(outer, ends), strict=True)
+        Block(block.kind, block.nodes[mask])
+        for block, mask in zip(faces, np.split(outer, ends), strict=True)
     ]
 
 

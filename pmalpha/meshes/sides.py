@@ -57,8 +57,8 @@ def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any
     components = whole_number(components, "components", low=1)
     per_node = _per_node(dofs_per_node, points, components)
     sides = []
-    for s, given in points.items():
-        array = _coordinates(given, f"points of {s!r}")
+    for s, coordinates in points.items():
+        array = _coordinates(coordinates, f"points of {s!r}")
         n = _count(s, len(array) * per_node[s], reduced.get(s))
         numbers = _numbers(s, n, len(array), per_node[s], reduced.get(s))
         sides.append(Side(s, n, array, numbers[:, :components]))
@@ -95,12 +95,12 @@ def _coordinates(value: Any, name: str) -> np.ndarray:
     return array
 
 
-def _count(subdomain: Subdomain | str, given: int, reduction: Any) -> int:
+def _count(subdomain: Subdomain | str, dofs: int, reduction: Any) -> int:
     """The dofs of a subdomain; of a name those with points, as far as they are free."""
     if reduction is not None and not isinstance(reduction, Reduction):
         raise TypeError(f"reduced must hold Reductions, got {reduction!r} of {subdomain!r}")
     if isinstance(subdomain, str):
-        return given if reduction is None else reduction.free.size
+        return dofs if reduction is None else reduction.free.size
     return subdomain.n
 
 
@@ -163,14 +163,14 @@ def tree_of(points: np.ndarray) -> Any:
 
 def constraint_of(sides: Sequence[Side], entries: Sequence[Entries], p: int) -> Constraint:
     """The constraints without the entries of fixed dofs, and without rows that become empty."""
-    kept = [(columns >= 0) & (values != 0.0) for _, columns, values in entries]
-    used = np.unique(np.concatenate([rows[k] for k, (rows, _, _) in zip(kept, entries)]))
+    masks = [(columns >= 0) & (values != 0.0) for _, columns, values in entries]
+    used = np.unique(np.concatenate([rows[k] for k, (rows, _, _) in zip(masks, entries)]))
     if not used.size:
         raise ValueError("reduced must leave a dof to tie, got fixed ones only")
     number = np.empty(p, dtype=np.int64)
     number[used] = np.arange(used.size)
     matrices = {}
-    for side, k, (rows, columns, values) in zip(sides, kept, entries):
+    for side, k, (rows, columns, values) in zip(sides, masks, entries):
         shape = (used.size, side.n)
         matrices[side.subdomain] = sp.csr_array((values[k], (number[rows[k]], columns[k])), shape)
     return Constraint(matrices)

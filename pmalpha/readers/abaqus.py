@@ -116,11 +116,11 @@ def read_abaqus(
     return matrix
 
 
-def _abaqus_data(path: str, whole: Sequence[Line]) -> tuple[list[Line], bool]:
+def _abaqus_data(path: str, content: Sequence[Line]) -> tuple[list[Line], bool]:
     """The data lines, and whether a keyword line has TYPE=UNSYMMETRIC."""
     lines: list[Line] = []
     unsymmetric, keywords = False, 0
-    for line in whole:
+    for line in content:
         text = line.text.lstrip()
         if text[0] not in "*%":
             lines.append(line)
@@ -140,10 +140,12 @@ def _is_unsymmetric(path: str, line: Line) -> bool:
     word, *options = [field.strip().upper() for field in line.text.split(",")]
     if word != "*MATRIX INPUT":
         refuse(path, line.number, f"must be data or *MATRIX INPUT, got {line.text.strip()!r}")
-    given = {key.strip(): value.strip() for key, _, value in (o.partition("=") for o in options)}
-    if "SCALE FACTOR" in given or "INPUT" in given:
+    parameters = {
+        key.strip(): value.strip() for key, _, value in (o.partition("=") for o in options)
+    }
+    if "SCALE FACTOR" in parameters or "INPUT" in parameters:
         refuse(path, line.number, "must not have SCALE FACTOR or INPUT, which are not supported")
-    return given.get("TYPE") == "UNSYMMETRIC"
+    return parameters.get("TYPE") == "UNSYMMETRIC"
 
 
 def _table(path: str, lines: Sequence[Line]) -> np.ndarray:
@@ -162,10 +164,10 @@ def _table(path: str, lines: Sequence[Line]) -> np.ndarray:
     except ValueError:  # line by line, to find the wrong one
         table = np.array([_numbers(path, line, columns) for line in lines])
     index = table[:, :-1]
-    whole = np.all((index == np.round(index)) & (np.abs(index) < MOST), axis=1)
-    whole &= np.isfinite(table[:, -1])
-    if not whole.all():
-        line = lines[int(np.argmin(whole))]
+    is_valid = np.all((index == np.round(index)) & (np.abs(index) < MOST), axis=1)
+    is_valid &= np.isfinite(table[:, -1])
+    if not is_valid.all():
+        line = lines[int(np.argmin(is_valid))]
         rule = "must have whole numbers before a finite value"
         refuse(path, line.number, f"{rule}, got {line.text.strip()!r}")
     return table

@@ -142,19 +142,21 @@ def _joined(
     groups: dict[str, dict[int, list[int]]] = {}
     for name, elements in rows.items():
         for width, kind in ELEMENTS[name].kinds.items():
-            own = [x for x in elements if len(x[2]) == width]
-            if not own:
+            elements_of_kind = [x for x in elements if len(x[2]) == width]
+            if not elements_of_kind:
                 continue
-            for number, _, nodes in own:
+            for number, _, nodes in elements_of_kind:
                 missing = [n for n in nodes if n not in row_of]
                 if missing:
                     where = f"{unread.file}, {name} {number}"
                     refused_at(where, f"grid point {missing[0]} does not exist")
-            table = np.array([[row_of[n] for n in nodes] for *_, nodes in own], dtype=np.int64)
-            for row, (_, group, _) in enumerate(own):
+            table = np.array(
+                [[row_of[n] for n in nodes] for *_, nodes in elements_of_kind], dtype=np.int64
+            )
+            for row, (_, group, _) in enumerate(elements_of_kind):
                 if group:
                     groups.setdefault(str(group), {}).setdefault(len(blocks), []).append(row)
-            blocks.append(Block(kind, table.reshape(len(own), width)))
+            blocks.append(Block(kind, table.reshape(len(elements_of_kind), width)))
             types.append(ElementType(name, ELEMENTS[name].family))
     members = {
         name: [np.array(rows_of.get(b, []), dtype=np.int64) for b in range(len(blocks))]
@@ -167,7 +169,7 @@ def _joined(
 
 # ---- grid points and coordinate systems -----------------------------------------------------
 
-SYSTEMS = tuple(f"CORD{given}{kind}" for given in "12" for kind in "RCS")
+SYSTEMS = tuple(f"CORD{way}{kind}" for way in "12" for kind in "RCS")
 
 
 class _Points:
@@ -233,16 +235,16 @@ class _Points:
         if name[4] == "1":
             origin, on_z, in_xz = (self.point(card.number(first + k), card) for k in (1, 2, 3))
         else:
-            given = np.array([card.real(2 + k) for k in range(9)]).reshape(3, 3)
-            origin, on_z, in_xz = (self.basic(x, card.number(1, 0), card) for x in given)
+            coordinates = np.array([card.real(2 + k) for k in range(9)]).reshape(3, 3)
+            origin, on_z, in_xz = (self.basic(x, card.number(1, 0), card) for x in coordinates)
         z = on_z - origin
         y = np.cross(z, in_xz - origin)
         if not (np.linalg.norm(z) > 0.0 and np.linalg.norm(y) > 0.0):
             refused_at(card.where, "must have three points that are not on a line")
         z, y = z / np.linalg.norm(z), y / np.linalg.norm(y)
-        found = origin, np.array([np.cross(y, z), y, z])
-        self.axes[number] = found
-        return found
+        axes = origin, np.array([np.cross(y, z), y, z])
+        self.axes[number] = axes
+        return axes
 
     def _finished(self, value: Found | None, by: Card) -> Found:
         if value is None:
@@ -302,8 +304,8 @@ def _bulk_lines(
             while name[:1] in ("'", '"') and name.count(name[0]) < 2:
                 number, line = next(numbered, (0, name[0]))
                 name += line.strip()
-            found = included.find(name.strip("'\" "), above, f"{where}, INCLUDE")
-            yield from _bulk_lines((*above, found), included, f"{where}, INCLUDE")
+            included_path = included.find(name.strip("'\" "), above, f"{where}, INCLUDE")
+            yield from _bulk_lines((*above, included_path), included, f"{where}, INCLUDE")
         else:
             yield where, line
 

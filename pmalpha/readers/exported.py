@@ -127,14 +127,14 @@ class ExportedMatrix:
         of_rows = self.labels[order, 0]
         first = np.searchsorted(of_rows, wanted, "left")
         last = np.searchsorted(of_rows, wanted, "right")
-        found = [order[i:j] for i, j in zip(first, last)]
+        rows_of_nodes = [order[i:j] for i, j in zip(first, last)]
         if component is not None:
-            found = [rows[self.labels[rows, 1] == component] for rows in found]
-        missing = [int(node) for node, rows in zip(wanted, found) if not rows.size]
+            rows_of_nodes = [rows[self.labels[rows, 1] == component] for rows in rows_of_nodes]
+        missing = [int(node) for node, rows in zip(wanted, rows_of_nodes) if not rows.size]
         if missing:
             which = "a row" if component is None else f"a row of component {component}"
             raise ValueError(f"nodes must have {which}, got {listing(missing)} without")
-        return np.concatenate([np.empty(0, dtype=np.int64), *found])
+        return np.concatenate([np.empty(0, dtype=np.int64), *rows_of_nodes])
 
     def arranged(self, labels: Any) -> ExportedMatrix:
         """The matrix with rows for these labels, in this order; new rows are zero.
@@ -167,11 +167,11 @@ class ExportedMatrix:
         if self.expanded:
             checked_labels(self.labels)  # ValueError for those that repeat
         row_of = {label: i for i, label in enumerate(map(tuple, wanted.tolist()))}
-        own = list(map(tuple, self.labels.tolist()))
-        missing = [label for label in own if label not in row_of]
+        matrix_labels = list(map(tuple, self.labels.tolist()))
+        missing = [label for label in matrix_labels if label not in row_of]
         if missing:
             raise ValueError(f"labels must have all of the matrix, got none for {listing(missing)}")
-        to = np.array([row_of[label] for label in own], dtype=np.int64)
+        to = np.array([row_of[label] for label in matrix_labels], dtype=np.int64)
         entries = self.matrix.tocoo()
         n = len(wanted)
         matrix = sp.coo_array((entries.data, (to[entries.row], to[entries.col])), shape=(n, n))

@@ -19,15 +19,15 @@ _ENTITIES = re.compile(rb"\$Entities\s*?\n(.*?)\$EndEntities[^\n]*\n?", re.DOTAL
 
 def without_entities(content: bytes) -> tuple[bytes, Groups | None]:
     """A file without its entities, and their groups; None where it has none, as before format 4."""
-    form, found = _FORMAT.search(content), _ENTITIES.search(content)
-    if form is None or found is None:
+    form, entities = _FORMAT.search(content), _ENTITIES.search(content)
+    if form is None or entities is None:
         return content, None
     if b"$PartitionedEntities" in content:
         raise ValueError("partitions have groups of their own: save it with Mesh.PartitionOldStyle")
     major, minor, binary, size = (int(x or 0) for x in form.groups())
     is_point_short = (major, minor) != (4, 0)  # a point has three coordinates, not a box
-    fields = _Binary(found[1], size) if binary else _Text(found[1])
-    return content[: found.start()] + content[found.end() :], _groups(fields, is_point_short)
+    fields = _Binary(entities[1], size) if binary else _Text(entities[1])
+    return content[: entities.start()] + content[entities.end() :], _groups(fields, is_point_short)
 
 
 def _groups(fields: Any, is_point_short: bool) -> Groups:

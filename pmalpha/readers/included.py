@@ -42,9 +42,9 @@ class Included:
 
         It must be in the folder of the first file or below it.
         """
-        found = (above[-1].parent / name.replace("\0", "")).resolve()
+        file = (above[-1].parent / name.replace("\0", "")).resolve()
         try:
-            is_file = "\0" not in name and self.folder in found.parents and found.is_file()
+            is_file = "\0" not in name and self.folder in file.parents and file.is_file()
         except OSError:  # a name that is too long
             is_file = False
         if not is_file:
@@ -53,6 +53,6 @@ class Included:
             )
         if len(above) > MOST_ABOVE:
             refused_at(where, f"{MOST_ABOVE} files include each other in a row")
-        if found in {path.resolve() for path in above}:
+        if file in {path.resolve() for path in above}:
             refused_at(where, f"{name!r} includes itself")
-        return found
+        return file

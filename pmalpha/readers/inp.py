@@ -215,8 +215,8 @@ class _Reader:
     def _generated_elements(self, section: Section) -> None:
         added = set()
         for row in section.rows:
-            master, *given = (int(x) if x else 0 for x in row)
-            count, nodes, step = _steps(given)
+            master, *fields = (int(x) if x else 0 for x in row)
+            count, nodes, step = _steps(fields)
             if np.prod(count, dtype=float) > MOST_MADE:
                 raise ValueError(f"must make at most {MOST_MADE} elements, got {count}")
             base = self.scope.elements[_known(self.scope.elements, master, "element")]
@@ -276,7 +276,7 @@ def _elements(
     section: Section, width: int, element_type: ElementType
 ) -> list[tuple[int, list[int]]]:
     """Number and nodes of each element; the lines of one are read until it has all nodes."""
-    found: list[tuple[int, list[int]]] = []
+    elements: list[tuple[int, list[int]]] = []
     begun: list[int] = []
     most = width + 1 + (element_type.family == "BEAM")  # a node that gives the direction
     for row in section.rows:
@@ -284,19 +284,19 @@ def _elements(
         if len(begun) > most:
             break
         if len(begun) > width:
-            found.append((begun[0], begun[1 : width + 1]))
+            elements.append((begun[0], begun[1 : width + 1]))
             begun = []
     if begun:
         raise ValueError(
             f"elements of type {element_type.name} must have {width} nodes, got "
             f"{len(begun) - 1} in element {begun[0]}"
         )
-    return found
+    return elements
 
 
-def _steps(given: list[int]) -> tuple[list[int], list[int], list[int]]:
+def _steps(fields: list[int]) -> tuple[list[int], list[int], list[int]]:
     """Of *ELGEN in three directions: numbers of elements, steps of nodes and of elements."""
-    triples = [given[k : k + 3] for k in (0, 3, 6)]
+    triples = [fields[k : k + 3] for k in (0, 3, 6)]
     count = [(x or [1])[0] or 1 for x in triples]
     if min(count) < 1:
         raise ValueError(f"must have positive numbers of elements, got {count}")
@@ -364,10 +364,10 @@ class _Joined:
         if key not in self.scopes[i].sets[kind]:
             raise ValueError(f"set {name!r} does not exist")
         if (i, kind, key) in self.known:
-            found = self.known[i, kind, key]
-            if found is None:
+            entry = self.known[i, kind, key]
+            if entry is None:
                 raise ValueError(f"set {name!r} must not hold itself")
-            return found
+            return entry
         self.known[i, kind, key] = None
         members: Members = set()
         for part in self.scopes[i].sets[kind][key][1]:
@@ -413,9 +413,9 @@ class _Joined:
 def _entries(section: Section, numbers: Collection[int]) -> Iterator[int | str]:
     """Numbers, and names of other sets; of a range the numbers that there are."""
     for row in section.rows:
-        given = [x for x in row if x]
+        fields = [x for x in row if x]
         if "GENERATE" in section.options:
-            first, last, step = (*map(int, given), 1)[:3]
+            first, last, step = (*map(int, fields), 1)[:3]
             listed = range(first, last + 1, step)
             if not listed:
                 raise ValueError(f"numbers must lead from {first} to {last}, got steps of {step}")
@@ -424,7 +424,7 @@ def _entries(section: Section, numbers: Collection[int]) -> Iterator[int | str]:
             else:
                 yield from (x for x in numbers if x in listed)
         else:
-            yield from (int(x) if x.isdigit() else x.strip('"') for x in given)
+            yield from (int(x) if x.isdigit() else x.strip('"') for x in fields)
 
 
 def _known(places: Collection[Key], number: Key, what: str) -> Key:
@@ -484,8 +484,8 @@ def _items(
         if section.keyword != "INCLUDE":
             yield section
         if section.keyword == "INCLUDE" or (name and section.keyword in READ):
-            found = included.find(name or "", above, section.where)
-            yield from _items((*above, found), included, section.where)
+            path = included.find(name or "", above, section.where)
+            yield from _items((*above, path), included, section.where)
 
 
 def _fields(line: str) -> list[str]:
@@ -493,9 +493,9 @@ def _fields(line: str) -> list[str]:
 
 
 def _section(path: Path, number: int, line: str) -> Section:
-    name, *given = (x.strip() for x in line[1:].split(","))
+    name, *parameters = (x.strip() for x in line[1:].split(","))
     keyword = spelled(name)
-    pairs = (x.partition("=") for x in given)
+    pairs = (x.partition("=") for x in parameters)
     options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
     return Section(keyword, options, [], f"{path.name}, line {number}, *{keyword}")
 

@@ -79,13 +79,13 @@ def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
         path = Path(mesh)
         if not path.is_file():
             raise FileNotFoundError(f"mesh must be a file, got {str(mesh)!r}, which does not exist")
-        own = OWN_READERS.get(path.suffix.lower())
-        if own is not None and names is not None:
+        reader = OWN_READERS.get(path.suffix.lower())
+        if reader is not None and names is not None:
             raise ValueError(
                 f"names must be None for an {path.suffix} file, which has groups, got {names!r}"
             )
-        if own is not None:
-            return _checked(own(path, unread), unread)
+        if reader is not None:
+            return _checked(reader(path, unread), unread)
         mesh = _read(path, unread)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
         raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
@@ -164,9 +164,9 @@ def _require_blocks(path: Path, unread: Unread) -> None:
     """ValueError for commands of Ansys with nodes, elements and connections outside of blocks."""
     with reading(path) as file:
         for number, line in enumerate(file, start=1):
-            found = COMMANDS.match(line)
-            if found:
-                name = found[1].decode().upper()
+            command = COMMANDS.match(line)
+            if command:
+                name = command[1].decode().upper()
                 family = "CONNECTION" if name in ("CE", "CP") else "GEOMETRY"
                 reason = "only NBLOCK, EBLOCK and CMBLOCK are read"
                 unread.refuse(name, family, f"{path.name}, line {number}, {name}", reason)
@@ -244,11 +244,11 @@ class _Bytes(io.BufferedReader):
     def readline(self, size: int | None = -1, /) -> bytes:
         return self._more(super().readline(size))
 
-    def _more(self, found: bytes) -> bytes:
-        self.ends += not found
+    def _more(self, content: bytes) -> bytes:
+        self.ends += not content
         if self.ends > MOST_ENDS:
             raise EOFError("it ends too early")
-        return found
+        return content
 
 
 def _read_ansys(path: Path, read: Callable[[Any], Any]) -> Any:
@@ -286,22 +286,24 @@ def _require_own_arrays(path: Path) -> None:
         if isinstance(place, h5py.Dataset):
             alone = h5py.h5o.get_info(place.id).rc == 1  # not of another name too
             if not (name == HISTORY and place.dtype.kind == "O" and alone):
-                own_array(whole, name)
+                own_array(root, name)
             return
         for key in place if isinstance(place, h5py.Group) else ():  # else a named type of data
             if isinstance(place.get(key, getlink=True), h5py.ExternalLink):
                 raise ValueError(f"{name}/{key} leads to another file")
 
-    with h5py.File(path, "r", locking=False) as whole:
-        check("", whole)
-        whole.visititems(check)
+    with h5py.File(path, "r", locking=False) as root:
+        check("", root)
+        root.visititems(check)
 
 
 def _require_memory_of_grids(path: Path) -> None:
     """MemoryError for a grid of VTK, which three numbers describe, that memory cannot hold."""
     with reading(path) as file:
-        for found in re.finditer(rb"(?im)^[^\S\n]*DIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)", file.read()):
-            points = math.prod(map(int, found.groups()))
+        for dimensions in re.finditer(
+            rb"(?im)^[^\S\n]*DIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)", file.read()
+        ):
+            points = math.prod(map(int, dimensions.groups()))
             require(POINT_OF_GRID * points, f"the grid of {path.name!r}")
 
 
@@ -311,9 +313,9 @@ def _of_library(mesh: Any, names: str | None) -> FileMesh:
     for name, members in (mesh.cell_sets or {}).items():
         if not name.startswith("gmsh:"):
             groups[name] = [_numbers(x) for x in members]
-    for name, own in {**_physical(mesh, blocks), **_numbered(mesh, names)}.items():
+    for name, arrays in {**_physical(mesh, blocks), **_numbered(mesh, names)}.items():
         known = groups.get(name, len(blocks) * [_numbers(None)])
-        groups[name] = [np.union1d(a, b) for a, b in zip(known, own)]
+        groups[name] = [np.union1d(a, b) for a, b in zip(known, arrays)]
     points_of = {name: np.unique(_numbers(x)) for name, x in (mesh.point_sets or {}).items()}
     points = np.asarray(mesh.points, dtype=float)
     return FileMesh(points, blocks, groups, points_of, len(blocks) * [ElementType()])
@@ -345,8 +347,8 @@ def _check(read: FileMesh) -> None:
             require_finite(used, f"points of {kind!r} in the mesh")
             require_moderate(used, f"points of {kind!r} in the mesh")
     for name, members in read.groups.items():
-        for block, own in zip(read.blocks, members):
-            _require_below(own, len(block.nodes), f"elements of group {name!r}")
+        for block, elements in zip(read.blocks, members):
+            _require_below(elements, len(block.nodes), f"elements of group {name!r}")
     for name, points in read.points_of.items():
         _require_below(points, len(read.points), f"points of set {name!r}")
 
@@ -371,9 +373,9 @@ def _physical(mesh: Any, blocks: list[Block]) -> dict[str, list[np.ndarray]]:
         return {}
     named = {(int(tag), int(d)): name for name, (tag, d) in mesh.field_data.items()}
     groups: dict[str, list[np.ndarray]] = {}
-    for number, (block, own) in enumerate(zip(blocks, tags)):
+    for number, (block, tags_of_block) in enumerate(zip(blocks, tags)):
         d = dimension_of_kind(block.kind)
-        group = np.abs(own)
+        group = np.abs(tags_of_block)
         for tag in np.unique(group).tolist():
             if tag != 0:  # no group
                 name = named.get((tag, d), str(tag))

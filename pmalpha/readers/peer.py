@@ -82,16 +82,16 @@ def read_at2(path: str | os.PathLike[str]) -> Record:
 def _header(name: str, lines: list[str]) -> tuple[int, float, int]:
     """Number of samples, time between them, and index of the first line with samples."""
     for i, line in enumerate(lines[:TITLE_LINES]):
-        found, last = LABELLED.search(line), i
-        if found is None and LABELS.search(line):
+        match, last = LABELLED.search(line), i
+        if match is None and LABELS.search(line):
             for last in (i, i + 1, i - 1):  # numbers on this line, below or above
-                found = NUMBERS.match(lines[last]) if 0 <= last < len(lines) else None
-                if found is not None:
+                match = NUMBERS.match(lines[last]) if 0 <= last < len(lines) else None
+                if match is not None:
                     break
-        if found is None:
+        if match is None:
             continue
         last = max(last, i)
-        count, dt = int(found[1]), _number(found[2])
+        count, dt = int(match[1]), _number(match[2])
         if not (count > 0 and 0.0 < dt < np.inf):
             refuse(name, i + 1, f"NPTS and DT must be positive, got {line.strip()!r}")
         return count, dt, last + 1

@@ -96,20 +96,20 @@ def read_record(path: str | os.PathLike[str]) -> Record:
         content = file.read().removeprefix(codecs.BOM_UTF8)
     if b"\0" in content:
         refuse(name, 1, "must be text, got a binary file")
-    whole = _File(name, content.decode("latin-1").splitlines())
-    if any(_NPTS.search(line) for line in whole.lines[:10]):
+    text = _File(name, content.decode("latin-1").splitlines())
+    if any(_NPTS.search(line) for line in text.lines[:10]):
         record = read_at2(path)
         unit = re.search(r"UNITS? OF\s+(\S+)", record.header, re.IGNORECASE)
         return _with_unit(record, unit[1] if unit else "not given")
     for read in (_csmip, _cosmos, _esm, _k_net, _columns):
-        found = read(whole)
-        if found is not None:
-            return found
+        result = read(text)
+        if result is not None:
+            return result
     refuse(
         name,
         1,
         "must be a record of PEER, CSMIP, COSMOS, ESM, K-NET or two columns of numbers, got "
-        f"{(whole.lines or [''])[0].strip()[:60]!r}",
+        f"{(text.lines or [''])[0].strip()[:60]!r}",
     )
 
 
@@ -118,37 +118,37 @@ def _with_unit(record: Record, unit: str) -> Record:
     return Record(record.values, record.dt, record.name, header=header)
 
 
-def _record(whole: _File, values: np.ndarray, dt: float, first: int, unit: str) -> Record:
+def _record(file: _File, values: np.ndarray, dt: float, first: int, unit: str) -> Record:
     if not 0.0 < dt < np.inf:
-        refuse(whole.path, first, f"the time between samples must be positive, got {dt:g}")
-    header = "\n".join(line.strip() for line in whole.lines[:first])
-    return _with_unit(Record(values, dt, whole.name, header=header), unit)
+        refuse(file.path, first, f"the time between samples must be positive, got {dt:g}")
+    header = "\n".join(line.strip() for line in file.lines[:first])
+    return _with_unit(Record(values, dt, file.name, header=header), unit)
 
 
-def _csmip(whole: _File) -> Record | None:
-    for i, line in enumerate(whole.lines):
-        found = _CSMIP.match(line)
-        if found:
-            count, columns, width = int(found[1]), int(found[4]), int(found[5])
-            values = _fixed(whole, i + 1, count, columns, width)
-            return _record(whole, values, fortran_real(found[2]), i + 1, found[3])
+def _csmip(file: _File) -> Record | None:
+    for i, line in enumerate(file.lines):
+        match = _CSMIP.match(line)
+        if match:
+            count, columns, width = int(match[1]), int(match[4]), int(match[5])
+            values = _fixed(file, i + 1, count, columns, width)
+            return _record(file, values, fortran_real(match[2]), i + 1, match[3])
     return None
 
 
-def _cosmos(whole: _File) -> Record | None:
+def _cosmos(file: _File) -> Record | None:
     dt = np.nan
-    for i, line in enumerate(whole.lines):
-        head, found = _REAL_HEADER.match(line), _COSMOS.match(line)
+    for i, line in enumerate(file.lines):
+        head, match = _REAL_HEADER.match(line), _COSMOS.match(line)
         if head:
-            rows = whole.lines[i + 1 : i + 1 + int(head[2])]
+            rows = file.lines[i + 1 : i + 1 + int(head[2])]
             dt = _cosmos_step([fortran_real(x) for row in rows for x in row.split()])
-        if found:
-            count, seconds = int(found[1]), int(found[2])
+        if match:
+            count, seconds = int(match[1]), int(match[2])
             if not abs(count * dt - seconds) <= 1.0 + 1e-2 * seconds:
                 rule = f"the step of the header must fit {count} samples in {seconds} s, got {dt:g}"
-                refuse(whole.path, i + 1, rule)
-            values = _fixed(whole, i + 1, count, int(found[4]), int(found[5]))
-            return _record(whole, values, dt, i + 1, found[3])
+                refuse(file.path, i + 1, rule)
+            values = _fixed(file, i + 1, count, int(match[4]), int(match[5]))
+            return _record(file, values, dt, i + 1, match[3])
     return None
 
 
@@ -160,59 +160,59 @@ def _cosmos_step(values: list[float]) -> float:
     return np.nan
 
 
-def _esm(whole: _File) -> Record | None:
-    pairs = [line.partition(":") for line in whole.lines]
+def _esm(file: _File) -> Record | None:
+    pairs = [line.partition(":") for line in file.lines]
     first = next((i for i, (_, colon, _) in enumerate(pairs) if not colon), len(pairs))
     fields = {key.strip().upper(): value.strip() for key, _, value in pairs[:first]}
     if not {"SAMPLING_INTERVAL_S", "NDATA", "UNITS"} <= set(fields):
         return None
-    values = _free(whole, first, int(fields["NDATA"]))
+    values = _free(file, first, int(fields["NDATA"]))
     dt = fortran_real(fields["SAMPLING_INTERVAL_S"])
-    return _record(whole, values, dt, first, fields["UNITS"])
+    return _record(file, values, dt, first, fields["UNITS"])
 
 
-def _k_net(whole: _File) -> Record | None:
-    text = {line[:18].strip(): line[18:].strip() for line in whole.lines[:17]}
+def _k_net(file: _File) -> Record | None:
+    text = {line[:18].strip(): line[18:].strip() for line in file.lines[:17]}
     scale = re.match(rf"({_REAL})\((\w+)\)/({_REAL})", text.get("Scale Factor", ""))
     rate = re.match(rf"({_REAL})\s*Hz", text.get("Sampling Freq(Hz)", ""))
     if not scale or not rate:
         return None
     rate_of = fortran_real(rate[1])
     if not rate_of > 0.0:
-        refuse(whole.path, 1, f"the sampling rate must be positive, got {rate[1]} Hz")
+        refuse(file.path, 1, f"the sampling rate must be positive, got {rate[1]} Hz")
     factor = fortran_real(scale[1]) / fortran_real(scale[3])
-    first = 1 + next((i for i, x in enumerate(whole.lines) if x.startswith("Memo")), -1)
+    first = 1 + next((i for i, x in enumerate(file.lines) if x.startswith("Memo")), -1)
     if first == 0:
-        refuse(whole.path, 1, "must have a line Memo before the samples")
+        refuse(file.path, 1, "must have a line Memo before the samples")
     seconds = re.match(_REAL, text.get("Duration Time(s)", ""))
     count = round(fortran_real(seconds[0]) * rate_of) if seconds else None
-    return _record(whole, factor * _free(whole, first, count), 1.0 / rate_of, first, scale[2])
+    return _record(file, factor * _free(file, first, count), 1.0 / rate_of, first, scale[2])
 
 
-def _columns(whole: _File) -> Record | None:
+def _columns(file: _File) -> Record | None:
     """Lines of text, then lines of time and value; None for anything else."""
-    rows = [re.split(r"[\s,;]+", line.strip()) for line in whole.lines]
+    rows = [re.split(r"[\s,;]+", line.strip()) for line in file.lines]
     first = next((i for i, row in enumerate(rows) if len(row) == 2 and _are_numbers(row)), None)
     if first is None:
         return None
-    if any(_MILLISECONDS.search(line) for line in whole.lines[:first]):
-        refuse(whole.path, first, "times must be in seconds, got milliseconds in the header")
-    units = [x for line in whole.lines[:first] for x in _UNIT.findall(line)]
+    if any(_MILLISECONDS.search(line) for line in file.lines[:first]):
+        refuse(file.path, first, "times must be in seconds, got milliseconds in the header")
+    units = [x for line in file.lines[:first] for x in _UNIT.findall(line)]
     unit = units[-1] if units else "not given"
-    values = _free(whole, first, width=2).reshape(-1, 2)
+    values = _free(file, first, width=2).reshape(-1, 2)
     t, a = values.T
     steps = np.diff(t)
     if t.size < 2 or not (steps > 0.0).all():
         wrong = first + 2 + int(np.argmin(steps > 0.0)) if t.size > 1 else first + 1
-        refuse(whole.path, wrong, "times must increase")
+        refuse(file.path, wrong, "times must increase")
     dt = float((t[-1] - t[0]) / (t.size - 1))
     if np.abs(steps - dt).max() > _EQUAL * dt + np.spacing(np.abs(t).max()) * 4:
         record = Record.from_times(t - t[0], a)
-        header = "\n".join(whole.lines[:first])
-        record = Record(record.values, record.dt, whole.name, header=header)
+        header = "\n".join(file.lines[:first])
+        record = Record(record.values, record.dt, file.name, header=header)
         return _with_unit(record, unit)
     digits = float(f"{dt:.6g}")  # that of a file that gives times with few digits
-    return _record(whole, a, digits, first, unit)
+    return _record(file, a, digits, first, unit)
 
 
 def _are_numbers(words: list[str]) -> bool:
@@ -222,18 +222,18 @@ def _are_numbers(words: list[str]) -> bool:
         return False
 
 
-def _fixed(whole: _File, first: int, count: int, columns: int, width: int) -> np.ndarray:
+def _fixed(file: _File, first: int, count: int, columns: int, width: int) -> np.ndarray:
     """The numbers in columns of fixed width, which may follow each other without a blank."""
     lines = -(-count // columns)
 
     def split(line: str) -> list[str]:
         return [line[k * width : (k + 1) * width].strip() for k in range(columns)]
 
-    return _numbers(whole, first, whole.lines[first : first + lines], count, split)
+    return _numbers(file, first, file.lines[first : first + lines], count, split)
 
 
 def _free(
-    whole: _File, first: int, count: int | None = None, width: int | None = None
+    file: _File, first: int, count: int | None = None, width: int | None = None
 ) -> np.ndarray:
     """The numbers between blanks, commas or semicolons up to the end of the file."""
 
@@ -241,20 +241,20 @@ def _free(
         words = [x for x in re.split(r"[\s,;]+", line.strip()) if x]
         return words if width is None or len(words) in (0, width) else ["a line of another length"]
 
-    return _numbers(whole, first, whole.lines[first:], count, split)
+    return _numbers(file, first, file.lines[first:], count, split)
 
 
 def _numbers(
-    whole: _File, first: int, lines: list[str], count: int | None, split: Callable[[str], list[str]]
+    file: _File, first: int, lines: list[str], count: int | None, split: Callable[[str], list[str]]
 ) -> np.ndarray:
     values: list[float] = []
     for i, line in enumerate(lines, start=first + 1):
         words = [x for x in split(line) if x]
         if not _are_numbers(words):
-            refuse(whole.path, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
+            refuse(file.path, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
         values += [fortran_real(x) for x in words]
     if count is not None and len(values) != count:
-        refuse(whole.path, first, f"must give {count} samples, got {len(values)}")
+        refuse(file.path, first, f"must give {count} samples, got {len(values)}")
     if not values:
-        refuse(whole.path, first, "must give samples, got none")
+        refuse(file.path, first, "must give samples, got none")
     return np.array(values)

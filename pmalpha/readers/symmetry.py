@@ -74,11 +74,11 @@ def completed(A: Any) -> Any:
     side = np.sign(entries.row - entries.col)[entries.data != 0.0]
     if np.any(side > 0) and np.any(side < 0):
         raise ValueError("A must have entries on one side of the diagonal only, got some on both")
-    whole = A + A.T
+    matrix = A + A.T
     if sp.issparse(A):
-        return sp.csr_array(whole - sp.diags_array(A.diagonal()))
-    whole[np.diag_indices(len(A))] = A.diagonal()
-    return whole
+        return sp.csr_array(matrix - sp.diags_array(A.diagonal()))
+    matrix[np.diag_indices(len(A))] = A.diagonal()
+    return matrix
 
 
 def symmetrized(A: Any, tol: float) -> Any:

@@ -58,8 +58,8 @@ class ElementMatrices:
         """
         number = {tuple(row): i for i, row in enumerate(np.asarray(rows).tolist())}
         of_element = self.labels.reshape(-1, 2).tolist()
-        found = [number.get(tuple(label), -1) for label in of_element]
-        return np.array(found, dtype=np.int64).reshape(self.labels.shape[:2])
+        numbers = [number.get(tuple(label), -1) for label in of_element]
+        return np.array(numbers, dtype=np.int64).reshape(self.labels.shape[:2])
 
 
 def is_user_element(line: Line) -> bool:
@@ -79,17 +79,17 @@ def element_matrices(path: str, lines: list[Line]) -> ElementMatrices:
             kind = _option(head, "TYPE")
             if kind not in KINDS:
                 refuse(path, head.number, f"TYPE must be one of {', '.join(KINDS)}, got {kind!r}")
-            own = matrices[KINDS[kind]]
-            own += (len(labels) - 1 - len(own)) * [np.zeros(2 * (len(labels[0]),))]
-            own.append(_triangle(path, head, data, len(labels[-1])))
+            arrays = matrices[KINDS[kind]]
+            arrays += (len(labels) - 1 - len(arrays)) * [np.zeros(2 * (len(labels[0]),))]
+            arrays.append(_triangle(path, head, data, len(labels[-1])))
         else:
             refuse(path, head.number, f"must be *USER ELEMENT or *MATRIX, got {head.text!r}")
     missing = np.zeros(2 * (len(labels[0]),))
-    whole = {
-        key: np.array(own + (len(labels) - len(own)) * [missing]) if own else None
-        for key, own in matrices.items()
+    fields = {
+        key: np.array(arrays + (len(labels) - len(arrays)) * [missing]) if arrays else None
+        for key, arrays in matrices.items()
     }
-    return ElementMatrices(np.array(labels, dtype=np.int64), **whole)
+    return ElementMatrices(np.array(labels, dtype=np.int64), **fields)
 
 
 def _sections(path: str, lines: list[Line]) -> Iterator[tuple[str, Line, list[str], list[Line]]]:

@@ -54,10 +54,10 @@ def checked_networks(allow: Collection[str] | None) -> Networks | None:
 def is_allowed(address: str, networks: Networks | None) -> bool:
     if networks is None:
         return True
-    own = ip_address(address.partition("%")[0])
-    if isinstance(own, IPv6Address) and own.ipv4_mapped is not None:
-        own = own.ipv4_mapped
-    return any(own.version == network.version and own in network for network in networks)
+    ip = ip_address(address.partition("%")[0])
+    if isinstance(ip, IPv6Address) and ip.ipv4_mapped is not None:
+        ip = ip.ipv4_mapped
+    return any(ip.version == network.version and ip in network for network in networks)
 
 
 class Visitor:
@@ -78,12 +78,12 @@ class Visitor:
     def receive(self) -> Client | None:
         """The client, once that is known. ConnectionError where it is another one."""
         try:
-            more = self.connection.recv(self.need - len(self.data))
+            piece = self.connection.recv(self.need - len(self.data))
         except (BlockingIOError, InterruptedError):
             return None
-        if not more:
+        if not piece:
             raise ConnectionError("it has closed the connection")
-        self.data += more
+        self.data += piece
         if len(self.data) < self.need:
             return None
         sizes = None
@@ -123,15 +123,15 @@ class Admission:
         self.server.setblocking(False)
         with selectors.DefaultSelector() as selector:
             selector.register(self.server, selectors.EVENT_READ)
-            found = None
+            client = None
             try:
-                while found is None:
-                    found = self._look(selector)
+                while client is None:
+                    client = self._look(selector)
             finally:
                 for connection in self.visitors:
-                    if found is None or connection is not found.connection:
+                    if client is None or connection is not client.connection:
                         connection.close()
-        return found
+        return client
 
     def _look(self, selector: selectors.BaseSelector) -> Client | None:
         now = monotonic()

@@ -264,10 +264,10 @@ def _first_line(stream: IO[bytes], seconds: float) -> bytes | None:
     Read in a thread, since a pipe has no time-out, and from a descriptor of its own: the stream can
     be closed although a process that the first one has started keeps the pipe open.
     """
-    lines, own = SimpleQueue[bytes](), os.dup(stream.fileno())
+    lines, descriptor = SimpleQueue[bytes](), os.dup(stream.fileno())
 
     def read() -> None:
-        with open(own, "rb", buffering=0) as pipe:  # takes nothing behind the line
+        with open(descriptor, "rb", buffering=0) as pipe:  # takes nothing behind the line
             lines.put(pipe.readline(LONGEST_LINE))
 
     Thread(target=read, daemon=True).start()
@@ -363,11 +363,11 @@ class _Messages:
                 raise TimeoutError("timed out")
             self.connection.settimeout(left)
         try:
-            more = self.connection.recv(CHUNK)
+            piece = self.connection.recv(CHUNK)
         finally:
             self.connection.settimeout(self.timeout)
-        self.buffer += more
-        return bool(more)
+        self.buffer += piece
+        return bool(piece)
 
 
 def _parsed(body: bytes) -> tuple[int, int, list[np.ndarray]]:

@@ -250,14 +250,14 @@ class CouplerElement:
 
     def __init__(self, coupler: Coupler, *, splits: bool):
         motions = [(motion.velocity, motion.rows) for motion in coupler._session.loads.motions]
-        found = [(velocity, rows) for velocity, rows in motions if isinstance(velocity, Command)]
-        if len(found) != 1:
+        commands = [(velocity, rows) for velocity, rows in motions if isinstance(velocity, Command)]
+        if len(commands) != 1:
             raise ValueError(
                 "a coupler to be served must have one constraint with velocity=rig.Command(p), got "
-                f"{len(found)}"
+                f"{len(commands)}"
             )
         self.coupler, self.splits = coupler, splits
-        self.command, self.rows = found[0]
+        self.command, self.rows = commands[0]
         self.n = self.command.p
         self.last: tuple[Trial, np.ndarray] | None = None
         self._begin_step(np.zeros(self.n), np.zeros(self.n))
@@ -338,14 +338,14 @@ class CouplerElement:
 
 def element_of(what: Any, n: int, matrices: dict[str, Any], *, splits: bool) -> Element:
     """The element of n dofs that `what` is; ValueError where it has another number."""
-    given = {name: A for name, A in matrices.items() if A is not None}
-    if isinstance(what, (Subdomain, Coupler)) and given:
-        raise ValueError(f"{next(iter(given))} must not be given with a {type(what).__name__}")
+    arrays = {name: A for name, A in matrices.items() if A is not None}
+    if isinstance(what, (Subdomain, Coupler)) and arrays:
+        raise ValueError(f"{next(iter(arrays))} must not be given with a {type(what).__name__}")
     if isinstance(what, Subdomain):
         return _of_size(of_subdomain(what), n, f"subdomain {what.name!r}")
     if isinstance(what, Coupler):
         return _of_size(CouplerElement(what, splits=splits), n, "the interface of the coupler")
-    checked = {name: _square(A, n, name) for name, A in given.items()}
+    checked = {name: _square(A, n, name) for name, A in arrays.items()}
     if not callable(what):
         springs = tuple(spring._placed(n, None, "what") for spring in springs_in(what))
         return StructureElement(n, springs, checked)

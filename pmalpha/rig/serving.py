@@ -177,7 +177,7 @@ class _Session:
     def _values(self) -> np.ndarray:
         r, x = self.element.force(self.trial)
         zero, t = np.zeros(self.sizes.n), self.trial.t
-        found = {
+        values = {
             "displacement": x,
             "velocity": self.trial.v,
             "acceleration": self.fields.get("acceleration", zero),
@@ -185,7 +185,7 @@ class _Session:
             "time": np.array([0.0 if t is None else t]),
         }
         counts = zip(w.KINDS, self.sizes.daq)
-        return np.concatenate([found[kind] for kind, count in counts if count])
+        return np.concatenate([values[kind] for kind, count in counts if count])
 
     def _matrix(self, action: int) -> np.ndarray:
         """A matrix by columns."""

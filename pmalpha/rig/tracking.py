@@ -113,14 +113,14 @@ def tracking(
     mean = 0.5 * (F[1:] + F[:-1])
     energies = np.concatenate([[0.0], np.cumsum(mean * (np.diff(d) - np.diff(x)))])
     lags = range(min(SILVA_LAGS, d.size - 2))
-    whole = int(np.argmax([_correlation(*_aligned(d, x, j)) for j in lags]))
+    silva_lag = int(np.argmax([_correlation(*_aligned(d, x, j)) for j in lags]))
     return Tracking(
         delay=delay * dt,
         nrmse=float(np.linalg.norm(error) / np.linalg.norm(d)),
         amplitude=float(late.std() / early.std()),
         energy=float(energies[-1]),
         energies=energies,
-        J1=1e3 * dt * whole,
+        J1=1e3 * dt * silva_lag,
         J2=_of_deviation(x, d),
         J3=_of_largest(x, d),
         **_of_storeys(response, reference, d.size),
@@ -153,14 +153,14 @@ def _delay(d: np.ndarray, x: np.ndarray) -> tuple[int, float]:
     """
     most = min(MOST_LAGS, d.size // 4)
     lags = np.arange(-most, most + 1)
-    found = np.array([_correlation(*_aligned(d, x, int(lag))) for lag in lags])
-    padded = np.concatenate([[-np.inf], found, [-np.inf]])
-    peak = (found >= padded[:-2]) & (found >= padded[2:]) & (found >= found.max() - SAME)
+    values = np.array([_correlation(*_aligned(d, x, int(lag))) for lag in lags])
+    padded = np.concatenate([[-np.inf], values, [-np.inf]])
+    peak = (values >= padded[:-2]) & (values >= padded[2:]) & (values >= values.max() - SAME)
     at = int(min(np.flatnonzero(peak), key=lambda i: abs(lags[i])))
     lag = int(lags[at])
-    if not 0 < at < found.size - 1:
+    if not 0 < at < values.size - 1:
         return lag, float(lag)
-    before, here, after = found[at - 1 : at + 2]
+    before, here, after = values[at - 1 : at + 2]
     curvature = before - 2.0 * here + after
     return lag, lag + (0.5 * (before - after) / curvature if curvature < 0.0 else 0.0)
 

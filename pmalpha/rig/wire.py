@@ -67,16 +67,16 @@ class Sizes(NamedTuple):
 
 def sizes_of(head: bytes, peer: str) -> Sizes:
     """The first message in the byte order in which it makes sense."""
-    found = []
+    all_sizes = []
     for order in BYTE_ORDERS.values():
         numbers = struct.unpack(f"{order}{HEAD}i", head)
-        found.append(Sizes(numbers[:5], numbers[5:10], numbers[10], order))
-    for sizes in found:
+        all_sizes.append(Sizes(numbers[:5], numbers[5:10], numbers[10], order))
+    for sizes in all_sizes:
         if sizes.problem() is None:
             return sizes
     raise ConnectionError(
-        f"{peer} does not speak the protocol of rigs: {found[0].problem()}; its first message, "
-        f"eleven int32, is {found[0].control}, {found[0].daq}, {found[0].doubles}"
+        f"{peer} does not speak the protocol of rigs: {all_sizes[0].problem()}; its first message, "
+        f"eleven int32, is {all_sizes[0].control}, {all_sizes[0].daq}, {all_sizes[0].doubles}"
     )
 
 
@@ -111,11 +111,11 @@ class Wire:
         data = bytearray()
         end = None if self.timeout is None else monotonic() + self.timeout
         while len(data) < size:
-            more = self._some(size - len(data), end, what)
-            if not more:
+            piece = self._some(size - len(data), end, what)
+            if not piece:
                 state = f"after {len(data)} of {size} bytes" if data else "and sent nothing"
                 raise ConnectionError(f"{self.peer} closed the connection {state} of {what}")
-            data += more
+            data += piece
         return bytes(data)
 
     def _some(self, size: int, end: float | None, what: str) -> bytes:
@@ -140,14 +140,14 @@ class Wire:
         """ConnectionError where more has come than was asked for."""
         self.connection.setblocking(False)
         try:
-            more = self.connection.recv(1, socket.MSG_PEEK)
+            byte = self.connection.recv(1, socket.MSG_PEEK)
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
             raise ConnectionError(f"{self.peer} was lost: {error}") from error
         finally:
             self.connection.settimeout(self.timeout)
-        if more:
+        if byte:
             raise ConnectionError(f"{self.peer} sends more than was asked for")
         raise ConnectionError(f"{self.peer} closed the connection")
 
@@ -172,33 +172,33 @@ class Doubles:
 
 def fields(counts: Sequence[int], values: np.ndarray) -> dict[str, np.ndarray]:
     """The values of each kind that was announced."""
-    found, at = {}, 0
+    arrays, at = {}, 0
     for kind, count in zip(KINDS, counts):
         if count:
-            found[kind] = values[at : at + count]
+            arrays[kind] = values[at : at + count]
         at += count
-    return found
+    return arrays
 
 
 # ---- who may connect -----------------------------------------------------------------------------
 
 
-def proof(secret: bytes, role: str, other: bytes, own: bytes) -> bytes:
+def proof(secret: bytes, role: str, other: bytes, nonce: bytes) -> bytes:
     """What shows that one side knows the secret, without sending it.
 
-    role: {"client", "server"}. other, own: random bytes of both sides, each new.
+    role: {"client", "server"}. other, nonce: random bytes of both sides, new ones each time.
     """
-    return hmac.new(secret, role.encode() + other + own, hashlib.sha256).digest()
+    return hmac.new(secret, role.encode() + other + nonce, hashlib.sha256).digest()
 
 
 def prove(wire: Wire, secret: bytes) -> None:
     """The client proves that it knows the secret, and then the server, which sends nothing before
     that a stranger could try words on."""
-    other, own = wire.receive(NONCE, "the proof of the secret"), os.urandom(NONCE)
-    wire.send(own + proof(secret, "client", other, own))
+    other, nonce = wire.receive(NONCE, "the proof of the secret"), os.urandom(NONCE)
+    wire.send(nonce + proof(secret, "client", other, nonce))
     try:
         shown = wire.receive(NONCE, "the proof of the secret")
     except ConnectionError as error:
         raise ConnectionError(f"{error}: it may have another secret") from None
-    if not hmac.compare_digest(shown, proof(secret, "server", own, other)):
+    if not hmac.compare_digest(shown, proof(secret, "server", nonce, other)):
         raise ConnectionError(f"{wire.peer} does not know the secret")

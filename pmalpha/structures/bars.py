@@ -105,8 +105,8 @@ def truss(
     length = np.sqrt(np.sum(X * X, axis=1))
     rest = length
     if unstressed is not None:
-        whole = np.broadcast_to(positive(unstressed, "unstressed", count), count)
-        rest = (whole / np.bincount(member))[member]
+        unstressed_lengths = np.broadcast_to(positive(unstressed, "unstressed", count), count)
+        rest = (unstressed_lengths / np.bincount(member))[member]
     values = (X, rest, stiffness, force, density * length)
     recipe = partial(_assembled, values, strain, flag(slack, "slack"), is_lumped(mass))
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "uz")[: nodes.shape[1]])

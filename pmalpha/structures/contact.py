@@ -147,13 +147,13 @@ class ContactForce(Conservative):
         super().__init__(self._assembly.pattern)
 
     def of_nodes(self, number: np.ndarray, nodes: int) -> ContactForce | None:
-        own = number[self._assembly.elements[:, 0]]
-        kept = own >= 0
-        if not kept.any():
+        new_nodes = number[self._assembly.elements[:, 0]]
+        mask = new_nodes >= 0
+        if not mask.any():
             return None
         part = copy(self)
-        part._assembly = Assembly(own[kept][:, None], nodes, self._assembly.d)
-        part._start, part._k = self._start[kept], self._k[kept]
+        part._assembly = Assembly(new_nodes[mask][:, None], nodes, self._assembly.d)
+        part._start, part._k = self._start[mask], self._k[mask]
         super(ContactForce, part).__init__(part._assembly.pattern)
         return part
 

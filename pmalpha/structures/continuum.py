@@ -297,20 +297,20 @@ def elastic(
 
 def elastic_matrices(
     points: np.ndarray,
-    whole: Mapping[str, np.ndarray],
+    mesh: Mapping[str, np.ndarray],
     moduli: Mapping[str, Moduli],
     lumped: bool,
     corners: Mapping[str, np.ndarray] | None,
     selected: Selected,
 ) -> Made:
-    """A `Recipe`: M, K of the chosen ones of the elements `whole`, and no internal forces."""
+    """A `Recipe`: M, K of the chosen ones of the elements of the `mesh`, and no internal forces."""
     M: Any = 0
     K: Any = 0
     with one_thread():
-        for kind, own in selected.elements.items():
-            block, pattern = Block(kind, own), Pattern.of(own, selected.nodes)
+        for kind, elements in selected.elements.items():
+            block, pattern = Block(kind, elements), Pattern.of(elements, selected.nodes)
             lam, mu, density, t, _ = selected.rows(kind, moduli[kind])
-            where = points[whole[kind][selected.chosen[kind]]] if corners is None else corners[kind]
+            where = points[mesh[kind][selected.chosen[kind]]] if corners is None else corners[kind]
             M = M + mass_matrix(block, pattern, where, t * density, lumped)
             K = K + stiffness(block, pattern, where, t * lam, t * mu)
     return M, K, ()
@@ -322,9 +322,9 @@ def _on(
     """On any mesh; arrays of the material have the elements in the order of the kinds."""
     nodes, cells = _checked(points, elements, d)
     ends = np.cumsum([len(block) for block in cells.values()])
-    whole = moduli_of(d, E, nu, rho, t, plane, (int(ends[-1]),))
-    cut = [len(cells) * [x] if len(x) == 1 else np.split(x, ends[:-1]) for x in whole]
-    moduli = {kind: Moduli(*own) for kind, own in zip(cells, zip(*cut))}
+    values = moduli_of(d, E, nu, rho, t, plane, (int(ends[-1]),))
+    cut = [len(cells) * [x] if len(x) == 1 else np.split(x, ends[:-1]) for x in values]
+    moduli = {kind: Moduli(*arrays) for kind, arrays in zip(cells, zip(*cut))}
     return elastic(nodes, cells, moduli, mass)
 
 

@@ -87,8 +87,8 @@ class ElementForce:
         self.history.setflags(write=False)
 
     def __repr__(self) -> str:
-        kept = f", {self.history.size} of history" if self.history.size else ""
-        return f"<{type(self).__name__} of {self.n} dofs{kept}>"
+        history = f", {self.history.size} of history" if self.history.size else ""
+        return f"<{type(self).__name__} of {self.n} dofs{history}>"
 
     def __call__(
         self, u: Any, v: Any = None, t: float = 0.0, q: Any = None
@@ -254,28 +254,28 @@ class Conservative(ElementForce):
 class _Reduced(ElementForce):
     """A force on some of its dofs."""
 
-    def __init__(self, whole: ElementForce, free: np.ndarray):
-        pattern = whole.pattern
+    def __init__(self, force: ElementForce, free: np.ndarray):
+        pattern = force.pattern
         numbered = sp.csr_array(
             (np.arange(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape
         )
-        kept = numbered[free][:, free]
-        kept.sort_indices()
-        self._whole, self._free, self._entries = whole, free, kept.data
-        ones = np.ones(kept.nnz)
-        super().__init__(in_pattern(ones, kept), whole.history)
+        block = numbered[free][:, free]
+        block.sort_indices()
+        self._whole, self._free, self._entries = force, free, block.data
+        ones = np.ones(block.nnz)
+        super().__init__(in_pattern(ones, block), force.history)
 
     def __repr__(self) -> str:
         return repr(self._whole).replace(" dofs", f" dofs reduced to {self.n}")
 
     def largest_tangent(self) -> sp.csr_array | None:
-        whole = self._whole.largest_tangent()
-        return None if whole is None else sp.csr_array(whole[self._free][:, self._free])
+        tangent = self._whole.largest_tangent()
+        return None if tangent is None else sp.csr_array(tangent[self._free][:, self._free])
 
     def _expanded(self, u: np.ndarray) -> np.ndarray:
-        whole = np.zeros(self._whole.n)
-        whole[self._free] = u
-        return whole
+        displacements = np.zeros(self._whole.n)
+        displacements[self._free] = u
+        return displacements
 
     def _evaluate(
         self, u: np.ndarray, q: np.ndarray, tangent: bool

@@ -76,9 +76,9 @@ def embedded(A: Any, old: int, new: int) -> Any:
     nodes = A.shape[0] // old
     dofs = (new * np.arange(nodes)[:, None] + np.arange(old)).ravel()
     if A.ndim == 1:
-        whole = np.zeros(new * nodes)
-        whole[dofs] = A
-        return whole
+        diagonal = np.zeros(new * nodes)
+        diagonal[dofs] = A
+        return diagonal
     A = sp.csr_array(A)
     counts = np.zeros(new * nodes, dtype=A.indptr.dtype)
     counts[dofs] = np.diff(A.indptr)
@@ -278,10 +278,10 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Materi
     owner = [np.full(count, "", dtype=object) for count in counts]
     law = [np.full(count, "", dtype=object) for count in counts]
     values: list[dict[str, np.ndarray]] = [{} for _ in counts]
-    for name, own in material.items() if by_group else [("", material)]:
+    for name, properties in material.items() if by_group else [("", material)]:
         label = f"material[{name!r}]" if by_group else "material"
         members = _members(read, name) if by_group else [np.arange(count) for count in counts]
-        kind = _law(own, label)
+        kind = _law(properties, label)
         dimension = top if not by_group or kind is None else 1 if kind != "elastic" else d
         cells = [
             members[i]
@@ -291,11 +291,11 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Materi
         ]
         _require_fitting(read, kind, cells, label, dimension, d)
         split = np.cumsum([len(x) for x in cells])
-        given = {} if own is None else _values(own, label, int(split[-1]), d)
+        arrays = {} if properties is None else _values(properties, label, int(split[-1]), d)
         for i, numbers in enumerate(cells):
             _require_single(owner[i][numbers], numbers, read.blocks[i].kind, name)
             owner[i][numbers], law[i][numbers] = label, kind or "none"
-            for key, value in given.items():
+            for key, value in arrays.items():
                 column = values[i].setdefault(key, np.full(counts[i], np.nan))
                 column[numbers] = value[split[i] - len(numbers) : split[i]]
     return _parts(read, law, values, top)
@@ -308,16 +308,16 @@ def _members(read: FileMesh, name: str) -> list[np.ndarray]:
     return read.groups[name]
 
 
-def _law(own: Any, label: str) -> str | None:
+def _law(properties: Any, label: str) -> str | None:
     """What the material is of, by the names of its numbers."""
-    if own is None:
+    if properties is None:
         return None
     for law, keys in LAWS.items():
-        if set(own) in ({*keys}, {*keys, "t"} if law == "elastic" else {*keys}):
+        if set(properties) in ({*keys}, {*keys, "t"} if law == "elastic" else {*keys}):
             return law
     raise ValueError(
         f"{label} must have E, nu, rho (and t) of plates and solids, EA, rhoA of bars or "
-        f"EA, EI, rhoA of beams, got {', '.join(map(str, own))}"
+        f"EA, EI, rhoA of beams, got {', '.join(map(str, properties))}"
     )
 
 
@@ -347,12 +347,12 @@ def _require_fitting(
         raise ValueError(f"mesh must have elements of {', '.join(SHAPES)}, got {listing(unknown)}")
 
 
-def _values(own: Mapping[str, Any], label: str, count: int, d: int) -> dict[str, np.ndarray]:
+def _values(properties: Mapping[str, Any], label: str, count: int, d: int) -> dict[str, np.ndarray]:
     """(count,) arrays; those of nu are checked later, with the plane."""
-    if d == 3 and "t" in own:
+    if d == 3 and "t" in properties:
         raise ValueError(f"{label} must not have a thickness t of solids")
     values = {}
-    for key, value in own.items():
+    for key, value in properties.items():
         if np.ndim(plain_array(value, key)) and np.shape(value) != (count,):
             raise ValueError(
                 f"{label}[{key!r}] must be a number or of shape ({count},), got {np.shape(value)}"
@@ -380,7 +380,9 @@ def _parts(
         without = np.flatnonzero(law[i] == "")
         if dimension_of_kind(block.kind) == top and without.size:
             groups = [
-                repr(name) for name, own in read.groups.items() if np.isin(without, own[i]).any()
+                repr(name)
+                for name, members in read.groups.items()
+                if np.isin(without, members[i]).any()
             ]
             raise ValueError(
                 f"material must cover every element, got none for {block.kind!r} "
@@ -389,8 +391,8 @@ def _parts(
             )
         numbers = np.flatnonzero((law[i] != "") & (law[i] != "none"))
         if numbers.size:
-            own = {key: value[numbers] for key, value in values[i].items()}
-            parts[i] = MaterialElements(numbers, law[i][numbers], own)
+            columns = {key: value[numbers] for key, value in values[i].items()}
+            parts[i] = MaterialElements(numbers, law[i][numbers], columns)
     if not parts:
         raise ValueError("material must be of at least one element")
     return parts
@@ -415,17 +417,23 @@ def _structure(
     elements = {kind: joined(lambda i: number[blocks[i]], kind).astype(np.int64) for kind in kinds}
     moduli, lines = {}, {}
     for kind in kinds:
-        own = {
+        properties = {
             key: joined(lambda i: _column(parts[i], key), kind)  # noqa: B023
             for key in ("E", "nu", "rho", "t", "EA", "EI", "rhoA")
         }
         if KINDS[kind].dimension == d:
             moduli[kind] = moduli_of(
-                d, own["E"], own["nu"], own["rho"], own["t"], plane, own["E"].shape
+                d,
+                properties["E"],
+                properties["nu"],
+                properties["rho"],
+                properties["t"],
+                plane,
+                properties["E"].shape,
             )
         else:
             require_length(points[elements[kind]], "elements", f" of {kind!r}")
-            lines[kind] = own["EA"], own["EI"], own["rhoA"]
+            lines[kind] = properties["EA"], properties["EI"], properties["rhoA"]
     beams = any(np.isfinite(EI).any() for _, EI, _ in lines.values())
     components = (*("ux", "uy", "uz")[:d], *(["rz"] if beams else []))
     recipe = partial(_assembled, points, elements, moduli, lines, len(components), is_lumped(mass))
@@ -444,7 +452,7 @@ def _column(part: MaterialElements, key: str) -> np.ndarray:
 
 def _assembled(
     points: np.ndarray,
-    whole: Mapping[str, np.ndarray],
+    mesh: Mapping[str, np.ndarray],
     moduli: Mapping[str, Moduli],
     lines: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
     dofs: int,
@@ -452,29 +460,29 @@ def _assembled(
     selected: Selected,
 ) -> Made:
     d, nodes = points.shape[1], selected.nodes
-    solid = {kind: own for kind, own in selected.elements.items() if kind in moduli}
+    solid = {kind: elements for kind, elements in selected.elements.items() if kind in moduli}
     M: Any = 0
     K: Any = 0
     if solid:
         of_solid = selected._replace(elements=solid)
-        M, K, _ = elastic_matrices(points, whole, moduli, lumped, None, of_solid)
+        M, K, _ = elastic_matrices(points, mesh, moduli, lumped, None, of_solid)
         M, K = embedded(M, d, dofs), embedded(K, d, dofs)
     for kind, (EA, EI, rhoA) in lines.items():
         if kind not in selected.elements:
             continue
-        own = selected.elements[kind]
+        elements = selected.elements[kind]
         values = np.column_stack(selected.rows(kind, (EA, EI, rhoA)))
-        corners = points[whole[kind][selected.chosen[kind]]]
+        corners = points[mesh[kind][selected.chosen[kind]]]
         bar = np.isnan(values[:, 1])
         if bar.any():
             EA, _, rhoA = values[bar].T
-            found = bar_matrices(kind, own[bar], corners[bar], EA, rhoA, nodes, lumped)
-            M, K = (A + embedded(B, d, dofs) for A, B in zip((M, K), found))
+            matrices = bar_matrices(kind, elements[bar], corners[bar], EA, rhoA, nodes, lumped)
+            M, K = (A + embedded(B, d, dofs) for A, B in zip((M, K), matrices))
         if not bar.all():
             along = corners[~bar, 1] - corners[~bar, 0]
             EA, EI, rhoA = values[~bar].T
-            found = beam_matrices(own[~bar], along, EA, EI, rhoA, lumped, ROTARY, nodes)
-            M, K = (A + B for A, B in zip((M, K), found))
+            matrices = beam_matrices(elements[~bar], along, EA, EI, rhoA, lumped, ROTARY, nodes)
+            M, K = (A + B for A, B in zip((M, K), matrices))
     return M, K, ()
 
 
@@ -491,10 +499,10 @@ def _named(
                 start += len(part.numbers)
     groups, sets = {}, {}
     for name, members in read.groups.items():
-        own = [place[i][numbers] for i, numbers in enumerate(members) if i in place]
-        found = np.concatenate([np.empty(0, dtype=np.int64), *own])
-        if (found >= 0).any():
-            groups[name] = np.sort(found[found >= 0])
+        arrays = [place[i][numbers] for i, numbers in enumerate(members) if i in place]
+        elements = np.concatenate([np.empty(0, dtype=np.int64), *arrays])
+        if (elements >= 0).any():
+            groups[name] = np.sort(elements[elements >= 0])
         nodes = [block.nodes[x].ravel() for block, x in zip(read.blocks, members)]
         sets[name] = np.concatenate(nodes)
     sets.update(read.points_of)

@@ -111,13 +111,13 @@ def nonlinear_solid(
     >>> bool(abs(block.tangent() - box.K).max() < 1e-12 * abs(box.K).max())  # without strain
     True
     """
-    given = [*arguments, *(x for x in (h, material) if x is not None)]
-    if len(given) < 3:
+    values = [*arguments, *(x for x in (h, material) if x is not None)]
+    if len(values) < 3:
         raise TypeError(
             "nonlinear_solid needs nx, ny, h and a material, or nx, ny, nz, h and a material, got "
-            f"{given!r}"
+            f"{values!r}"
         )
-    *counts, h, material = given
+    *counts, h, material = values
     if len(counts) not in (2, 3):
         raise ValueError(f"nonlinear_solid needs two or three numbers of elements, got {counts!r}")
     numbers = tuple(whole_number(n, name, low=1) for n, name in zip(counts, ("nx", "ny", "nz")))
@@ -222,12 +222,12 @@ def _assembled(
     name: str, material: Material, values: Sequence[np.ndarray], lumped: bool, selected: Selected
 ) -> Made:
     corners, t, rho, *coefficients = selected.rows(name, values)
-    own, n = selected.elements[name], selected.nodes * corners.shape[2]
+    elements, n = selected.elements[name], selected.nodes * corners.shape[2]
     volumes, along = gradients(name, corners)
-    pattern = Pattern.of(own, selected.nodes)
-    M = mass_matrix(Block(name, own), pattern, corners, t * rho, lumped)
+    pattern = Pattern.of(elements, selected.nodes)
+    M = mass_matrix(Block(name, elements), pattern, corners, t * rho, lumped)
     kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
-    force = kind(own, pattern, t[:, None] * volumes, along, material, coefficients)
+    force = kind(elements, pattern, t[:, None] * volumes, along, material, coefficients)
     return M, sp.csr_array((n, n)), (force,)
 
 

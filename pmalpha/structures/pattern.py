@@ -39,10 +39,10 @@ class Pattern:
         width = LOOK_UPS // max(count, 1) + 1
         for begin in range(0, first.size, width) if count else []:
             i, j = first[begin : begin + width], second[begin : begin + width]
-            found = np.asarray(pairs[elements[:, i].ravel(), elements[:, j].ravel()])
-            found = found.reshape(count, i.size)
-            pair[:, i, j] = found
-            pair[:, j, i] = mirror[found]
+            entries = np.asarray(pairs[elements[:, i].ravel(), elements[:, j].ravel()])
+            entries = entries.reshape(count, i.size)
+            pair[:, i, j] = entries
+            pair[:, j, i] = mirror[entries]
         return cls(pairs.indptr, pairs.indices, pair, mirror)
 
     def add(self, sums: np.ndarray, part: slice, values: Iterable[np.ndarray]) -> None:
@@ -117,8 +117,8 @@ class Assembly:
         pairs = Pattern.of(elements, nodes) if pairs is None else pairs
         self._local = []
         for part in self.chunks:
-            own, numbers = np.unique(pairs.pair[part], return_inverse=True)
-            self._local.append((own, numbers.ravel()))
+            entries, numbers = np.unique(pairs.pair[part], return_inverse=True)
+            self._local.append((entries, numbers.ravel()))
         self._count = pairs.indices.size
         self.pattern, self._order = _rows(pairs, self.components, d)
 
@@ -137,9 +137,9 @@ class Assembly:
 
     def add(self, sums: np.ndarray, number: int, blocks: Iterable[np.ndarray]) -> None:
         """Add element tangents of one chunk: for each of `components` an (e, a, a) array."""
-        own, numbers = self._local[number]
+        entries, numbers = self._local[number]
         for total, block in zip(sums, blocks):
-            total[own] += np.bincount(numbers, block.ravel(), minlength=own.size)
+            total[entries] += np.bincount(numbers, block.ravel(), minlength=entries.size)
 
     def matrix(self, sums: np.ndarray) -> sp.csr_array:
         return in_pattern(sums.ravel()[self._order], self.pattern)

@@ -26,8 +26,8 @@ def nodal_stress(structure: Any, u: Any, what: str) -> np.ndarray:
     check_word(what, "what", ("mises", *names))
     elements = np.asarray(u @ S.T).reshape(*u.shape[:-1], -1, len(names))
     across = [
-        np.broadcast_to(own.across, len(structure.elements[kind]))
-        for kind, own in structure.moduli.items()
+        np.broadcast_to(moduli.across, len(structure.elements[kind]))
+        for kind, moduli in structure.moduli.items()
     ]
     values = (
         _mises(elements, np.concatenate(across))
@@ -107,9 +107,9 @@ def _placed(rows: np.ndarray, lines: np.ndarray, d: int, n: int) -> sp.csr_array
     columns = (d * lines[:, :, None] + np.arange(d)).reshape(elements, 1, width)
     columns = np.repeat(columns, height, axis=1)
     start = width * np.arange(elements * height + 1)
-    whole = sp.csr_array((rows.ravel(), columns.ravel(), start), shape=(elements * height, n))
-    whole.eliminate_zeros()
-    return whole
+    matrix = sp.csr_array((rows.ravel(), columns.ravel(), start), shape=(elements * height, n))
+    matrix.eliminate_zeros()
+    return matrix
 
 
 def storey_drifts(structure: Any, component: str) -> sp.csr_array:

@@ -145,9 +145,9 @@ class Structure:
         if self.internal:
             facts.append(("internal forces", str(len(self.internal))))
         facts += [
-            (what, ", ".join(map(str, found)))
-            for what, found in (("groups", self.groups), ("sets", self.sets))
-            if found
+            (what, ", ".join(map(str, names)))
+            for what, names in (("groups", self.groups), ("sets", self.sets))
+            if names
         ]
         return html_facts("Structure", facts)
 
@@ -222,14 +222,14 @@ class Structure:
         chosen = names or tuple(self.groups)
         labels = np.full(sum(map(len, self.elements.values())), "", dtype=object)
         for name in chosen:
-            own = _named(self.groups, name, "group")
-            twice = own[labels[own] != ""]
+            members = _named(self.groups, name, "group")
+            twice = members[labels[members] != ""]
             if twice.size:
                 raise ValueError(
                     f"names must be of groups without common elements, got {labels[twice[0]]!r} "
                     f"and {name!r} with elements {listing(twice)}"
                 )
-            labels[own] = name
+            labels[members] = name
         without = np.flatnonzero(labels == "")
         if without.size:
             raise ValueError(f"names must cover every element, got none for {listing(without)}")
@@ -299,20 +299,20 @@ class Structure:
         >>> box.nodes_at(x=0.2, z=0.1).tolist()
         [9, 11]
         """
-        given = {axis: v for axis, v in zip("xyz", (x, y, z)) if v is not None}
+        axes = {axis: v for axis, v in zip("xyz", (x, y, z)) if v is not None}
         dim = self.points.shape[1]
-        if not given or max("xyz".index(axis) for axis in given) >= dim:
-            raise ValueError(f"nodes_at needs one or more of {', '.join('xyz'[:dim])}, got {given}")
-        columns = ["xyz".index(axis) for axis in given]
-        away = np.abs(self.points[:, columns] - [real_number(v, a) for a, v in given.items()])
-        found = np.flatnonzero(np.all(away <= COINCIDENT * np.abs(self.points).max(), axis=1))
-        if not found.size:
+        if not axes or max("xyz".index(axis) for axis in axes) >= dim:
+            raise ValueError(f"nodes_at needs one or more of {', '.join('xyz'[:dim])}, got {axes}")
+        columns = ["xyz".index(axis) for axis in axes]
+        away = np.abs(self.points[:, columns] - [real_number(v, a) for a, v in axes.items()])
+        nodes = np.flatnonzero(np.all(away <= COINCIDENT * np.abs(self.points).max(), axis=1))
+        if not nodes.size:
             low, high = self.points.min(axis=0), self.points.max(axis=0)
             raise ValueError(
-                f"nodes_at must match a node, got {given}; the coordinates are within "
+                f"nodes_at must match a node, got {axes}; the coordinates are within "
                 f"{low.tolist()} and {high.tolist()}"
             )
-        return as_nodes(found, self.dofs_per_node)
+        return as_nodes(nodes, self.dofs_per_node)
 
     def dofs(self, nodes: Any, component: str | Sequence[str] | None = None) -> np.ndarray:
         """Dofs of nodes, node by node.
@@ -516,8 +516,8 @@ class Structure:
                 f"{', '.join(map(repr, self.elements)) or 'of no kind'}"
             )
         parts = [
-            stresses(kind, self.points, self.elements[kind], own, self.dofs_per_node)
-            for kind, own in self.moduli.items()
+            stresses(kind, self.points, self.elements[kind], moduli, self.dofs_per_node)
+            for kind, moduli in self.moduli.items()
         ]
         return sp.csr_array(sp.vstack(parts, format="csr"))
 
@@ -732,12 +732,12 @@ class Structure:
         """
         reduced = reduce(self.M, self.K, fixed=fixed, dof_names=self.dof_names)
         if self.internal:
-            given = options.get("internal") or []
+            internal = options.get("internal") or []
             further = (
-                given if type(given) in (list, tuple) else [given]
+                internal if type(internal) in (list, tuple) else [internal]
             )  # a LowLevelCallable is one
-            own = [force.reduced(reduced.free) for force in self.internal]
-            options["internal"] = [*(own if reduced.fixed.size else self.internal), *further]
+            forces = [force.reduced(reduced.free) for force in self.internal]
+            options["internal"] = [*(forces if reduced.fixed.size else self.internal), *further]
         M, K = (reduced.M, reduced.K) if reduced.fixed.size else (self.M, self.K)
         options |= {x: _of_free(options[x], reduced, x) for x in ("u0", "v0") if x in options}
         if "force" in options:
@@ -746,9 +746,9 @@ class Structure:
         return Subdomain(M, K, scheme=scheme, **options)
 
 
-def _of_free(given: Any, reduced: Reduction, name: str) -> Any:
+def _of_free(value: Any, reduced: Reduction, name: str) -> Any:
     """Initial values of all dofs as those of the free ones; others as they are."""
-    return reduced.reduce_motion(given) if np.shape(given) == (reduced.n,) else given
+    return reduced.reduce_motion(value) if np.shape(value) == (reduced.n,) else value
 
 
 def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:
