@@ -610,6 +610,6 @@ def test_constraints_of_one_entry_are_multiplied_like_any(rows):
     values = np.array([1.0, -1.0, 0.5, 2.0])
     L = Link.of(sp.csc_array((values, (2 * np.array(rows), [3, 4, 5, 6])), shape=(8, 7)))
     X = rng.normal(size=(4, 3)) * [1.0, 0.0, -0.0]  # of the last four dofs
-    expected = L.own(4) @ X
+    expected = L.sparse(4) @ X
     assert L.times(X).tobytes() == expected.tobytes()
     np.testing.assert_allclose(expected, L.dense(4) @ X, rtol=1e-15, atol=1e-15)

@@ -52,8 +52,8 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.nd
     """
     if not callable(run):
         raise TypeError(f"run must be callable, got {run!r}")
-    given = list(steps) if isinstance(steps, Iterable) else steps
-    steps = [positive_number(dt, "steps") for dt in real_array(given, "steps").tolist()]
+    values = list(steps) if isinstance(steps, Iterable) else steps
+    steps = [positive_number(dt, "steps") for dt in real_array(values, "steps").tolist()]
     if len(set(steps)) < 2:
         raise ValueError(f"steps must have at least two different values, got {steps}")
     errors = [_positive_error(run(dt), dt) for dt in steps]

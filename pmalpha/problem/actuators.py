@@ -94,9 +94,9 @@ class Device:
 
     def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Device:
         """The same with numbers of dofs in the springs; `label` is that of the argument."""
-        given = self.springs
-        placed = tuple(spring._placed(n, names, label) for spring in given)
-        if all(one is other for one, other in zip(given, placed)):
+        springs = self.springs
+        placed = tuple(spring._placed(n, names, label) for spring in springs)
+        if all(one is other for one, other in zip(springs, placed)):
             return self
         moved = copy(self)
         inner = self.specimen
@@ -162,10 +162,12 @@ class Device:
         if v.shape != d.shape:
             raise ValueError(f"velocity must have shape {d.shape}, got {v.shape}")
         shape = d.shape if d.ndim == 2 else (d.size, 1)
-        own = core_specimen(self._placed(shape[1], None, "specimen"), shape[1], dt, "the specimen")
+        specimen = core_specimen(
+            self._placed(shape[1], None, "specimen"), shape[1], dt, "the specimen"
+        )
         t = dt * np.arange(shape[0])
         flat = (np.ascontiguousarray(x.reshape(shape)) for x in (d, v))
-        force, measured = _core.follow_specimen(own, t, *flat)
+        force, measured = _core.follow_specimen(specimen, t, *flat)
         return Response(force.reshape(d.shape), measured.reshape(d.shape))
 
 
@@ -253,8 +255,8 @@ class SimulatedActuator(Device):
             names = [name for name in names if name not in ("order", "damping")]
         if self.noise == 0.0:
             names.remove("seed")
-        given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
-        return f"SimulatedActuator {given}"
+        parameters = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
+        return f"SimulatedActuator {parameters}"
 
     def _filter(self, h: float) -> forms.Actuator | forms.Adaptive:
         dynamics = held_dynamics(self.order, self.frequency, self.damping, h)
@@ -354,9 +356,9 @@ def delayed(delay: float, h: float) -> tuple[np.ndarray, np.ndarray]:
     steps = delay / h
     if steps > LARGEST_LAG:
         raise ValueError(f"delay must be at most {LARGEST_LAG} steps of {h:g}, got {delay:g}")
-    whole = round(steps)
-    if abs(steps - whole) < 1e-9 * max(1.0, steps):
-        return np.array([whole], dtype=np.int64), np.ones(1)
+    step_count = round(steps)
+    if abs(steps - step_count) < 1e-9 * max(1.0, steps):
+        return np.array([step_count], dtype=np.int64), np.ones(1)
     lags = max(0, int(steps) - 1) + np.arange(4)
     weights = [
         np.prod([(steps - other) / (lag - other) for other in lags if other != lag]) for lag in lags

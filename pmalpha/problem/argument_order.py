@@ -31,9 +31,9 @@ def required_names(function: Callable[..., Any], *, wrapped: bool = True) -> lis
 def check_order(function: Callable[..., Any], expected: Sequence[str], name: str) -> None:
     """TypeError for the expected arguments in another order. Other names are the user's own."""
     # a decorator may have changed the order
-    found = required_names(function, wrapped=False)
-    if found is not None and found != [*expected] and sorted(found) == sorted(expected):
+    names = required_names(function, wrapped=False)
+    if names is not None and names != [*expected] and sorted(names) == sorted(expected):
         raise TypeError(
             f"{name} must be a function of {', '.join(expected)} in this order, got one of "
-            f"{', '.join(found)}: {function!r}"
+            f"{', '.join(names)}: {function!r}"
         )

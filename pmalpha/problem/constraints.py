@@ -92,8 +92,8 @@ class Constraint(Frozen):
         return {**self.__dict__, "matrices": by_name(self.matrices)}
 
     def __repr__(self) -> str:
-        *others, last = labels_of(self.matrices)
-        names = f"{', '.join(others)} and {last}" if others else last
+        *labels, last = labels_of(self.matrices)
+        names = f"{', '.join(labels)} and {last}" if labels else last
         motion, v = "", self.velocity
         if isinstance(v, np.ndarray):
             motion = np.array2string(v, precision=4, threshold=6, separator=", ")
@@ -148,21 +148,21 @@ def selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
 
 
 def by_subdomain(
-    given: Any, name: str, each: str, rows: int | None = None
+    matrices: Any, name: str, label: str, rows: int | None = None
 ) -> dict[Subdomain | str, sp.csr_array | Chosen]:
-    """Checked matrices of constraints or contacts, `each` in errors, with this number of rows."""
-    if not isinstance(given, Mapping) or not given:
-        raise TypeError(f"{name} must be a dict of matrices by subdomain, got {given!r}")
-    found = {s: _rows_on(s, L, name, each) for s, L in given.items()}
-    names = [name_of(s) for s in found]
+    """Checked matrices of constraints or contacts, `label` in errors, with this number of rows."""
+    if not isinstance(matrices, Mapping) or not matrices:
+        raise TypeError(f"{name} must be a dict of matrices by subdomain, got {matrices!r}")
+    blocks = {s: _rows_on(s, L, name, label) for s, L in matrices.items()}
+    names = [name_of(s) for s in blocks]
     if len(set(names) - {None}) < len(names) - names.count(None):
         raise ValueError(f"{name} must not name a subdomain twice, got {listing(names)}")
-    counts = {L.shape[0] for L in found.values()} | ({rows} if rows is not None else set())
+    counts = {L.shape[0] for L in blocks.values()} | ({rows} if rows is not None else set())
     if len(counts) > 1:
         raise ValueError(f"{name} must have the same number of rows, got {sorted(counts)}")
     counts_of = [
         np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
-        for L in found.values()
+        for L in blocks.values()
     ]
     entries = np.sum(counts_of, axis=0)
     if not entries.size:
@@ -172,10 +172,10 @@ def by_subdomain(
         raise ValueError(
             f"every row of {name} must have an entry, got none in {numbered('row', empty)}"
         )
-    return found
+    return blocks
 
 
-def _rows_on(subdomain: Any, L: Any, name: str, each: str) -> sp.csr_array | Chosen:
+def _rows_on(subdomain: Any, L: Any, name: str, label: str) -> sp.csr_array | Chosen:
     if not isinstance(subdomain, (Subdomain, str)):
         raise TypeError(f"{name} must be keyed by Subdomain or name, got {subdomain!r}")
     if isinstance(L, Chosen):  # of a tie
@@ -184,11 +184,11 @@ def _rows_on(subdomain: Any, L: Any, name: str, each: str) -> sp.csr_array | Cho
         return chosen(L, subdomain, 1.0, f"dofs of {name_of(subdomain)!r}")
     if isinstance(L, Mapping) and not sp.issparse(L):  # a dok_matrix is both
         raise TypeError(
-            f"{each} of {name_of(subdomain)!r} must be a matrix of p rows, or names of p dofs, got "
-            f"{L!r}"
+            f"{label} of {name_of(subdomain)!r} must be a matrix of p rows, or names of p dofs, "
+            f"got {L!r}"
         )
     columns = None if isinstance(subdomain, str) else subdomain.n
-    return rectangular(L, columns, f"{each} of {subdomain!r}", ndim=2)
+    return rectangular(L, columns, f"{label} of {subdomain!r}", ndim=2)
 
 
 def chosen(
@@ -205,11 +205,11 @@ def chosen(
         dof_list(array, None, what)  # its errors do not depend on the subdomain
     elif array.ndim > 1:
         raise TypeError(f"{what} must be a 1-D array of whole numbers or names, got {value!r}")
-    own = [value] if array.ndim == 0 else list(value)
-    if len(set(own)) < len(own):
-        twice = sorted({str(x) for x in own if own.count(x) > 1})
+    items = [value] if array.ndim == 0 else list(value)
+    if len(set(items)) < len(items):
+        twice = sorted({str(x) for x in items if items.count(x) > 1})
         raise ValueError(f"{what} must not repeat a dof, got {listing(twice)} twice")
-    return Chosen(tuple(own), entry, what)
+    return Chosen(tuple(items), entry, what)
 
 
 def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLike) -> Constraint:

@@ -31,27 +31,27 @@ def damping_matrix(
     *,
     M: Matrix,
     K: Matrix,
-    given: Any,
+    K_argument: Any,
     symmetric: bool = True,
 ) -> Matrix:
     """C + c_m M + c_k K in inner form.
 
     K: with the tangents at u0.
-    given: K as given by the user.
+    K_argument: K as given by the user.
     """
     if C is not None and not sp.issparse(C):
         _refuse_broadcast(plain_array(C, "C"), M, K, symmetric)
-    own = None if C is None else canonical(C, "C", n, symmetric=symmetric)[0]
-    if own is not None and own.ndim == 2 and not sp.issparse(own):
-        _warn_of_dense(own, given)
+    damping = None if C is None else canonical(C, "C", n, symmetric=symmetric)[0]
+    if damping is not None and damping.ndim == 2 and not sp.issparse(damping):
+        _warn_of_dense(damping, K_argument)
     if rayleigh is None:
-        return own
+        return damping
     c_m, c_k = rayleigh
     with np.errstate(over="ignore", invalid="ignore"):
-        whole = combination([(1.0, own), (c_m, M), (c_k, K)])
-    if whole is not None and not np.isfinite(whole.data if sp.issparse(whole) else whole).all():
+        total = combination([(1.0, damping), (c_m, M), (c_k, K)])
+    if total is not None and not np.isfinite(total.data if sp.issparse(total) else total).all():
         raise ValueError(f"rayleigh must give a finite c_m M + c_k K, got {rayleigh!r}")
-    return read_only(whole)
+    return read_only(total)
 
 
 def stiffness_at_start(s: Any) -> Matrix | None:
@@ -94,20 +94,20 @@ def checked_rayleigh(rayleigh: Any, damping_ratio: Any = None) -> tuple[float, f
     return real_number(c_m, "rayleigh[0]", low=0.0), real_number(c_k, "rayleigh[1]", low=0.0)
 
 
-def _of_ratios(given: Any) -> tuple[float, float]:
+def _of_ratios(argument: Any) -> tuple[float, float]:
     """c_m and c_k with these damping ratios at two periods."""
-    if not isinstance(given, Mapping) or len(given) != 2:
+    if not isinstance(argument, Mapping) or len(argument) != 2:
         raise TypeError(
             "damping_ratio must be a dict of two periods with their damping ratios, such as "
-            f"{{1.2: 0.05, 0.1: 0.05}}, got {given!r}"
+            f"{{1.2: 0.05, 0.1: 0.05}}, got {argument!r}"
         )
-    periods = np.array([positive_number(T, "damping_ratio: a period") for T in given])
-    ratios = [real_number(x, "damping_ratio: a ratio", low=0.0) for x in given.values()]
+    periods = np.array([positive_number(T, "damping_ratio: a period") for T in argument])
+    ratios = [real_number(x, "damping_ratio: a ratio", low=0.0) for x in argument.values()]
     coefficients = rayleigh_coefficients(2.0 * np.pi / periods, ratios, "damping_ratio")
     if min(coefficients) < 0.0:
         raise ValueError(
             "damping_ratio must have ratios that c_m M + c_k K gives with c_m, c_k >= 0, got "
-            f"{given!r}: c_m = {coefficients[0]:g}, c_k = {coefficients[1]:g}"
+            f"{argument!r}: c_m = {coefficients[0]:g}, c_k = {coefficients[1]:g}"
         )
     return coefficients
 

@@ -149,8 +149,8 @@ def internal_for(
     internal: Any, scheme: Scheme, n: int, names: Sequence[str] | None = None
 ) -> Internal | None:
     """A user's internal forces, checked, discrete gradients for the trapezoidal rule alone."""
-    own = checked_internal(internal, n, names)
-    for force in [] if own is None else [force.evaluate for force in own.forces]:
+    result = checked_internal(internal, n, names)
+    for force in [] if result is None else [force.evaluate for force in result.forces]:
         if not isinstance(force, DiscreteGradient):
             continue
         if not scheme.is_trapezoidal:
@@ -158,7 +158,7 @@ def internal_for(
                 "scheme must be the trapezoidal rule, Newmark() or GeneralizedAlpha(1), where "
                 f"internal has a DiscreteGradient, got {scheme!r}"
             )
-    return own
+    return result
 
 
 def _deformation(spring: Spring, u: np.ndarray) -> np.ndarray:

@@ -50,9 +50,9 @@ class NodeNames(Sequence[str]):
         component, _, node = str(name).rpartition(" ")
         if component in self.components and node.isdecimal():
             dof = len(self.components) * int(node) + self.components.index(component)
-            found = np.flatnonzero(self.numbers == dof)
-            if found.size:
-                return int(found[0])
+            positions = np.flatnonzero(self.numbers == dof)
+            if positions.size:
+                return int(positions[0])
         raise ValueError(f"{name!r} is not among the names")
 
     def __repr__(self) -> str:
@@ -174,19 +174,19 @@ def has_names(value: Any) -> bool:
     )
 
 
-def number_of(given: str, name: str, names: Sequence[str] | None) -> int:
+def number_of(dof_name: str, name: str, names: Sequence[str] | None) -> int:
     """The number of a dof by its name; ValueError with the nearest name."""
     if names is None:
         raise TypeError(
             f"{name} must be a 1-D array of whole numbers, since there are no dof_names, got "
-            f"{given!r}"
+            f"{dof_name!r}"
         )
     try:
-        return names.index(given)
+        return names.index(dof_name)
     except ValueError:
-        near = get_close_matches(given, names[:MOST_COMPARED], n=1, cutoff=0.0)
+        near = get_close_matches(dof_name, names[:MOST_COMPARED], n=1, cutoff=0.0)
         raise ValueError(
-            f"{name} must be dofs by name, got {given!r}; the nearest is {near[0]!r}"
+            f"{name} must be dofs by name, got {dof_name!r}; the nearest is {near[0]!r}"
         ) from None
 
 

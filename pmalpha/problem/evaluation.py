@@ -79,7 +79,7 @@ class CheckedInternal:
         self.what = names(forces, name, labels)
         self.slots = Slots(pattern)
         self.places = [(Placement(self.slots, "K_t"), Placement(self.slots, "C_t")) for _ in forces]
-        self.history, self.own = histories(forces)
+        self.history, self.ranges = histories(forces)
         # of the last evaluation, where a value was not finite: the time, and which one at what u
         self.not_finite: tuple[float, str] | None = None
         # of the first evaluation of each force: its arguments, f and q1, until they are compared
@@ -101,20 +101,20 @@ class CheckedInternal:
         self.not_finite = None
         K = np.zeros(self.slots.nnz) if wanted else None
         C = np.zeros(self.slots.nnz) if wanted and self.damped else None
-        for i, (force, what, own, places) in enumerate(
-            zip(self.forces, self.what, self.own, self.places)
+        for i, (force, what, part, places) in enumerate(
+            zip(self.forces, self.what, self.ranges, self.places)
         ):
             if not wanted and force.residual is not None and not force.history.size:
-                residual = self._residual(force, what, u, v, t, q[own])
+                residual = self._residual(force, what, u, v, t, q[part])
                 self._look_at({"residual": residual}, what, u, t)
                 f += residual
                 continue
-            values = evaluated(force, what, u, v, t, q[own])
+            values = evaluated(force, what, u, v, t, q[part])
             self._look_at({"f": values[0], "q1": values[3]}, what, u, t)
             if not self.repeated and self.not_finite is None:
-                self._repeat(i, (u, v, t, q[own]), values)
+                self._repeat(i, (u, v, t, q[part]), values)
             f += values[0]
-            q1[own] = values[3]
+            q1[part] = values[3]
             if K is not None:
                 self._place(values, what, t, places, K, C)
         self.check_symmetry(K, C, t)
@@ -236,9 +236,9 @@ def first_tangent(
     u0, v0: (n,) array, initial values, in the user's order of dofs.
     Returns K, C: (nnz,) array, values of the pattern; C is None where no force returned a C_t.
     """
-    own = histories(forces)[1]
+    ranges = histories(forces)[1]
     what = names(forces, name, labels)
-    first = [evaluated(x, w, u0, v0, 0.0, q0[o]) for x, w, o in zip(forces, what, own)]
+    first = [evaluated(x, w, u0, v0, 0.0, q0[o]) for x, w, o in zip(forces, what, ranges)]
     patterns = [
         entries_of(A, n)
         for force, (_, K, C, _) in zip(forces, first)
@@ -269,5 +269,5 @@ def names(forces: Sequence[Any], name: str, labels: Sequence[str] = ()) -> list[
 def histories(forces: Sequence[Any]) -> tuple[np.ndarray, list[slice]]:
     """The histories at t = 0, one after the other, and the range of each force."""
     ends = np.cumsum([0, *(force.history.size for force in forces)])
-    own = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:])]
-    return np.concatenate([np.zeros(0), *(force.history for force in forces)]), own
+    ranges = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:])]
+    return np.concatenate([np.zeros(0), *(force.history for force in forces)]), ranges

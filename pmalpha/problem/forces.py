@@ -398,11 +398,11 @@ def _is_list_of_loads(force: Any) -> bool:
 def _together(terms: Sequence[Term]) -> Force:
     """Loads that act together, in their order; constant ones are added."""
     constant = [x for x in terms if isinstance(x, np.ndarray)]
-    others = [x for x in terms if not isinstance(x, np.ndarray)]
-    found = [sum(constant[1:], constant[0]), *others] if constant else others
-    if len(found) < 2:
-        return found[0] if found else None
-    return tuple(found)
+    loads = [x for x in terms if not isinstance(x, np.ndarray)]
+    result = [sum(constant[1:], constant[0]), *loads] if constant else loads
+    if len(result) < 2:
+        return result[0] if result else None
+    return tuple(result)
 
 
 def terms_of(force: Force) -> tuple[Term, ...]:

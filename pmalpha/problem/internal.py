@@ -198,8 +198,8 @@ column of dof 0: 0.5 given at [0, 0], 0.75 by differences
 
 
 def _method(owner: Any, name: str) -> Callable[..., Any] | None:
-    found = getattr(owner, name, None)
-    return found if callable(found) else None
+    method = getattr(owner, name, None)
+    return method if callable(method) else None
 
 
 def _checked_pattern(value: Any) -> sp.csr_array:

@@ -77,11 +77,11 @@ class Limits(Frozen):
         return {name: value for name, value in values.items() if value is not None}
 
     def __repr__(self) -> str:
-        given = {
+        values = {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in self._given().items()
         }
-        return f"Limits({', '.join(f'{name}={value}' for name, value in given.items())})"
+        return f"Limits({', '.join(f'{name}={value}' for name, value in values.items())})"
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Limits) and repr(self) == repr(other)

@@ -59,9 +59,9 @@ def plain_matrix(value: Any) -> Any:
     return value.tocsr() if hasattr(value, "tocsr") and not sp.issparse(value) else value
 
 
-def plain_matrices(**given: Any) -> list[Any]:
+def plain_matrices(**matrices: Any) -> list[Any]:
     """`plain_matrix` of each; ValueError unless the readers' results among them have equal rows."""
-    labelled = [(name, A.labels) for name, A in given.items() if hasattr(A, "labels")]
+    labelled = [(name, A.labels) for name, A in matrices.items() if hasattr(A, "labels")]
     for name, labels in labelled[1:]:
         first, rows = labelled[0]
         if not np.array_equal(labels, rows):
@@ -69,7 +69,7 @@ def plain_matrices(**given: Any) -> list[Any]:
                 f"{name} must have the labels of {first}, row by row, got {len(labels)} rows "
                 f"and {len(rows)}; {name}.arranged({first}.labels) has them in that order"
             )
-    return [plain_matrix(A) for A in given.values()]
+    return [plain_matrix(A) for A in matrices.values()]
 
 
 def canonical(
@@ -206,10 +206,10 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
 
 def _unsymmetric(A: Any, name: str, i: int, j: int, may_be: bool | None) -> str:
     """What is wrong with a matrix that is not symmetric at [i, j], and what to do."""
-    whole = sp.coo_array(A)
-    stored = whole.data != 0.0
-    below = bool(np.any(whole.row[stored] > whole.col[stored]))
-    above = bool(np.any(whole.row[stored] < whole.col[stored]))
+    entries = sp.coo_array(A)
+    stored = entries.data != 0.0
+    below = bool(np.any(entries.row[stored] > entries.col[stored]))
+    above = bool(np.any(entries.row[stored] < entries.col[stored]))
     if below != above:
         side, other = ("below", "above") if below else ("above", "below")
         return (
@@ -260,9 +260,9 @@ def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
     c_m * d + c_k * K would add d to every row of K.
     """
     d = np.asarray(d, dtype=np.float64)
-    own = np.flatnonzero(d).astype(np.int32)
+    index = np.flatnonzero(d).astype(np.int32)
     ptr = np.concatenate([[0], np.cumsum(d != 0.0)]).astype(np.int32)
-    return sp.csr_array((d[own], own, ptr), shape=(d.size, d.size))
+    return sp.csr_array((d[index], index, ptr), shape=(d.size, d.size))
 
 
 def permuted(A: Matrix | None, order: np.ndarray) -> Matrix | None:
@@ -297,8 +297,8 @@ def combination(terms: list[tuple[float, Matrix]]) -> Matrix | None:
         return sum(f * A for f, A in present)
     if any(A.ndim == 2 and not sp.issparse(A) for _, A in present):
         return sum(f * dense(A) for f, A in present)
-    total, *others = (_scaled(f, A) for f, A in present)
-    for A in others:
+    total, *summands = (_scaled(f, A) for f, A in present)
+    for A in summands:
         total = _sparse_sum(total, A)
     return total
 
@@ -398,9 +398,9 @@ def core_matrix(A: Matrix | None, *, symmetric: bool = True) -> Any:
     if not is_narrow(width + 1, n, A.nnz):
         return strips_or_rows(core_sparse(A))
     band = np.zeros((1 if symmetric else 2, width + 1, n))
-    for own, (i, j) in zip(band, ((rows, A.indices), (A.indices, rows))):
+    for half, (i, j) in zip(band, ((rows, A.indices), (A.indices, rows))):
         upper = j >= i
-        own[j[upper] - i[upper], i[upper]] = A.data[upper]
+        half[j[upper] - i[upper], i[upper]] = A.data[upper]
     return Band(band[0] if symmetric else band)
 
 

@@ -45,8 +45,10 @@ def graph_of(terms: Sequence[Matrix | None]) -> Graph | None:
     # the matrices one below the other: row i of each belongs to vertex i
     n, patterns = sparse[0].shape[0], [_pattern(A) for A in sparse]
     begins = np.cumsum([0] + [index.size for _, index in patterns])
-    ptr = np.concatenate([[0], *(own[1:] + begin for (own, _), begin in zip(patterns, begins))])
-    index = np.concatenate([own for _, own in patterns])
+    ptr = np.concatenate(
+        [[0], *(offsets[1:] + begin for (offsets, _), begin in zip(patterns, begins))]
+    )
+    index = np.concatenate([columns for _, columns in patterns])
     vertex = np.tile(np.arange(n, dtype=np.int32), len(sparse))
     return Graph(*_core.graph_of_groups(ptr, index, vertex, n))
 
@@ -125,8 +127,8 @@ def with_full_nodes(graph: Graph, last: np.ndarray) -> Graph:
     dof = np.repeat(np.arange(n), size)
     other = (np.arange(n)[:, None] // size * size + np.arange(size)).ravel()
     added = border[dof] == border[other]
-    more = np.bincount(dof[added], minlength=n).cumsum()
-    ptr = np.concatenate([graph.ptr, graph.ptr[-1] + more])
+    counts = np.bincount(dof[added], minlength=n).cumsum()
+    ptr = np.concatenate([graph.ptr, graph.ptr[-1] + counts])
     index = np.concatenate([graph.index, other[added].astype(np.int32)])
     vertex = np.tile(np.arange(n, dtype=np.int32), 2)
     return Graph(*_core.graph_of_groups(ptr, index, vertex, n))
@@ -180,9 +182,9 @@ def _leading(graph: Graph, size: int) -> Graph:
     """The graph of the first vertices only."""
     ptr = graph.ptr[: size + 1]
     index = graph.index[: ptr[-1]]
-    kept = index < size
-    before = np.concatenate([[0], np.cumsum(kept, dtype=np.int64)])
-    return Graph(before[ptr], index[kept])
+    mask = index < size
+    before = np.concatenate([[0], np.cumsum(mask, dtype=np.int64)])
+    return Graph(before[ptr], index[mask])
 
 
 def envelope(graph: Graph, order: np.ndarray) -> int:

@@ -20,23 +20,23 @@ Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelC
 Restoring = Function | tuple[Spring | Function, ...] | None
 
 
-def labelled(given: Any, name: str) -> list[tuple[Any, str]]:
+def labelled(argument: Any, name: str) -> list[tuple[Any, str]]:
     """The forces of an argument, one or a list of them, each with its name in messages.
 
     None and an empty list are no force: the sum of none.
     """
     # a LowLevelCallable is a tuple too
-    if isinstance(given, (list, tuple)) and not isinstance(given, LowLevelCallable):
-        return [(item, f"{name}[{i}]") for i, item in enumerate(given)]
-    return [] if given is None else [(given, name)]
+    if isinstance(argument, (list, tuple)) and not isinstance(argument, LowLevelCallable):
+        return [(item, f"{name}[{i}]") for i, item in enumerate(argument)]
+    return [] if argument is None else [(argument, name)]
 
 
 def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None) -> Restoring:
     """A user's restoring force, checked as far as possible without evaluating it."""
-    found: list[Spring | Function] = []
+    forces: list[Spring | Function] = []
     for item, label in labelled(restoring, "restoring"):
         if isinstance(item, (Spring, Device)):
-            found.append(item._placed(n, names, label))
+            forces.append(item._placed(n, names, label))
             continue
         if isinstance(item, LowLevelCallable):
             check_signature(item, "restoring", label)
@@ -45,10 +45,10 @@ def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None
             raise TypeError(f"{label} must be {rule}, got {item!r}")
         else:
             check_order(item, OF_RESTORING, label)
-        found.append(item)
-    if len(found) == 1 and not isinstance(found[0], Spring):
-        return found[0]
-    return tuple(found) or None
+        forces.append(item)
+    if len(forces) == 1 and not isinstance(forces[0], Spring):
+        return forces[0]
+    return tuple(forces) or None
 
 
 def items_of(restoring: Restoring) -> tuple[Spring | Function, ...]:

@@ -154,8 +154,8 @@ class Scheme(Frozen):
         """
         step = self.constants(1.0)
         # u1 = 0 there, so that w1 = -ut / al1; of u = 0 remains the state (v, w, a)
-        whole = step.closed(-step.predictors()[0] / step.al1)
-        return float(np.max(np.abs(np.linalg.eigvals(whole[1:, 1:]))))
+        amplification = step.closed(-step.predictors()[0] / step.al1)
+        return float(np.max(np.abs(np.linalg.eigvals(amplification[1:, 1:]))))
 
     @property
     def parameters(self) -> tuple[float, ...]:

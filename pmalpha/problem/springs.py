@@ -452,8 +452,8 @@ class Multilinear(Spring):
     @property
     def numbers(self) -> np.ndarray:
         """Dofs, points and rule, a row for each spring; equal for equal springs."""
-        own = np.append(self.points.ravel(), float(self.rule == "elastic"))
-        return np.column_stack([self.dofs, np.tile(own, (len(self), 1))])
+        law = np.append(self.points.ravel(), float(self.rule == "elastic"))
+        return np.column_stack([self.dofs, np.tile(law, (len(self), 1))])
 
     def _for_core(self) -> tuple[np.ndarray, ...]:
         """The stiffness beyond the last point, and that of each element with its limit."""

@@ -70,9 +70,9 @@ def facts(s: Any) -> Iterator[tuple[str, str]]:
     for name in ("force", "restoring", "internal"):
         if getattr(s, name) is not None:
             yield name, described(s, name)
-    found = longest_periods(s)
-    if found is not None:
-        yield "longest periods", ", ".join(f"{x:.4g}" for x in found) or "none"
+    periods = longest_periods(s)
+    if periods is not None:
+        yield "longest periods", ", ".join(f"{x:.4g}" for x in periods) or "none"
 
 
 def form(A: Any) -> str:
@@ -88,8 +88,8 @@ def described(s: Any, name: str) -> str:
     """A load, or the number of springs and whether there are functions."""
     value = getattr(s, name)
     if name == "force":
-        found = ("constant" if isinstance(x, np.ndarray) else repr(x) for x in terms_of(value))
-        return " and ".join(found)
+        terms = ("constant" if isinstance(x, np.ndarray) else repr(x) for x in terms_of(value))
+        return " and ".join(terms)
     springs = s.restoring_springs if name == "restoring" else value.springs
     count = sum(len(spring) for spring in springs)
     functions = s.has_functions if name == "restoring" else bool(value.forces)
@@ -105,8 +105,8 @@ def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
 
     squares = eigh(dense(K), dense(s.M), eigvals_only=True)
     oscillating = squares[squares > 1e-10 * np.abs(squares).max()]
-    found: np.ndarray = 2.0 * np.pi / np.sqrt(oscillating[:count])
-    return found
+    periods: np.ndarray = 2.0 * np.pi / np.sqrt(oscillating[:count])
+    return periods
 
 
 class Subdomain(Frozen):
@@ -272,22 +272,22 @@ class Subdomain(Frozen):
         self._check_mass()
         self._freeze()
 
-    def _stiffness_estimate(self, given: MatrixLike | None) -> Matrix | None:
+    def _stiffness_estimate(self, argument: MatrixLike | None) -> Matrix | None:
         """The estimate K_r: springs bring their own, which no other may replace."""
-        estimate = self._estimate(given, "restoring_stiffness")
-        if not self.restoring_springs or (given is not None and self.has_functions):
+        estimate = self._estimate(argument, "restoring_stiffness")
+        if not self.restoring_springs or (argument is not None and self.has_functions):
             return estimate
         tangents = stiffness(self.restoring_springs, "initial_tangent", self.n)
-        own = self._estimate(tangents, "restoring_stiffness")
-        excess = combination([(1.0, estimate), (-1.0, own)])
-        if given is not None and excess is not None:
+        spring_stiffness = self._estimate(tangents, "restoring_stiffness")
+        excess = combination([(1.0, estimate), (-1.0, spring_stiffness)])
+        if argument is not None and excess is not None:
             if not abs(excess).max() <= 1e-12 * abs(tangents).max():
                 raise ValueError(
                     "restoring_stiffness must be the initial tangents where all restoring forces "
                     "are springs, which bring them, got another estimate: stops that the step does "
                     "not resolve are given as internal="
                 )
-        return own
+        return spring_stiffness
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "
@@ -375,8 +375,8 @@ class Subdomain(Frozen):
         from ..reduction.superelement import reduced_arguments
 
         arguments, basis = reduced_arguments(self, keep, modes, omega)
-        own = {name: getattr(self, name) for name in allowed}
-        return Subdomain(**{**own, **arguments, **changes}), basis
+        attributes = {name: getattr(self, name) for name in allowed}
+        return Subdomain(**{**attributes, **arguments, **changes}), basis
 
     @property
     def massless(self) -> np.ndarray:
@@ -476,11 +476,11 @@ class Subdomain(Frozen):
 
     def _damping(self, C: Any, K: Any) -> Matrix | None:
         """The damping matrix; C and K as given."""
-        own = self.K
+        tangent = self.K
         if self.rayleigh is not None and self.rayleigh[1] > 0.0:
-            own = stiffness_at_start(self)
-        others = dict(M=self.M, K=own, given=K, symmetric=self.symmetric)
-        return damping_matrix(C, self.rayleigh, self.n, **others)
+            tangent = stiffness_at_start(self)
+        arguments = dict(M=self.M, K=tangent, K_argument=K, symmetric=self.symmetric)
+        return damping_matrix(C, self.rayleigh, self.n, **arguments)
 
     def _estimate(self, value: Any, name: str) -> Matrix | None:
         if value is not None and self.restoring is None:
@@ -563,8 +563,8 @@ class Subdomain(Frozen):
 def dense_whole(subdomains: Sequence[Subdomain], name: str) -> np.ndarray:
     """M, C or K of all subdomains, block by block."""
     blocks = [sparse(getattr(s, name), s.n) for s in subdomains]
-    whole: np.ndarray = sp.block_diag(blocks).toarray()
-    return whole
+    matrix: np.ndarray = sp.block_diag(blocks).toarray()
+    return matrix
 
 
 def _check_kinds(M: Any, scheme: Any, damping: Any, name: Any) -> None:

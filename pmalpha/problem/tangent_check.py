@@ -75,18 +75,18 @@ def _worst(
     """The entry of A that differs most from differences of f, column by column."""
     h = step * (float(np.max(np.abs(x))) or 1.0)
     worst, scale = (-1.0, 0, 0, 0.0, 0.0), 0.0
-    whole = sparse(A, x.size)
-    columns = sp.csc_array(whole) if sp.issparse(A) else whole.toarray()
+    matrix = sparse(A, x.size)
+    columns = sp.csc_array(matrix) if sp.issparse(A) else matrix.toarray()
     for j in range(x.size):
-        given = dense(columns[:, [j]]).ravel()
+        values = dense(columns[:, [j]]).ravel()
         difference, doubt = _difference(f, x, j, h)
         with np.errstate(invalid="ignore"):
-            apart = np.abs(difference - given) - doubt
+            apart = np.abs(difference - values) - doubt
         apart[np.isnan(apart)] = np.inf
         i = int(np.argmax(apart))
         if apart[i] > worst[0]:
-            worst = (max(0.0, float(apart[i])), i, j, float(given[i]), float(difference[i]))
-        scale = float(max(scale, np.max(np.abs(given)), np.max(np.abs(difference))))
+            worst = (max(0.0, float(apart[i])), i, j, float(values[i]), float(difference[i]))
+        scale = float(max(scale, np.max(np.abs(values)), np.max(np.abs(difference))))
     most, i, j, one, other = worst
     error = np.inf if not np.isfinite(most) else most / scale if scale else 0.0
     return TangentCheck(error, name, i, j, one, other, scale)

@@ -179,8 +179,8 @@ class Placement:
         if not inside.all():  # entries outside are zero, or refused
             self._refuse(keys, np.where(inside, 0.0, A.data[: keys.size]))
             rows = row_of_entries(A)[inside]
-            kept = (A.data[: keys.size][inside], (rows, A.indices[: keys.size][inside]))
-            return self._learned(by_rows(sp.coo_array(kept, shape=A.shape), self.name))
+            triplets = (A.data[: keys.size][inside], (rows, A.indices[: keys.size][inside]))
+            return self._learned(by_rows(sp.coo_array(triplets, shape=A.shape), self.name))
         self.known, self.where = (A.indptr.copy(), A.indices.copy()), where
         self.repeated = bool(np.any(np.bincount(where, minlength=1) > 1))
         if np.array_equal(where, np.arange(self.slots.nnz)):

@@ -175,7 +175,7 @@ def contact(
         raise ValueError(f"sign must be 1 or -1, got {sign!r}")
     if (b is None) != (dofs_b is None):
         raise TypeError("b and dofs_b must be given together")
-    given = {"gap": gap, "friction": friction, "restitution": restitution}
+    numbers = {"gap": gap, "friction": friction, "restitution": restitution}
     if isinstance(tangents, (str, Mapping)) or not isinstance(tangents, Sequence):
         raise TypeError(f"tangents must be a list of dofs, got {tangents!r}")
     if b is None:
@@ -197,7 +197,7 @@ def contact(
             pairs(a, x, b, y, (-1.0, 1.0), (f"tangents[{k}][0]", f"tangents[{k}][1]"))
             for k, (x, y) in enumerate(tangents)
         ]
-    return Contact(normal, tangents=along, motion=motion, name=name, **given)
+    return Contact(normal, tangents=along, motion=motion, name=name, **numbers)
 
 
 def _one_sided(a: Any, dofs: Any, name: str, sign: float) -> dict[Any, Any]:

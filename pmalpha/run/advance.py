@@ -72,7 +72,7 @@ def _advance(
             ready, failure = _ready_on_all(ranks, loads, core.step_count, ready, failure)
         failed = core.advance(ready - core.step_count, record, call)
         if failed is not None:
-            raise _error(failed, core.step_count, loads, 0 if ranks is None else ranks.own.start)
+            raise _error(failed, core.step_count, loads, 0 if ranks is None else ranks.part.start)
         if failure is not None:
             raise failure
         if report is not None:
@@ -130,10 +130,10 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
     if isinstance(failed, tuple):
         index, code, what = failed
         return CallbackError(code, what, step, t, names[index])
-    own = failed - first
-    if not 0 <= own < len(loads.members):
+    i = failed - first
+    if not 0 <= i < len(loads.members):
         return InstabilityError(step, t, names[failed])
-    return InstabilityError(step, t, names[failed], cause_of(loads.members[own]))
+    return InstabilityError(step, t, names[failed], cause_of(loads.members[i]))
 
 
 def _convergence_error(
@@ -166,9 +166,9 @@ def _value_not_finite(member: Member, t: float, spoiled: int, finite: bool) -> s
     """
     functions = () if member.internal is None else member.internal.functions
     for function, *_ in functions:
-        found = getattr(function, "not_finite", None)
-        if found is not None and found[0] == t:
-            return str(found[1])
+        record = getattr(function, "not_finite", None)
+        if record is not None and record[0] == t:
+            return str(record[1])
     if spoiled >= 0:
         dof, force = member.order[spoiled], "the force that its compiled functions returned"
         return f"{force} for dof {dof} at t = {t:g} is not finite"
@@ -216,12 +216,12 @@ def change(
     steps = session.steps.changed(layout, step) if clock is None else Steps(layout, clock)
     session.assemblies.of(layout)  # what it lacks is found now, not after the first macro step
     new, old, before = session.assemblies.of(steps.present), session.assembly, session.steps
-    found, begins = None, None
+    states, begins = None, None
     if session.started:
         begins = session.loads.next_begins(
             step, new.members, lambda i: steps.lengths(new.first + i, step)
         )
-        found = moves(
+        states = moves(
             old,
             new,
             lambda i: before.lengths(i, step),
@@ -235,8 +235,8 @@ def change(
     if session.ranks is not None:
         session.ranks.share(None)  # from here on nothing fails
     loads.to_core()
-    if found is not None:
-        take_over(old, new, found, steps.clock)
+    if states is not None:
+        take_over(old, new, states, steps.clock)
     else:  # an assembly of earlier steps has the time of theirs
         new.core.set_origin(steps.clock.origin, steps.clock.t0)
     take(session, steps, new)
@@ -246,9 +246,9 @@ def change(
 # ---- chosen steps ------------------------------------------------------------------------
 
 
-def choose(session: Session, own: Sequence[int]) -> None:
+def choose(session: Session, counts: Sequence[int]) -> None:
     """Other substeps in macro steps that are counted on, under "gc"."""
-    substeps = tuple(joined(session.ranks, own))
+    substeps = tuple(joined(session.ranks, counts))
     steps, last = session.steps, session.last_history
     if substeps != steps.layout.substeps:
         change(session, steps.layout.dt, substeps, steps.clock)
@@ -324,7 +324,7 @@ def take_regular_steps(session: Session) -> None:
         return  # the macro step was not completed
     regular = Steps(steps.layout, steps.clock)
     new = session.assemblies.of(regular.layout)
-    found = moves(
+    states = moves(
         old,
         new,
         steps.lengths_after_first,
@@ -333,6 +333,6 @@ def take_regular_steps(session: Session) -> None:
     )
     loads = session.loads.moved_to(new.core, new.members)
     follow_energies(old, new)
-    take_over(old, new, found, steps.clock)
+    take_over(old, new, states, steps.clock)
     take(session, regular, new)
     session.loads = loads

@@ -91,7 +91,7 @@ class Lanes:
         for i, (member, core) in enumerate(zip(self.members, self.cores)):
             u, v, w = (x.ravel() for x in start.states[i])
             core.start(u, v, w, lam)
-            core.set_load(tuple(core_load(own[i], member.order) for own in forces))
+            core.set_load(tuple(core_load(loads[i], member.order) for loads in forces))
         for k, motion in enumerate(motions):
             for lane in range(LANES):
                 self.core.set_motion(k * LANES + lane, motion.core_load())
@@ -124,7 +124,7 @@ class Lanes:
             return False
         if any(core.gain[2] > 0.0 for core in self.cores):
             return False
-        for all_lanes, *cases in zip(self.interface, *(own.interface for own in records)):
+        for all_lanes, *cases in zip(self.interface, *(x.interface for x in records)):
             split_lanes(all_lanes, tuple(cases))
         return True
 
@@ -356,7 +356,7 @@ def run_each(
         paths = checked_paths(files[0], len(checked))
         chosen["overwrite"] = files[1]
         results = Results(len(checked))
-        with kept(session):
+        with restoration(session):
             last = session.clock.end(*end, 0)
             recording = checked_recording(session, last, paths, chosen)
             with reporting(progress, 0, last * len(checked)) as report:
@@ -374,22 +374,22 @@ def checked_recording(
 
     Returns one of them, the pattern for all where nothing is written to files.
     """
-    kept = 0.0
+    count = 0.0
     for path in set(paths) or {None}:
         recording = recording_of(session, 0, end, path, checks_loads=False, **chosen)
         recording.release()
-        kept += recording.numbers_kept * paths.count(path)
+        count += recording.numbers_kept * paths.count(path)
     advice = "choose dofs with record= or fewer time levels with every="
-    require(8.0 * kept, f"the Histories of {counted(len(paths), 'case')}", advice)
+    require(8.0 * count, f"the Histories of {counted(len(paths), 'case')}", advice)
     return recording
 
 
 @contextmanager
-def kept(session: Session) -> Iterator[None]:
+def restoration(session: Session) -> Iterator[None]:
     """Everything about the coupler is restored afterwards; its steps are the first ones."""
     present = snapshot_of(session) if session.started else None
     steps = session.steps, session.assembly
-    kept = session.initial, session.loads, session.started, session.was_reset, session.last_history
+    facts = session.initial, session.loads, session.started, session.was_reset, session.last_history
     session.was_reset = True  # the factor of M is kept for all cases
     try:
         take_first_steps(session)
@@ -397,7 +397,7 @@ def kept(session: Session) -> Iterator[None]:
     finally:
         if present is not None:
             restore_snapshot(session, present)
-        session.initial, loads, session.started, session.was_reset, session.last_history = kept
+        session.initial, loads, session.started, session.was_reset, session.last_history = facts
         if present is None:  # the start has not evaluated the functions yet
             take(session, *steps)
             session.core.set_origin(0, 0.0)
@@ -454,7 +454,7 @@ def prepared(
     ]
     try:
         recordings = [
-            plan.recording.again([Loads(*own) for own in zip(plan.cases[k].forces, seen)])
+            plan.recording.again([Loads(*pair) for pair in zip(plan.cases[k].forces, seen)])
             for k, seen in zip(group, forces)
         ]
         if session.accelerations is None:

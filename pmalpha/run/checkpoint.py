@@ -136,10 +136,10 @@ def load(force: Any) -> str:
 
 def internal(member: Member) -> str:
     """A description of internal forces: their springs, pattern and history; not the functions."""
-    forces, given = member.internal, member.subdomain.internal
-    assert forces is not None and given is not None
-    springs = load(given.springs)
-    sizes = [force.history.size for force in given.forces]
+    forces, argument = member.internal, member.subdomain.internal
+    assert forces is not None and argument is not None
+    springs = load(argument.springs)
+    sizes = [force.history.size for force in argument.forces]
     count = counted(len(sizes), "function") + (f" with {sizes} numbers of history" if sizes else "")
     where = checksum(forces.pattern)
     return ", ".join(x for x in (springs, count, f"pattern {where}", checksum(forces.initial)) if x)
@@ -368,8 +368,8 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
 
     first: the number of the first subdomain of each rank, and the number of all.
     """
-    own = re.escape(path.name) + OF_A_RANK
-    older = [x.name for x in path.parent.iterdir() if re.fullmatch(own, x.name)]
+    pattern = re.escape(path.name) + OF_A_RANK
+    older = [x.name for x in path.parent.iterdir() if re.fullmatch(pattern, x.name)]
     header = {"format": FORMAT, "version": VERSION, "files": list(files), "first": list(first)}
     write_npz(path, header, {})
     for name in older:
@@ -378,45 +378,47 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
 
 
 def read(
-    path: str | PathLike[str], problem: Mapping[str, Any], own: range
+    path: str | PathLike[str], problem: Mapping[str, Any], numbers: range
 ) -> tuple[int, dict[str, np.ndarray], dict[str, Any] | None]:
     """Macro step, arrays and changed steps of a file that was written for the same problem.
 
-    own: the numbers of the subdomains of this process among all: the others are not read.
+    numbers: those of the subdomains of this process among all: the others are not read.
     """
     header, arrays = read_npz(path, FORMAT, VERSION)
     if "files" in header:
-        header, arrays = _of_ranks(path, header, own)
+        header, arrays = _of_ranks(path, header, numbers)
     saved, step = header.get("problem"), header.get("step_count")
     if not isinstance(saved, dict) or type(step) is not int or not 0 <= step <= MOST:
         raise damaged(path, "its header is incomplete")
-    elsewhere = [name for i, name in enumerate(problem["names"]) if i not in own]
-    found = differences(saved, problem, elsewhere)
-    if found:
+    elsewhere = [name for i, name in enumerate(problem["names"]) if i not in numbers]
+    facts = differences(saved, problem, elsewhere)
+    if facts:
         raise ValueError(
             "path must lead to a checkpoint of the same problem, but in "
-            f"{str(path)!r} these differ: {listing(found, SHOWN)}"
+            f"{str(path)!r} these differ: {listing(facts, SHOWN)}"
         )
     return step, arrays, header.get("steps")
 
 
 def _of_ranks(
-    path: str | PathLike[str], master: Mapping[str, Any], own: range
+    path: str | PathLike[str], master: Mapping[str, Any], numbers: range
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of those files beside a master that have these subdomains."""
     files: Any = master["files"]
     first: Any = master.get("first")
-    whole = isinstance(files, list) and isinstance(first, list) and len(first) == len(files) + 1
-    if not (whole and files and all(type(number) is int for number in first)):
+    is_complete = (
+        isinstance(files, list) and isinstance(first, list) and len(first) == len(files) + 1
+    )
+    if not (is_complete and files and all(type(number) is int for number in first)):
         raise damaged(path, "its header is incomplete")
     if not all(map(_is_file_name, files)):
         raise damaged(path, f"it must lead to files in its folder, got {files}")
     has = enumerate(pairwise(first))
-    wanted = [k for k, (a, b) in has if max(a, own.start) < min(b, own.stop)] or [0]
-    found = [read_npz(Path(path).with_name(files[k]), FORMAT, VERSION) for k in wanted]
-    header: dict[str, Any] = dict(found[0][0], problem={})
+    wanted = [k for k, (a, b) in has if max(a, numbers.start) < min(b, numbers.stop)] or [0]
+    contents = [read_npz(Path(path).with_name(files[k]), FORMAT, VERSION) for k in wanted]
+    header: dict[str, Any] = dict(contents[0][0], problem={})
     arrays: dict[str, np.ndarray] = {}
-    for other, theirs in found:
+    for other, theirs in contents:
         if not isinstance(other.get("problem"), dict):
             raise damaged(path, "a file next to it has no description of the problem")
         if any(other.get(fact) != header.get(fact) for fact in ("step_count", "steps")):

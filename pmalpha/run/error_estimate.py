@@ -183,12 +183,12 @@ def _estimate(runs: Runs, history: History, half: Compared, finest: Compared) ->
     scale = factor / finest.largest if finest.largest > 0.0 else 0.0
     i = int(np.argmax(half.differences))
     level, dof = half.places[i]
-    own = history[i]
-    labels = own.dof_names
+    motion = history[i]
+    labels = motion.dof_names
     return ErrorEstimate(
         relative=half.difference * scale,
         by_subdomain={name: x * scale for name, x in zip(names, half.differences)},
-        place=(names[i], dof if labels is None else labels[dof], float(own.t[level])),
+        place=(names[i], dof if labels is None else labels[dof], float(motion.t[level])),
         order=order,
         dt=runs.dt,
         history=history,
@@ -219,15 +219,15 @@ class Compared:
         self, rows: Sequence[slice], motions: Sequence[np.ndarray], coarser: Sequence[np.ndarray]
     ) -> None:
         """A piece of the run at these time levels of each subdomain, and the coarser run there."""
-        for i, (own, u, other) in enumerate(zip(rows, motions, coarser)):
-            size = np.abs(u - other[own])
+        for i, (part, u, other) in enumerate(zip(rows, motions, coarser)):
+            size = np.abs(u - other[part])
             level, dof = np.unravel_index(int(np.argmax(size)), size.shape)
             if size[level, dof] > self.differences[i]:
                 self.differences[i] = float(size[level, dof])
-                self.places[i] = own.start + int(level), int(dof)
+                self.places[i] = part.start + int(level), int(dof)
             self.largest = max(self.largest, float(np.max(np.abs(u))))
             if self.motions:
-                self.motions[i][own] = u
+                self.motions[i][part] = u
 
 
 class Runs:
@@ -258,10 +258,10 @@ class Runs:
                 threads=None if may_take_less else threads,
             )
 
-    def _change(self, name: str, own: dict[str, Any]) -> None:
-        own["substeps"] = self.substeps[self.names.index(name)]
-        own["force"] = self.functions.of(own["force"], f"force of subdomain {name!r}")
-        own["restoring"] = self.functions.of_restoring(own["restoring"], name)
+    def _change(self, name: str, arguments: dict[str, Any]) -> None:
+        arguments["substeps"] = self.substeps[self.names.index(name)]
+        arguments["force"] = self.functions.of(arguments["force"], f"force of subdomain {name!r}")
+        arguments["restoring"] = self.functions.of_restoring(arguments["restoring"], name)
 
     def coarse(self, steps: int, report: Report | None) -> History:
         """The run itself, with the warnings of `Coupler.run`."""
@@ -280,8 +280,8 @@ class Runs:
     ) -> Compared:
         """The run with steps halved so many times, compared with the motions of the one before."""
         count, ratio = len(self.names), 2**halvings
-        kept = [np.empty_like(u) for u in coarser] if keep else []
-        found = Compared([0.0] * count, [(0, 0)] * count, 0.0, kept)
+        arrays = [np.empty_like(u) for u in coarser] if keep else []
+        comparison = Compared([0.0] * count, [(0, 0)] * count, 0.0, arrays)
         coupler, done = self.coupler(halvings), steps * (ratio - 1)
         try:
             for first, last in self._pieces(steps, ratio, coarser):
@@ -291,11 +291,11 @@ class Runs:
                     )
                 rows = [slice(first * k, last * k + 1) for k in self.substeps]
                 motions = [x.u[::ratio] for x in piece.subdomains]
-                found.take(rows, motions, coarser)
+                comparison.take(rows, motions, coarser)
         except Exception as error:
             error.add_note(f"in the run with dt = {coupler.dt:g} of estimate_error")
             raise
-        return found
+        return comparison
 
     def _pieces(
         self, steps: int, ratio: int, motions: Sequence[np.ndarray]

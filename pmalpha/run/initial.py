@@ -49,7 +49,7 @@ class InitialValues:
         v0: Mapping[Any, Any] | None = None,
     ):
         self.rows = rows
-        u, v = (_chosen(given, keys, name) for name, given in (("u0", u0), ("v0", v0)))
+        u, v = (_chosen(values, keys, name) for name, values in (("u0", u0), ("v0", v0)))
         self.values = list(zip(u, v))
 
     def check(self, motions: Sequence[Motion], *, tied: bool = False) -> None:
@@ -109,7 +109,7 @@ class InitialValues:
         """Consistent initial values (S1), in elimination order."""
         states = self.in_order(members)
         forces = [loads.at_start(i) for i in range(len(members))]
-        terms = [[F, *own] for F, own in zip(forces, loads.terms_of_motion(states))]
+        terms = [[F, *parts] for F, parts in zip(forces, loads.terms_of_motion(states))]
         g = rows.jumps_in_core(values_at_start(loads.motions, rows.p))
         slope = rows.jumps_in_core(values_at_start(loads.motions, rows.p, slopes=True))
         if not all_known(loads.motions):
@@ -148,24 +148,24 @@ def consistent_in_lanes(
     """
     members, p = loads.members, rows.p
     states = {initial: initial.in_order(members) for initial in initials}
-    moving = {initial: loads.terms_of_motion(own) for initial, own in states.items()}
+    moving = {initial: loads.terms_of_motion(state) for initial, state in states.items()}
     u, v = (
         [columns([states[initial][i][k] for initial in initials]) for i in range(len(members))]
         for k in range(2)
     )
     terms = []
     for i, member in enumerate(members):
-        each = zip(*(moving[initial][i] for initial in initials))
-        F = columns([force_at(own[i], member, 0.0) for own in forces])
-        terms.append([F, *map(columns, each)])
+        parts = zip(*(moving[initial][i] for initial in initials))
+        F = columns([force_at(of_case[i], member, 0.0) for of_case in forces])
+        terms.append([F, *map(columns, parts)])
     g = rows.jumps_in_core(values_at_start(loads.motions, p))
     slope = rows.jumps_in_core(values_at_start(loads.motions, p, slopes=True))
     w, lam = solver.solve_columns(terms, slope)
-    for member, own in zip(members, w):
-        if not np.all(np.isfinite(own)):
+    for member, w_i in zip(members, w):
+        if not np.all(np.isfinite(w_i)):
             raise InstabilityError(0, 0.0, member.name)
         if member.mean:
-            own -= columns([member.core.accelerate(x) for x in np.ascontiguousarray(lam.T)])
+            w_i -= columns([member.core.accelerate(x) for x in np.ascontiguousarray(lam.T)])
     return StartValues(list(zip(u, v, w)), lam, columns([g] * len(initials)))
 
 
@@ -174,9 +174,9 @@ def columns(vectors: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(vectors, axis=-1)
 
 
-def _chosen(given: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:
+def _chosen(argument: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:
     """`u0` or `v0` of each subdomain: the given values, else those of the `Subdomain`."""
-    values = by_index(given, keys, name)
+    values = by_index(argument, keys, name)
     return [
         vector(values[i], s.n, f"{name} of {key!r}") if i in values else getattr(s, name)
         for i, (key, s) in enumerate(keys)

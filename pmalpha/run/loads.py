@@ -68,7 +68,7 @@ def warn_of_skipped(
     ]
     taken += [(f"the {motion.what}", motion.velocity, fine) for motion in motions]
     known: dict[tuple[object, ...], tuple[float, float]] = {}
-    found = []
+    texts = []
     for name, force, step in taken:
         if not isinstance(force, SampledForce) or force.average or step <= force.dt:
             continue
@@ -79,12 +79,12 @@ def warn_of_skipped(
         energy, change = known[key]
         if change > SKIPPED:
             every = f"step {step:g}, samples every {force.dt:g}"
-            found.append(
+            texts.append(
                 f"{name} ({every}: {energy:.2g} of its energy, {change:.2g} of the motion)"
             )
-    if found:
+    if texts:
         warn(
-            f"steps skip samples of {listing(found)}: what the steps see differs from the samples "
+            f"steps skip samples of {listing(texts)}: what the steps see differs from the samples "
             "by this part of their energy, which changes the motion of an oscillator with a period "
             f"of {STEPS_IN_PERIOD} steps by this part of itself; take smaller steps, or, for a "
             "force, average=True, which takes its means over the steps",
@@ -209,8 +209,8 @@ class Loads:
     ) -> Loads:
         """The same loads, or others, for other steps; without stored values of callables."""
         forces = self.forces if forces is None else forces
-        others = self.motions, self.newton, self.names, self.obstacles
-        return Loads(core, members, clock, forces, *others, begins)
+        constants = self.motions, self.newton, self.names, self.obstacles
+        return Loads(core, members, clock, forces, *constants, begins)
 
     @property
     def begins(self) -> Begins:
@@ -239,10 +239,10 @@ class Loads:
         self, step: int, members: Sequence[Member], lengths: Callable[[int], Any]
     ) -> Begins:
         """The same for these members from a macro step on; `lengths` of their variables a."""
-        found = {
+        begins = {
             (i, k): means.next(step, members[i], lengths(i)) for (i, k), means in self.means.items()
         }
-        return {place: begin for place, begin in found.items() if begin is not None}
+        return {place: begin for place, begin in begins.items() if begin is not None}
 
     def moved_to(self, core: _core.Coupler, members: Sequence[Member]) -> Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""

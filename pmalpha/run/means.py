@@ -235,8 +235,8 @@ class Integral:
 
     def __init__(self, force: SampledForce):
         self.f, self.dt, self.hold = force.values, force.dt, force.hold
-        self.whole = np.zeros_like(self.f)
-        self.whole[1:] = self.dt * np.cumsum(0.5 * (self.f[:-1] + self.f[1:]), axis=0)
+        self.sums = np.zeros_like(self.f)
+        self.sums[1:] = self.dt * np.cumsum(0.5 * (self.f[:-1] + self.f[1:]), axis=0)
 
     def __call__(self, t: np.ndarray | float) -> np.ndarray:
         """At times (m,) or one: (m, k) or (k,); 0 before t = 0."""
@@ -246,7 +246,7 @@ class Integral:
         j = np.minimum(x.astype(np.int64), max(last - 1, 0))
         s = (x - j)[:, None]
         f, after = self.f[j], self.f[np.minimum(j + 1, last)]
-        total = self.whole[j] + self.dt * s * (f + 0.5 * s * (after - f))
+        total = self.sums[j] + self.dt * s * (f + 0.5 * s * (after - f))
         if self.hold:
             total += np.maximum(times - last * self.dt, 0.0)[:, None] * self.f[last]
         result: np.ndarray = total if np.ndim(t) else total[0]

@@ -87,10 +87,10 @@ class CallbackLoad:
         needed = (end - begin) * self.substeps
         if self.first <= first and first + needed <= self.first + len(self.rows):
             return end, None
-        kept = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
+        values = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
         table = np.empty((needed, self.order.size))
-        table[: len(kept)] = kept
-        self.first, self.table, self.count = first, table, len(kept)
+        table[: len(values)] = values
+        self.first, self.table, self.count = first, table, len(values)
         failure = self._fill()
         return begin + self.count // self.substeps, failure
 
@@ -187,8 +187,8 @@ def motions_of(
 ) -> list[Motion]:
     """The prescribed velocities of the constraints that have one."""
     return [
-        Motion(c.velocity, f"velocity of constraint {i}", own, rows.scale[own], fine, clock)
-        for i, (c, own) in enumerate(zip(constraints, map(rows.of, range(len(constraints)))))
+        Motion(c.velocity, f"velocity of constraint {i}", numbers, rows.scale[numbers], fine, clock)
+        for i, (c, numbers) in enumerate(zip(constraints, map(rows.of, range(len(constraints)))))
         if c.velocity is not None
     ]
 
@@ -249,12 +249,12 @@ class Obstacles:
         ):
             if c.motion is None:
                 continue
-            own, what = slice(begin, begin + c.rows), f"motion of {name!r} at t = {t:g}"
+            part, what = slice(begin, begin + c.rows), f"motion of {name!r} at t = {t:g}"
             if isinstance(c.motion, tuple):
-                d[own], velocity[own] = (on_rows(f(t), c.rows, what) for f in c.motion)
+                d[part], velocity[part] = (on_rows(f(t), c.rows, what) for f in c.motion)
             else:
-                d[own] = on_rows(c.motion(t), c.rows, what)
-                velocity[own] = self._slope(c.motion, t, c.rows, what)
+                d[part] = on_rows(c.motion(t), c.rows, what)
+                velocity[part] = self._slope(c.motion, t, c.rows, what)
         return np.concatenate([d, velocity])
 
     def _slope(self, motion: Any, t: float, rows: int, what: str) -> np.ndarray:

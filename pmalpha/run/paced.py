@@ -162,12 +162,12 @@ def monitor(
             chosen = {i: np.arange(min(s.n, MOST)) for i, s in with_functions.items()}
         else:
             chosen = {}
-            for i, own in by_index(dofs, session.keys, "dofs").items():
+            for i, value in by_index(dofs, session.keys, "dofs").items():
                 name, s = session.keys[i]
                 if i not in with_functions:
                     raise ValueError(f"dofs[{name!r}] must be of a specimen, a restoring function")
                 every = np.arange(s.n)
-                chosen[i] = every if own is None else dof_list(own, s.n, f"dofs[{name!r}]")
+                chosen[i] = every if value is None else dof_list(value, s.n, f"dofs[{name!r}]")
         rows = whole_number(rows, "rows", low=1)
         session.monitor = Monitor(checked_path(path, "path"), rows, chosen)
 
@@ -201,7 +201,7 @@ class Watched:
             "period": 1e-9 * self.period,
             "t0": clock.time(self.session.core.step_count),
             "h": clock.dt / self.session.fine,
-            "dofs": {names[i]: own.tolist() for i, own in sorted(self.chosen.dofs.items())},
+            "dofs": {names[i]: numbers.tolist() for i, numbers in sorted(self.chosen.dofs.items())},
         }
         file, over = MonitorFile(self.chosen.path, self.chosen.rows, about), threading.Event()
         due = due_times(self.period, self.times.shape[1])
@@ -259,7 +259,7 @@ def run_paced(
         recording.block[:] = 0.0  # no page is touched for the first time in the run
         try:
             with recording, reporting(progress, done, recording.end) as report:
-                around = times.kept(session, pace, recording)
+                around = times.context(session, pace, recording)
                 history = recorded(session, recording, report, signals, around)
         except BaseException:
             if session.last_history is not None:
@@ -330,7 +330,7 @@ class Times:
         self.watched = Watched(session, self.period, self.times)
 
     @contextmanager
-    def kept(self, session: Session, pace: Pace, recording: Recording) -> Iterator[None]:
+    def context(self, session: Session, pace: Pace, recording: Recording) -> Iterator[None]:
         """A context in which the core keeps the pace: SCHED_FIFO and the shortest timer slack for
         this thread, memory of the process locked. OSError, with what is needed, and nothing is
         changed, without the right to these; threads made meanwhile do not inherit the priority."""
@@ -344,9 +344,9 @@ class Times:
         ):
             if isinstance(recording, RingRecording):
                 recording.wake = partial(_wake, write)
-            given = (self.period, stops, signals, self.state, self.times)
+            arguments = (self.period, stops, signals, self.state, self.times)
             woken = partial(_raise_failure, recording)
-            session.core.set_pace((*given, watched.monitored, watched.values, woken))
+            session.core.set_pace((*arguments, watched.monitored, watched.values, woken))
             try:
                 yield
             finally:

@@ -65,10 +65,10 @@ def warn_of_nothing(
 ) -> None:
     """Warn of a run to the present time; `before` is the last one of steps, if it still exists."""
     if t_end is not None and last == session.done > 0:
-        kept = "" if before is None else "; last_history has the run before"
+        hint = "" if before is None else "; last_history has the run before"
         warn(
             f"the time is {session.clock.time(last):g} already: nothing is computed. reset() "
-            f"begins again at t = 0{kept}",
+            f"begins again at t = 0{hint}",
             UserWarning,
         )
 
@@ -106,7 +106,7 @@ def recording_of(
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
     of = recorded_of(session, energy, chosen)
-    loads = [Loads(*own) for own in zip(session.loads.forces, session.loads.seen)]
+    loads = [Loads(*pair) for pair in zip(session.loads.forces, session.loads.seen)]
     if checks_loads:
         of.check_ground(loads)
     filed = record_to is not None and checks_loads
@@ -126,12 +126,12 @@ def recording_of(
 def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Recorded:
     """What a run records; `chosen` are record, record_springs and outputs, where given."""
     is_whole = not energy and all(x is None for x in chosen.values())
-    if is_whole and session.whole is not None:
-        return session.whole
-    own = session.members, session.keys, session.core_rows
-    recorded = Recorded(*own, fine=session.fine, energy=energy, **chosen)
+    if is_whole and session.full_record is not None:
+        return session.full_record
+    problem = session.members, session.keys, session.core_rows
+    recorded = Recorded(*problem, fine=session.fine, energy=energy, **chosen)
     if is_whole:
-        session.whole = recorded
+        session.full_record = recorded
     return recorded
 
 
@@ -220,12 +220,12 @@ def own_record(session: Session, path: Any, append: bool, overwrite: bool) -> An
     return file_of(path, session.ranks.rank)
 
 
-def write_master_of(session: Session, own: Path) -> None:
-    """The file that reads as one History, when those of the ranks are there; `own` is that of
-    this one."""
+def write_master_of(session: Session, rank_path: Path) -> None:
+    """The file that reads as one History, when those of the ranks are there; `rank_path` is
+    that of this one."""
     if session.ranks is None or session.ranks.rank > 0:
         return
-    path = own.with_suffix("")  # without the rank
+    path = rank_path.with_suffix("")  # without the rank
     files = [Path(file_of(path, rank)).name for rank in range(session.ranks.size)]
     write_master(path, files, session.ranks.first.tolist(), session.loads.names)
 
@@ -239,8 +239,8 @@ def summed_works(session: Session, conserved: str | None) -> Iterator[None]:
             loads.evaluate_present(i)
             scheme = member.subdomain.scheme
             weight = (stiffness_weight(scheme, member.h),) if conserved == "dual" else ()
-            own = (core_matrix(member.M), core_matrix(skew_part(member.K), symmetric=False))
-            member.core.begin_energy(*own, loads.at_present(i), lam, *weight)
+            matrices = (core_matrix(member.M), core_matrix(skew_part(member.K), symmetric=False))
+            member.core.begin_energy(*matrices, loads.at_present(i), lam, *weight)
         resume(session.members, session.works, session.core.step_count)
         yield
     finally:

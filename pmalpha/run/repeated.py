@@ -32,7 +32,7 @@ class Repeated:
         update_wrapper(self, function, updated=())  # keeps the signature
         self.function, self.what = function, what
         self.count: int | None = 0  # of calls in the first run, then None
-        self.kept: list[tuple[list[Any], list[np.ndarray]]] = []  # of calls 1, 2, 4, 8, ...
+        self.calls: list[tuple[list[Any], list[np.ndarray]]] = []  # of calls 1, 2, 4, 8, ...
 
     def __call__(self, *arguments: Any) -> Any:
         if self.count is None:
@@ -40,17 +40,17 @@ class Repeated:
         self.count += 1
         if self.count & (self.count - 1):
             return self.function(*arguments)
-        kept = [copy(x) for x in arguments]  # the function may change them
+        copies = [copy(x) for x in arguments]  # the function may change them
         value = self.function(*arguments)
-        self.kept.append((kept, _arrays(value)))
+        self.calls.append((copies, _arrays(value)))
         return value
 
     def check(self) -> None:
         """ValueError unless it returns the same again, from the last call that was kept to the
         first: what remembers has another past then."""
         self.count = None
-        while self.kept:
-            arguments, values = self.kept.pop()
+        while self.calls:
+            arguments, values = self.calls.pop()
             again = _arrays(self.function(*arguments))
             if not all(map(_is_same, again, values)):
                 raise ValueError(
@@ -136,6 +136,6 @@ def _require(function: Any, what: str, call: str) -> None:
 
 def stated(function: Any) -> bool | None:
     """What a function, or the object that it is a method of, says of itself."""
-    own = getattr(function, "repeatable", None)
-    result: bool | None = getattr(getattr(function, "__self__", None), "repeatable", own)
+    statement = getattr(function, "repeatable", None)
+    result: bool | None = getattr(getattr(function, "__self__", None), "repeatable", statement)
     return result

@@ -86,7 +86,7 @@ class Session:
     constants: dict[str, Any] | None = None
     # the rows of the repr, of this assembly
     table: tuple[Assembly, list[tuple[str, ...]]] | None = None
-    whole: Recorded | None = None  # what runs record of everything, until the steps change
+    full_record: Recorded | None = None  # what runs record of everything, until the steps change
     monitor: Any = None  # what paced runs write for another process to look at
     works: Works = Works()  # of the last run with energies, with which they go on
 
@@ -132,18 +132,18 @@ def made(
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
     threads_allowed = most_threads(threads)
     everything = subdomains if ranks is None else described(ranks, subdomains)
-    own = slice(None) if ranks is None else ranks.own
+    part = slice(None) if ranks is None else ranks.part
     coupling = (options := checked_options(options, len(everything))).coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
-    given = checked_constraints(bilateral, everything, names := names_of(everything))
+    row_groups = checked_constraints(bilateral, everything, names := names_of(everything))
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
-        require_equal_problems(ranks, given, options.facts)
-    clock, keys = Clock(options.dt), tuple(zip(names[own], subdomains))
+        require_equal_problems(ranks, row_groups, options.facts)
+    clock, keys = Clock(options.dt), tuple(zip(names[part], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
     check_delays(keys, clock.dt)
-    rows = ConstraintRows(given, everything, own, ranks, contacts)
-    motions = motions_of(given, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
+    rows = ConstraintRows(row_groups, everything, part, ranks, contacts)
+    motions = motions_of(row_groups, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
     initial = InitialValues(keys, rows)
     initial.check(motions, tied=coupling == "mean")
     with np.errstate(over="ignore"):  # a matrix that overflows is refused as singular
@@ -161,7 +161,7 @@ def made(
     assembly, forces = assemblies.first, [s.force for s in subdomains]
     core, members = assembly.core, assembly.members
     warn_of_skipped(members, forces, motions, clock.dt / core.instants)
-    warn_of_ground(members, forces, given, assembly.first)
+    warn_of_ground(members, forces, row_groups, assembly.first)
     obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
     session = Session(
         guard=guard,
@@ -267,7 +267,7 @@ def require_linear(session: Session, what: str) -> None:
 def take(session: Session, steps: Steps, assembly: Assembly) -> None:
     """Continue with these steps and this assembly."""
     session.steps, session.assembly = steps, assembly
-    session.table = session.whole = None
+    session.table = session.full_record = None
 
 
 def take_first_steps(session: Session) -> None:
@@ -308,9 +308,9 @@ class Case(NamedTuple):
 
 def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Force]:
     """The force on each subdomain, that of the `Subdomain` where none is given."""
-    given = by_index(force, keys, "force")
+    forces = by_index(force, keys, "force")
     return [
-        _checked_force(given[i], s, name) if i in given else s.force
+        _checked_force(forces[i], s, name) if i in forces else s.force
         for i, (name, s) in enumerate(keys)
     ]
 
@@ -337,12 +337,12 @@ def reset(
         case = Case(initial, checked_forces(session.keys, force))
         case.initial.check(session.loads.motions, tied=session.coupling == "mean")
         warn_of_records(session, [case])
-        kept = session.initial, session.loads, session.started, session.steps, session.assembly
+        before = session.initial, session.loads, session.started, session.steps, session.assembly
         session.was_reset = True
         try:
             return_to_start(session, case)
         except BaseException:
-            session.initial, session.loads, session.started, steps, assembly = kept
+            session.initial, session.loads, session.started, steps, assembly = before
             take(session, steps, assembly)
             session.core.set_origin(steps.clock.origin, steps.clock.t0)
             session.loads.to_core()

@@ -110,19 +110,21 @@ def snapshot_of(session: Session) -> Snapshot:
 
 
 def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
-    kept = snapshot._contents
-    assert kept is not None
-    loads, assembly = kept.loads, kept.assembly
+    contents = snapshot._contents
+    assert contents is not None
+    loads, assembly = contents.loads, contents.assembly
     if loads is not session.loads or loads.stored:
         # stored values of callables are of other times
-        core, members, clock = assembly.core, assembly.members, kept.steps.clock
+        core, members, clock = assembly.core, assembly.members, contents.steps.clock
         loads = loads.with_steps(core, members, clock, begins=loads.begins)
         loads.to_core()
     # _was_reset stays: it is about the factor of M alone, which this coupler has or has not
-    session.initial, session.started = kept.initial, True
-    restore_state(kept.state, assembly.members, assembly.core, kept.steps.clock, kept.step)
-    take(session, kept.steps, assembly)
-    session.loads, session.changed, session.works = loads, kept.changed, kept.works
+    session.initial, session.started = contents.initial, True
+    restore_state(
+        contents.state, assembly.members, assembly.core, contents.steps.clock, contents.step
+    )
+    take(session, contents.steps, assembly)
+    session.loads, session.changed, session.works = loads, contents.changed, contents.works
 
 
 def save(session: Session, path: str | PathLike[str]) -> None:
@@ -153,8 +155,8 @@ def load(session: Session, path: str | PathLike[str]) -> None:
     with together(session):
         check_call(session, "load")
         first = session.assembly.first
-        own = range(first, first + len(session.members))
-        step, arrays, facts = checkpoint.read(path, problem_of(session), own)
+        numbers = range(first, first + len(session.members))
+        step, arrays, facts = checkpoint.read(path, problem_of(session), numbers)
         if session.ranks is not None:
             session.ranks.require_equal("the macro step of the files", (step, facts))
         steps, assembly = steps_of(session, path, facts)

@@ -204,7 +204,7 @@ class Study:
         if not callable(map):
             raise TypeError(f"map must be a callable(function, cases), got {map!r}")
         cases = listed(cases, "cases", "dicts of what reset takes")
-        found, n = list[CaseResult](), self.together
+        items, n = list[CaseResult](), self.together
         file = nullcontext() if save_to is None else StudyFile(save_to, len(cases))
         with reporting(progress, 0, len(cases)) as report, file as saved:
             work = partial(for_line, users_line(), self._several)
@@ -213,10 +213,10 @@ class Study:
                 raise TypeError(f"map must return an iterable of results, got {results!r}")
             for several in results:
                 for case in several:
-                    found.append(case if saved is None else _saved(saved, len(found), case))
+                    items.append(case if saved is None else _saved(saved, len(items), case))
                 if report is not None:
-                    report(len(found))
-        return found
+                    report(len(items))
+        return items
 
     def _several(self, cases: Sequence[Mapping[str, Any]]) -> list[CaseResult]:
         """Cases that one worker was given together."""

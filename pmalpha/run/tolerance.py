@@ -89,10 +89,10 @@ def checked_tolerance(
         )
     if not isinstance(tolerance, Mapping):
         return [positive_number(tolerance, "tolerance")] * len(keys)
-    found: list[float | None] = [None] * len(keys)
+    tolerances: list[float | None] = [None] * len(keys)
     for i, r in by_index(tolerance, keys, "tolerance").items():
-        found[i] = positive_number(r, f"tolerance of {keys[i][0]!r}")
-    return found
+        tolerances[i] = positive_number(r, f"tolerance of {keys[i][0]!r}")
+    return tolerances
 
 
 def power_of_two(count: float) -> int:
@@ -195,19 +195,19 @@ class Pieces:
         def some(x: np.ndarray) -> np.ndarray:
             return x[rows]
 
-        found: History = reduced(piece, some, self.dofs)
-        subdomains = tuple(s and replace(s, substep=None) for s in found.subdomains)
-        return replace(found, subdomains=subdomains)
+        history: History = reduced(piece, some, self.dofs)
+        subdomains = tuple(s and replace(s, substep=None) for s in history.subdomains)
+        return replace(history, subdomains=subdomains)
 
     def history(self) -> History:
-        whole: History = stacked(self.histories)
+        history: History = stacked(self.histories)
         if not self.energy:
-            return whole
+            return history
         names = ("t", *KINDS)
         rows = [piece.energy for piece in self.histories]
         kinds = {name: np.concatenate([getattr(x, name) for x in rows]) for name in names}
         start = kinds["kinetic"][0] + kinds["strain"][0]
-        return replace(whole, energy=balanced(start, **kinds))
+        return replace(history, energy=balanced(start, **kinds))
 
 
 def rates_of(history: History) -> list[float]:

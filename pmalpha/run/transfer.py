@@ -103,14 +103,14 @@ def moves(
         all.
     first: the next macro step is the first after a change: double steps begin unless they span it.
     """
-    found = []
+    states = []
     for i, (o, n) in enumerate(zip(old.members, new.members), new.first):
         levels = _levels(o, n, made(i), wanted(i))
         iteration = o.core.iteration()
         rebased = o.double or n.double or o.h != n.h
         scale = None if iteration is None else iteration[0]
-        found.append(Move(levels, rebased, n.is_double(start=first), scale))
-    return found
+        states.append(Move(levels, rebased, n.is_double(start=first), scale))
+    return states
 
 
 def _levels(o: Member, n: Member, made: Lengths, wanted: Lengths) -> tuple[np.ndarray, ...]:
@@ -130,12 +130,12 @@ def _stretched(level: tuple[np.ndarray, ...], factor: float) -> tuple[np.ndarray
     return (*level[:A], w + factor * (a - w), *level[A + 1 :])
 
 
-def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> None:
+def take_over(old: Assembly, new: Assembly, states: list[Move], clock: Clock) -> None:
     """The present of `old` becomes that of `new`, whose steps are those of the clock."""
     lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
     numbers = {name: old.core.numbers(name) for name in NUMBERS}
     shooting = numbers.pop("shooting")
-    for o, n, move in zip(old.members, new.members, found):
+    for o, n, move in zip(old.members, new.members, states):
         n.core.set_levels(move.levels)
         if move.rebased:
             n.core.rebase(move.twice, lam)

@@ -49,7 +49,7 @@ def equilibrium_of(session: Session, forces: list[np.ndarray], steps: int) -> li
         return problem.solve([u for u, _ in session.initial.values], steps)
     terms = [(s.K, L, F) for (_, s), L, F in zip(session.keys, matrices, forces)]
     u = static_displacements(*zip(*joined(session.ranks, terms)))
-    return u if session.ranks is None else u[session.ranks.own]
+    return u if session.ranks is None else u[session.ranks.part]
 
 
 def assembled(session: Session) -> Assembled:
@@ -84,17 +84,17 @@ def _assembled(session: Session, what: str) -> Assembled:
 
 def modes(session: Session, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     with session.guard:
-        whole, t = _assembled(session, "modes"), session.clock.time(session.core.step_count)
+        structure, t = _assembled(session, "modes"), session.clock.time(session.core.step_count)
     try:
-        omega, shapes = modes_of(whole.M, whole.K, k)
+        omega, shapes = modes_of(structure.M, structure.K, k)
     except IndefiniteStiffness as error:
-        raise _buckling(error, whole, t) from None
-    return omega, {name: T @ shapes for name, T in whole.map.items()}
+        raise _buckling(error, structure, t) from None
+    return omega, {name: T @ shapes for name, T in structure.map.items()}
 
 
-def _buckling(error: IndefiniteStiffness, whole: Assembled, t: float) -> BucklingError:
+def _buckling(error: IndefiniteStiffness, structure: Assembled, t: float) -> BucklingError:
     growth = math.sqrt(-error.square)
-    mode = {name: T @ error.shape for name, T in whole.map.items()}
+    mode = {name: T @ error.shape for name, T in structure.map.items()}
     name = max(mode, key=lambda name: float(np.max(np.abs(mode[name]), initial=0.0)))
     dof = int(np.argmax(np.abs(mode[name])))
     return BucklingError(

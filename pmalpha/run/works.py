@@ -53,13 +53,13 @@ def _is_present(member: Member, x: np.ndarray) -> bool:
 
 def to_arrays(members: Sequence[Member], works: Works, first: int) -> dict[str, np.ndarray]:
     """For a checkpoint, dofs in the user's order; `first` is the number of the first subdomain."""
-    found = {}
+    arrays = {}
     for i, (member, x) in enumerate(zip(members, works.arrays), first):
         if x is not None:
-            found[f"{i}.works"] = x.copy()
-            for part, order in _parts(member, found[f"{i}.works"]):
+            arrays[f"{i}.works"] = x.copy()
+            for part, order in _parts(member, arrays[f"{i}.works"]):
                 part[:] = part[order]
-    return found
+    return arrays
 
 
 def of_arrays(

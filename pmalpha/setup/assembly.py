@@ -100,7 +100,7 @@ class Assemblies:
         contacts: Contacts | None = None,
     ):
         self.ranks = ranks
-        self.first_own = 0 if ranks is None else ranks.own.start
+        self.first_own = 0 if ranks is None else ranks.part.start
         self.options, self.coupling, self.threads = options, options.coupling, threads
         self.contacts = contacts
         reached = {} if contacts is None else contacts.dofs
@@ -218,8 +218,8 @@ class Assemblies:
             member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
         self._warn_of_growth(layout, members, core)
         warn_of_light((member.name, member.subdomain, member.step) for member in new)
-        own = enumerate(members, self.first_own)
-        self._known.update({(i, *layout.of(i)): member for i, member in own})
+        pairs = enumerate(members, self.first_own)
+        self._known.update({(i, *layout.of(i)): member for i, member in pairs})
         return Assembly(members, core, self.first_own)
 
     def _warn_of_growth(
@@ -275,12 +275,12 @@ class Assemblies:
 
     def _of_the_schedule(self, members: Sequence[Member]) -> dict[str, Any]:
         """What else the core needs of contacts and of mean coupling."""
-        others: dict[str, Any] = {}
+        parts: dict[str, Any] = {}
         if self.contacts is not None:
-            others["contact"] = self.contacts.core(members)
+            parts["contact"] = self.contacts.core(members)
         if self.coupling == "mean":
-            others["doubled"] = doubled_part(members, self.rows.size, self.ranks)
-        return others
+            parts["doubled"] = doubled_part(members, self.rows.size, self.ranks)
+        return parts
 
     def _interface_factors(
         self, layout: Layout, members: Sequence[Member]

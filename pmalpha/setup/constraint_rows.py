@@ -61,10 +61,10 @@ def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
     if not dependent.size:
         return
     row = int(dependent[0])
-    others = _combination(unit, np.setdiff1d(np.arange(p), dependent), row)
+    terms = _combination(unit, np.setdiff1d(np.arange(p), dependent), row)
     raise ConstraintError(
         f"the constraints must be linearly independent: row {name(row)} is a combination of "
-        f"row{'s' * (others.size > 1)} {listing([name(int(r)) for r in others], 10)}; "
+        f"row{'s' * (terms.size > 1)} {listing([name(int(r)) for r in terms], 10)}; "
         f"{dependent.size} of {counted(p, 'row')} "
         f"{'is' if dependent.size == 1 else 'are'} redundant and must be removed"
     )
@@ -203,7 +203,7 @@ class ConstraintRows:
     """The stacked constraints of a coupler, equation (2), in the user's order of rows and dofs.
 
     subdomains: of all processes.
-    own: those of this process. Default: all.
+    part: those of this process. Default: all.
     scale: (p,) array, what each row is divided by for the core.
     links: L_i of every subdomain of this process, with the rows divided by `scale`.
     matrices: list of (p, n_i) csc_array, L_i as given, for products.
@@ -213,7 +213,7 @@ class ConstraintRows:
         self,
         constraints: Sequence[Rows],
         subdomains: Sequence[Subdomain],
-        own: slice = slice(None),
+        part: slice = slice(None),
         ranks: Ranks | None = None,
         contacts: Contacts | None = None,
     ):
@@ -221,15 +221,15 @@ class ConstraintRows:
         self.starts = np.cumsum([0] + [c.p for c in constraints])
         self.p = int(self.starts[-1])
         begins = np.cumsum([0] + [s.n for s in subdomains])
-        whole = self._stacked(constraints, begins)
+        L = self._stacked(constraints, begins)
         if constraints:
-            require_sizes(whole, self.name)
-            require_independent(sp.csr_array(whole), self.name)
+            require_sizes(L, self.name)
+            require_independent(sp.csr_array(L), self.name)
         self._sizes = np.zeros(self.p)  # the largest entry of each row
-        np.maximum.at(self._sizes, whole.indices, np.abs(whole.data))
+        np.maximum.at(self._sizes, L.indices, np.abs(L.data))
         self.scale = np.ldexp(1.0, np.frexp(self._sizes)[1] - 1)  # powers of two at or below them
-        stacked = Link.of(whole)
-        self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][own]
+        stacked = Link.of(L)
+        self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][part]
         self.links = [link.with_rows_divided(self.scale) for link in self._given]
 
     def _stacked(self, constraints: Sequence[Rows], begins: np.ndarray) -> sp.csc_array:
@@ -300,8 +300,8 @@ class ConstraintRows:
         self, values: Sequence[np.ndarray], g: np.ndarray | float, by: str = ":"
     ) -> str:
         """The names and amounts of violated rows, or empty."""
-        each = zip(*self._violated(values, g))
-        amounts = [f"{self.name(int(r))}{by} {x:g}" for r, x in each]
+        pairs = zip(*self._violated(values, g))
+        amounts = [f"{self.name(int(r))}{by} {x:g}" for r, x in pairs]
         return numbered("row", amounts) if amounts else ""
 
     def _violated(

@@ -106,17 +106,20 @@ class Contacts:
                 known = looked_up(matrices, subdomains, names, what)
                 for i, A in known.items():
                     A = sp.coo_array(A)
-                    own = entries.setdefault(i, [])
-                    own.append((A.data, begin[A.coords[0]] + offset, A.coords[1]))
+                    blocks = entries.setdefault(i, [])
+                    blocks.append((A.data, begin[A.coords[0]] + offset, A.coords[1]))
         return {
             i: sp.csc_array(
                 (
-                    np.concatenate([x for x, _, _ in own]),
-                    (np.concatenate([x for _, x, _ in own]), np.concatenate([x for *_, x in own])),
+                    np.concatenate([x for x, _, _ in blocks]),
+                    (
+                        np.concatenate([x for _, x, _ in blocks]),
+                        np.concatenate([x for *_, x in blocks]),
+                    ),
                 ),
                 shape=(self.rows, subdomains[i].n),
             )
-            for i, own in sorted(entries.items())
+            for i, blocks in sorted(entries.items())
         }
 
     @cached_property

@@ -52,7 +52,7 @@ def assembled(
         raise ValueError("the constraints must leave a motion, got all dofs fixed")
     parts = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
     maps = [T[rows] for rows in parts]
-    M, C, K = (_sum(maps, [own[kind] for own in matrices]) for kind in range(3))
+    M, C, K = (_sum(maps, [triple[kind] for triple in matrices]) for kind in range(3))
     return Assembled(M, C, K, dict(zip(names, maps)))
 
 
@@ -98,13 +98,13 @@ def _kernel_of_ties(L: sp.csr_array) -> sp.csr_array:
     free[group[fixed]] = False
     # as many independent rows as dofs: such as u_a = u_b and u_a = -u_b
     free[np.bincount(group[a], minlength=count) >= np.bincount(group)] = False
-    kept = np.full(count, n)  # the first dof of each group
-    np.minimum.at(kept, group, np.arange(n))
-    order = np.argsort(kept[free])
+    first_dof = np.full(count, n)  # the first dof of each group
+    np.minimum.at(first_dof, group, np.arange(n))
+    order = np.argsort(first_dof[free])
     column = np.full(count, -1)
     column[np.flatnonzero(free)[order]] = np.arange(order.size)
     rows = np.flatnonzero(free[group])
-    values = factor[rows] / factor[kept[group[rows]]]
+    values = factor[rows] / factor[first_dof[group[rows]]]
     return sp.csr_array((values, (rows, column[group[rows]])), shape=(n, order.size))
 
 
@@ -155,10 +155,10 @@ def _kernel_of_groups(L: sp.csr_array) -> sp.csr_array:
         rows.append(dofs[pivots[i]])
         columns.append(dofs[pivots[p + j]])
         values.append(weights[i, j])
-    kept = np.flatnonzero(~removed)
+    free = np.flatnonzero(~removed)
     column = np.full(n, -1)
-    column[kept] = np.arange(kept.size)
-    row, col = np.concatenate([kept, *rows]), column[np.concatenate([kept, *columns])]
+    column[free] = np.arange(free.size)
+    row, col = np.concatenate([free, *rows]), column[np.concatenate([free, *columns])]
     return sp.csr_array(
-        (np.concatenate([np.ones(kept.size), *values]), (row, col)), shape=(n, kept.size)
+        (np.concatenate([np.ones(free.size), *values]), (row, col)), shape=(n, free.size)
     )

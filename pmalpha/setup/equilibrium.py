@@ -122,7 +122,7 @@ class Equilibrium:
         ranks: Ranks | None = None,
     ):
         self.subdomains, self.internal, self.newton = subdomains, internal, newton
-        self.ranks, self.own = ranks, slice(None) if ranks is None else ranks.own
+        self.ranks, self.part = ranks, slice(None) if ranks is None else ranks.part
         self.names = joined(ranks, [name for name, _ in subdomains])
         self.L = sp.csr_array(sp.hstack(joined(ranks, constraints)))
         loads = joined(ranks, forces)
@@ -144,11 +144,11 @@ class Equilibrium:
         while done < 1.0:
             end = min(1.0, done + step)
             end = 1.0 if 1.0 - end < 1e-9 else end
-            found = self._load_step(u, lam, end, searches=False) or self._load_step(
+            solution = self._load_step(u, lam, end, searches=False) or self._load_step(
                 u, lam, end, searches=True
             )
-            if found is not None:
-                (u, lam), done = found, end
+            if solution is not None:
+                (u, lam), done = solution, end
                 step = min(2.0 * step, 1.0 / steps)
             elif step > SMALLEST / steps:
                 step *= 0.5
@@ -182,10 +182,10 @@ class Equilibrium:
             jump = self.L @ u - (1.0 - load) * self.jump
             if not np.any(R + self.L.T @ lam) and not np.any(jump):
                 return u, lam
-            found = self._searched(u, load, K, R, jump)
-            if found is None:
+            search = self._searched(u, load, K, R, jump)
+            if search is None:
                 return None
-            trial, x, shifted = found
+            trial, x, shifted = search
             from_u, u, lam = u, u + x * trial.du, lam + x * (trial.lam - lam)
             error, scale = np.sqrt(trial.slope), self._scale(u, lam)
             if shifted or x < 1.0:
@@ -294,12 +294,12 @@ class Equilibrium:
         return self._residual(u) - (1.0 - load) * self.first
 
     def _members(self, u: np.ndarray) -> list[np.ndarray]:
-        return np.split(u, self.ends[:-1])[self.own]
+        return np.split(u, self.ends[:-1])[self.part]
 
     def _residual(self, u: np.ndarray) -> np.ndarray:
         """F - K u - f(u)"""
         with np.errstate(all="ignore"):
-            internal = [self._force(i, own) for i, own in enumerate(self._members(u))]
+            internal = [self._force(i, u_i) for i, u_i in enumerate(self._members(u))]
         result: np.ndarray = self.F - np.concatenate(joined(self.ranks, internal))
         return result
 
@@ -313,14 +313,14 @@ class Equilibrium:
         return result
 
     def _tangent(self, u: np.ndarray) -> sp.csc_array:
-        own = []
+        tangents = []
         for (_, s), internal, u_i in zip(self.subdomains, self.internal, self._members(u)):
             q = np.empty(0) if internal is None else internal.initial
             terms = [(1.0, s.K), (1.0, internal_at(internal, s.n, u_i, np.zeros(s.n), 0.0, q).K)]
             if s.springs:
                 terms.append((1.0, matrix_of_springs(s, springs_at(s, u_i)[1])))
-            own.append(sparse(combination(terms), s.n))
-        return sp.csc_array(sp.block_diag(joined(self.ranks, own)))
+            tangents.append(sparse(combination(terms), s.n))
+        return sp.csc_array(sp.block_diag(joined(self.ranks, tangents)))
 
     def _scale(self, u: np.ndarray, lam: np.ndarray) -> float:
         """Root of the energy sum |u| . (|F| + |K u + f| + |L^T Lam|)."""

@@ -55,10 +55,10 @@ class Names:
         text = f"is not positive definite: it is {kind}"
         return self._error(text, position, f"; {pivots}", counted)
 
-    def not_factored(self, found: str, position: int) -> FactorizationError:
+    def not_factored(self, finding: str, position: int) -> FactorizationError:
         """The error for an unsymmetric matrix, with what was found at a position."""
         text = "is singular, or its pivots on the diagonal lose the digits of its entries"
-        return self._error(text, position, f": {found}")
+        return self._error(text, position, f": {finding}")
 
     def _error(
         self, text: str, position: int, rest: str, inertia: Inertia | None = None
@@ -215,8 +215,8 @@ def unsymmetric(
     else:  # one panel
         index = np.tile(np.arange(n, dtype=np.int32), n)
         entries = Compressed(np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
-        found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
-        structure = Structure(n * n, Supernodes(*found, np.zeros(n, int)))
+        panel = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
+        structure = Structure(n * n, Supernodes(*panel, np.zeros(n, int)))
     inverse, R, failed = _in_panels(entries, names, nb, structure, threads, symmetric=False)
     if failed is not None:
         raise _refused(names, diagonal(A), inverse, failed)
@@ -226,8 +226,8 @@ def unsymmetric(
 def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
     """A with the diagonal, and zeros stored across the diagonal from its entries."""
     n, rows = A.shape[0], row_of_entries(A)
-    own = np.arange(n)
-    where = (np.concatenate([rows, A.indices, own]), np.concatenate([A.indices, rows, own]))
+    dofs = np.arange(n)
+    where = (np.concatenate([rows, A.indices, dofs]), np.concatenate([A.indices, rows, dofs]))
     values = np.concatenate([A.data, np.zeros(A.nnz + n)])
     return sp.csr_array((values, where), shape=A.shape)  # adds up; sorted, zeros are kept
 
@@ -246,9 +246,9 @@ def columns_of_panels(panels: Panels) -> Band | Compressed:
     height = (width + below)[node]
     j = np.repeat(column, height)
     i = row[np.arange(j.size) + np.repeat(begin[node] - np.cumsum(height) + height, height)]
-    kept = (i > j) & np.atleast_2d(values).any(axis=0)
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(j[kept], minlength=column.size))])
-    return in_columns(ptr, i[kept], values[..., kept])
+    entries = (i > j) & np.atleast_2d(values).any(axis=0)
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(j[entries], minlength=column.size))])
+    return in_columns(ptr, i[entries], values[..., entries])
 
 
 def check_smallest(A: Matrix, factor: Factor, names: Names) -> None:
@@ -359,10 +359,10 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         return block
     first, row_ptr, rows, start, values = R
     for s in range(np.searchsorted(first, begin), first.size - 1):
-        own = np.arange(first[s], first[s + 1])
-        where = np.concatenate([own, rows[row_ptr[s] : row_ptr[s + 1]]]) - begin
-        panel = values[start[s] : start[s + 1]].reshape(own.size, where.size).T
-        block[np.ix_(where, own - begin)] = panel
+        columns = np.arange(first[s], first[s + 1])
+        where = np.concatenate([columns, rows[row_ptr[s] : row_ptr[s + 1]]]) - begin
+        panel = values[start[s] : start[s + 1]].reshape(columns.size, where.size).T
+        block[np.ix_(where, columns - begin)] = panel
     return block
 
 

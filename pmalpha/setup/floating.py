@@ -49,9 +49,9 @@ def warn_of_loose(
     contacts: subdomains that have contacts, which may be loose.
     """
     reached = [L.values.size > 0 for L in links]
-    alone = [not found and i not in contacts for i, found in enumerate(reached)]
+    alone = [not is_tied and i not in contacts for i, is_tied in enumerate(reached)]
     if len(keys) > 1 and any(alone):
-        names = [repr(name) for (name, _), found in zip(keys, alone) if found]
+        names = [repr(name) for (name, _), is_alone in zip(keys, alone) if is_alone]
         warn(
             f"no constraint reaches {'subdomain' if len(names) == 1 else 'subdomains'} "
             f"{listing(names)}: no force is exchanged with the others; a `tie` is missing, or the "
@@ -59,17 +59,17 @@ def warn_of_loose(
             ConstraintWarning,
         )
     loose = {}
-    for i, ((name, s), L, found) in enumerate(zip(keys, links, reached)):
-        if found and i not in contacts and _is_loose(s, L):
+    for i, ((name, s), L, is_tied) in enumerate(zip(keys, links, reached)):
+        if is_tied and i not in contacts and _is_loose(s, L):
             loose[name] = counted(L.rows.size, "constraint")
     if len(loose) == 1:
         ((name, count),) = loose.items()
         verb = "does" if count.startswith("1 ") else "do"
         text = f"subdomain {name!r} is floating, and its {count} {verb} not hold it: it can move"
     elif loose:
-        each = [f"{name!r} ({count})" for name, count in loose.items()]
+        labels = [f"{name!r} ({count})" for name, count in loose.items()]
         text = (
-            f"subdomains {listing(each)} are floating, and their constraints do not hold them: "
+            f"subdomains {listing(labels)} are floating, and their constraints do not hold them: "
             "each can move"
         )
     else:
@@ -97,10 +97,10 @@ def _is_loose(s: Subdomain, L: Link) -> bool:
         return False
     entries = K.size if isinstance(K, np.ndarray) else K.nnz
     entries += float(np.sum(np.bincount(L.local).astype(float) ** 2))
-    own = L.dense() if isinstance(K, np.ndarray) and entries <= MOST else L.own()
-    if np.linalg.matrix_rank(_rows_of_size_one(own) @ translations) < translations.shape[1]:
+    rows = L.dense() if isinstance(K, np.ndarray) and entries <= MOST else L.sparse()
+    if np.linalg.matrix_rank(_rows_of_size_one(rows) @ translations) < translations.shape[1]:
         return True
-    return entries <= MOST and _is_singular(K, own)
+    return entries <= MOST and _is_singular(K, rows)
 
 
 def _rows_of_size_one(L: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array:
@@ -116,13 +116,13 @@ def _translations(K: Matrix, n: int) -> np.ndarray:
     for d in DOFS_OF_A_NODE:
         if n % d or d <= best.shape[1]:
             continue
-        found = np.tile(np.eye(d), (n // d, 1))
+        shapes = np.tile(np.eye(d), (n // d, 1))
         for rows in tried:
-            if found.shape[1]:  # K x is rounding, in rows of K
+            if shapes.shape[1]:  # K x is rounding, in rows of K
                 some, sizes = rows
-                free = np.abs(some @ found) <= ROUNDING * (sizes @ found)
-                found = found[:, np.all(free, axis=0)]
-        best = found if found.shape[1] > best.shape[1] else best
+                free = np.abs(some @ shapes) <= ROUNDING * (sizes @ shapes)
+                shapes = shapes[:, np.all(free, axis=0)]
+        best = shapes if shapes.shape[1] > best.shape[1] else best
     return best
 
 
@@ -149,25 +149,25 @@ def warn_of_growing(
 
     complete: whether these are all subdomains, and not those of one process of several.
     """
-    found = {name: rate for name, s in keys if (rate := _rate(s)) > 0.0}
-    if not found:
+    rates = {name: rate for name, s in keys if (rate := _rate(s)) > 0.0}
+    if not rates:
         return
     tied = any(L.values.size > 0 for L in links)
     subdomains = [s for _, s in keys]
-    fastest, doubt = max(found.values()), ", unless its constraints hold it" if tied else ""
+    fastest, doubt = max(rates.values()), ", unless its constraints hold it" if tied else ""
     if tied and complete and all(map(_is_linear, subdomains)):
         if sum(s.n for s in subdomains) <= TIED:
             fastest, doubt = _rate_with_ties(subdomains, links), ""
     if not fastest > 0.0:
         return
-    kind = "subdomain" if len(found) == 1 else "subdomains"
+    kind = "subdomain" if len(rates) == 1 else "subdomains"
     grows = (
         f"grows as exp({fastest:.3g} t), a factor of ten in {np.log(10.0) / fastest:.3g}"
         if np.isfinite(fastest)
         else "grows at once, since no mass resists it"
     )
     warn(
-        f"K of {kind} {listing([repr(name) for name in found])} is not positive semidefinite: the "
+        f"K of {kind} {listing([repr(name) for name in rates])} is not positive semidefinite: the "
         f"motion itself {grows}{doubt}; a sign or an entry is wrong, or it is meant to buckle",
         StabilityWarning,
     )

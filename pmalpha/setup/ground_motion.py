@@ -21,17 +21,19 @@ def warn_of_ground(
     moves = [any(isinstance(x, BaseAcceleration) for x in terms_of(force)) for force in forces]
     if all(moves) or not any(moves):
         return
-    found: dict[str, str] = {}
+    neighbours: dict[str, str] = {}
     for rows in constraints:
-        own = [i - first for i in rows.matrices if 0 <= i - first < len(members)]
-        moved = [i for i in own if moves[i]]
-        for i in own:
+        indices = [i - first for i in rows.matrices if 0 <= i - first < len(members)]
+        moved = [i for i in indices if moves[i]]
+        for i in indices:
             member = members[i]
             if moved and not moves[i] and member.subdomain.massless.size < member.n:
-                found.setdefault(member.name, members[moved[0]].name)
-    if not found:
+                neighbours.setdefault(member.name, members[moved[0]].name)
+    if not neighbours:
         return
-    pairs = [f"{at!r} has none, tied to {other!r}, which has one" for at, other in found.items()]
+    pairs = [
+        f"{at!r} has none, tied to {other!r}, which has one" for at, other in neighbours.items()
+    ]
     warn(
         "a ground motion must act on all tied subdomains with mass, since displacements are "
         f"relative to the ground: {'; '.join(pairs)}. The same BaseAcceleration(record) can be "

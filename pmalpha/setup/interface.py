@@ -42,8 +42,8 @@ def _patterns(members: Sequence[Member]) -> list[Block | None]:
     """The blocks of H that connect constraints of one dof only; None for others."""
     thin = [p for p in members if p.is_diagonal and p.internal is None and not p.has_responses]
     blocks = diagonal_compliances([np.ones(p.n) for p in thin], [p.L.pattern for p in thin])
-    found = dict(zip(map(id, thin), blocks))
-    return [found.get(id(member)) for member in members]
+    block_of = dict(zip(map(id, thin), blocks))
+    return [block_of.get(id(member)) for member in members]
 
 
 def is_symmetric_sum(members: Sequence[Member], ranks: Ranks | None = None) -> bool:

@@ -70,8 +70,8 @@ def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
     if s.internal.springs:
         K_s = stiffness(s.internal.springs, "initial_tangent", s.n)
         springs = canonical(K_s, "springs", s.n)[0]
-    given = (s.M, s.implicit_damping, s.implicit_stiffness)
-    patterns = [entries_of(A, s.n) for A in given if A is not None]
+    matrices = (s.M, s.implicit_damping, s.implicit_stiffness)
+    patterns = [entries_of(A, s.n) for A in matrices if A is not None]
     patterns += [pattern for pattern, _, _ in evaluated] + _pairs(s)
     return InternalForces(
         functions,
@@ -173,12 +173,12 @@ def tangent_pattern(pattern: sp.csr_array, last: np.ndarray) -> TangentPattern:
     """The elimination of a pattern in the user's order, with the interface dofs last."""
     n = pattern.shape[0]
     order = elimination_order(n, graph_of([pattern]) if pattern.nnz > n else None, last)
-    found = _in_order(pattern, order, last.size)
-    if found.structure is None:
-        return found
+    elimination = _in_order(pattern, order, last.size)
+    if elimination.structure is None:
+        return elimination
     order, width = narrow_order(pattern, last)
-    few = n * (width + 1) <= WORTH_A_BAND * found.structure[3][-1]
-    return _in_order(pattern, order, last.size) if width <= NARROW and few else found
+    few = n * (width + 1) <= WORTH_A_BAND * elimination.structure[3][-1]
+    return _in_order(pattern, order, last.size) if width <= NARROW and few else elimination
 
 
 def _in_order(pattern: sp.csr_array, order: np.ndarray, nb: int) -> TangentPattern:
@@ -259,8 +259,8 @@ def across(pattern: sp.csr_array) -> np.ndarray:
     order = np.argsort(keys)
     wanted = pattern.indices.astype(np.int64) * pattern.shape[0] + row_of_entries(pattern)
     places = np.minimum(np.searchsorted(keys, wanted, sorter=order), keys.size - 1)
-    found = order[places]
-    return np.where(keys[found] == wanted, found, -1).astype(np.int64)
+    candidates = order[places]
+    return np.where(keys[candidates] == wanted, candidates, -1).astype(np.int64)
 
 
 def core_size(M: Matrix | None, symmetric: bool = True) -> Any:
@@ -292,12 +292,12 @@ def internal_at(
     stiff: list[tuple[float, Matrix]] = []
     damped: list[tuple[float, Matrix]] = []
     for function, history, A in () if internal is None else internal.functions:
-        own = q[at : at + history]
+        q0 = q[at : at + history]
         at += history
         if isinstance(function, LowLevelCallable):
-            force, K, C, _ = evaluate_compiled(function, u, v, t, own, A.nnz)
+            force, K, C, _ = evaluate_compiled(function, u, v, t, q0, A.nnz)
         else:
-            force, K, C, _ = function(u, v, t, own, tangent)
+            force, K, C, _ = function(u, v, t, q0, tangent)
         f += force
         for terms, values in ((stiff, K), (damped, C)):
             if tangent and values is not None:

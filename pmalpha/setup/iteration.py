@@ -102,15 +102,15 @@ def iteration_of(
     members: Sequence[Member], p: int, newton: Newton, macro: bool, ranks: Ranks | None = None
 ) -> forms.Iteration | forms.Shooting | None:
     """What the core's coupler iterates with; None where it is linear."""
-    found = joined(
+    kinds = joined(
         ranks, [(member.internal is not None, member.tangent is not None) for member in members]
     )
-    if not any(internal for internal, _ in found):
+    if not any(internal for internal, _ in kinds):
         return None
     options = (newton.tol, newton.iterations, newton.tangent == "reuse")
     if macro:
         return forms.Shooting(*options, *_responses(members, p, ranks))
-    if not any(iterated for _, iterated in found):
+    if not any(iterated for _, iterated in kinds):
         return None
     return forms.Iteration(*options, *_constant_part(members, p, ranks))
 
@@ -123,8 +123,12 @@ def _responses(members: Sequence[Member], p: int, ranks: Ranks | None) -> tuple[
     ]
     start, later = (summed(some, p) if some else None for some in blocks)
     H = summed(joined(ranks, [_block(member, False) for member in members]), p)
-    own = is_symmetric_sum(members, ranks)
-    return core_matrix(start, symmetric=own), core_matrix(later, symmetric=own), core_size(H, own)
+    symmetric = is_symmetric_sum(members, ranks)
+    return (
+        core_matrix(start, symmetric=symmetric),
+        core_matrix(later, symmetric=symmetric),
+        core_size(H, symmetric),
+    )
 
 
 def _block(member: Member, start: bool) -> Block:
@@ -146,6 +150,6 @@ def _constant_part(
         for first in (True, False)
     )
     pattern = sp.csr_array((np.ones(start.nnz), start.indices, start.indptr), shape=(p, p))
-    own = is_symmetric_sum(members, ranks)
-    symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H", own)
+    symmetric = is_symmetric_sum(members, ranks)
+    symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H", symmetric)
     return symbolic, np.ascontiguousarray(start.data), np.ascontiguousarray(later.data)

@@ -77,7 +77,7 @@ class Link:
         """For products with vectors."""
         return sp.csc_array((self.values, self.index, self.ptr), shape=(self.p, self.n))
 
-    def own(self, nb: int | None = None) -> sp.csr_array:
+    def sparse(self, nb: int | None = None) -> sp.csr_array:
         """The constraints of `rows` by rows; of the last nb dofs, if given: others have none."""
         before = 0 if nb is None else self.n - nb
         order = np.argsort(self.local, kind="stable")
@@ -89,7 +89,7 @@ class Link:
         """The constraints of `rows` times X, (nb, k), of the last nb dofs."""
         nb = len(X)
         if self.rows.size < self.index.size:
-            result: np.ndarray = self.own(nb) @ X
+            result: np.ndarray = self.sparse(nb) @ X
             return result
         order = np.argsort(self.local)  # one entry in each, as in ties
         values, column = self.values[order], self.columns[order] - (self.n - nb)
@@ -99,9 +99,9 @@ class Link:
     def dense(self, nb: int | None = None) -> np.ndarray:
         """The same as an array."""
         before = 0 if nb is None else self.n - nb
-        own = np.zeros((self.rows.size, self.n - before))
-        own[self.local, self.columns - before] = self.values
-        return own
+        array = np.zeros((self.rows.size, self.n - before))
+        array[self.local, self.columns - before] = self.values
+        return array
 
     def in_order(self, order: np.ndarray) -> Link:
         """Column k is that of dof order[k]."""
@@ -130,16 +130,16 @@ class Link:
 
     def core(self, begin: int) -> Columns:
         """The columns from begin on, in the form of the core."""
-        own = self.of_dofs(begin, self.n)
-        return Columns(own.p, own.ptr, own.index, own.values)
+        part = self.of_dofs(begin, self.n)
+        return Columns(part.p, part.ptr, part.index, part.values)
 
     def without(self, dofs: np.ndarray) -> Link:
         """The columns of these dofs are emptied."""
         counts = np.diff(self.ptr)
-        kept = np.ones(self.n, dtype=bool)
-        kept[dofs] = False
-        entries = np.repeat(kept, counts)
-        ptr = np.concatenate([[0], np.cumsum(counts * kept)])
+        mask = np.ones(self.n, dtype=bool)
+        mask[dofs] = False
+        entries = np.repeat(mask, counts)
+        ptr = np.concatenate([[0], np.cumsum(counts * mask)])
         return Link(self.p, ptr, self.index[entries], self.values[entries])
 
 
@@ -238,9 +238,9 @@ def _compliance_of_last(
         G = np.asfortranarray(R_bb * root)
         np.fill_diagonal(G, root)
         half, _ = dpotri(G, lower=True, overwrite_c=True)
-    whole = np.tril(half)
-    whole += np.tril(half, k=-1).T
-    return L.times(np.ascontiguousarray(L.times(whole).T))
+    S_inv = np.tril(half)
+    S_inv += np.tril(half, k=-1).T
+    return L.times(np.ascontiguousarray(L.times(S_inv).T))
 
 
 def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:

@@ -78,12 +78,12 @@ def _warn_of_massless_ties(members: Sequence[Member]) -> None:
         for member in members
         if member.has_responses or (member.internal is not None and member.substeps > 1)
     }
-    each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
-    if not each:
+    places = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
+    if not places:
         return
     warn(
-        f'interface dofs without mass: {listing(each)}; with substeps coupling="macro" is of order '
-        '1 there; give them mass, or take "pm" or "gc"',
+        f'interface dofs without mass: {listing(places)}; with substeps coupling="macro" is of '
+        'order 1 there; give them mass, or take "pm" or "gc"',
         ConstraintWarning,
     )
 
@@ -199,8 +199,8 @@ def warn_of_resonance(
     The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
     the mean velocities in the macro step; of unsymmetric matrices, by size.
     """
-    own = [(p.name, p.response_blocks[1]) for p in members if p.response_blocks is not None]
-    means = dict(joined(ranks, own))
+    blocks = [(p.name, p.response_blocks[1]) for p in members if p.response_blocks is not None]
+    means = dict(joined(ranks, blocks))
     if not means:
         return
     mean = interface_matrix(members, position.size, start=False, mean=True, ranks=ranks)
@@ -261,12 +261,12 @@ def check_mean(members: Sequence[Member]) -> None:
 
 def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
     """Why the velocity jump can grow with damping, (K8)."""
-    own = []
+    local_names = []
     for member in members:
         scheme, damped = member.subdomain.scheme, member.is_damped and member.substeps == 1
         if damped and 2.0 * scheme.beta > ABOVE * scheme.gamma:
-            own.append(member.name)
-    names = [repr(name) for name in joined(ranks, own)]
+            local_names.append(member.name)
+    names = [repr(name) for name in joined(ranks, local_names)]
     if not names:
         return []
     return [
@@ -321,5 +321,5 @@ def doubled_part(members: Sequence[Member], p: int, ranks: Ranks | None = None) 
     blocks = joined(
         ranks, [_of_old(member) for member in members if member.double and member.internal is None]
     )
-    own = is_symmetric_sum(members, ranks)
-    return core_matrix(summed(blocks, p), symmetric=own) if blocks else None
+    symmetric = is_symmetric_sum(members, ranks)
+    return core_matrix(summed(blocks, p), symmetric=symmetric) if blocks else None

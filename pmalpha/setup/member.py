@@ -260,8 +260,8 @@ class Member:
         explicit = self.subdomain.scheme.explicit
         form = "Mbar = M + al2 C + al1 K of" if not explicit else "M + al2 C of explicit"
         what = f"{form} subdomain {self.name!r}"
-        own = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
-        factor = self.factor(self.mbar(h), what, symmetric=own and not self.indefinite)
+        symmetric = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
+        factor = self.factor(self.mbar(h), what, symmetric=symmetric and not self.indefinite)
         if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
         return Operator(h, *factor)
@@ -356,7 +356,7 @@ def _in_core(scheme: Scheme, operator: Operator) -> forms.StepOperator:
 
 
 def core_of_steps(
-    member: Member, operators: Sequence[Operator], *, K_r: Matrix, **others: Any
+    member: Member, operators: Sequence[Operator], *, K_r: Matrix, **arguments: Any
 ) -> _core.Subdomain:
     """The same for the steps of a subdomain, with the operators of its lengths."""
     single, *twice = operators
@@ -373,24 +373,24 @@ def core_of_steps(
         lagged=member.subdomain.damping == "lagged",
         has_responses=member.has_responses,
         continues=member.over is not None,
-        **others,
+        **arguments,
     )
 
 
 def warn_of_factors(members: Sequence[Member]) -> None:
     """PerformanceWarning when the sweeps of factors take most of explicit steps."""
     swept = {member.name: _costly_factor(member) for member in members}
-    costly = {name: found for name, found in swept.items() if found is not None}
+    costly = {name: factor for name, factor in swept.items() if factor is not None}
     if not costly:
         return
-    each = [
+    sizes = [
         f"{' and '.join(full)} of {name!r} ({entries} entries, {8e-6 * entries:.3g} MB)"
         for name, (full, entries) in costly.items()
     ]
     full = sorted({A for full, _ in costly.values() for A in full}, reverse=True)
     advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
     warn(
-        f"matrices of explicit subdomains are not diagonal: {listing(each)}; every step sweeps "
+        f"matrices of explicit subdomains are not diagonal: {listing(sizes)}; every step sweeps "
         "factors of this size, more than half of its work; "
         f"{' and '.join(advice[A] for A in full)}",
         PerformanceWarning,
@@ -469,19 +469,19 @@ def _internal(member: Member, threads: int) -> dict[str, Any]:
     """What the core has to know of internal forces."""
     if member.internal is None:
         return {}
-    own = core_internal(member.internal, member.order, member.tangent, member.symmetric)
+    internal = core_internal(member.internal, member.order, member.tangent, member.symmetric)
     if member.tangent is None:
-        return {"M": core_matrix(member.M), "internal": own}
+        return {"M": core_matrix(member.M), "internal": internal}
     base, *twice = (member.tangent.values(member.mbar(h)) for h in member.lengths)
-    given = member.subdomain.internal
-    springs = given is not None and bool(given.springs)
+    forces = member.subdomain.internal
+    springs = forces is not None and bool(forces.springs)
     structure = member.elimination.structure
     scratch = 0.0 if structure is None or threads == 1 else structure.scratch(threads)
     pattern = member.tangent.core(member.name, member.symmetric, scratch)
     over = twice[0] if twice else None
     size = core_size(member.M)
     iterate = forms.Iterate(springs, member.reuses, pattern, base, over, size, threads)
-    return {"M": core_matrix(member.M), "internal": own, "iterate": iterate}
+    return {"M": core_matrix(member.M), "internal": internal, "iterate": iterate}
 
 
 # ---- impulses of contacts ----------------------------------------------------------------------

@@ -78,13 +78,15 @@ class Layout:
     def write(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], X: np.ndarray) -> None:
         """Set the state of a coupler of the core to X, (size, lanes), after the start."""
         lanes = X.shape[1]
-        arrays = [[np.zeros((x.size // lanes, lanes)) for x in own.levels()] for own in cores]
+        arrays = [
+            [np.zeros((x.size // lanes, lanes)) for x in subdomain.levels()] for subdomain in cores
+        ]
         begin = 0
         for i, field, indices in self.fields():
             arrays[i][field][indices] = X[begin : begin + indices.size]
             begin += indices.size
-        for own, levels in zip(cores, arrays):
-            own.set_levels(tuple(x.ravel() for x in levels))
+        for subdomain, levels in zip(cores, arrays):
+            subdomain.set_levels(tuple(x.ravel() for x in levels))
         zero = np.zeros_like(core.multipliers)
         lam = zero.copy()
         if self.rows.p:
@@ -93,7 +95,7 @@ class Layout:
 
     def read(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
-        arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
+        arrays = [[x.reshape(-1, lanes) for x in subdomain.levels()] for subdomain in cores]
         numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
         lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
         return np.concatenate([*numbers, self.rows.forces(lam.T).T])
@@ -125,19 +127,19 @@ def warn_of_growth(
     doubts: why a coupling of these schemes can grow.
     otherwise: what to say if it grows and there are none; None where that is said elsewhere.
     """
-    found, texts = "", list(doubts)
+    amount, texts = "", list(doubts)
     if radius is not None:
         if not is_growing(radius):
             return
-        own = growth_of_structure(members) * dt
-        if np.log(radius) <= OWN * own + GROWS:
+        growth = growth_of_structure(members) * dt
+        if np.log(radius) <= OWN * growth + GROWS:
             return
-        found = f": here by a factor of {_factor(radius)} in a macro step"
-        if own > 0.0:
-            found += f", of which {_factor(np.exp(own))} is the growth of the structure itself"
+        amount = f": here by a factor of {_factor(radius)} in a macro step"
+        if growth > 0.0:
+            amount += f", of which {_factor(np.exp(growth))} is the growth of the structure itself"
         texts = texts or ([] if otherwise is None else [otherwise])
     for text in texts:
-        warn(text + found, StabilityWarning)
+        warn(text + amount, StabilityWarning)
 
 
 def _factor(radius: float) -> str:

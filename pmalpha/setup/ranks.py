@@ -72,7 +72,7 @@ class Ranks:
         self.comm = None
 
     @property
-    def own(self) -> slice:
+    def part(self) -> slice:
         """The subdomains of this process among all of them."""
         return slice(*self.first[self.rank : self.rank + 2].tolist())
 
@@ -83,13 +83,13 @@ class Ranks:
         if self._interrupted:
             self._interrupted = False
             raise KeyboardInterrupt
-        found = self.comm.allgather((None, value))
-        self._raise_of_others([error for error, _ in found])
-        return [value for _, value in found]
+        answers = self.comm.allgather((None, value))
+        self._raise_of_others([error for error, _ in answers])
+        return [value for _, value in answers]
 
-    def joined(self, own: Sequence[T]) -> list[T]:
+    def joined(self, values: Sequence[T]) -> list[T]:
         """The entries of all processes, in the order of subdomains."""
-        return [entry for entries in self.share(list(own)) for entry in entries]
+        return [entry for entries in self.share(list(values)) for entry in entries]
 
     def require_equal(self, what: str, value: Any) -> None:
         """ValueError unless all processes have the same value."""
@@ -143,9 +143,9 @@ class Ranks:
     def _tell(self, error: BaseException) -> None:
         """Takes part in the next call with an exception of this process."""
         sent = None if isinstance(error, Elsewhere) else _sendable(error)
-        found = self.comm.allgather((sent or (None, str(error)), None))
+        answers = self.comm.allgather((sent or (None, str(error)), None))
         if sent is None:
-            self._raise_of_others([other for other, _ in found], elsewhere=True)
+            self._raise_of_others([other for other, _ in answers], elsewhere=True)
 
     def _raise_of_others(self, errors: Sequence[Any], elsewhere: bool = False) -> None:
         known = [(r, e) for r, e in enumerate(errors) if e is not None and e[0] is not None]
@@ -214,27 +214,29 @@ class Ranks:
         return not failed and bool(np.array_equal(received, 1.5 + np.arange(self.size)))
 
 
-def joined(ranks: Ranks | None, own: Sequence[T]) -> Sequence[T]:
+def joined(ranks: Ranks | None, values: Sequence[T]) -> Sequence[T]:
     """The entries of all processes; of a single one its own."""
-    return own if ranks is None else ranks.joined(own)
+    return values if ranks is None else ranks.joined(values)
 
 
-def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
+def described(ranks: Ranks, subdomains: Sequence[Subdomain]) -> list[Any]:
     """All subdomains, of other processes as `Described`."""
-    sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step, s.dof_names) for s in own]
-    found = ranks.share(sent)
-    ranks.first = np.cumsum([0] + [len(x) for x in found]).astype(np.int64)
+    sent = [
+        Described(s.name, s.n, s.substeps, s.scheme, s.double_step, s.dof_names) for s in subdomains
+    ]
+    descriptions = ranks.share(sent)
+    ranks.first = np.cumsum([0] + [len(x) for x in descriptions]).astype(np.int64)
     if ranks.first[-1] == 0:
         raise ValueError("subdomains must not be empty on all ranks")
-    everything: list[Any] = [s for x in found for s in x]
-    everything[ranks.own] = own
+    everything: list[Any] = [s for x in descriptions for s in x]
+    everything[ranks.part] = subdomains
     return everything
 
 
 def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: dict[str, Any]) -> None:
     """ValueError unless constraints and options are the same on all ranks."""
-    *others, last = options
-    ranks.require_equal(f"{', '.join(others)} and {last}", options)
+    *names, last = options
+    ranks.require_equal(f"{', '.join(names)} and {last}", options)
     members = [
         (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
     ]
@@ -284,18 +286,18 @@ def _received(rank: int, sent: tuple[bytes, str]) -> PmalphaError:
 
 
 def check_stable(
-    found: object,
+    failure: object,
     members: Sequence[Member],
     ranks: Ranks | None = None,
     step: int = 0,
     t: float = 0.0,
 ) -> None:
     """InstabilityError for a value that the core has found not to be finite, or `Elsewhere`."""
-    if isinstance(found, tuple):
-        raise Elsewhere(*found)
-    if isinstance(found, int):
+    if isinstance(failure, tuple):
+        raise Elsewhere(*failure)
+    if isinstance(failure, int):
         names = joined(ranks, [member.name for member in members])
-        raise InstabilityError(step, t, [*names, "interface"][found])
+        raise InstabilityError(step, t, [*names, "interface"][failure])
 
 
 def remote_of(member: Member, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
@@ -324,13 +326,15 @@ def _numbers(nb: int, rows: np.ndarray | None) -> int:
     return max(PIECES * nb + MEASURES, 0 if rows is None else rows.size**2)
 
 
-def processes(ranks: Ranks | None, each: Iterable[tuple[Any, ...]]) -> tuple[Any, ...] | None:
+def processes(
+    ranks: Ranks | None, descriptions: Iterable[tuple[Any, ...]]
+) -> tuple[Any, ...] | None:
     """The argument of that name of the core's coupler, from `remote_of` each own subdomain."""
     if ranks is None:
         return None
-    own = list(each)
-    remotes: list[Any] = list(ranks.joined(own))
+    entries = list(descriptions)
+    remotes: list[Any] = list(ranks.joined(entries))
     size = ranks.size + sum(_numbers(nb, rows) for nb, *_, rows in remotes)
-    remotes[ranks.own] = [None] * len(own)
+    remotes[ranks.part] = [None] * len(entries)
     values, counts, starts, gather = ranks.gather(size)
     return ranks.rank, tuple(remotes), ranks.first, values, counts, starts, gather

@@ -37,12 +37,12 @@ def remade(
     subdomains = []
     present = zip(session.keys, session.loads.forces, session.initial.values)
     for (key, s), force, (u0, v0) in present:
-        own: dict[str, Any] = {x: getattr(s, x) for x in ARGUMENTS}
-        own |= dict(name=key, force=force, u0=u0, v0=v0)
+        arguments: dict[str, Any] = {x: getattr(s, x) for x in ARGUMENTS}
+        arguments |= dict(name=key, force=force, u0=u0, v0=v0)
         for matrix in "MK":  # None is one of zeros
-            own[matrix] = np.zeros(s.n) if own[matrix] is None else own[matrix]
-        change(key, own)
-        subdomains.append(Subdomain(**own))
+            arguments[matrix] = np.zeros(s.n) if arguments[matrix] is None else arguments[matrix]
+        change(key, arguments)
+        subdomains.append(Subdomain(**arguments))
     constraints = [*_constraints(session, of_motion), *_contacts(session, of_motion)]
     options = {**session.options._asdict(), **options}
     return make(subdomains, constraints, **options)
@@ -66,11 +66,11 @@ def _contacts(session: Any, of_motion: Callable[[Any, str], Any]) -> Iterator[Co
         matrices, *tangents = (
             {names.get(s, s): N for s, N in x.items()} for x in (c.matrices, *c.tangents)
         )
-        own = {x: getattr(c, x) for x in ("gap", "friction", "restitution", "name")}
+        arguments = {x: getattr(c, x) for x in ("gap", "friction", "restitution", "name")}
         what = f"motion of {label!r}"
         motion: Any = (
             tuple(of_motion(f, what) for f in c.motion)
             if isinstance(c.motion, tuple)
             else of_motion(c.motion, what)
         )
-        yield Contact(matrices, tangents=tangents, motion=motion, **own)
+        yield Contact(matrices, tangents=tangents, motion=motion, **arguments)

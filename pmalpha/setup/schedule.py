@@ -87,15 +87,15 @@ def macro_double_steps(
 def checked_subdomains(subdomains: Any, *, may_be_empty: bool = False) -> tuple[Subdomain, ...]:
     if isinstance(subdomains, Subdomain):
         raise TypeError("subdomains must be a list of Subdomains, got a single one")
-    found = tuple(listed(subdomains, "subdomains", "a list of Subdomains"))
-    for s in found:
+    items = tuple(listed(subdomains, "subdomains", "a list of Subdomains"))
+    for s in items:
         if not isinstance(s, Subdomain):
             raise TypeError(f"subdomains must be Subdomains, got {s!r}")
-    if not found and not may_be_empty:
+    if not items and not may_be_empty:
         raise ValueError("subdomains must not be empty")
-    if len(set(map(id, found))) < len(found):
+    if len(set(map(id, items))) < len(items):
         raise ValueError("subdomains must be different, got one of them twice")
-    return found
+    return items
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,11 @@ def checked_constraints(
     constraints: Sequence[Constraint], subdomains: Sequence[Subdomain], names: Sequence[str]
 ) -> tuple[Rows, ...]:
     """The constraints of a user, with names looked up and numbers of dofs compared."""
-    found = []
+    rows = []
     for k, c in enumerate(constraints):
         matrices = looked_up(c.matrices, subdomains, names, f"constraint {k}")
-        found.append(Rows(c.p, matrices, c.velocity))
-    return tuple(found)
+        rows.append(Rows(c.p, matrices, c.velocity))
+    return tuple(rows)
 
 
 def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tuple[Contact, ...]]:
@@ -133,13 +133,13 @@ def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tu
 
 
 def looked_up(
-    given: Mapping[Any, Any], subdomains: Sequence[Subdomain], names: Sequence[str], what: str
+    entries: Mapping[Any, Any], subdomains: Sequence[Subdomain], names: Sequence[str], what: str
 ) -> dict[int, sp.csr_array]:
     """Matrices by subdomain or name, by index of the subdomain."""
     known: dict[Any, int] = {s: i for i, s in enumerate(subdomains)}
     known |= {name: i for i, name in enumerate(names)}
     matrices: dict[int, sp.csr_array] = {}
-    for s, L in given.items():
+    for s, L in entries.items():
         i = _index(s, known, names, what)
         if i in matrices:
             raise ValueError(f"{what} must not hold {names[i]!r} twice")

@@ -87,8 +87,8 @@ def _are_stable(scheme: Scheme, explicit: bool, Omegas: Iterable[float]) -> np.n
     # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
     # rounding
     step = scheme.constants(1.0)
-    whole = np.array([step.amplification(Omega, 0.0, explicit) for Omega in Omegas])
-    result: np.ndarray = np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
+    amplifications = np.array([step.amplification(Omega, 0.0, explicit) for Omega in Omegas])
+    result: np.ndarray = np.max(np.abs(np.linalg.eigvals(amplifications)), axis=1) <= 1.0 + 1e-7
     return result
 
 
@@ -184,8 +184,8 @@ def critical_step(
 @np.errstate(over="ignore")  # then the step is above any limit
 def limit_of(subdomain: Subdomain, internal: Matrix, *, closed: bool = True) -> float:
     """The critical step with this tangent of the internal forces; `closed` is for springs."""
-    own = _limit_of_matrices(subdomain, internal, closed)
-    return min(own, _limit_of_springs(subdomain)) if closed else own
+    limit = _limit_of_matrices(subdomain, internal, closed)
+    return min(limit, _limit_of_springs(subdomain)) if closed else limit
 
 
 def _limit_of_matrices(subdomain: Subdomain, internal: Matrix, closed: bool) -> float:
@@ -197,8 +197,8 @@ def _limit_of_matrices(subdomain: Subdomain, internal: Matrix, closed: bool) -> 
         return 0.0
     if not is_symmetric(damping):
         return _skew_limit(subdomain, internal)
-    given = [A for A in (stiffness, damping) if A is not None]
-    margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in given) else 1.0 + MARGIN
+    matrices = [A for A in (stiffness, damping) if A is not None]
+    margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in matrices) else 1.0 + MARGIN
     if not (subdomain.symmetric or is_symmetric(stiffness)):
         result: float = 1.0 / (margin * np.sqrt(_largest_modulus(stiffness, subdomain.M)))
         return result
@@ -235,8 +235,8 @@ def at_springs(s: Subdomain, A: Matrix, dofs: np.ndarray | None = None) -> tuple
         return A, M
     if dofs is None:
         dofs = np.unique(np.concatenate([spring.dofs.ravel() for spring in s.springs]))
-    own = dofs[dofs >= 0]
-    return _of_dofs(A, own), _of_dofs(M, own)
+    rows = dofs[dofs >= 0]
+    return _of_dofs(A, rows), _of_dofs(M, rows)
 
 
 def _of_dofs(A: Matrix, dofs: np.ndarray) -> Matrix:
@@ -315,8 +315,8 @@ def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
     """Spectral radius of an explicit step of w + c v + k u = 0 with lagged damping (R4)."""
     step = scheme.constants(h)
     ut, _ = step.predictors()
-    whole = step.closed(-c * np.array([0.0, 1.0, h, 0.0]) - k * ut)
-    return float(np.max(np.abs(np.linalg.eigvals(whole))))
+    amplification = step.closed(-c * np.array([0.0, 1.0, h, 0.0]) - k * ut)
+    return float(np.max(np.abs(np.linalg.eigvals(amplification))))
 
 
 def step_ratio(
@@ -328,8 +328,8 @@ def step_ratio(
     adds to it where it closes.
     """
     with np.errstate(over="ignore"):
-        whole = combination([(1.0, internal), (1.0, closing)])
-        ratio = _ratio_of_matrices(subdomain, step, whole)
+        tangent = combination([(1.0, internal), (1.0, closing)])
+        ratio = _ratio_of_matrices(subdomain, step, tangent)
         springs = _limit_of_springs(subdomain)
         if np.isfinite(springs) and step > ratio.value * springs:
             ratio = StepRatio(step / springs if springs > 0.0 else np.inf)
@@ -375,8 +375,8 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> N
     ]
     if not above:
         return
-    each = [f"{name!r} ({step:g} above {_limit(step, ratio)})" for name, _, step, ratio in above]
-    text = f"the steps of these subdomains are above their critical steps: {listing(each)}"
+    limits = [f"{name!r} ({step:g} above {_limit(step, ratio)})" for name, _, step, ratio in above]
+    text = f"the steps of these subdomains are above their critical steps: {listing(limits)}"
     if len(above) == 1:
         ((name, _, step, ratio),) = above
         text = f"the step {step:g} of subdomain {name!r} is above its critical step "
@@ -456,11 +456,11 @@ def _lanczos(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
     try:
         if M.ndim == 1:
             scale = sp.diags_array(root)
-            whole = sp.diags_array(A) if A.ndim == 1 else A
-            values, x = eigsh(sp.csr_array(scale @ whole @ scale), **options)
+            matrix = sp.diags_array(A) if A.ndim == 1 else A
+            values, x = eigsh(sp.csr_array(scale @ matrix @ scale), **options)
         else:
-            whole = sp.diags_array(A) if A.ndim == 1 else A
-            values, x = eigsh(sp.csc_array(whole), M=sp.csc_array(M), **options)
+            matrix = sp.diags_array(A) if A.ndim == 1 else A
+            values, x = eigsh(sp.csc_array(matrix), M=sp.csc_array(M), **options)
     except ArpackNoConvergence as error:
         values, x = error.eigenvalues, error.eigenvectors
     if values.size == 0:

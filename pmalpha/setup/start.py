@@ -92,9 +92,9 @@ class InitialAccelerations:
         else:
             w, lam = self._step(r, g)
         with np.errstate(over="ignore"):
-            sizes = [sum(np.abs(term) for term in own) for own in terms]
-        size = max((np.max(own, initial=0.0) for own in sizes), default=0.0)
-        broken = [mass.broken_equations(own, lam, size) for mass, own in zip(self.masses, r)]
+            sizes = [sum(np.abs(term) for term in parts) for parts in terms]
+        size = max((np.max(x, initial=0.0) for x in sizes), default=0.0)
+        broken = [mass.broken_equations(r_i, lam, size) for mass, r_i in zip(self.masses, r)]
         _warn_of_broken([x for x in broken if x is not None], size)
         return w, lam
 
@@ -103,9 +103,9 @@ class InitialAccelerations:
     ) -> tuple[list[np.ndarray], np.ndarray]:
         """`solve` for `LANES` right-hand sides: (n_i, LANES) terms, and w; lam (p, LANES)."""
         if any(mass.massless.size for mass in self.masses):
-            each = [self.solve([[x[:, k] for x in t] for t in terms], g) for k in range(LANES)]
-            apart = zip(*(own for own, _ in each))
-            return [np.stack(x, axis=-1) for x in apart], np.stack([x for _, x in each], axis=-1)
+            pairs = [self.solve([[x[:, k] for x in t] for t in terms], g) for k in range(LANES)]
+            apart = zip(*(w_k for w_k, _ in pairs))
+            return [np.stack(x, axis=-1) for x in apart], np.stack([x for _, x in pairs], axis=-1)
         r: list[Any] = [sum(t) for t in terms]
         if self.lanes is None:
             cores = tuple(core.in_lanes() for core in self.cores)
@@ -150,16 +150,16 @@ class InitialAccelerations:
         no_rows = np.empty(0)
         wf, _ = self._step(r, no_rows)
         free = sum(m.tied @ w for m, w in zip(self.masses, wf))
-        r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
+        r_m = np.concatenate([r_i[m.massless] for m, r_i in zip(self.masses, r)])
         p, tied = g.size, self.tied
         solution = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
         lam, w_m = solution[:p], np.zeros(r_m.size)
         w_m[tied] = solution[p:]
-        loads = [own + m.tied.T @ lam for m, own in zip(self.masses, r)]
+        loads = [r_i + m.tied.T @ lam for m, r_i in zip(self.masses, r)]
         w, _ = self._step(loads, no_rows)
         starts = np.cumsum([0] + [m.massless.size for m in self.masses])
-        for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
-            own[mass.massless] = w_m[begin:end]
+        for mass, w_i, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
+            w_i[mass.massless] = w_m[begin:end]
         return w, lam
 
 
@@ -236,9 +236,9 @@ def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float
     """ConstraintWarning for equations without mass that do not hold at t = 0."""
     if not broken:
         return
-    each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs, _ in broken]
+    places = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs, _ in broken]
     warn(
-        f"the equations of dofs without mass do not hold at t = 0, those of {listing(each)}: "
+        f"the equations of dofs without mass do not hold at t = 0, those of {listing(places)}: "
         f"{max(left for _, _, left in broken):g} is left of forces up to {size:g}; the first "
         "steps will jump to a state where they hold",
         ConstraintWarning,
