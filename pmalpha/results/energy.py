@@ -89,8 +89,8 @@ class Energy:
         dict of arrays
             As the attributes, without `t`; `conserved` only where there is such a quantity.
         """
-        arrays = ((name, getattr(self, name)) for name in (*ENERGY_FIELDS, *OPTIONAL))
-        return {name: x for name, x in arrays if x is not None}
+        pairs = ((name, getattr(self, name)) for name in (*ENERGY_FIELDS, *OPTIONAL))
+        return {name: x for name, x in pairs if x is not None}
 
     def _with_rows(self, change: Callable[[np.ndarray], np.ndarray]) -> Energy:
         """The same with other rows of all arrays."""

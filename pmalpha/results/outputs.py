@@ -124,7 +124,7 @@ def _weights(W: Any, subdomain: Subdomain, what: str) -> sp.csr_array:
         return selection(dof_list(W, n, what, names), 1.0, n)
     size = names.whole if isinstance(names, NodeNames) else n
     if isinstance(names, NodeNames) and size > n and np.shape(W)[-1:] == (size,):
-        return sp.csr_array(rectangular(W, size, what)[:, names.numbers])  # others are fixed
+        return sp.csr_array(rectangular(W, size, what)[:, names.numbers])  # the rest is fixed
     return rectangular(W, n, what)
 
 

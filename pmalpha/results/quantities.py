@@ -192,8 +192,8 @@ def table_of(record: Any) -> dict[str, Quantity]:
 
 def arrays_of(record: Any) -> dict[str, np.ndarray]:
     """The arrays of a `History` or a `SubdomainHistory` that are there, without outputs."""
-    arrays = ((name, getattr(record, name)) for name in table_of(record))
-    return {name: x for name, x in arrays if x is not None}
+    pairs = ((name, getattr(record, name)) for name in table_of(record))
+    return {name: x for name, x in pairs if x is not None}
 
 
 def growing(record: Any) -> dict[str, np.ndarray]:
@@ -227,9 +227,9 @@ def times_of(history: Any, name: str) -> np.ndarray:
 
 
 def with_rows(record: Record, change: Callable[..., np.ndarray], *records: Record) -> Record:
-    """The record with ``change(x, ...)`` for each array x with rows and those of the others.
+    """The record with ``change(x, ...)`` for each array x with rows and those of further records.
 
-    An array that one of them lacks is None.
+    An array that one of the records lacks is None.
     """
     several = [growing(one) for one in (record, *records)]
     fields: dict[str, Any] = {
