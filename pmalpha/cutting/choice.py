@@ -37,15 +37,15 @@ RHO = 0.5
 IMPLICIT = 8.0
 
 
-def frequencies(whole: Whole) -> np.ndarray:
+def frequencies(model: Whole) -> np.ndarray:
     """(elements,): upper bounds of the highest circular frequency of each element alone.
 
     The largest of them is an upper bound of the highest frequency of any assembly of the elements
     (Irons and Treharne, 1971), with any dofs fixed or tied. inf for an element with stiffness at a
     dof without mass.
     """
-    omega = np.empty(whole.count)
-    for blocks in whole.blocks(CHUNK):
+    omega = np.empty(model.count)
+    for blocks in model.blocks(CHUNK):
         omega[blocks.numbers] = np.sqrt(_largest(blocks))
     return omega
 
@@ -111,22 +111,22 @@ def levels_of(omega: np.ndarray, dt: float, scheme: Scheme, *, check: bool = Tru
     return np.maximum(np.ceil(ratio - 1e-9), 0.0).astype(np.int64)
 
 
-def graded(whole: Whole, levels: np.ndarray) -> np.ndarray:
+def graded(model: Whole, levels: np.ndarray) -> np.ndarray:
     """Levels that are not lower, without islands, and 2 apart at most where elements meet."""
     levels = levels.copy()
     while True:
         before = levels.copy()
-        while _raise_to_neighbours(whole, levels):
+        while _raise_to_neighbours(model, levels):
             pass
-        _absorb_islands(whole, levels)
+        _absorb_islands(model, levels)
         if np.array_equal(levels, before):
             return levels
 
 
-def _raise_to_neighbours(whole: Whole, levels: np.ndarray) -> bool:
+def _raise_to_neighbours(model: Whole, levels: np.ndarray) -> bool:
     """Raise levels to 2 below the highest of the elements with a common node, in place."""
-    element, link = whole.incidence
-    at, needed = (np.zeros(size, dtype=levels.dtype) for size in (whole.link_count, whole.count))
+    element, link = model.incidence
+    at, needed = (np.zeros(size, dtype=levels.dtype) for size in (model.link_count, model.count))
     np.maximum.at(at, link, levels[element])
     np.maximum.at(needed, element, at[link])
     needed -= GRADE
@@ -135,15 +135,15 @@ def _raise_to_neighbours(whole: Whole, levels: np.ndarray) -> bool:
     return raised
 
 
-def _absorb_islands(whole: Whole, levels: np.ndarray) -> None:
+def _absorb_islands(model: Whole, levels: np.ndarray) -> None:
     """Give a few connected elements among finer ones the lowest level around them, in place."""
-    group, size = _connected(whole, levels)
-    element, link = whole.incidence
+    group, size = _connected(model, levels)
+    element, link = model.incidence
     most = np.iinfo(levels.dtype).max
     lowest = np.full(size.size, most)
     coarser = np.zeros(size.size, dtype=bool)
     for level in np.unique(levels)[::-1]:  # from the finest, so that the lowest one remains
-        at, touched = (np.zeros(size, dtype=bool) for size in (whole.link_count, whole.count))
+        at, touched = (np.zeros(size, dtype=bool) for size in (model.link_count, model.count))
         at[link[levels[element] == level]] = True
         touched[element[at[link]]] = True
         lowest[group[touched & (levels < level)]] = level
@@ -152,37 +152,37 @@ def _absorb_islands(whole: Whole, levels: np.ndarray) -> None:
     levels[change] = lowest[group[change]]
 
 
-def _connected(whole: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _connected(model: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The group of each element, connected through nodes with elements of its level; sizes."""
     from scipy.sparse.csgraph import connected_components
 
-    element, link = whole.incidence
-    own = link.astype(np.int64) * (int(levels.max()) + 1) + levels[element]  # link and level
-    _, column = np.unique(own, return_inverse=True)
-    n = whole.count + int(column.max()) + 1
-    entries = np.ones(element.size, dtype=bool), (element, whole.count + column)
+    element, link = model.incidence
+    pair = link.astype(np.int64) * (int(levels.max()) + 1) + levels[element]  # link and level
+    _, column = np.unique(pair, return_inverse=True)
+    n = model.count + int(column.max()) + 1
+    entries = np.ones(element.size, dtype=bool), (element, model.count + column)
     graph = sp.coo_array(entries, shape=(n, n))
-    group = connected_components(graph, directed=False)[1][: whole.count]
+    group = connected_components(graph, directed=False)[1][: model.count]
     return group, np.bincount(group)
 
 
-def partition(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
+def partition(model: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
     """(elements,): labels 0 .. parts - 1 of nearly equal sums of costs, none without an element."""
     k = whole_number(parts, "parts", low=1)
-    if k > whole.count:
-        raise ValueError(f"parts must be at most the number of elements, {whole.count}, got {k}")
+    if k > model.count:
+        raise ValueError(f"parts must be at most the number of elements, {model.count}, got {k}")
     if k == 1:
-        return np.zeros(whole.count, dtype=np.int64)
+        return np.zeros(model.count, dtype=np.int64)
     if has_nested_dissection():
-        labels = _by_metis(whole, k, costs)
+        labels = _by_metis(model, k, costs)
         if np.unique(labels).size == k:
             return labels
-    if whole.centroids is None:
+    if model.centroids is None:
         raise ValueError(
             "points, the centres of the elements, must be given for parts= of Elements where "
             "pymetis is not installed or leaves a part empty"
         )
-    return bisected(whole.centroids, k, costs)
+    return bisected(model.centroids, k, costs)
 
 
 def bisected(points: np.ndarray, parts: int, costs: np.ndarray) -> np.ndarray:
@@ -190,24 +190,24 @@ def bisected(points: np.ndarray, parts: int, costs: np.ndarray) -> np.ndarray:
     labels = np.zeros(len(points), dtype=np.int64)
     waiting = [(np.arange(len(points)), 0, parts)]
     while waiting:
-        own, first, k = waiting.pop()
+        elements, first, k = waiting.pop()
         if k == 1:
-            labels[own] = first
+            labels[elements] = first
             continue
-        extent = np.ptp(points[own], axis=0)
-        order = own[np.argsort(points[own, int(np.argmax(extent))], kind="stable")]
+        extent = np.ptp(points[elements], axis=0)
+        order = elements[np.argsort(points[elements, int(np.argmax(extent))], kind="stable")]
         left = k // 2
         share = np.cumsum(costs[order]) - 0.5 * costs[order]
         at = int(np.searchsorted(share, costs[order].sum() * left / k))
-        at = min(max(at, left), own.size - (k - left))  # an element at least for each label
+        at = min(max(at, left), elements.size - (k - left))  # an element at least for each label
         waiting += [(order[:at], first, left), (order[at:], first + left, k - left)]
     return labels
 
 
-def _by_metis(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
+def _by_metis(model: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
     import pymetis
 
-    graph = adjacency(whole)
+    graph = adjacency(model)
     weights = np.maximum(1, costs / costs.sum() * TOTAL_WEIGHT).astype(np.int32)
     _, labels = pymetis.part_graph(
         parts,
@@ -220,20 +220,20 @@ def _by_metis(whole: Whole, parts: int, costs: np.ndarray) -> np.ndarray:
     return np.array(labels, dtype=np.int64)
 
 
-def adjacency(whole: Whole) -> sp.csr_array:
+def adjacency(model: Whole) -> sp.csr_array:
     """Elements that share a face, as far as this can be seen: of two elements with common nodes
     those that have more than half as many as one of them has with any other element."""
-    entries = np.ones(whole.incidence[0].size, dtype=np.int32), whole.incidence
-    member = sp.csr_array(entries, shape=(whole.count, whole.link_count))
+    entries = np.ones(model.incidence[0].size, dtype=np.int32), model.incidence
+    member = sp.csr_array(entries, shape=(model.count, model.link_count))
     common = sp.csr_array(member @ member.T)
-    row = np.repeat(np.arange(whole.count, dtype=np.int32), np.diff(common.indptr))
+    row = np.repeat(np.arange(model.count, dtype=np.int32), np.diff(common.indptr))
     apart = row != common.indices
-    most = np.zeros(whole.count, dtype=common.data.dtype)
+    most = np.zeros(model.count, dtype=common.data.dtype)
     np.maximum.at(most, row[apart], common.data[apart])
     least = np.minimum(most[row], most[common.indices])
-    kept = apart & (2 * common.data > least)
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(row[kept], minlength=whole.count))])
-    index = common.indices[kept]
+    faces = apart & (2 * common.data > least)
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(row[faces], minlength=model.count))])
+    index = common.indices[faces]
     return sp.csr_array((np.ones(index.size, dtype=np.int32), index, ptr), shape=common.shape)
 
 
@@ -266,7 +266,7 @@ def _choice(labels: np.ndarray, names: Any, schemes: Any, substeps: Any) -> Choi
     )
 
 
-def by_steps(whole: Whole, labels: str, parts: Any, dt: float | None, scheme: Any) -> Choice:
+def by_steps(model: Whole, labels: str, parts: Any, dt: float | None, scheme: Any) -> Choice:
     """Explicit subdomains by critical steps of elements."""
     if labels != "steps":
         raise ValueError(f'labels must be an array or "steps", got {labels!r}')
@@ -280,14 +280,14 @@ def by_steps(whole: Whole, labels: str, parts: Any, dt: float | None, scheme: An
             f'scheme must be one explicit or conditionally stable scheme with labels="steps", got '
             f"{one!r}"
         )
-    levels = graded(whole, levels_of(frequencies(whole), dt, one))
+    levels = graded(model, levels_of(frequencies(model), dt, one))
     present, numbers = np.unique(levels, return_inverse=True)
     substeps = [2**level for level in present.tolist()]
     names = [counted(count, "substep") for count in substeps]
     return _choice(numbers, names, [one] * len(names), substeps)
 
 
-def automatic(whole: Whole, labels: Any, parts: str, dt: float | None, scheme: Any) -> Candidates:
+def automatic(model: Whole, labels: Any, parts: str, dt: float | None, scheme: Any) -> Candidates:
     """Explicit levels; the finest levels implicit; all implicit."""
     if parts != "auto":
         raise ValueError(f'parts must be a number or "auto", got {parts!r}')
@@ -295,37 +295,37 @@ def automatic(whole: Whole, labels: Any, parts: str, dt: float | None, scheme: A
         raise TypeError('labels must not be given with parts="auto"')
     if dt is None:
         raise TypeError('dt must be given with parts="auto"')
-    if not whole.linear:
+    if not model.linear:
         raise ValueError(
             'structure must be linear with parts="auto", got one with internal forces, whose '
             "iterations are known in a run only"
         )
     explicit, implicit = _pair(scheme)
-    omega = frequencies(whole)
+    omega = frequencies(model)
     possible = np.isfinite(omega)
     levels = np.full(omega.size, FINEST + 1)
     if possible.any():
         levels[possible] = np.minimum(levels_of(omega[possible], dt, explicit, check=False), FINEST)
-    levels = graded(whole, levels)
-    found = {"implicit": _levels_below(np.zeros(omega.size, dtype=int), 0, explicit, implicit)}
-    for top in _thresholds(levels, whole.costs()):
+    levels = graded(model, levels)
+    choices = {"implicit": _levels_below(np.zeros(omega.size, dtype=int), 0, explicit, implicit)}
+    for top in _thresholds(levels, model.costs()):
         name = f"implicit from {counted(2**top, 'substep')} on"
-        found[name] = _levels_below(levels, top, explicit, implicit)
+        choices[name] = _levels_below(levels, top, explicit, implicit)
     uncut = None
     if levels.max() < FINEST:
         uncut = explicit, 2 ** int(levels.max())
-        found["explicit"] = _levels_below(levels, int(levels.max()) + 1, explicit, implicit)
-    return Candidates(dt, found, uncut)
+        choices["explicit"] = _levels_below(levels, int(levels.max()) + 1, explicit, implicit)
+    return Candidates(dt, choices, uncut)
 
 
 def _pair(scheme: Any) -> tuple[Scheme, Scheme]:
     """The explicit and the implicit scheme, from two in any order."""
     if scheme is None:
         return GeneralizedAlpha(RHO, explicit=True), GeneralizedAlpha(RHO)
-    given = list(scheme) if isinstance(scheme, Sequence) else [scheme]
-    one = [s for s in given if isinstance(s, Scheme) and np.isfinite(critical_product(s))]
-    other = [s for s in given if isinstance(s, Scheme) and not np.isfinite(critical_product(s))]
-    if len(given) != 2 or len(one) != 1 or len(other) != 1:
+    schemes = list(scheme) if isinstance(scheme, Sequence) else [scheme]
+    one = [s for s in schemes if isinstance(s, Scheme) and np.isfinite(critical_product(s))]
+    other = [s for s in schemes if isinstance(s, Scheme) and not np.isfinite(critical_product(s))]
+    if len(schemes) != 2 or len(one) != 1 or len(other) != 1:
         raise ValueError(
             f'scheme must be an explicit and an implicit one with parts="auto", got {scheme!r}'
         )
@@ -357,47 +357,47 @@ def _levels_below(levels: np.ndarray, top: int, explicit: Scheme, implicit: Sche
     return _choice(numbers, names, schemes, substeps)
 
 
-def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: Any) -> Choice:
+def by_labels(model: Whole, labels: Any, parts: Any, dt: float | None, scheme: Any) -> Choice:
     """By the labels of the user, or in subdomains of equal cost."""
     if (labels is None) == (parts is None):
         raise TypeError("labels or parts must be given, and not both")
     omega = None
     if dt is not None and _any_limit(scheme):
-        omega = frequencies(whole)
+        omega = frequencies(model)
     if labels is None:
-        costs = whole.costs()
+        costs = model.costs()
         if omega is not None and dt is not None and isinstance(scheme, Scheme):
             costs = costs * 2.0 ** levels_of(omega, dt, scheme)
-        numbers = partition(whole, parts, costs)
+        numbers = partition(model, parts, costs)
         names = [f"part {i}" for i in range(int(numbers.max()) + 1)]
     else:
-        tags, numbers = labelled(labels, whole.count)
+        tags, numbers = labelled(labels, model.count)
         names = [_named(tag) for tag in tags.tolist()]
     schemes = _schemes(scheme, names)
     substeps = [1] * len(names)
     if omega is not None and dt is not None:
         substeps = [
-            2 ** int(levels_of(omega[numbers == i], dt, own).max()) for i, own in enumerate(schemes)
+            2 ** int(levels_of(omega[numbers == i], dt, s).max()) for i, s in enumerate(schemes)
         ]
     return _choice(numbers, names, schemes, substeps)
 
 
 def by_layer(
-    whole: Whole, layer_of: Any, labels: Any, parts: Any, dt: float | None, scheme: Any
+    model: Whole, layer_of: Any, labels: Any, parts: Any, dt: float | None, scheme: Any
 ) -> Choice:
     """A layer of elements around nodes, at the finest step, and the bulk."""
     if labels is not None or parts is not None:
         raise TypeError("labels and parts must not be given with layer_of")
     nodes, depth = layer_of if isinstance(layer_of, tuple) and len(layer_of) == 2 else (layer_of, 1)
     depth = whole_number(depth, "depth of layer_of", low=1)
-    chosen = whole.around(whole.nodes(nodes, "layer_of"), depth)
+    chosen = model.around(model.nodes(nodes, "layer_of"), depth)
     if chosen.all():
         raise ValueError(
-            f"layer_of must leave elements for the bulk, got all {whole.count} up to depth {depth}"
+            f"layer_of must leave elements for the bulk, got all {model.count} up to depth {depth}"
         )
     if scheme is None:
         scheme = {"layer": GeneralizedAlpha(RHO, explicit=True), "bulk": GeneralizedAlpha(RHO)}
-    choice = by_labels(whole, np.where(chosen, "layer", "bulk"), None, dt, scheme)
+    choice = by_labels(model, np.where(chosen, "layer", "bulk"), None, dt, scheme)
     # what contact requires, should the bulk have smaller elements
     bulk, layer = choice.members
     layer = layer._replace(substeps=max(layer.substeps, bulk.substeps))
@@ -420,7 +420,7 @@ def _schemes(scheme: Any, names: Sequence[str]) -> list[Scheme]:
     if scheme is None:
         scheme = GeneralizedAlpha(RHO)
     if isinstance(scheme, Mapping):
-        scheme = {_named(label): own for label, own in scheme.items()}
+        scheme = {_named(label): s for label, s in scheme.items()}
         unknown = [name for name in scheme if name not in names]
         missing = [name for name in names if name not in scheme]
         if unknown or missing:

@@ -131,19 +131,19 @@ def cut(
       stiff  3 dofs  1 interface dof  CentralDifference()  2 substeps
       macro step of 0.9: 134 entries read, 132 uncut at the finest step, gain 0.767, 0.00134 MB>
     """
-    whole = whole_of(structure, fixed, points)
-    motion = checked_motion(u0, whole.free, "u0"), checked_motion(v0, whole.free, "v0")
+    model = whole_of(structure, fixed, points)
+    motion = checked_motion(u0, model.free, "u0"), checked_motion(v0, model.free, "v0")
     damping = checked_rayleigh(rayleigh, damping_ratio)
     step = None if dt is None else time_step(dt, "dt")
-    _check_centres(whole)
+    _check_centres(model)
     values = Values(force, *motion, damping)
     if layer_of is not None:
-        layer = by_layer(whole, layer_of, labels, parts, step, scheme)
-        return _divided(structure, whole, layer, step, values)
+        layer = by_layer(model, layer_of, labels, parts, step, scheme)
+        return _divided(structure, model, layer, step, values)
     if isinstance(parts, str):
-        return _cheapest(structure, whole, automatic(whole, labels, parts, step, scheme), values)
+        return _cheapest(structure, model, automatic(model, labels, parts, step, scheme), values)
     choose = by_steps if isinstance(labels, str) else by_labels
-    return _divided(structure, whole, choose(whole, labels, parts, step, scheme), step, values)
+    return _divided(structure, model, choose(model, labels, parts, step, scheme), step, values)
 
 
 class Values(NamedTuple):
@@ -155,12 +155,12 @@ class Values(NamedTuple):
     rayleigh: Any
 
 
-def _cheapest(structure: Any, whole: Whole, candidates: Candidates, values: Values) -> Cut:
+def _cheapest(structure: Any, model: Whole, candidates: Candidates, values: Values) -> Cut:
     """The Cut with the least predicted cost, of those that are possible."""
     best, plans, failure = None, {}, None
     for name, choice in candidates.choices.items():
         try:
-            made = _divided(structure, whole, choice, candidates.dt, values)
+            made = _divided(structure, model, choice, candidates.dt, values)
             made = replace(made, _uncut=candidates.uncut)
         except FactorizationError as error:  # dofs without mass in an explicit subdomain
             failure = error
@@ -174,16 +174,16 @@ def _cheapest(structure: Any, whole: Whole, candidates: Candidates, values: Valu
     return replace(best[0], choices=plans)
 
 
-def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, values: Values) -> Cut:
+def _divided(structure: Any, model: Whole, choice: Choice, dt: float | None, values: Values) -> Cut:
     labels, members = choice.labels, choice.members
-    portions = _portions(whole, labels, members)
+    portions = _portions(model, labels, members)
     masses = [np.maximum(diagonal(portion.M), 0.0) for portion in portions]
-    division = Division(whole.n, [portion.dofs for portion in portions], masses)
+    division = Division(model.n, [portion.dofs for portion in portions], masses)
     for member, portion, mass in zip(members, portions, masses):
         if member.scheme.explicit:
             _require_mass(member, portion.dofs, mass)
     masses_of = [portion.M for portion in portions]
-    loads = division.divided(values.force, masses_of, whole.mass)
+    loads = division.divided(values.force, masses_of, model.mass)
     u0, v0 = (division.scatter(x) for x in (values.u0, values.v0))
     subdomains = []
     for i, member in enumerate(members):
@@ -211,17 +211,17 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
     return Cut(structure, labels, tuple(subdomains), ties, dt, {}, None, division)
 
 
-def _portions(whole: Whole, labels: np.ndarray, members: Sequence[CutMember]) -> list[Any]:
+def _portions(model: Whole, labels: np.ndarray, members: Sequence[CutMember]) -> list[Any]:
     """The matrices of each subdomain; contact belongs to the first one that has the node."""
-    left = np.ones(whole.link_count, dtype=bool)
-    groups = whole.by_group(labels)
+    left = np.ones(model.link_count, dtype=bool)
+    groups = model.by_group(labels)
     portions = []
     for i, member in enumerate(members):
-        portion = whole.portion(labels == i, left)
+        portion = model.portion(labels == i, left)
         if not portion.dofs.size:
             raise ValueError(f"labels must leave {member.name!r} a free dof, got only fixed ones")
-        for links, own in zip(whole.links, groups):
-            nodes = links[own == i]
+        for links, numbers in zip(model.links, groups):
+            nodes = links[numbers == i]
             left[nodes[nodes >= 0]] = False
         portions.append(portion)
     return portions
@@ -239,13 +239,13 @@ def _require_mass(member: CutMember, dofs: np.ndarray, mass: np.ndarray) -> None
         )
 
 
-def _check_centres(whole: Whole) -> None:
+def _check_centres(model: Whole) -> None:
     """ValueError unless the centres are (elements, dim), finite."""
-    if whole.centroids is None:
+    if model.centroids is None:
         return
-    whole.centroids = real_array(whole.centroids, "points", 2)
-    if len(whole.centroids) != whole.count:
+    model.centroids = real_array(model.centroids, "points", 2)
+    if len(model.centroids) != model.count:
         raise ValueError(
-            f"points must have a row for each of {counted(whole.count, 'element')}, got "
-            f"{len(whole.centroids)}"
+            f"points must have a row for each of {counted(model.count, 'element')}, got "
+            f"{len(model.centroids)}"
         )

@@ -34,7 +34,7 @@ class Division:
 
     def __init__(self, n: int, dofs: Sequence[np.ndarray], weights: Sequence[np.ndarray]):
         self.n, self.dofs = n, list(dofs)
-        self.sizes = np.array([own.size for own in dofs])
+        self.sizes = np.array([numbers.size for numbers in dofs])
         every = np.concatenate(dofs)
         part = np.repeat(np.arange(len(dofs)), self.sizes)
         self.order = np.lexsort((part, every))  # by dof, then by subdomain
@@ -83,7 +83,7 @@ class Division:
 
     def scatter(self, u: np.ndarray) -> list[np.ndarray]:
         """(..., n_i) of each subdomain, from (..., n)."""
-        return [u[..., own] for own in self.dofs]
+        return [u[..., numbers] for numbers in self.dofs]
 
     def divided(self, force: Any, masses: Sequence[Any], mass: Callable[[], Any]) -> list[Any]:
         """The load of each subdomain; their sum is the load of the uncut structure.
@@ -94,41 +94,43 @@ class Division:
         known = Mass(mass()) if has_ground(force) else None
         terms = terms_of(checked_force(force, self.n, mass=known))
         divided = [self._divided(term, masses) for term in terms]
-        return [list(own) or None for own in zip(*divided)] or [None] * len(self.dofs)
+        return [list(loads) or None for loads in zip(*divided)] or [None] * len(self.dofs)
 
     def _divided(self, force: Any, masses: Sequence[Any]) -> list[Any]:
         direction = getattr(force, "direction", None)
         if direction is not None:
             return self._of_ground(force, direction, masses)
-        return [_share(force, own, share) for own, share in zip(self.dofs, self.shares)]
+        return [_share(force, numbers, share) for numbers, share in zip(self.dofs, self.shares)]
 
     def _of_ground(self, force: Any, direction: np.ndarray, masses: Sequence[Any]) -> list[Any]:
-        shapes = [-product(M, direction[own]) for M, own in zip(masses, self.dofs)]
+        shapes = [-product(M, direction[numbers]) for M, numbers in zip(masses, self.dofs)]
         rest = force.shape.copy()
-        for own, shape in zip(self.dofs, shapes):
-            rest[own] -= shape
+        for numbers, shape in zip(self.dofs, shapes):
+            rest[numbers] -= shape
         rest[np.abs(rest) <= ROUNDING * np.abs(force.shape).max()] = 0.0
         return [
-            force._part(own)._changed(shape=shape + share[:, None] * rest[own])
-            for own, shape, share in zip(self.dofs, shapes, self.shares)
+            force._part(numbers)._changed(shape=shape + share[:, None] * rest[numbers])
+            for numbers, shape, share in zip(self.dofs, shapes, self.shares)
         ]
 
     def gather(self, parts: Sequence[Any], rows: Sequence[np.ndarray]) -> np.ndarray:
         """(levels, n) from arrays (levels_i, n_i), of which some rows are taken; the mean of all
         sides by their shares, zero at fixed dofs."""
         total, levels = int(self.sizes.sum()), len(rows[0])
-        whole = np.empty((levels, self.n))
-        whole.fill(0.0)  # np.take into memory that is new takes several times as long
+        values = np.empty((levels, self.n))
+        values.fill(0.0)  # np.take into memory that is new takes several times as long
         source = np.full(self.n, total)  # of a fixed dof: the zero at the end
         source[self.present] = self.order[self._first]
         mean, shared = self._mean()
         row = np.zeros(total + 1)
         for level in range(levels):
-            np.concatenate([part[own[level]] for part, own in zip(parts, rows)], out=row[:-1])
-            np.take(row, source, out=whole[level], mode="clip")
+            np.concatenate(
+                [part[part_rows[level]] for part, part_rows in zip(parts, rows)], out=row[:-1]
+            )
+            np.take(row, source, out=values[level], mode="clip")
             if shared.size:
-                whole[level, shared] = mean @ row[:-1]
-        return whole
+                values[level, shared] = mean @ row[:-1]
+        return values
 
     def _mean(self) -> tuple[sp.csr_array, np.ndarray]:
         """The matrix from the dofs of all subdomains to the shared dofs, and these."""

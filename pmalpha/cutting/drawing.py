@@ -42,7 +42,7 @@ def _submesh(structure: Structure, chosen: np.ndarray) -> tuple[np.ndarray, dict
     """Points and elements of the chosen elements of all kinds."""
     ends = np.cumsum([len(e) for e in structure.elements.values()])[:-1]
     kinds = zip(structure.elements.items(), np.split(chosen, ends))
-    elements = {kind: nodes[own] for (kind, nodes), own in kinds if own.any()}
+    elements = {kind: nodes[mask] for (kind, nodes), mask in kinds if mask.any()}
     used = np.unique(np.concatenate([nodes.ravel() for nodes in elements.values()]))
     number = np.zeros(len(structure.points), dtype=np.int64)
     number[used] = np.arange(used.size)

@@ -73,20 +73,20 @@ def element_parameters(
     >>> moduli, moduli.labels.tolist()
     (<Parameters of 'beam': 2 by K>, ['left', 'right'])
     """
-    whole = whole_of(structure, fixed, None)
-    n = np.count_nonzero(whole.free)
+    model = whole_of(structure, fixed, None)
+    n = np.count_nonzero(model.free)
     if isinstance(subdomain, Subdomain) and subdomain.n != n:
         raise ValueError(
             f"structure must have the {counted(subdomain.n, 'dof')} of {subdomain.name!r} free,"
             f" got {n}: give the others as fixed"
         )
-    given = np.zeros(whole.count, int) if labels is None else labels
-    every = np.ones(whole.count, bool)
-    return factors(whole, subdomain, np.flatnonzero(whole.free), every, given, scales)
+    tags = np.zeros(model.count, int) if labels is None else labels
+    every = np.ones(model.count, bool)
+    return factors(model, subdomain, np.flatnonzero(model.free), every, tags, scales)
 
 
 def factors(
-    whole: Whole,
+    model: Whole,
     subdomain: Subdomain | str,
     dofs: np.ndarray,
     chosen: np.ndarray,
@@ -97,33 +97,33 @@ def factors(
 
     `dofs` are those of the structure that the subdomain has, in its order.
     """
-    if not whole.linear:
+    if not model.linear:
         raise ValueError("structure must have no internal forces: they have no gradients here")
     check_word(scales, "scales", tuple(SCALED))
-    names, of = labelled(labels, whole.count)
-    place = np.full(whole.n + 1, -1)  # the last entry is that of negative dofs
+    names, of = labelled(labels, model.count)
+    place = np.full(model.n + 1, -1)  # the last entry is that of negative dofs
     place[dofs] = np.arange(dofs.size)
     # a label without elements here has one without entries
     where, own_labels = [np.zeros((names.size, 1), int)], [names]
     matrices = {kind: [np.zeros((names.size, 1, 1))] for kind in SCALED[scales]}
-    for block in whole.blocks(CHUNK):
-        own = np.flatnonzero(chosen[block.numbers])
-        local = place[block.dofs[own]]
-        free = (local >= 0) & of_chosen(block.free, own)
+    for block in model.blocks(CHUNK):
+        rows = np.flatnonzero(chosen[block.numbers])
+        local = place[block.dofs[rows]]
+        free = (local >= 0) & of_chosen(block.free, rows)
         pairs = free[:, :, None] & free[:, None, :]
         where.append(np.where(free, local, 0))
-        own_labels.append(names[of[block.numbers[own]]])
+        own_labels.append(names[of[block.numbers[rows]]])
         for kind, listed in matrices.items():
-            values = of_chosen(getattr(block, kind), own)
+            values = of_chosen(getattr(block, kind), rows)
             if values.ndim == 2:
                 values = values[:, :, None] * np.eye(values.shape[1])
             listed.append(np.where(pairs, values, 0.0))
-    given = {kind: _stacked(listed) for kind, listed in matrices.items()}
+    terms = {kind: _stacked(listed) for kind, listed in matrices.items()}
     rayleigh = getattr(subdomain, "rayleigh", None)
     if rayleigh is not None:
         shares = dict(zip("MK", rayleigh))
-        given["C"] = np.sum([shares[kind] * x for kind, x in given.items()], axis=0)
-    return Parameters(subdomain, dofs=_stacked(where), labels=np.concatenate(own_labels), **given)
+        terms["C"] = np.sum([shares[kind] * x for kind, x in terms.items()], axis=0)
+    return Parameters(subdomain, dofs=_stacked(where), labels=np.concatenate(own_labels), **terms)
 
 
 def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:

@@ -111,8 +111,8 @@ class Plan:
     @property
     def entries(self) -> int:
         """Matrix entries that a macro step reads, all subdomains and interface problems."""
-        own = sum(row.substeps * row.entries for row in self.subdomains)
-        return own + self.fine_steps * self.interface
+        steps = sum(row.substeps * row.entries for row in self.subdomains)
+        return steps + self.fine_steps * self.interface
 
     @property
     def cost(self) -> int:
@@ -244,7 +244,7 @@ def _uncut_entries(cut: Any, scheme: Scheme) -> int:
     """Entries that a step of the uncut structure reads."""
     dofs = list(cut.dofs.values())
     K, C, M = (_union([getattr(s, x) for s in cut.subdomains], dofs, cut.n) for x in "KCM")
-    n: int = sum(own.size for own in dofs) - cut.p
+    n: int = sum(numbers.size for numbers in dofs) - cut.p
     fixed = STEP_NUMBERS * n + _size(K) + _size(C)
     implicit = [M, C] if scheme.explicit else [M, C, K]
     if all(A is None or A.ndim == 1 for A in implicit):
@@ -256,15 +256,15 @@ def _uncut_entries(cut: Any, scheme: Scheme) -> int:
 
 
 def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Matrix | None:
-    present = [(A, own) for A, own in zip(matrices, dofs) if A is not None]
+    present = [(A, numbers) for A, numbers in zip(matrices, dofs) if A is not None]
     if not present:
         return None
     if all(A.ndim == 1 for A, _ in present):
         return np.ones(n)
     rows, columns = [np.arange(0)], [np.arange(0)]
-    for A, own in present:
-        whole = sp.coo_array(sparse(A, own.size))
-        rows.append(own[whole.row])
-        columns.append(own[whole.col])
+    for A, numbers in present:
+        entries = sp.coo_array(sparse(A, numbers.size))
+        rows.append(numbers[entries.row])
+        columns.append(numbers[entries.col])
     row, column = np.concatenate(rows), np.concatenate(columns)
     return sp.coo_array((np.ones(row.size), (row, column)), shape=(n, n)).tocsr()

@@ -85,25 +85,25 @@ class Cut:
     def _repr_html_(self) -> str:
         what = f"Cut into {counted(len(self.subdomains), 'subdomain')}, "
         rows = [
-            (str(s.name), str(s.n), str(int(own.sum())), repr(s.scheme), str(s.substeps))
-            for s, own in zip(self.subdomains, self._division.interface)
+            (str(s.name), str(s.n), str(int(interface.sum())), repr(s.scheme), str(s.substeps))
+            for s, interface in zip(self.subdomains, self._division.interface)
         ]
         left = len(rows) - MOST_ROWS
-        more = f"<p>... {left} more</p>" if left > 0 else ""
+        rest = f"<p>... {left} more</p>" if left > 0 else ""
         plan = f"<p>{escape(self.plan().summary)}</p>" if self._is_quick else ""
         table = html_table(HEADINGS, rows[:MOST_ROWS], ("subdomain", "scheme"))
-        return f"<p>{what}{counted(self.p, 'constraint')}</p>{table}{more}{plan}"
+        return f"<p>{what}{counted(self.p, 'constraint')}</p>{table}{rest}{plan}"
 
     def __repr__(self) -> str:
         rows = [
             (
                 str(s.name),
                 counted(s.n, "dof"),
-                counted(int(own.sum()), "interface dof"),
+                counted(int(interface.sum()), "interface dof"),
                 repr(s.scheme),
                 counted(s.substeps, "substep"),
             )
-            for s, own in zip(self.subdomains, self._division.interface)
+            for s, interface in zip(self.subdomains, self._division.interface)
         ]
         shown = rows[:MOST_ROWS]
         lines = text_table(shown[0], shown[1:], left=shown[0]).split("\n")
@@ -169,10 +169,10 @@ class Cut:
         """
         fixed = np.ones(self.n, bool)
         fixed[self._division.present] = False
-        whole = whole_of(self.structure, fixed, None)
-        given = np.zeros(whole.count, int) if labels is None else labels
+        model = whole_of(self.structure, fixed, None)
+        tags = np.zeros(model.count, int) if labels is None else labels
         return [
-            factors(whole, s, dofs, self.labels == i, given, scales)
+            factors(model, s, dofs, self.labels == i, tags, scales)
             for i, (s, dofs) in enumerate(zip(self.subdomains, self._division.dofs))
         ]
 
@@ -289,14 +289,15 @@ class Cut:
         """
         if not isinstance(history, History):
             raise TypeError(f"history must be a History, got {history!r}")
-        own = [self._recorded(history, name) for name in self._names]
+        motions = [self._recorded(history, name) for name in self._names]
         t = np.asarray(history.macro_times)
-        rows = [np.searchsorted(np.asarray(one.t), t) for one in own]
-        for one, at in zip(own, rows):
+        rows = [np.searchsorted(np.asarray(one.t), t) for one in motions]
+        for one, at in zip(motions, rows):
             if at.max(initial=0) >= len(one.t) or np.any(np.asarray(one.t)[at] != t):
                 raise ValueError(f"history must have all macro times, not those of {one.name!r}")
         u, v, a = (
-            self._division.gather([getattr(one, x) for one in own], rows) for x in ("u", "v", "a")
+            self._division.gather([getattr(one, x) for one in motions], rows)
+            for x in ("u", "v", "a")
         )
         names = getattr(self.structure, "dof_names", None)
         return SubdomainHistory(
@@ -370,8 +371,8 @@ class Cut:
         cells = self._numbers() | options.pop("cells", {})
         if isinstance(history, History):
             options["data"] = self._contacts(history, motion.t) | (options.get("data") or {})
-        whole = (motion.t, motion.u, motion.v, motion.a)
-        write_series(path, structure.points, structure.elements, *whole, cells=cells, **options)
+        fields = (motion.t, motion.u, motion.v, motion.a)
+        write_series(path, structure.points, structure.elements, *fields, cells=cells, **options)
 
     def _contacts(self, history: History, times: np.ndarray) -> dict[str, np.ndarray]:
         """Fields of contacts at the nodes of the uncut mesh; a file has not the rows for them."""
@@ -407,8 +408,8 @@ class Cut:
         TypeError, ValueError
             As of `gather` and `Structure.to_pyvista`; for `Elements`, which have no mesh.
         """
-        whole = self.gather(motion) if isinstance(motion, History) else motion
-        return grid_of(self._mesh("to_pyvista"), whole, t, self._numbers())
+        field = self.gather(motion) if isinstance(motion, History) else motion
+        return grid_of(self._mesh("to_pyvista"), field, t, self._numbers())
 
     def _numbers(self) -> dict[str, np.ndarray]:
         substeps = np.array([s.substeps for s in self.subdomains])

@@ -32,20 +32,20 @@ def assembled(dofs: np.ndarray, values: np.ndarray, n: int) -> sp.csr_array:
     b = _node_size(dofs, n)
     if b > 1:
         nodes = dofs[:, ::b] // b
-        whole = np.broadcast_to(values, (e, k, k)).reshape(e, k // b, b, k // b, b)
-        return Pattern.of(nodes, n // b).matrix(whole)
+        blocks = np.broadcast_to(values, (e, k, k)).reshape(e, k // b, b, k // b, b)
+        return Pattern.of(nodes, n // b).matrix(blocks)
     rows, columns = (np.broadcast_to(x, (e, k, k)) for x in (dofs[:, :, None], dofs[:, None, :]))
-    kept = (rows >= 0) & (columns >= 0)
-    entries = np.broadcast_to(values, (e, k, k))[kept]
-    return sp.coo_array((entries, (rows[kept], columns[kept])), shape=(n, n)).tocsr()
+    pairs = (rows >= 0) & (columns >= 0)
+    entries = np.broadcast_to(values, (e, k, k))[pairs]
+    return sp.coo_array((entries, (rows[pairs], columns[pairs])), shape=(n, n)).tocsr()
 
 
 def assembled_mass(dofs: np.ndarray, values: np.ndarray, n: int) -> Any:
     """The (n, n) matrix, or its diagonal (n,) of lumped masses (e or 1, k)."""
     if values.ndim == 3:
         return assembled(dofs, values, n)
-    kept = dofs >= 0
-    return np.bincount(dofs[kept], np.broadcast_to(values, dofs.shape)[kept], minlength=n)
+    free = dofs >= 0
+    return np.bincount(dofs[free], np.broadcast_to(values, dofs.shape)[free], minlength=n)
 
 
 def _node_size(dofs: np.ndarray, n: int) -> int:
@@ -95,9 +95,9 @@ class GroupForce:
         if values is None:
             return None
         e, k = self._dofs.shape
-        whole = self._checked(values, (e, k, k), name)
+        tangents = self._checked(values, (e, k, k), name)
         return self._matrix_of(
-            np.bincount(self._slot, whole[self._pairs], minlength=self._column.size)
+            np.bincount(self._slot, tangents[self._pairs], minlength=self._column.size)
         )
 
     def _matrix_of(self, values: np.ndarray) -> sp.csr_array:
@@ -165,7 +165,7 @@ class Whole:
         places = [np.nonzero(links >= 0) for links in self.links]
         begins = np.cumsum([0, *map(len, self.links)])
         elements = [begin + rows for begin, (rows, _) in zip(begins, places)]
-        links = [links[own] for links, own in zip(self.links, places)]
+        links = [links[place] for links, place in zip(self.links, places)]
         return np.concatenate(elements).astype(np.int32), np.concatenate(links).astype(np.int32)
 
     def costs(self) -> np.ndarray:
@@ -270,31 +270,31 @@ class WholeStructure(Whole):
         # such as the rotation of a node at which another subdomain has a beam
         free = self.free[dofs] & ~(idle_dofs(M, K, forces) & self._used[dofs])
         if not free.all():
-            kept = np.flatnonzero(free)
-            M = M[kept] if M.ndim == 1 else M[kept][:, kept]
-            K = K[kept][:, kept]
-            forces = [force.reduced(kept) for force in forces] if kept.size else []
+            rows = np.flatnonzero(free)
+            M = M[rows] if M.ndim == 1 else M[rows][:, rows]
+            K = K[rows][:, rows]
+            forces = [force.reduced(rows) for force in forces] if rows.size else []
         return Portion(dofs[free], M, K, None, forces)
 
     def _picked(self, chosen: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Numbers and nodes of the chosen elements of each kind that has some."""
         return {
-            kind: (np.flatnonzero(own), links[own])
-            for kind, links, own in zip(self._kinds, self.links, self.by_group(chosen))
-            if own.any()
+            kind: (np.flatnonzero(mask), links[mask])
+            for kind, links, mask in zip(self._kinds, self.links, self.by_group(chosen))
+            if mask.any()
         }
 
     def blocks(self, chunk: int) -> Iterator[Blocks]:
         begin = 0
         for kind, links in zip(self._kinds, self.links):
             for first in range(0, len(links), chunk):
-                own = links[first : first + chunk]
-                yield self._exploded(kind, first, own, begin)
+                nodes = links[first : first + chunk]
+                yield self._exploded(kind, first, nodes, begin)
             begin += len(links)
 
-    def _exploded(self, kind: str, first: int, own: np.ndarray, begin: int) -> Blocks:
+    def _exploded(self, kind: str, first: int, nodes: np.ndarray, begin: int) -> Blocks:
         """Element matrices: those of the elements with a node of its own for each corner."""
-        e, a = own.shape
+        e, a = nodes.shape
         numbers = first + np.arange(e)
         apart = np.arange(e * a).reshape(e, a)
         assert self._structure.recipe is not None
@@ -302,7 +302,7 @@ class WholeStructure(Whole):
         k = a * self._d
         for force in internal:
             K = K + force(np.zeros(force.n))[1]
-        dofs = (self._d * own[:, :, None] + np.arange(self._d)).reshape(e, k)
+        dofs = (self._d * nodes[:, :, None] + np.arange(self._d)).reshape(e, k)
         masses = M.reshape(e, k) if M.ndim == 1 else _diagonal_blocks(M, e, k)
         idle = idle_dofs(M, K, internal).reshape(e, k)
         free = self.free[dofs] & ~(idle & self._used[dofs])
@@ -325,9 +325,9 @@ class WholeElements(Whole):
     def _require_elements(self) -> None:
         """ValueError for dofs without, before arrays of n dofs are made."""
         numbers = np.unique(np.concatenate([group.dofs.ravel() for group in self._groups]))
-        own = numbers[numbers >= 0]
-        if own.size < self.n:
-            missing = np.setdiff1d(np.arange(min(self.n, own.size + 6)), own)
+        dofs = numbers[numbers >= 0]
+        if dofs.size < self.n:
+            missing = np.setdiff1d(np.arange(min(self.n, dofs.size + 6)), dofs)
             raise ValueError(
                 f"structure must have an element at every dof in 0..{self.n - 1}, not at "
                 f"{numbered('dof', missing)}; a fixed dof has a negative number"
@@ -335,16 +335,17 @@ class WholeElements(Whole):
 
     def mass(self) -> Any:
         """The mass matrix of all dofs in inner form; None without."""
-        own = [
+        masses = [
             assembled_mass(group.dofs, group.M, self.n)
             for group in self._groups
             if group.M is not None
         ]
-        return combination([(1.0, M) for M in own])
+        return combination([(1.0, M) for M in masses])
 
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         picked = [
-            (group, np.flatnonzero(own)) for group, own in zip(self._groups, self.by_group(chosen))
+            (group, np.flatnonzero(mask))
+            for group, mask in zip(self._groups, self.by_group(chosen))
         ]
         present = np.zeros(self.n + 1, dtype=bool)  # the last entry is that of negative dofs
         for group, numbers in picked:
@@ -352,19 +353,22 @@ class WholeElements(Whole):
         dofs = np.flatnonzero(present[:-1] & self.free)
         number = np.full(self.n + 1, -1)
         number[dofs] = np.arange(dofs.size)
-        local = [(group, own, number[np.maximum(group.dofs[own], -1)]) for group, own in picked]
-        parts = [(group, own, where) for group, own, where in local if own.size]
+        local = [
+            (group, numbers, number[np.maximum(group.dofs[numbers], -1)])
+            for group, numbers in picked
+        ]
+        parts = [(group, numbers, where) for group, numbers, where in local if numbers.size]
         terms: dict[str, Any] = {"M": None, "K": None, "C": None}
         for name in terms:
-            for group, own, where in parts:
+            for group, numbers, where in parts:
                 values = getattr(group, name)
                 if values is not None:
-                    values = values if len(values) == 1 else values[own]
+                    values = values if len(values) == 1 else values[numbers]
                     make = assembled_mass if name == "M" else assembled
                     terms[name] = _sum(terms[name], make(where, values, dofs.size))
         forces = [
-            GroupForce(group, own, where, dofs.size).force(group.history[own])
-            for group, own, where in parts
+            GroupForce(group, numbers, where, dofs.size).force(group.history[numbers])
+            for group, numbers, where in parts
             if group.internal is not None and dofs.size
         ]
         M = np.zeros(dofs.size) if terms["M"] is None else terms["M"]
@@ -375,19 +379,19 @@ class WholeElements(Whole):
         for group in self._groups:
             e, k = group.dofs.shape
             for first in range(0, e, chunk):
-                own = np.arange(first, min(first + chunk, e))
+                numbers = np.arange(first, min(first + chunk, e))
                 M = np.zeros((1, k)) if group.M is None else group.M
                 K = np.zeros((1, k, k)) if group.K is None else group.K
-                M, K = (x if len(x) == 1 else x[own] for x in (M, K))
+                M, K = (x if len(x) == 1 else x[numbers] for x in (M, K))
                 if group.internal is not None:
-                    rest = np.zeros((own.size, k))
-                    tangent = group.internal(rest, rest, 0.0, group.history[own], own)[1]
+                    rest = np.zeros((numbers.size, k))
+                    tangent = group.internal(rest, rest, 0.0, group.history[numbers], numbers)[1]
                     K = K if tangent is None else K + np.asarray(tangent)
-                where = group.dofs[own]
+                where = group.dofs[numbers]
                 free = (where >= 0) & self.free[where]
                 if free.all() and len(M) == len(K) == 1:
                     free = free[:1]  # all elements are equal
-                yield Blocks(begin + own, where, M, K, free)
+                yield Blocks(begin + numbers, where, M, K, free)
             begin += e
 
 

@@ -113,15 +113,15 @@ def animation(
     t = history.t if isinstance(history, SubdomainHistory) else history.macro_times
     times = np.linspace(t[0], t[-1], frames)
     films = [
-        _film(motion, given, key, times, values) for motion, given, key in _cast(history, meshes)
+        _film(motion, mesh, key, times, values) for motion, mesh, key in _cast(history, meshes)
     ]
     with shown_style():
         from matplotlib.animation import FuncAnimation
 
-        own, ax = ax is None, axes_for(films[0].mesh, ax)
+        is_new, ax = ax is None, axes_for(films[0].mesh, ax)
         figure: Any = ax.figure
         moving = [(film.mesh, u) for film in films for u in film.u]
-        picture = picture_of(ax, moving, scale, own)
+        picture = picture_of(ax, moving, scale, is_new)
         paint = _painter(ax, picture, films, value_label)
         for film in films:
             draw_undeformed(ax, film.mesh)
@@ -129,7 +129,7 @@ def animation(
             enclose(ax, np.concatenate([film.mesh.points, *moved]), picture)
         ax.set_autoscale_on(False)
         time_label = ax.set_title("$t$", loc="left")
-        if own:
+        if is_new:
             figure.draw_without_rendering()
             figure.set_layout_engine("none")  # the layout is computed once, not for each frame
         drawn: list[Artist] = []
@@ -169,8 +169,8 @@ def _cast(history: Any, meshes: Any) -> Iterator[tuple[SubdomainHistory, Any, st
         motion = history if isinstance(history, SubdomainHistory) else meshes.gather(history)
         yield motion, meshes.structure, "meshes"
     elif isinstance(meshes, Mapping) and meshes and isinstance(history, History):
-        for key, given in meshes.items():
-            yield history[key], given, f"meshes[{key!r}]"
+        for key, mesh in meshes.items():
+            yield history[key], mesh, f"meshes[{key!r}]"
     elif isinstance(meshes, Mapping) or isinstance(history, History) and len(history) != 1:
         raise TypeError(
             "meshes must be a dict of meshes by subdomain for a History, one mesh for a single "
@@ -180,10 +180,10 @@ def _cast(history: Any, meshes: Any) -> Iterator[tuple[SubdomainHistory, Any, st
         yield (history if isinstance(history, SubdomainHistory) else history[0]), meshes, "meshes"
 
 
-def _film(s: SubdomainHistory, given: Any, key: str, times: np.ndarray, values: Any) -> Film:
+def _film(s: SubdomainHistory, entry: Any, key: str, times: np.ndarray, values: Any) -> Film:
     if not np.array_equal(s.dofs, np.arange(s.dofs.size)):
         raise ValueError(f"all dofs of {s.name!r} must be recorded, got {listing(s.dofs)}")
-    mesh = given if isinstance(given, (tuple, list)) else (given,)
+    mesh = entry if isinstance(entry, (tuple, list)) else (entry,)
     if len(mesh) > 1 and callable(mesh[-1]):
         try:
             mesh, u = mesh[:-1], mesh[-1](linear(times, s.t, s.u))
@@ -197,7 +197,7 @@ def _film(s: SubdomainHistory, given: Any, key: str, times: np.ndarray, values: 
     if len(mesh) != 2:
         raise TypeError(
             f"{key} must be a Structure or (points, elements), with or without a function, got "
-            f"{given!r}"
+            f"{entry!r}"
         )
     checked, moved = flattened(
         checked_mesh(mesh[0], mesh[1], f" of {key}"), u, f"u of {s.name!r} for {key}", len(times)

@@ -163,12 +163,12 @@ def _time_label(unit: Mapping[str, str]) -> str:
 
 def _units(units: Mapping[str, str] | None) -> dict[str, str]:
     """The units of u, t and F that are given."""
-    given = {} if units is None else units
-    if not isinstance(given, Mapping) or not all(isinstance(x, str) for x in given.values()):
+    words = {} if units is None else units
+    if not isinstance(words, Mapping) or not all(isinstance(x, str) for x in words.values()):
         raise TypeError(f"units must be a dict of strings, got {units!r}")
-    if set(given) - set(UNITS):
+    if set(words) - set(UNITS):
         raise ValueError(f"units must be those of 'length', 'time' and 'force', got {units!r}")
-    return {UNITS[name]: unit for name, unit in given.items()}
+    return {UNITS[name]: unit for name, unit in words.items()}
 
 
 def _rounding_notes(history: Any) -> dict[str, str]:
@@ -211,7 +211,7 @@ def _curves(history: Any, dofs: Any, quantity: str) -> Iterator[Curve]:
     if dofs is None:
         chosen = _largest(history, quantity)
     else:
-        chosen = [(s, _columns(s, given)) for s, given in _given_dofs(history, dofs)]
+        chosen = [(s, _columns(s, numbers)) for s, numbers in _given_dofs(history, dofs)]
         count = sum(len(columns) for _, columns in chosen)
         if not 0 < count <= MOST_CURVES:
             raise ValueError(f"dofs must name 1 to {MOST_CURVES} dofs in all, got {count}")
@@ -258,19 +258,19 @@ def _given_dofs(history: Any, dofs: Any) -> Iterator[tuple[Any, Any]]:
     """Recorded subdomains with the dofs given for each."""
     if not isinstance(dofs, Mapping) and len(history) == 1:
         dofs = {0: dofs}
-    for i, given in by_index(dofs, history.keys, "dofs").items():
+    for i, numbers in by_index(dofs, history.keys, "dofs").items():
         subdomain = history.subdomains[i]
         if subdomain is None:
             raise ValueError(f"dofs: subdomain {history.keys[i][0]!r} was not recorded")
-        yield subdomain, given
+        yield subdomain, numbers
 
 
-def _columns(subdomain: Any, given: Any) -> list[int]:
+def _columns(subdomain: Any, selection: Any) -> list[int]:
     """The columns of the given dofs, of all dofs for None."""
-    if given is None:
+    if selection is None:
         return list(range(subdomain.dofs.size))
     return columns_of(
-        given, subdomain.dofs, subdomain.n, subdomain.dof_names, f"dofs of {subdomain.name!r}"
+        selection, subdomain.dofs, subdomain.n, subdomain.dof_names, f"dofs of {subdomain.name!r}"
     )
 
 
@@ -430,6 +430,6 @@ def gaps_and_forces(
             ax.legend()
         if below is not None:
             below.set_ylabel(names[1])
-            for own in force.T:  # the mean over the step that ends at t
-                below.step(history.t, np.concatenate([own[1:2], own[1:]]), where="pre")
+            for series in force.T:  # the mean over the step that ends at t
+                below.step(history.t, np.concatenate([series[1:2], series[1:]]), where="pre")
     return ax

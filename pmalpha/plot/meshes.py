@@ -52,7 +52,7 @@ class Picture:
     """State shared by the calls that draw into the same axes."""
 
     scale: float
-    own: bool = False  # the axes were created here
+    is_new: bool = False  # the axes were created here
     meshes: int = 0
     norm: Normalize | None = None
 
@@ -167,8 +167,8 @@ def deformed(
     if values is not None:
         values = nodal_values(values, mesh, "values")
     with shown_style():
-        own, ax = ax is None, axes_for(mesh, ax)
-        picture = picture_of(ax, [(mesh, u)], scale, own)
+        is_new, ax = ax is None, axes_for(mesh, ax)
+        picture = picture_of(ax, [(mesh, u)], scale, is_new)
         x = moved_points(mesh, picture.scale, u)
         draw_undeformed(ax, mesh)
         look = plain(picture.meshes) if color is None else Look(color, color)
@@ -183,10 +183,10 @@ def deformed(
     return ax
 
 
-def structure_of(given: Any) -> Any:
+def structure_of(value: Any) -> Any:
     """The Structure that is given or of which a Cut is given; None for something else."""
-    found = getattr(given, "structure", given)
-    return found if hasattr(found, "points") and hasattr(found, "elements") else None
+    structure = getattr(value, "structure", value)
+    return structure if hasattr(structure, "points") and hasattr(structure, "elements") else None
 
 
 def stresses(structure: Any, u: Any, what: str) -> np.ndarray:
@@ -242,7 +242,7 @@ def axes_for(mesh: Mesh, ax: Any | None) -> Axes:
 
 
 def picture_of(
-    ax: Any, moved: Sequence[tuple[Mesh, np.ndarray]], scale: float | None, own: bool
+    ax: Any, moved: Sequence[tuple[Mesh, np.ndarray]], scale: float | None, is_new: bool
 ) -> Picture:
     """The `Picture` of these axes, created if there is none yet."""
     if scale is not None:
@@ -250,7 +250,7 @@ def picture_of(
         require_moderate(np.array([scale]), "scale")
     picture = pictures.get(ax)
     if picture is None:
-        picture = pictures[ax] = Picture(_fitting_scale(moved) if scale is None else scale, own)
+        picture = pictures[ax] = Picture(_fitting_scale(moved) if scale is None else scale, is_new)
         ax.set_title(f"displacements \N{MULTIPLICATION SIGN} {picture.scale:g}", loc="right")
     if scale is not None and scale != picture.scale:
         raise ValueError(f"scale must be that of the axes, {picture.scale:g}, got {scale:g}")
@@ -305,7 +305,7 @@ def enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
         ax.update_datalim(x.mean(axis=0) + [[0.0, -0.1 * width], [0.0, 0.1 * width]])
         width, height = ax.dataLim.size
     ax.autoscale_view()
-    if picture.own:
+    if picture.is_new:
         space = WIDTH - LABELS - (0.0 if picture.norm is None else LABELS)
         with np.errstate(over="ignore"):  # infinite is the highest
             fitting = LABELS + space * height / width if width > 0.0 else HIGHEST

@@ -141,6 +141,6 @@ def save(figure: Figure | Axes, path: str | PathLike[str]) -> None:
     >>> from pmalpha import plot
     >>> plot.save(matplotlib.figure.Figure(), io.BytesIO())
     """
-    whole: Any = figure if hasattr(figure, "savefig") else figure.figure
+    target: Any = figure if hasattr(figure, "savefig") else figure.figure
     with style():
-        whole.savefig(path)
+        target.savefig(path)

@@ -98,9 +98,9 @@ class Reduction:
         [5.0, 0.0, 7.0]
         """
         u = numbers_along(u, self.free.size, "u")
-        whole = np.zeros((*u.shape[:-1], self.n), dtype=np.result_type(u, np.float64))
-        whole[..., self.free] = u
-        return whole
+        result = np.zeros((*u.shape[:-1], self.n), dtype=np.result_type(u, np.float64))
+        result[..., self.free] = u
+        return result
 
     def place(self, dofs: Any) -> np.ndarray:
         """Reduced numbers of free dofs, for `tie`, `record` or springs.
@@ -251,10 +251,10 @@ def reduce(
     stiffness, damping = (None if A is None else canonical(A, name, n)[0] for name, A in named)
     names = checked_names(dof_names, n)
     mask = np.zeros(n, dtype=bool)
-    given = dof_array(fixed, n, "fixed", names)
-    if given.ndim > 1:
+    numbers = dof_array(fixed, n, "fixed", names)
+    if numbers.ndim > 1:
         raise TypeError(f"fixed must be a 1-D array of whole numbers or a mask, got {fixed!r}")
-    mask[given] = True
+    mask[numbers] = True
     free, held = np.flatnonzero(~mask), np.flatnonzero(mask)
     if not free.size:
         raise ValueError(f"fixed must leave a dof free, got all {n} of them")

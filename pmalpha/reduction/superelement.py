@@ -149,7 +149,7 @@ def reduced_arguments(
     subdomain: Any, keep: DofsLike, count: int | None, omega: float | None
 ) -> tuple[dict[str, Any], ReducedBasis]:
     """The arguments of the reduced Subdomain, and the basis; `Subdomain.reduced`."""
-    kept = dof_list(keep, subdomain.n, "keep", subdomain.dof_names)
+    boundary = dof_list(keep, subdomain.n, "keep", subdomain.dof_names)
     if (count is None) == (omega is None):
         raise TypeError(f"either modes or omega must be given, got modes={count}, omega={omega}")
     if subdomain.K is None:
@@ -159,23 +159,25 @@ def reduced_arguments(
             "K must be symmetric for a reduction, which takes its static shapes and modes, got an "
             "unsymmetric one"
         )
-    if kept.size == 0:
+    if boundary.size == 0:
         raise ValueError("keep must not be empty")
-    what = f"a basis of {counted(kept.size, 'static shape')}"
-    require(16.0 * kept.size * subdomain.n, what, "keep fewer dofs")
-    arguments: dict[str, Any] = _springs(subdomain, kept)
+    what = f"a basis of {counted(boundary.size, 'static shape')}"
+    require(16.0 * boundary.size * subdomain.n, what, "keep fewer dofs")
+    arguments: dict[str, Any] = _springs(subdomain, boundary)
     arguments["symmetric"] = subdomain.symmetric
     with one_thread():
-        basis = _basis(subdomain, kept, count, omega)
+        basis = _basis(subdomain, boundary, count, omega)
         T = basis.matrix
         r = T.shape[1]
         for name in ("M", "C", "K"):
             A = getattr(subdomain, name)
-            own = None if A is None else T.T @ product(A, T)
-            arguments[name] = own if own is None or not is_symmetric(A) else 0.5 * (own + own.T)
+            matrix = None if A is None else T.T @ product(A, T)
+            arguments[name] = (
+                matrix if matrix is None or not is_symmetric(A) else 0.5 * (matrix + matrix.T)
+            )
         D_r = subdomain.restoring_damping
         if D_r is not None:
-            arguments["restoring_damping"] = _of_kept(D_r, kept, r, "restoring_damping")
+            arguments["restoring_damping"] = _of_kept(D_r, boundary, r, "restoring_damping")
         arguments["force"] = each_term(subdomain.force, lambda term: _projected(term, T))
         for name in ("u0", "v0"):
             arguments[name] = _coordinates(subdomain, getattr(subdomain, name), basis, name)
@@ -183,30 +185,30 @@ def reduced_arguments(
 
 
 def _basis(
-    subdomain: Any, kept: np.ndarray, count: int | None, omega: float | None
+    subdomain: Any, boundary: np.ndarray, count: int | None, omega: float | None
 ) -> ReducedBasis:
     n = subdomain.n
-    others = np.setdiff1d(np.arange(n), kept)
-    if not others.size:
+    interior = np.setdiff1d(np.arange(n), boundary)
+    if not interior.size:
         frequencies, Phi = np.zeros(0), np.zeros((0, 0))
     else:
-        frequencies, Phi = _modes(subdomain, others, count, omega)
-    T = np.zeros((n, kept.size + frequencies.size))
-    T[kept, np.arange(kept.size)] = 1.0
-    if others.size:
-        T[others, : kept.size] = _static(subdomain.K, others, kept)
-        T[others, kept.size :] = Phi
-    for array in (T, kept, frequencies):
+        frequencies, Phi = _modes(subdomain, interior, count, omega)
+    T = np.zeros((n, boundary.size + frequencies.size))
+    T[boundary, np.arange(boundary.size)] = 1.0
+    if interior.size:
+        T[interior, : boundary.size] = _static(subdomain.K, interior, boundary)
+        T[interior, boundary.size :] = Phi
+    for array in (T, boundary, frequencies):
         array.setflags(write=False)
-    return ReducedBasis(T, kept, frequencies, subdomain.dof_names)
+    return ReducedBasis(T, boundary, frequencies, subdomain.dof_names)
 
 
-def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def _static(K: Matrix, interior: np.ndarray, boundary: np.ndarray) -> np.ndarray:
     """Psi = -K_ii^-1 K_ib"""
-    whole = sparse(K, K.shape[0])
-    rows = whole[others]
-    right = sp.csc_array(rows[:, kept])
-    inner = sp.csc_array(rows[:, others])
+    stiffness = sparse(K, K.shape[0])
+    rows = stiffness[interior]
+    right = sp.csc_array(rows[:, boundary])
+    inner = sp.csc_array(rows[:, interior])
     scale = scale_to_one(inner)
     inner = sp.csc_array(scale @ inner @ scale)
     try:
@@ -215,21 +217,21 @@ def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:
             raise np.linalg.LinAlgError("singular up to rounding")
     except np.linalg.LinAlgError:
         raise ValueError(
-            f"keep must hold the subdomain, which floats or is unstable with {kept.size} kept "
+            f"keep must hold the subdomain, which floats or is unstable with {boundary.size} kept "
             "dofs fixed"
         ) from None
-    Psi = np.empty((others.size, kept.size))
-    for first in range(0, kept.size, COLUMNS):
+    Psi = np.empty((interior.size, boundary.size))
+    for first in range(0, boundary.size, COLUMNS):
         part = slice(first, first + COLUMNS)
         Psi[:, part] = scale @ solve(scale @ -right[:, part].toarray())
     return Psi
 
 
 def _modes(
-    subdomain: Any, others: np.ndarray, count: int | None, omega: float | None
+    subdomain: Any, interior: np.ndarray, count: int | None, omega: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies and modes of the other dofs, the kept ones being fixed."""
-    M, K = (None if A is None else block(A, others) for A in (subdomain.M, subdomain.K))
+    M, K = (None if A is None else block(A, interior) for A in (subdomain.M, subdomain.K))
     massive = 0 if M is None else int(np.count_nonzero(diagonal(M) > 0.0))
     if omega is None:
         k = whole_number(count, "modes", high=massive)
@@ -244,24 +246,26 @@ def _modes(
             low = frequencies <= limit
             return frequencies[low], Phi[:, low]
         k = min(2 * k, massive)
-    return np.zeros(0), np.zeros((others.size, 0))
+    return np.zeros(0), np.zeros((interior.size, 0))
 
 
-def _of_kept(A: Matrix, kept: np.ndarray, r: int, name: str) -> np.ndarray:
+def _of_kept(A: Matrix, boundary: np.ndarray, r: int, name: str) -> np.ndarray:
     """An estimate for a restoring force of the kept dofs."""
-    whole = sp.coo_array(sparse(A, A.shape[0]))
-    rows, columns = whole.coords
-    outside = np.setdiff1d(np.concatenate([rows, columns])[np.tile(whole.data != 0.0, 2)], kept)
+    entries = sp.coo_array(sparse(A, A.shape[0]))
+    rows, columns = entries.coords
+    outside = np.setdiff1d(
+        np.concatenate([rows, columns])[np.tile(entries.data != 0.0, 2)], boundary
+    )
     if outside.size:
         raise ValueError(
             f"keep must have the dofs of {name}, not only others than {listing(outside)}"
         )
     small = np.zeros((r, r))
-    small[: kept.size, : kept.size] = dense(block(A, kept))
+    small[: boundary.size, : boundary.size] = dense(block(A, boundary))
     return small
 
 
-def _springs(subdomain: Any, kept: np.ndarray) -> dict[str, Any]:
+def _springs(subdomain: Any, boundary: np.ndarray) -> dict[str, Any]:
     """Springs on kept dofs, in the reduced numbering."""
     if subdomain.has_functions or subdomain.internal is not None and subdomain.internal.forces:
         raise ValueError(
@@ -271,21 +275,21 @@ def _springs(subdomain: Any, kept: np.ndarray) -> dict[str, Any]:
     if subdomain.limits is not None:
         raise ValueError("limits must be None for a reduction, got those of a specimen")
     number = np.full(subdomain.n + 1, -2)
-    number[kept], number[-1] = np.arange(kept.size), -1
-    found = {}
-    for name, given in (
+    number[boundary], number[-1] = np.arange(boundary.size), -1
+    result = {}
+    for name, springs in (
         ("restoring", subdomain.restoring_springs),
         ("internal", () if subdomain.internal is None else subdomain.internal.springs),
     ):
-        for spring in given:
+        for spring in springs:
             lost = spring.dofs[number[spring.dofs] == -2]
             if lost.size:
                 raise ValueError(
                     f"keep must have the dofs of springs, got {name} springs on {listing(lost)}"
                 )
-        moved = [spring._moved(number[spring.dofs]) for spring in given]
-        found[name] = moved or None
-    return found
+        moved = [spring._moved(number[spring.dofs]) for spring in springs]
+        result[name] = moved or None
+    return result
 
 
 # ---- loads and initial values ---------------------------------------------------------------
@@ -320,11 +324,11 @@ def _coordinates(subdomain: Any, u: np.ndarray, basis: ReducedBasis, name: str) 
     heavy = product(subdomain.M, rest)
     values[b:] = T[:, b:].T @ heavy
     rest = rest - T[:, b:] @ values[b:]
-    lost, whole = (x @ product(subdomain.M, x) for x in (rest, u))
-    if lost > REPRESENTED**2 * whole:
+    lost, total = (x @ product(subdomain.M, x) for x in (rest, u))
+    if lost > REPRESENTED**2 * total:
         warn(
             f"{name} is represented by the kept dofs and {basis.omega.size} modes with an error of "
-            f"{np.sqrt(lost / whole):.2g} of its norm with the mass; keep more modes",
+            f"{np.sqrt(lost / total):.2g} of its norm with the mass; keep more modes",
             UserWarning,
         )
     return values

@@ -45,12 +45,12 @@ def _described(layout: Layout, describe: Callable[[ModuleType, Any], None]) -> N
         libver=("v110", "v110"),  # the first version that can be read during writing
         alignment_threshold=1,
         alignment_interval=8,
-    ) as whole:
-        describe(h5py, whole)
+    ) as root:
+        describe(h5py, root)
 
 
 def reserve(
-    h5py: ModuleType, whole: Any, name: str, shape: tuple[Any, ...], kind: Any
+    h5py: ModuleType, root: Any, name: str, shape: tuple[Any, ...], kind: Any
 ) -> int | None:
     """Allocate a contiguous array, not written: its offset in the file, None if it is empty."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -60,7 +60,7 @@ def reserve(
     link.set_create_intermediate_group(True)
     space = h5py.h5s.create_simple(shape)
     result: int | None = h5py.h5d.create(
-        whole.id, name.encode(), kind, space, how, link
+        root.id, name.encode(), kind, space, how, link
     ).get_offset()
     return result
 

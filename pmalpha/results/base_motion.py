@@ -15,15 +15,15 @@ QUANTITIES = ("u", "v", "a")
 class Loads(NamedTuple):
     """The loads of a subdomain, as given and as its steps take them: averaged ones as means."""
 
-    given: Force
+    force: Force
     seen: Force
 
 
 def check_ground(loads: Loads, name: str) -> None:
     """ValueError unless the loads have a ground motion whose direction is known."""
-    found = [x for x in terms_of(loads.given) if isinstance(x, BaseAcceleration)]
-    if not found or any(x.direction is None for x in found):
-        got = "one of a reduced subdomain, without its direction" if found else "none"
+    motions = [x for x in terms_of(loads.force) if isinstance(x, BaseAcceleration)]
+    if not motions or any(x.direction is None for x in motions):
+        got = "one of a reduced subdomain, without its direction" if motions else "none"
         raise ValueError(f"absolute outputs of {name!r} need a BaseAcceleration, got {got}")
 
 
@@ -33,14 +33,14 @@ def added(loads: Loads, weights: Sequence[Any], t: np.ndarray) -> Any:
     weights: (rows, n) matrices that act on u, v and a of the ground; None without entries.
     """
     total: Any = 0.0
-    for given, seen in zip(terms_of(loads.given), terms_of(loads.seen)):
-        if not isinstance(given, BaseAcceleration):
+    for ground, seen in zip(terms_of(loads.force), terms_of(loads.seen)):
+        if not isinstance(ground, BaseAcceleration):
             continue
         for quantity, W in zip(QUANTITIES, weights):
             if W is not None:
                 assert isinstance(seen, BaseAcceleration)
-                series = seen._series(t) if quantity == "a" else integrated(given, quantity, t)
-                total = total + series @ (W @ given.direction).T
+                series = seen._series(t) if quantity == "a" else integrated(ground, quantity, t)
+                total = total + series @ (W @ ground.direction).T
     return total
 
 

@@ -115,34 +115,34 @@ class Contacts(Sequence[ContactHistory]):
     def __init__(
         self, t: np.ndarray, impulses: np.ndarray, gaps: np.ndarray, recorded: Sequence[Recorded]
     ):
-        self._recorded, self._found = tuple(recorded), []
+        self._recorded, self._contacts = tuple(recorded), []
         row = begin = 0
         for name, rows, tangents, _ in self._recorded:
             size = rows * (1 + tangents)
-            own = impulses[:, begin : begin + size].reshape(t.size, rows, 1 + tangents)
+            block = impulses[:, begin : begin + size].reshape(t.size, rows, 1 + tangents)
             gap = gaps[:, row : row + rows]
-            self._found.append(ContactHistory(name, t, own[..., 0], own[..., 1:], gap))
+            self._contacts.append(ContactHistory(name, t, block[..., 0], block[..., 1:], gap))
             row, begin = row + rows, begin + size
 
     def __getitem__(self, key: Any) -> Any:
-        for recorded, found in zip(self._recorded, self._found):
+        for recorded, contact in zip(self._recorded, self._contacts):
             if (isinstance(key, str) and key == recorded.name) or (
                 key is recorded.contact and key is not None
             ):
-                return found
+                return contact
         if isinstance(key, (str, Contact)):
             names = ", ".join(repr(x.name) for x in self._recorded) or "none"
             raise KeyError(f"no contact {key!r}; there are {names}")
-        return self._found[key]
+        return self._contacts[key]
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._contacts)
 
     def __iter__(self) -> Iterator[ContactHistory]:
-        return iter(self._found)
+        return iter(self._contacts)
 
     def __repr__(self) -> str:
-        return f"<{', '.join(map(repr, self._found)) or 'no contacts'}>"
+        return f"<{', '.join(map(repr, self._contacts)) or 'no contacts'}>"
 
 
 def layouts(contacts: Any) -> tuple[Recorded, ...]:

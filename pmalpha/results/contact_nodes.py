@@ -19,11 +19,11 @@ OPEN, CLOSED = 1.0, 2.0
 def contact_fields(history: Any, structure: Any, subdomain: Any, reduced: Any) -> dict[str, Any]:
     """`History.contact_fields`."""
     i = position(subdomain, history.keys)
-    own = history[i]
+    motion = history[i]
     count = len(structure.points)
-    dofs = _dofs(structure, own, reduced)
+    dofs = _dofs(structure, motion, reduced)
     nodes = {i: dofs // (structure.n // count)}
-    return nodal_fields(history, nodes, count, np.asarray(own.t))
+    return nodal_fields(history, nodes, count, np.asarray(motion.t))
 
 
 def nodal_fields(
@@ -33,19 +33,19 @@ def nodal_fields(
     shape = times.size, count
     fields = {name: np.zeros(shape) for name in FIELDS}
     reach = np.zeros(count)
-    for recorded, found in zip(history.contact_layout, history.contacts):
+    for recorded, contact in zip(history.contact_layout, history.contacts):
         if recorded.contact is None:
             raise ValueError(
-                f"history must be that of a run, got one of a file, without the rows of {found!r}"
+                f"history must be that of a run, got one of a file, without the rows of {contact!r}"
             )
-        at = _rows_at(np.asarray(found.t), times, found.name)
-        impulse = np.diff(np.cumsum(found.impulse, axis=0)[at], axis=0, prepend=0.0)
+        at = _rows_at(np.asarray(contact.t), times, contact.name)
+        impulse = np.diff(np.cumsum(contact.impulse, axis=0)[at], axis=0, prepend=0.0)
         slip = _slip(history, recorded, times)
-        for i, N in _matrices(history, recorded.contact.matrices, found.name).items():
+        for i, N in _matrices(history, recorded.contact.matrices, contact.name).items():
             if i not in nodes:
                 continue
             row, node, weight = _reach(N, nodes[i])
-            A = sp.csr_array((weight, (row, node)), shape=(found.impulse.shape[1], count))
+            A = sp.csr_array((weight, (row, node)), shape=(contact.impulse.shape[1], count))
             fields["contact impulse"] += impulse @ A
             # of the row that reaches the node most
             last = np.lexsort((-row, weight, node))
@@ -53,33 +53,33 @@ def nodal_fields(
             last = last[weight[last] > reach[node[last]]]
             row, node = row[last], node[last]
             reach[node] = weight[last]
-            fields["gap"][:, node], fields["slip"][:, node] = found.gap[at][:, row], slip[:, row]
+            fields["gap"][:, node], fields["slip"][:, node] = contact.gap[at][:, row], slip[:, row]
             fields["contact"][:, node] = np.where(impulse[:, row] > 0.0, CLOSED, OPEN)
     h = np.diff(times, prepend=-np.inf)[:, None]
     fields["contact force"] = fields["contact impulse"] / h
     return fields
 
 
-def _dofs(structure: Any, own: Any, reduced: Any) -> np.ndarray:
+def _dofs(structure: Any, motion: Any, reduced: Any) -> np.ndarray:
     """The dof of the mesh of each dof of a subdomain: by `reduced`, by the names, or all."""
     if reduced is not None:
         dofs = np.asarray(reduced.free)
-    elif own.n == structure.n:
-        dofs = np.arange(own.n)
+    elif motion.n == structure.n:
+        dofs = np.arange(motion.n)
     else:
         known = {name: k for k, name in enumerate(structure.dof_names)}
-        dofs = np.array([known.get(name, -1) for name in own.dof_names or ()], dtype=np.int64)
-    if dofs.size != own.n or np.any(dofs < 0) or np.any(dofs >= structure.n):
+        dofs = np.array([known.get(name, -1) for name in motion.dof_names or ()], dtype=np.int64)
+    if dofs.size != motion.n or np.any(dofs < 0) or np.any(dofs >= structure.n):
         raise ValueError(
-            f"subdomain {own.name!r} must have the {structure.n} dofs of the mesh, dofs named as "
-            f"there, or come with reduced=, got {own.n} dofs"
+            f"subdomain {motion.name!r} must have the {structure.n} dofs of the mesh, dofs named "
+            f"as there, or come with reduced=, got {motion.n} dofs"
         )
     return dofs
 
 
-def _matrices(history: Any, given: Any, name: str) -> dict[int, sp.csr_array]:
+def _matrices(history: Any, matrices: Any, name: str) -> dict[int, sp.csr_array]:
     subdomains = [s for _, s in history.keys]
-    return looked_up(given, subdomains, [x for x, _ in history.keys], f"contact {name!r}")
+    return looked_up(matrices, subdomains, [x for x, _ in history.keys], f"contact {name!r}")
 
 
 def _rows_at(t: np.ndarray, times: np.ndarray, what: str) -> np.ndarray:
@@ -100,9 +100,9 @@ def _reach(N: sp.csr_array, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         (entries.data**2, (entries.coords[0], nodes[entries.coords[1]])),
         shape=(N.shape[0], nodes.max() + 1),
     ).tocsr()
-    found = squares.tocoo()
-    kept = found.data > 0.0
-    return found.coords[0][kept], found.coords[1][kept], np.sqrt(found.data[kept])
+    sums = squares.tocoo()
+    mask = sums.data > 0.0
+    return sums.coords[0][mask], sums.coords[1][mask], np.sqrt(sums.data[mask])
 
 
 def _slip(history: Any, recorded: Any, times: np.ndarray) -> np.ndarray:
@@ -112,16 +112,16 @@ def _slip(history: Any, recorded: Any, times: np.ndarray) -> np.ndarray:
     for T in recorded.contact.tangents:
         slip = np.zeros((times.size, recorded.rows))
         for i, A in _matrices(history, T, recorded.name).items():
-            own = history[i]
-            at = _rows_at(np.asarray(own.t), times, own.name)
-            there = A[:, own.dofs]
-            lost = np.setdiff1d(np.flatnonzero(np.diff(sp.csc_array(A).indptr)), own.dofs)
+            motion = history[i]
+            at = _rows_at(np.asarray(motion.t), times, motion.name)
+            there = A[:, motion.dofs]
+            lost = np.setdiff1d(np.flatnonzero(np.diff(sp.csc_array(A).indptr)), motion.dofs)
             if lost.size:
                 raise ValueError(
                     f"the dofs of {recorded.name!r} must be recorded, which "
-                    f"{numbered('dof', lost)} of {own.name!r} are not"
+                    f"{numbered('dof', lost)} of {motion.name!r} are not"
                 )
-            slip += np.asarray(own.u)[at] @ there.T
+            slip += np.asarray(motion.u)[at] @ there.T
         along.append(slip)
     if not along:
         return np.zeros((times.size, recorded.rows))

@@ -68,7 +68,7 @@ def _labels(s: Any, columns: str) -> Any:
 
 def frames(history: Any) -> dict[str, pandas.DataFrame]:
     """The implementation of `History.to_pandas`."""
-    found = {s.name: subdomain_frame(s) for s in history.subdomains if s is not None}
+    result = {s.name: subdomain_frame(s) for s in history.subdomains if s is not None}
     if history.multipliers.shape[1]:
         of_fine_steps = [x for x in IN_INTERFACE["constraints"] if OF_INTERFACE[x].axis != "macro"]
         tables: dict[str, list[str]] = {}  # one index each
@@ -76,11 +76,11 @@ def frames(history: Any) -> dict[str, pandas.DataFrame]:
             at_multipliers = times_of(history, name) is history.multiplier_times
             tables.setdefault("interface" if at_multipliers else name, []).append(name)
         for table, names in tables.items():
-            if table in found:
+            if table in result:
                 raise ValueError(f"to_pandas needs another name of the subdomain {table!r}")
             columns = [(name, None, getattr(history, name)) for name in names]
-            found[table] = _frame(times_of(history, names[0]), columns, ["quantity", "constraint"])
-    return found
+            result[table] = _frame(times_of(history, names[0]), columns, ["quantity", "constraint"])
+    return result
 
 
 def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> pandas.DataFrame:
@@ -122,8 +122,8 @@ def dataset(history: Any) -> xarray.Dataset:
         coordinates["subdomain"] = [name for name, _ in history.keys]
     for s in history.subdomains:
         if s is not None:
-            own, places = _variables(s, f"{s.name}_")
-            variables, coordinates = variables | own, coordinates | places
+            arrays, places = _variables(s, f"{s.name}_")
+            variables, coordinates = variables | arrays, coordinates | places
     return _dataset(variables, coordinates)
 
 
@@ -155,12 +155,12 @@ def history_html(history: Any) -> str:
     lines = [title(history), *energy_lines(history)]
     recorded = [s for s in history.subdomains if s is not None]
     table = html_table(HEADINGS, [row_of(s) for s in recorded], ("subdomain",))
-    others = [name for (name, _), s in zip(history.keys, history.subdomains) if s is None]
-    if others:
-        lines.append(f"not recorded: {', '.join(others)}")
-    found = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    names = [name for (name, _), s in zip(history.keys, history.subdomains) if s is None]
+    if names:
+        lines.append(f"not recorded: {', '.join(names)}")
+    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lines)
     warned = "".join(f"<li>{escape(text)}</li>" for text in history.warnings)
-    return f"{found}{table}" + (f"<p>warnings:</p><ul>{warned}</ul>" if warned else "")
+    return f"{paragraphs}{table}" + (f"<p>warnings:</p><ul>{warned}</ul>" if warned else "")
 
 
 def title(history: Any) -> str:

@@ -89,15 +89,15 @@ def largest(motion: Any, dofs: np.ndarray, names: Sequence[str] | None) -> str:
     if dofs.size == 0:
         return "none recorded"
     sizes = ((kind, np.abs(getattr(motion, kind))) for kind in "uva")
-    found = ((kind, size, int(np.argmax(size))) for kind, size in sizes)
+    peaks = ((kind, size, int(np.argmax(size))) for kind, size in sizes)
     return ", ".join(
         f"largest |{kind}| {size[j]:.4g} at dof {label_of(dofs, names, j)}"
-        for kind, size, j in found
+        for kind, size, j in peaks
     )
 
 
 def columns_of(
-    given: Any,
+    selection: Any,
     dofs: np.ndarray,
     n: int | None,
     names: Sequence[str] | None,
@@ -110,33 +110,33 @@ def columns_of(
     n: number of dofs of the subdomain; None in files of older versions.
     one: whether it must be a single dof.
     """
-    if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
+    if one and (isinstance(selection, bool) or not isinstance(selection, (int, str, np.integer))):
         raise TypeError(
-            f"{what} must be a name or a number, got {given!r}; arrays of dofs are u, v and a"
+            f"{what} must be a name or a number, got {selection!r}; arrays of dofs are u, v and a"
         )
-    if isinstance(given, str):
-        return [int(x) for x in dof_list(given, len(dofs), what, names)]
-    if plain_array(given, what).dtype.kind in "UO" and _has_items(given):
-        return [j for x in given for j in columns_of(x, dofs, n, names, what)]
-    numbers = dof_list(given, np.iinfo(np.int64).max if n is None else n, what)
+    if isinstance(selection, str):
+        return [int(x) for x in dof_list(selection, len(dofs), what, names)]
+    if plain_array(selection, what).dtype.kind in "UO" and _has_items(selection):
+        return [j for x in selection for j in columns_of(x, dofs, n, names, what)]
+    numbers = dof_list(selection, np.iinfo(np.int64).max if n is None else n, what)
     if dofs.size and np.array_equal(dofs, np.arange(dofs[0], dofs[0] + dofs.size)):
-        found = {int(x): int(x - dofs[0]) for x in numbers if 0 <= x - dofs[0] < dofs.size}
+        column = {int(x): int(x - dofs[0]) for x in numbers if 0 <= x - dofs[0] < dofs.size}
     else:
         places = {int(dof): j for j, dof in enumerate(dofs)}
-        found = {int(x): places[int(x)] for x in numbers if int(x) in places}
-    missing = [int(x) for x in numbers if int(x) not in found]
+        column = {int(x): places[int(x)] for x in numbers if int(x) in places}
+    missing = [int(x) for x in numbers if int(x) not in column]
     if missing:
         raise ValueError(
             f"{what} must have been recorded, got {listing(missing)}; recorded are {listing(dofs)}"
         )
-    return [found[int(x)] for x in numbers]
+    return [column[int(x)] for x in numbers]
 
 
-def _has_items(given: Any) -> bool:
+def _has_items(value: Any) -> bool:
     """Whether it is a list, a set or an array that is not one number; False for sparse matrices."""
-    if isinstance(given, np.ndarray):
-        return given.ndim > 0
-    return isinstance(given, Iterable) and not issparse(given)
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Iterable) and not issparse(value)
 
 
 def on_mesh(motion: Any, kind: str = "u") -> np.ndarray:
@@ -149,9 +149,9 @@ def on_mesh(motion: Any, kind: str = "u") -> np.ndarray:
     names = motion.dof_names
     if not isinstance(names, NodeNames) or len(names) != motion.n:
         return x
-    whole = np.zeros((*x.shape[:-1], names.whole))
-    whole[..., names.numbers] = x
-    return whole
+    values = np.zeros((*x.shape[:-1], names.whole))
+    values[..., names.numbers] = x
+    return values
 
 
 def label_of(dofs: np.ndarray, names: Sequence[str] | None, j: int) -> str:

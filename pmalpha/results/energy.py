@@ -89,8 +89,8 @@ class Energy:
         dict of arrays
             As the attributes, without `t`; `conserved` only where there is such a quantity.
         """
-        found = ((name, getattr(self, name)) for name in (*ENERGY_FIELDS, *OPTIONAL))
-        return {name: x for name, x in found if x is not None}
+        pairs = ((name, getattr(self, name)) for name in (*ENERGY_FIELDS, *OPTIONAL))
+        return {name: x for name, x in pairs if x is not None}
 
     def _with_rows(self, change: Callable[[np.ndarray], np.ndarray]) -> Energy:
         """The same with other rows of all arrays."""
@@ -116,11 +116,11 @@ def conserved_quantity(
     members: Sequence[Member], options: Options, ranks: Ranks | None = None
 ) -> str | None:
     """Which quantity never grows: "dual" for (M9), "energy" for T + U - F . u, or None."""
-    found = [
+    facts = [
         (_conserves(member), stiffness_weight(member.subdomain.scheme, 1.0) == 0.0)
         for member in members
     ]
-    conserves, trapezoidal = zip(*joined(ranks, found))
+    conserves, trapezoidal = zip(*joined(ranks, facts))
     if not all(conserves):
         return None
     if options.coupling == "mean":

@@ -94,11 +94,11 @@ class History:
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
-        found = self.subdomains[i]
-        if found is None:
+        motion = self.subdomains[i]
+        if motion is None:
             raise KeyError(f"subdomain {self.keys[i][0]!r} was not recorded")
-        check_mapping(found.u)
-        return found
+        check_mapping(motion.u)
+        return motion
 
     def __contains__(self, key: Any) -> bool:
         """Whether there is a subdomain of this name, number or object."""

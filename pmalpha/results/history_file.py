@@ -64,9 +64,9 @@ PACKED = 1032
 STATES = {name for name, x in TABLE.items() if x.is_state}
 
 
-def describe(whole: Any, header: Mapping[str, Any]) -> None:
+def describe(root: Any, header: Mapping[str, Any]) -> None:
     """Write the attributes of a file whose datasets exist."""
-    whole.attrs.update(
+    root.attrs.update(
         {
             "format": header["format"],
             "format_version": header["version"],
@@ -75,7 +75,7 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
         }
     )
     numbers = {group: i for i, group in enumerate(header["groups"])}
-    for key, item in whole.items():
+    for key, item in root.items():
         if key in numbers:
             i = numbers[key]
             item.attrs["name"] = storable(header["names"][i])
@@ -158,21 +158,21 @@ class HistoryFile:
         )
         self._write_step(start)
 
-    def _allocate(self, arrays: Mapping[Any, Any], end: int, h5py: ModuleType, whole: Any) -> None:
-        whole["header"] = header_text(self.header)
-        counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
+    def _allocate(self, arrays: Mapping[Any, Any], end: int, h5py: ModuleType, root: Any) -> None:
+        root["header"] = header_text(self.header)
+        counter = reserve(h5py, root, COUNTER, (1,), h5py.h5t.STD_I64LE)
         assert counter is not None  # as for an array without numbers
         self.counter = counter
         for name, x in arrays.items():
             if name not in self.header["nodes"]:
-                whole[dataset(name, self.header)] = x
+                root[dataset(name, self.header)] = x
                 continue
             shape = (self.rows(name, end), *x.shape[1:])
             path = dataset(name, self.header)
-            offset = reserve(h5py, whole, path, shape, h5py.h5t.IEEE_F64LE)
+            offset = reserve(h5py, root, path, shape, h5py.h5t.IEEE_F64LE)
             if offset is not None:
                 self.offsets[name] = offset
-        describe(whole, self.header)
+        describe(root, self.header)
 
     def rows(self, name: str, end: int) -> int:
         """Number of rows of an array up to macro step `end`."""
@@ -267,8 +267,8 @@ def write(
 ) -> None:
     """Write a complete History, without growing arrays, in place of what has the name; if it is to
     be new, FileExistsError where it is not."""
-    whole = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
-    HistoryFile(path, whole, arrays, end=0, saves=not is_new).file.close()
+    header = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
+    HistoryFile(path, header, arrays, end=0, saves=not is_new).file.close()
 
 
 def is_hdf5(file: BinaryIO) -> bool:
@@ -315,13 +315,13 @@ def _contents(
     h5py: ModuleType, file: BinaryIO, last: int | None
 ) -> tuple[str | None, dict[str, Any], dict[str, np.ndarray]]:
     """The reason to refuse the file or None, its header and its arrays."""
-    with h5py.File(file, "r") as whole:
-        header: Any = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
+    with h5py.File(file, "r") as root:
+        header: Any = json.loads(own_array(root, "header")[()]) if "header" in root else None
         reason = mismatch(header, FORMAT, VERSION)
         if reason is not None or "files" in header:
             return reason, header, {}
-        header["step_count"] = int(own_array(whole, COUNTER)[0]) if last is None else last
-        return None, header, _arrays(whole, header, file)
+        header["step_count"] = int(own_array(root, COUNTER)[0]) if last is None else last
+        return None, header, _arrays(root, header, file)
 
 
 def header_text(header: Mapping[str, Any]) -> np.bytes_:
@@ -338,16 +338,16 @@ def write_master(
     """
     h5py, groups = hdf5_library(), group_names(names)
     content = io.BytesIO()
-    with h5py.File(content, "w") as whole:
+    with h5py.File(content, "w") as root:
         header = {"format": FORMAT, "version": VERSION, "files": list(files)}
-        whole["header"] = header_text(header)
+        root["header"] = header_text(header)
         for rank, name in enumerate(files):
-            own = slice(first[rank], first[rank + 1])
-            for group, there in zip(groups[own], group_names(names[own])):
-                whole[group] = h5py.ExternalLink(name, f"/{there}")
+            span = slice(first[rank], first[rank + 1])
+            for group, there in zip(groups[span], group_names(names[span])):
+                root[group] = h5py.ExternalLink(name, f"/{there}")
         for array, quantity in OF_INTERFACE.items():
             if quantity.columns != "subdomains":
-                whole[array] = h5py.ExternalLink(files[0], f"/{array}")
+                root[array] = h5py.ExternalLink(files[0], f"/{array}")
     with replacing(path) as file:
         file.write(content.getvalue())
 
@@ -356,23 +356,23 @@ def _of_all_ranks(
     path: Path, master: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of the files of all ranks, up to the last step that is in all of them."""
-    found = [read(path.with_name(name), may_lead=False) for name in master["files"]]
-    step = min(header["step_count"] for header, _ in found)
+    contents = [read(path.with_name(name), may_lead=False) for name in master["files"]]
+    step = min(header["step_count"] for header, _ in contents)
     lists = ("names", "steps", "outputs", "sizes", "dof_names")  # not all in older versions
-    by_subdomain = [key for key in lists if all(key in header for header, _ in found)]
-    whole = dict(found[0][0], step_count=step)
-    whole.pop("groups", None)  # of one file
-    whole["recorded"] = []
+    by_subdomain = [key for key in lists if all(key in header for header, _ in contents)]
+    result = dict(contents[0][0], step_count=step)
+    result.pop("groups", None)  # of one file
+    result["recorded"] = []
     for key in by_subdomain:
-        whole[key] = []
+        result[key] = []
     arrays: dict[str, np.ndarray] = {}
     columns: dict[str, list[np.ndarray]] = {}  # of arrays with a column for each subdomain
-    for header, own in found:
-        count = len(whole["names"])
-        whole["recorded"] += [count + i for i in header["recorded"]]
+    for header, rank_arrays in contents:
+        count = len(result["names"])
+        result["recorded"] += [count + i for i in header["recorded"]]
         for key in by_subdomain:
-            whole[key] += header[key]
-        for name, x in own.items():
+            result[key] += header[key]
+        for name, x in rank_arrays.items():
             number, _, rest = name.partition(".")
             if name in header["nodes"]:
                 levels = header["nodes"][name]
@@ -381,20 +381,20 @@ def _of_all_ranks(
                 columns.setdefault(name, []).append(x)
             else:
                 arrays.setdefault(f"{count + int(number)}.{rest}" if rest else name, x)
-    return whole, arrays | {name: np.hstack(own) for name, own in columns.items()}
+    return result, arrays | {name: np.hstack(blocks) for name, blocks in columns.items()}
 
 
-def _arrays(whole: Any, header: Mapping[str, Any], file: BinaryIO) -> dict[str, np.ndarray]:
+def _arrays(root: Any, header: Mapping[str, Any], file: BinaryIO) -> dict[str, np.ndarray]:
     step, arrays = header["step_count"], {}
     growing = {}
     for name, levels in header["nodes"].items():
         rows = row_count(header["begin"], step, header["every"], levels)
-        growing[name] = own_array(whole, dataset(name, header)), rows
+        growing[name] = own_array(root, dataset(name, header)), rows
     size = sum(rows * 8 * int(np.prod(x.shape[1:])) for x, rows in growing.values())
     content = None if size <= READ_BYTES else _mapped(file)
     for name, (x, rows) in growing.items():
         arrays[name] = _rows(x, rows, file, content)
-    fixed = {name: own_array(whole, dataset(name, header)) for name in header["fixed"]}
+    fixed = {name: own_array(root, dataset(name, header)) for name in header["fixed"]}
     require(sum(x.nbytes for x in fixed.values()), "the History")
     return arrays | {name: x[...] for name, x in fixed.items()}
 
@@ -411,9 +411,9 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
             raise ValueError(f"numbers in {name}, which has dtype {x.dtype}, shape {x.shape}")
     if not all(isinstance(name, str) for name in header["names"]):
         raise ValueError(f"names that are words, got {header['names']}")
-    for i, own in enumerate(header.get("dof_names", [])):
-        words = own is None or all(isinstance(name, str) for name in own)
-        if not words or own is not None and len(own) != arrays[f"{i}.dofs"].size:
+    for i, names in enumerate(header.get("dof_names", [])):
+        words = names is None or all(isinstance(name, str) for name in names)
+        if not words or names is not None and len(names) != arrays[f"{i}.dofs"].size:
             raise ValueError(f"names of the dofs of subdomain {i}")
     for i, n in enumerate(header.get("sizes", [])):
         dofs = arrays[f"{i}.dofs"] if n is not None else np.empty(0)
@@ -471,32 +471,32 @@ def whole_numbers(arrays: Mapping[str, np.ndarray], name: str) -> np.ndarray:
     return counts
 
 
-def own_array(whole: Any, name: str) -> Any:
+def own_array(root: Any, name: str) -> Any:
     """A dataset that is in this file, and not larger than what the file holds of it.
 
     A link or storage could lead to any other file, a dataset that was never written could be of any
     size, and HDF5 never returns from some damaged texts of variable length.
     """
-    h5py, found = hdf5_library(), whole
+    h5py, item = hdf5_library(), root
     for part in name.split("/"):
-        if not isinstance(found.get(part, getlink=True), h5py.HardLink):
+        if not isinstance(item.get(part, getlink=True), h5py.HardLink):
             raise ValueError(f"{name} is missing or leads to another place")
-        found = found[part]
-    if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
+        item = item[part]
+    if not isinstance(item, h5py.Dataset) or item.external or item.is_virtual:
         raise ValueError(f"{name} is no array of this file")
-    if found.dtype.kind == "O":
+    if item.dtype.kind == "O":
         raise ValueError(f"{name} must be of fixed length")
-    stored = found.id.get_storage_size()
-    plist, stored = found.id.get_create_plist(), min(stored, whole.file.id.get_filesize())
+    stored = item.id.get_storage_size()
+    plist, stored = item.id.get_create_plist(), min(stored, root.file.id.get_filesize())
     packed = PACKED if plist.get_nfilters() else 1  # packed again by another program
-    chunk = found.dtype.itemsize * int(np.prod(found.chunks)) if found.chunks else 0
-    if max(found.nbytes, chunk) > packed * stored:
+    chunk = item.dtype.itemsize * int(np.prod(item.chunks)) if item.chunks else 0
+    if max(item.nbytes, chunk) > packed * stored:
         raise ValueError(
-            f"{name} must have {found.nbytes} bytes as its shape gives, it has {stored}"
+            f"{name} must have {item.nbytes} bytes as its shape gives, it has {stored}"
         )
     if packed > 1:
-        require(found.nbytes, name)
-    return found
+        require(item.nbytes, name)
+    return item
 
 
 def check_mapping(x: np.ndarray) -> None:

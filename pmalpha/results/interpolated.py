@@ -43,10 +43,10 @@ class Instant:
 
     def __getitem__(self, key: Any) -> State:
         i = position(key, self.keys)
-        found = self.states[i]
-        if found is None:
+        motion = self.states[i]
+        if motion is None:
             raise KeyError(f"subdomain {self.keys[i][0]!r} was not recorded")
-        return found
+        return motion
 
     def __repr__(self) -> str:
         return f"<t = {self.t:g}: {', '.join(repr(name) for name, _ in self.keys)}>"
@@ -111,12 +111,12 @@ def state(s: Any, times: np.ndarray) -> State:
 
 
 def resampled(history: Any, times: Any) -> Any:
-    given, t = rising(times, history.macro_times)
+    times, t = rising(times, history.macro_times)
     fields: dict[str, Any] = {
         name: between(t, times_of(history, name), x, table_of(history)[name].between)
         for name, x in growing(history).items()
     }
-    fields |= dict(multiplier_times=given, macro_times=given, energy=None)
+    fields |= dict(multiplier_times=times, macro_times=times, energy=None)
     return replace(
         history, subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains), **fields
     )
@@ -124,10 +124,10 @@ def resampled(history: Any, times: Any) -> Any:
 
 def rising(times: Any, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times of a run with these time levels, as given and as `within` has them."""
-    given = real_array(times, "times")
-    if given.size == 0 or np.any(np.diff(given) <= 0.0):
+    values = real_array(times, "times")
+    if values.size == 0 or np.any(np.diff(values) <= 0.0):
         raise ValueError("times must be at least one, in rising order")
-    return given, within(levels, given, "times")
+    return values, within(levels, values, "times")
 
 
 def resampled_one(s: Any, t: np.ndarray) -> Any:
@@ -178,8 +178,8 @@ def hermite(
     between = u0 + s * (p + s * (square + s * cube))
     rate = v0 + s * (2.0 * square + 3.0 * s * cube) / h
     at_end = s == 1.0  # exactly, whatever the rounding
-    found = np.where(at_end, u1, between), np.where(at_end, v1, rate)
-    return *found, (1.0 - s) * a[i] + s * a[i + 1]
+    motion = np.where(at_end, u1, between), np.where(at_end, v1, rate)
+    return *motion, (1.0 - s) * a[i] + s * a[i + 1]
 
 
 def linear(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -196,7 +196,7 @@ def peak(s: Any) -> Peak:
     """The largest absolute values of a `SubdomainHistory`."""
     rows = {name: np.abs(getattr(s, name)).argmax(axis=0) for name in "uva"}
     columns = np.arange(s.dofs.size)
-    u, v, a = (np.abs(getattr(s, name)[own, columns]) for name, own in rows.items())
-    times = {name: s.t[own] for name, own in rows.items()}
+    u, v, a = (np.abs(getattr(s, name)[levels, columns]) for name, levels in rows.items())
+    times = {name: s.t[levels] for name, levels in rows.items()}
     outputs = {name: np.abs(x).max(axis=0) for name, x in s.outputs.items()}
     return Peak(u, v, a, times, outputs, s.dofs, s.n, s.dof_names)

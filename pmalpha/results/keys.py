@@ -29,20 +29,20 @@ def position(key: str | int | Subdomain, keys: Sequence[tuple[str, Subdomain | N
 
 
 def by_index(
-    given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
+    values: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
 ) -> dict[int, Any]:
     """Values given by subdomain, by its index; ValueError for unknown or repeated subdomains."""
-    if given is None:
+    if values is None:
         return {}
-    if not isinstance(given, Mapping):
-        raise TypeError(f"{name} must be a dict by subdomain, got {given!r}")
-    found: dict[int, Any] = {}
-    for key, value in given.items():
+    if not isinstance(values, Mapping):
+        raise TypeError(f"{name} must be a dict by subdomain, got {values!r}")
+    result: dict[int, Any] = {}
+    for key, value in values.items():
         try:
             i = position(key, keys)
         except LookupError as error:
             raise ValueError(f"{name}: {error.args[0]}") from None
-        if i in found:
+        if i in result:
             raise ValueError(f"{name} must not name a subdomain twice, got {keys[i][0]!r} twice")
-        found[i] = value
-    return found
+        result[i] = value
+    return result

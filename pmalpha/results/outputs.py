@@ -60,22 +60,24 @@ def chosen_outputs(
 ) -> list[Outputs | None]:
     """The outputs of each subdomain, None for a subdomain without."""
     chosen: list[Outputs | None] = [None] * len(keys)
-    for i, given in by_index(outputs, keys, "outputs").items():
+    for i, matrices in by_index(outputs, keys, "outputs").items():
         name, subdomain = keys[i]
-        chosen[i] = _outputs(given, subdomain, f"outputs[{name!r}]")
+        chosen[i] = _outputs(matrices, subdomain, f"outputs[{name!r}]")
     return chosen
 
 
-def _outputs(given: Any, subdomain: Subdomain, what: str) -> Outputs:
-    if not isinstance(given, Mapping) or not given:
-        raise TypeError(f"{what} must be a dict of matrices by name, got {given!r}")
-    for name in given:
+def _outputs(matrices: Any, subdomain: Subdomain, what: str) -> Outputs:
+    if not isinstance(matrices, Mapping) or not matrices:
+        raise TypeError(f"{what} must be a dict of matrices by name, got {matrices!r}")
+    for name in matrices:
         if not isinstance(name, str) or not name or name in RESERVED:
             raise ValueError(
                 f"{what} must have names other than {', '.join(map(repr, RESERVED))}, got {name!r}"
             )
     n = subdomain.n
-    blocks = {name: _terms(value, subdomain, f"{what}[{name!r}]") for name, value in given.items()}
+    blocks = {
+        name: _terms(value, subdomain, f"{what}[{name!r}]") for name, value in matrices.items()
+    }
     sizes = {name: next(iter(terms.values())).shape[0] for name, terms in blocks.items()}
     weights = tuple(_stacked(blocks, sizes, n, x) for x in zip(QUANTITIES, ABSOLUTE))
     ground = tuple(_stacked(blocks, sizes, n, [x]) for x in ABSOLUTE)
@@ -85,15 +87,15 @@ def _outputs(given: Any, subdomain: Subdomain, what: str) -> Outputs:
 def _terms(value: Any, subdomain: Subdomain, what: str) -> dict[str, sp.csr_array]:
     """The matrices of an output, (rows, n), by the quantity that each acts on."""
     by_quantity = _is_dict(value) and not _is_weights(value)
-    given: Any = value if by_quantity else {"u": value}
-    if not given or any(quantity not in QUANTITIES + ABSOLUTE for quantity in given):
+    matrices: Any = value if by_quantity else {"u": value}
+    if not matrices or any(quantity not in QUANTITIES + ABSOLUTE for quantity in matrices):
         raise ValueError(
             f"{what} must be a matrix, weights by dof, or a dict of these by 'u', 'v' or 'a', got "
-            f"keys {list(given)}; 'absolute a' and so on add the motion of the ground"
+            f"keys {list(matrices)}; 'absolute a' and so on add the motion of the ground"
         )
     terms = {
         quantity: _weights(W, subdomain, f"{what}[{quantity!r}]" if by_quantity else what)
-        for quantity, W in given.items()
+        for quantity, W in matrices.items()
     }
     rows = {W.shape[0] for W in terms.values()}
     if len(rows) > 1 or 0 in rows:
@@ -120,9 +122,9 @@ def _weights(W: Any, subdomain: Subdomain, what: str) -> sp.csr_array:
         return sp.csr_array(entries, shape=(1, n))
     if has_names(W):
         return selection(dof_list(W, n, what, names), 1.0, n)
-    whole = names.whole if isinstance(names, NodeNames) else n
-    if isinstance(names, NodeNames) and whole > n and np.shape(W)[-1:] == (whole,):
-        return sp.csr_array(rectangular(W, whole, what)[:, names.numbers])  # others are fixed
+    size = names.whole if isinstance(names, NodeNames) else n
+    if isinstance(names, NodeNames) and size > n and np.shape(W)[-1:] == (size,):
+        return sp.csr_array(rectangular(W, size, what)[:, names.numbers])  # the rest is fixed
     return rectangular(W, n, what)
 
 
@@ -133,11 +135,11 @@ def _stacked(
     quantities: Sequence[str],
 ) -> sp.csr_array | None:
     """The matrices of all outputs for some quantities, one below the other."""
-    whole = sp.vstack(
+    matrix = sp.vstack(
         [
             sum((terms[x] for x in quantities if x in terms), sp.csr_array((sizes[name], n)))
             for name, terms in blocks.items()
         ],
         format="csr",
     )
-    return whole if whole.nnz else None
+    return matrix if matrix.nnz else None

@@ -84,8 +84,8 @@ class Pacing:
         float or ndarray
             In s; NaN for a run without steps.
         """
-        found = np.percentile(self.lateness, q) if self.due.size else np.full(np.shape(q), np.nan)
-        return float(found) if np.ndim(q) == 0 else found
+        values = np.percentile(self.lateness, q) if self.due.size else np.full(np.shape(q), np.nan)
+        return float(values) if np.ndim(q) == 0 else values
 
     def longest(self, count: int = 10) -> np.ndarray:
         """The fine steps that took longest.

@@ -192,8 +192,8 @@ def table_of(record: Any) -> dict[str, Quantity]:
 
 def arrays_of(record: Any) -> dict[str, np.ndarray]:
     """The arrays of a `History` or a `SubdomainHistory` that are there, without outputs."""
-    found = ((name, getattr(record, name)) for name in table_of(record))
-    return {name: x for name, x in found if x is not None}
+    pairs = ((name, getattr(record, name)) for name in table_of(record))
+    return {name: x for name, x in pairs if x is not None}
 
 
 def growing(record: Any) -> dict[str, np.ndarray]:
@@ -226,19 +226,21 @@ def times_of(history: Any, name: str) -> np.ndarray:
     return times
 
 
-def with_rows(record: Record, change: Callable[..., np.ndarray], *others: Record) -> Record:
-    """The record with ``change(x, ...)`` for each array x with rows and those of the others.
+def with_rows(record: Record, change: Callable[..., np.ndarray], *records: Record) -> Record:
+    """The record with ``change(x, ...)`` for each array x with rows and those of further records.
 
-    An array that one of them lacks is None.
+    An array that one of the records lacks is None.
     """
-    several = [growing(one) for one in (record, *others)]
+    several = [growing(one) for one in (record, *records)]
     fields: dict[str, Any] = {
-        name: change(*(own[name] for own in several)) if all(name in x for x in several) else None
+        name: change(*(arrays[name] for arrays in several))
+        if all(name in x for x in several)
+        else None
         for name in several[0]
     }
     if hasattr(record, "outputs"):
         fields["outputs"] = {
-            name: change(*(one.outputs[name] for one in (record, *others)))
+            name: change(*(one.outputs[name] for one in (record, *records)))
             for name in record.outputs
         }
     return replace(record, **fields)
@@ -257,8 +259,8 @@ def reduced(
 ) -> Any:
     """Some rows of all arrays of a History, with these dofs of each subdomain, None for none."""
     subdomains = tuple(
-        None if s is None or own is None else with_dofs(with_rows(s, rows), own)
-        for s, own in zip(history.subdomains, dofs)
+        None if s is None or numbers is None else with_dofs(with_rows(s, rows), numbers)
+        for s, numbers in zip(history.subdomains, dofs)
     )
     energy = history.energy and history.energy._with_rows(rows)
     return replace(with_rows(history, rows), subdomains=subdomains, energy=energy)
@@ -270,16 +272,16 @@ def joined(pieces: Sequence[Any]) -> Any:
         raise ValueError("pieces must be at least one History, got none")
     if len(pieces) > 1 and any(piece.energy for piece in pieces):
         raise ValueError(f"pieces must have no energies: {WORKS}")
-    whole = pieces[0]
+    history = pieces[0]
     for i, piece in enumerate(pieces[1:], start=1):
-        if _content(whole) != _content(piece):
+        if _content(history) != _content(piece):
             raise ValueError(
                 "pieces must have the same subdomains, recorded dofs, springs and outputs, and "
                 f"constraints, piece {i} differs from those before"
             )
-        _check_times(whole.macro_times, piece.macro_times, i)
-        whole = stacked([whole, _without_common_row(whole, piece)])
-    return whole
+        _check_times(history.macro_times, piece.macro_times, i)
+        history = stacked([history, _without_common_row(history, piece)])
+    return history
 
 
 def _content(piece: Any) -> list[Any]:
@@ -323,19 +325,19 @@ def _without_common_row(first: Any, second: Any) -> Any:
 
 def stacked(pieces: Sequence[Any]) -> Any:
     """The rows of all pieces, one after the other, without energies."""
-    whole = with_rows_of_all(lambda *x: np.concatenate(x), *pieces)
+    history = with_rows_of_all(lambda *x: np.concatenate(x), *pieces)
     subdomains = [
-        s and replace(s, substep=s.substep if len({x.substep for x in own}) == 1 else None)
-        for s, *own in zip(whole.subdomains, *(piece.subdomains for piece in pieces))
+        s and replace(s, substep=s.substep if len({x.substep for x in motions}) == 1 else None)
+        for s, *motions in zip(history.subdomains, *(piece.subdomains for piece in pieces))
     ]
-    return replace(whole, subdomains=tuple(subdomains), energy=not_recorded.ENERGY)
+    return replace(history, subdomains=tuple(subdomains), energy=not_recorded.ENERGY)
 
 
 def with_rows_of_all(change: Callable[..., np.ndarray], *pieces: Any) -> Any:
     """The first History with ``change(x, ...)`` for each array of those of all of them."""
     subdomains = [
-        own[0] and with_rows(own[0], change, *own[1:])
-        for own in zip(*(piece.subdomains for piece in pieces))
+        motions[0] and with_rows(motions[0], change, *motions[1:])
+        for motions in zip(*(piece.subdomains for piece in pieces))
     ]
     first = with_rows(pieces[0], change, *pieces[1:])
     return replace(first, subdomains=tuple(subdomains))

@@ -69,7 +69,9 @@ class Recorded:
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
-        self.columns = [recorded_columns(*own) for own in zip(members, self.dofs, self.springs)]
+        self.columns = [
+            recorded_columns(*arguments) for arguments in zip(members, self.dofs, self.springs)
+        ]
         self.interface_columns = self._interface_columns()
         self.interface = {
             name: (self.levels_of(name), self.interface_columns[x.columns])
@@ -84,13 +86,13 @@ class Recorded:
             for member, dofs in zip(members, self.dofs)
         ]
         self.weights = [
-            () if own is None else own.in_order(member.position)
-            for member, own in zip(members, self.outputs)
+            () if output is None else output.in_order(member.position)
+            for member, output in zip(members, self.outputs)
         ]
         self.numbers = Counter({1: 2 * self.energy_columns})  # also as a History has them
-        for member, columns, own in zip(members, self.columns, self.outputs):
+        for member, columns, output in zip(members, self.columns, self.outputs):
             self.numbers[member.substeps] += sum(columns.values()) + (
-                0 if own is None else own.rows
+                0 if output is None else output.rows
             )
         for levels, count in self.interface.values():
             self.numbers[levels] += count
@@ -104,9 +106,9 @@ class Recorded:
 
     def check_ground(self, loads: Sequence[Loads]) -> None:
         """ValueError for absolute outputs of a subdomain whose loads have no ground motion."""
-        for own, outputs, (name, _) in zip(loads, self.outputs, self.keys):
+        for load, outputs, (name, _) in zip(loads, self.outputs, self.keys):
             if outputs is not None and outputs.ground:
-                check_ground(own, name)
+                check_ground(load, name)
 
     def levels_of(self, name: str) -> int:
         """Time levels per macro step of an array of the interface."""
@@ -173,8 +175,8 @@ class Recording:
             for member, columns in zip(of.members, of.columns)
         ]
         self.output_values = [
-            None if own is None else allocate(member.substeps, own.rows)
-            for member, own in zip(of.members, of.outputs)
+            None if output is None else allocate(member.substeps, output.rows)
+            for member, output in zip(of.members, of.outputs)
         ]
         self.interface = {name: allocate(*shape) for name, shape in of.interface.items()}
         self.energy = allocate(1, of.energy_columns)
@@ -291,19 +293,19 @@ class Recording:
         for i, (member, dofs, springs) in enumerate(zip(of.members, of.dofs, of.springs)):
             if dofs is None:
                 continue
-            own, outputs, values = rows[member.substeps], of.outputs[i], self.output_values[i]
+            count, outputs, values = rows[member.substeps], of.outputs[i], self.output_values[i]
             subdomains[i] = SubdomainHistory(
                 name=member.name,
                 t=self.times(member.substeps, end),
                 dofs=dofs.copy(),
                 springs=None if springs is None else springs.copy(),
-                outputs=self._outputs(i, outputs, values, own, end),
+                outputs=self._outputs(i, outputs, values, count, end),
                 substep=member.h,
                 double_after=self._double_after(member),
                 n=member.n,
                 dof_names=names_at(member.subdomain.dof_names, dofs),
                 **{
-                    name: x[:own, 0].astype(int) if name in COUNTS else x[:own]
+                    name: x[:count, 0].astype(int) if name in COUNTS else x[:count]
                     for name, x in self.arrays[i].items()
                 },
             )
@@ -327,11 +329,11 @@ class Recording:
         """The outputs of a subdomain, absolute ones with the motion of the ground."""
         if outputs is None or values is None:
             return {}
-        found = values[:rows]
+        values = values[:rows]
         if outputs.ground:
             t = self.times(self.of.members[i].substeps, end)
-            found = found + added(self.loads[i], outputs.ground, t)
-        return outputs.split(found)
+            values = values + added(self.loads[i], outputs.ground, t)
+        return outputs.split(values)
 
     def _double_after(self, member: Member) -> float | None:
         if not member.double:
@@ -438,12 +440,12 @@ class FiledRecording(Recording):
             for name, x in OF_INTERFACE.items()
             if x.columns in self.of.interface_columns
         }
-        for i, (member, columns, own) in enumerate(
+        for i, (member, columns, output) in enumerate(
             zip(self.of.members, self.of.columns, self.of.outputs)
         ):
             if self.of.dofs[i] is not None:
                 levels |= {f"{i}.{name}": member.substeps for name in ("t", *columns)}
-                count = 0 if own is None else len(own.sizes)
+                count = 0 if output is None else len(output.sizes)
                 levels |= {output_array(i, k): member.substeps for k in range(count)}
         fields = [*ENERGY_FIELDS]
         fields += ["conserved"] * (self.conserved is not None)
@@ -525,7 +527,7 @@ def chosen_dofs(
     if record is None:
         return [np.arange(s.n) for _, s in keys]
     none = np.arange(0)
-    chosen: list[np.ndarray | None] = [None if own is None else none for own in outputs]
+    chosen: list[np.ndarray | None] = [None if output is None else none for output in outputs]
     for i, dofs in by_index(record, keys, "record").items():
         name, subdomain = keys[i]
         what = f"record[{name!r}]"

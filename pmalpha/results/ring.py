@@ -120,13 +120,13 @@ class RingRecording(FiledRecording):
         units = np.arange(self._recorded(self.begin), self._recorded(end))
         slots = units % self.in_slots.size
         lost = self.in_slots[slots] != units
-        for i, (member, own) in enumerate(zip(self.of.members, self.arrays)):
-            for name, x in own.items():
+        for i, (member, arrays) in enumerate(zip(self.of.members, self.arrays)):
+            for name, x in arrays.items():
                 empty = 0.0 if OF_SUBDOMAIN[name].is_count else np.nan
                 self._take(x, self.ring.arrays[i][name], member.substeps, slots, lost, empty)
-            outputs, given = self.output_values[i], self.ring.output_values[i]
-            if outputs is not None and given is not None:
-                self._take(outputs, given, member.substeps, slots, lost)
+            outputs, source = self.output_values[i], self.ring.output_values[i]
+            if outputs is not None and source is not None:
+                self._take(outputs, source, member.substeps, slots, lost)
         for name, x in self.interface.items():
             self._take(x, self.ring.interface[name], self.of.levels_of(name), slots, lost)
         self._take(self.energy, self.ring.energy, 1, slots, lost)
@@ -209,10 +209,10 @@ class MonitorFile:
 
     def write(self, first: int, values: np.ndarray) -> None:
         """Fine steps from number `first` on, a row for each."""
-        end, kept = first + len(values), values[-self.rows :]
+        end, last = first + len(values), values[-self.rows :]
         self._write_number(end, BEGUN)
-        place = (end - len(kept)) % self.rows
-        for part, at in ((kept[: self.rows - place], place), (kept[self.rows - place :], 0)):
+        place = (end - len(last)) % self.rows
+        for part, at in ((last[: self.rows - place], place), (last[self.rows - place :], 0)):
             rows = np.ascontiguousarray(part, dtype="<f8")
             self.file.write_at(rows.reshape(-1).view(np.uint8), HEADER + 8 * self.columns * at)
         self._write_number(end, DONE)
@@ -299,10 +299,10 @@ def _monitored(
     about: Mapping[str, Any], step: np.ndarray, x: np.ndarray, dofs: Mapping[str, Sequence[int]]
 ) -> Monitored:
     command, force, at = {}, {}, len(TIMES)
-    for name, own in dofs.items():
-        command[name] = x[:, at : at + len(own)]
-        force[name] = x[:, at + len(own) : at + 2 * len(own)]
-        at += 2 * len(own)
+    for name, numbers in dofs.items():
+        command[name] = x[:, at : at + len(numbers)]
+        force[name] = x[:, at + len(numbers) : at + 2 * len(numbers)]
+        at += 2 * len(numbers)
     return Monitored(
         step=step,
         t=about["t0"] + (step + 1) * about["h"],
@@ -310,5 +310,5 @@ def _monitored(
         period=about["period"],
         command=command,
         force=force,
-        dofs={name: np.array(own) for name, own in dofs.items()},
+        dofs={name: np.array(numbers) for name, numbers in dofs.items()},
     )

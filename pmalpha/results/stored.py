@@ -81,7 +81,7 @@ def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return header, arrays
 
 
-def stored_fields(path: str | PathLike[str], whole: type, kind: type) -> dict[str, Any]:
+def stored_fields(path: str | PathLike[str], history: type, kind: type) -> dict[str, Any]:
     """The fields of the History in a file; the classes are those of it and of its subdomains."""
     with reading(path) as file:
         is_hdf5 = history_file.is_hdf5(file)
@@ -89,14 +89,14 @@ def stored_fields(path: str | PathLike[str], whole: type, kind: type) -> dict[st
             header, arrays = history_file.read_open(file, path)
         else:
             header, arrays = npz_contents(file, path, FORMAT, VERSION)
-    return fields_of(header, arrays, path, whole, kind, finite=not is_hdf5)
+    return fields_of(header, arrays, path, history, kind, finite=not is_hdf5)
 
 
 def fields_of(
     header: Mapping[str, Any],
     arrays: Mapping[str, np.ndarray],
     path: str | PathLike[str],
-    whole: type,
+    history: type,
     kind: type,
     *,
     finite: bool = False,
@@ -124,12 +124,12 @@ def fields_of(
                 outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
                 **_read(kind, OF_SUBDOMAIN, arrays, f"{i}."),
             )
-        interface = _read(whole, OF_INTERFACE, arrays)
+        interface = _read(history, OF_INTERFACE, arrays)
         energy: Any = not_recorded.ENERGY
         if any(key.startswith("energy.") for key in arrays):
             energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
-            others: dict[str, Any] = {x: arrays.get(f"energy.{x}") for x in OPTIONAL}
-            energy = Energy(interface["macro_times"], **energies, **others)
+            extras: dict[str, Any] = {x: arrays.get(f"energy.{x}") for x in OPTIONAL}
+            energy = Energy(interface["macro_times"], **energies, **extras)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise ValueError(
             f"path must lead to a complete file, {str(path)!r} lacks {error}"
@@ -257,9 +257,11 @@ class EarlierRows:
         saved = self.header.get("problem", {})  # files of before version 0.4 have none
         if not isinstance(saved, dict):
             self._refuse(f"must have a description of its problem, got {saved!r}")
-        found = differences(saved, {fact: x for fact, x in here.items() if fact in saved})
-        if found:
-            self._refuse(f"must be of the same problem, but these differ: {listing(found, SHOWN)}")
+        changes = differences(saved, {fact: x for fact, x in here.items() if fact in saved})
+        if changes:
+            self._refuse(
+                f"must be of the same problem, but these differ: {listing(changes, SHOWN)}"
+            )
 
     def same_steps(self, steps: Sequence[Any]) -> list[Any]:
         """The lengths of the steps of each subdomain; None where those of the file are others."""

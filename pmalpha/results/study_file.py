@@ -59,13 +59,13 @@ class StudyFile:
             new.take_name(old)
         return new, offsets
 
-    def _describe(self, offsets: dict[str, int | None], h5py: ModuleType, whole: Any) -> None:
-        whole.attrs.update({"format": FORMAT, "pmalpha_version": package_version()})
-        errors = whole.create_dataset(ERRORS, data=self.texts)
+    def _describe(self, offsets: dict[str, int | None], h5py: ModuleType, root: Any) -> None:
+        root.attrs.update({"format": FORMAT, "pmalpha_version": package_version()})
+        errors = root.create_dataset(ERRORS, data=self.texts)
         offsets[ERRORS] = errors.id.get_offset()
         for name, shape in self.shapes.items():
             rows = (len(self.texts), *shape)
-            offsets[name] = reserve(h5py, whole, name, rows, h5py.h5t.IEEE_F64LE)
+            offsets[name] = reserve(h5py, root, name, rows, h5py.h5t.IEEE_F64LE)
 
     def _write_nan(self, file: Held, name: str, offset: int | None) -> None:
         count = len(self.texts) * _numbers(self.shapes[name])
@@ -128,8 +128,8 @@ def _without_results(path: Path) -> Held | None:
 
 
 def _has_no_results(file: Held) -> bool:
-    with file.reader() as content, hdf5_library().File(content, "r") as whole:
-        return whole.attrs.get("format") == FORMAT and list(whole) == [ERRORS]
+    with file.reader() as content, hdf5_library().File(content, "r") as root:
+        return root.attrs.get("format") == FORMAT and list(root) == [ERRORS]
 
 
 def checked_arrays(value: Any, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
@@ -138,11 +138,11 @@ def checked_arrays(value: Any, shapes: Mapping[str, tuple[int, ...]]) -> dict[st
         raise TypeError(f"result must return a dict of numbers and arrays, got {value!r}")
     if any(not isinstance(name, str) or name in ("error", "") or "/" in name for name in value):
         raise ValueError(f"result must have names that a file can have, got {list(value)}")
-    found = {name: np.asarray(x) for name, x in value.items()}
-    wrong = [name for name, x in found.items() if x.dtype.kind not in "biuf"]
+    arrays = {name: np.asarray(x) for name, x in value.items()}
+    wrong = [name for name, x in arrays.items() if x.dtype.kind not in "biuf"]
     if wrong:
         raise TypeError(f"result[{wrong[0]!r}] must hold real numbers, got {value[wrong[0]]!r}")
-    got = {name: x.shape for name, x in found.items()}
+    got = {name: x.shape for name, x in arrays.items()}
     if shapes and got != shapes:
         raise ValueError(f"result must have the shapes of the first, {dict(shapes)}, got {got}")
-    return {name: x.astype(np.float64) for name, x in found.items()}
+    return {name: x.astype(np.float64) for name, x in arrays.items()}
