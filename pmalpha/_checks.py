@@ -101,7 +101,10 @@ def whole_number(value: Any, name: str, *, low: int = 0, high: int = MOST) -> in
 
 def as_int(value: Any) -> str:
     """What an error adds for floats, or an array of them, that are whole: which type is needed."""
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # lists of several lengths
+        return ""
     if array.dtype.kind != "f" or not array.size or np.any(array != np.rint(array)):
         return ""
     return (
