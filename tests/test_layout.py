@@ -214,6 +214,28 @@ def test_a_function_of_61_lines_would_be_detected_and_a_docstring_does_not_count
     assert lengths(f"async def f(\n    a,\n):\n{body}") == ({"f": 62}, 0)
 
 
+# Pronouns and participles, which say of a variable where it comes from and not what it is
+NO_NOUNS = frozenset(("own", "whole", "found", "given", "kept", "others", "each", "more"))
+
+
+def names_without_noun(source):
+    """Variables, arguments, attributes and keywords that are no nouns."""
+    for node in ast.walk(ast.parse(source)):
+        name = getattr(node, {ast.Name: "id", ast.Attribute: "attr"}.get(type(node), "arg"), None)
+        if name in NO_NOUNS:
+            yield name
+
+
+def test_names_of_variables_are_nouns():
+    seen = {(path, name) for path in MODULES for name in names_without_noun(read(path)[0])}
+    assert {(path.name, name) for path, name in seen} == {("tangent_check.py", "given")}  # public
+
+
+def test_a_name_without_noun_would_be_detected():
+    source = "def f(given, *, each=1):\n    own = given.kept\n    return g(more=own)\n"
+    assert sorted(names_without_noun(source)) == "each given given kept more own own".split()
+
+
 def test_dir_shows_public_names_only():
     assert dir(pm) == sorted(pm.__all__)
     assert all(hasattr(pm, name) for name in pm.__all__)

@@ -60,7 +60,9 @@ def test_a_ground_motion_takes_a_record_or_samples_with_their_step():
     ):
         pm.BaseAcceleration(RECORD, 1.0, M)
     table = np.transpose([[0.0, 0.1, 0.2], [0.0, 1.0, 2.0]])
-    with pytest.raises(ValueError, match="if the first column is time, take readers.Record.from_times"):
+    with pytest.raises(
+        ValueError, match="if the first column is time, take readers.Record.from_times"
+    ):
         pm.BaseAcceleration(table, [1.0, 2.0], M, dt=0.1)
     with pytest.raises(TypeError, match="without M has a value in its subdomain only, s.force"):
         pm.BaseAcceleration(RECORD)(0.1)

@@ -22,11 +22,12 @@ class NodeNames(Sequence[str]):
 
     components: of a node, in the order of its dofs.
     numbers: (n,) array of int, the dofs, in the numbering of all dofs of the mesh.
-    whole: number of all dofs of the mesh.
+    model_size: number of all dofs of the mesh.
     """
 
-    def __init__(self, components: Sequence[str], numbers: np.ndarray, whole: int):
-        self.components, self.numbers, self.whole = tuple(components), numbers, whole
+    def __init__(self, components: Sequence[str], numbers: np.ndarray, model_size: int):
+        self.components, self.numbers = tuple(components), numbers
+        self.model_size = model_size
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -99,7 +100,7 @@ def names_at(names: Sequence[str] | None, dofs: np.ndarray) -> Sequence[str] | N
     if names is None:
         return None
     if isinstance(names, NodeNames):
-        return NodeNames(names.components, names.numbers[dofs], names.whole)
+        return NodeNames(names.components, names.numbers[dofs], names.model_size)
     return tuple(names[i] for i in dofs)
 
 

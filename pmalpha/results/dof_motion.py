@@ -149,7 +149,7 @@ def on_mesh(motion: Any, kind: str = "u") -> np.ndarray:
     names = motion.dof_names
     if not isinstance(names, NodeNames) or len(names) != motion.n:
         return x
-    values = np.zeros((*x.shape[:-1], names.whole))
+    values = np.zeros((*x.shape[:-1], names.model_size))
     values[..., names.numbers] = x
     return values
 

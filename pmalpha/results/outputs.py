@@ -122,7 +122,7 @@ def _weights(W: Any, subdomain: Subdomain, what: str) -> sp.csr_array:
         return sp.csr_array(entries, shape=(1, n))
     if has_names(W):
         return selection(dof_list(W, n, what, names), 1.0, n)
-    size = names.whole if isinstance(names, NodeNames) else n
+    size = names.model_size if isinstance(names, NodeNames) else n
     if isinstance(names, NodeNames) and size > n and np.shape(W)[-1:] == (size,):
         return sp.csr_array(rectangular(W, size, what)[:, names.numbers])  # the rest is fixed
     return rectangular(W, n, what)
