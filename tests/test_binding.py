@@ -223,14 +223,18 @@ def test_reference_counts_are_what_they_were():
     # the count of an immortal object, None from Python 3.12 on, has no meaning
     objects = [x for x in objects if sys.getrefcount(x) < 2**30]
     assert len(objects) > 8
-    before = [sys.getrefcount(x) for x in objects]
-    for _ in range(120):
-        use()
-    gc.collect()
-    after = [sys.getrefcount(x) for x in objects]
-    # one reference lost or kept in each of 120 rounds would be 120; None and the types are used by
-    # whatever else runs
-    assert max(abs(x - y) for x, y in zip(before, after, strict=True)) < 60
+
+    def change():
+        before = [sys.getrefcount(x) for x in objects]
+        for _ in range(120):
+            use()
+        gc.collect()
+        after = [sys.getrefcount(x) for x in objects]
+        return max(abs(x - y) for x, y in zip(before, after, strict=True))
+
+    # One reference lost or kept in each of 120 rounds would be 120, every time. None and the types
+    # are used by whatever else runs, and released by it at some time.
+    assert any(change() < 60 for _ in range(5))
 
 
 def resident():

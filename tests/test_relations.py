@@ -13,7 +13,7 @@ import relations
 import wholes
 
 # Five couplings in turn, and forces of all kinds.
-SEEDS = range(7, 13)
+SEEDS = range(24, 30)
 
 
 @pytest.mark.parametrize("name", relations.RELATIONS)

@@ -317,7 +317,8 @@ def check_softest(A: Matrix, factor: Factor, names: Names) -> None:
     x^T A x is of the size of the rounding in A x.
     """
     inverse, d = factor[0], diagonal(A)
-    share = 1.0 / (inverse * d)
+    scaled = inverse * d  # zero where a reciprocal is denormal, which is zero in the core
+    share = np.divide(1.0, scaled, out=np.full_like(d, np.inf), where=scaled != 0.0)
     if np.min(share) > SUSPICIOUS:
         return
     x = _softest(factor, d)
