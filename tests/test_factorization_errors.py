@@ -121,6 +121,14 @@ def test_a_mbar_that_is_nearly_singular_but_definite_is_accepted():
     pm.Coupler([subdomain(np.zeros(50), sp.csr_array(K))], dt=0.1)
 
 
+@pytest.mark.parametrize("M", [[1.7e308], [[1.7e308]]])
+def test_a_pivot_whose_reciprocal_is_denormal_is_refused(M):
+    # the core takes denormal numbers as zero, and forces would not move it
+    s = pm.Subdomain(M, [1.0], scheme=pm.CentralDifference())
+    with pytest.raises(pm.FactorizationError, match=r"must have pivots of at most 4.49e307"):
+        pm.Coupler([s], dt=0.1)
+
+
 def test_a_pivot_whose_reciprocal_overflows_is_refused():
     # 1 / 5e-324 is infinite: no step could be made
     tiny = subdomain([5e-324], [0.0], name="tiny")

@@ -60,6 +60,10 @@ class Names:
         text = "is singular, or its pivots on the diagonal lose the digits of its entries"
         return self._error(text, position, f": {finding}")
 
+    def too_large(self, position: int) -> FactorizationError:
+        """The error for a pivot without a normal reciprocal."""
+        return self._error("must have pivots of at most 4.49e307 (2^1022)", position, "")
+
     def _error(
         self, text: str, position: int, rest: str, inertia: Inertia | None = None
     ) -> FactorizationError:
@@ -128,18 +132,19 @@ def factorize(
         raise names.not_definite(A, 0)
     if A.ndim == 1:
         check_pivots(A if symmetric else np.abs(A), A, names)
-        return Factor(1.0 / A, None)
-    if not symmetric:
-        with one_thread():
-            factor = unsymmetric(A, names, nb, structure, threads)
-        check_smallest(A, factor, names)
+        factor = Factor(1.0 / A, None)
+        check_reciprocals(factor, names)
         return factor
     with one_thread():
-        if not sp.issparse(A):
-            factor = dense_columns(A, names)
-        else:
+        if not symmetric:
+            factor = unsymmetric(A, names, nb, structure, threads)
+        elif sp.issparse(A):
             factor = supernodal(A, names, nb, structure, threads)
-    check_softest(A, factor, names)
+        else:
+            factor = dense_columns(A, names)
+    check_reciprocals(factor, names)
+    check = check_softest if symmetric else check_smallest
+    check(A, factor, names)
     return factor
 
 
@@ -310,6 +315,13 @@ def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
         raise names.not_definite(A, int(np.argmax(bad)))
 
 
+def check_reciprocals(factor: Factor, names: Names) -> None:
+    """FactorizationError for reciprocals of pivots that are denormal, which the core takes as 0."""
+    too_small = np.abs(factor.inverse) < np.finfo(float).tiny
+    if too_small.any():
+        raise names.too_large(int(np.argmax(too_small)))
+
+
 def check_softest(A: Matrix, factor: Factor, names: Names) -> None:
     """FactorizationError for a mechanism, whose small last pivot is accumulated rounding.
 
@@ -317,8 +329,7 @@ def check_softest(A: Matrix, factor: Factor, names: Names) -> None:
     x^T A x is of the size of the rounding in A x.
     """
     inverse, d = factor[0], diagonal(A)
-    scaled = inverse * d  # zero where a reciprocal is denormal, which is zero in the core
-    share = np.divide(1.0, scaled, out=np.full_like(d, np.inf), where=scaled != 0.0)
+    share = 1.0 / (inverse * d)
     if np.min(share) > SUSPICIOUS:
         return
     x = _softest(factor, d)
