@@ -195,6 +195,11 @@ SPRINGS = CUBE + "*ELEMENT, TYPE=SPRING1, ELSET=K\n8, 1\n9, 2\n*SPRING, ELSET=K\
             "keywords CONTACT PAIR are not read (3)",
             ("*contact pair", "CONNECTION"),
         ),
+        (
+            CUBE.rstrip("\n") + ",3,4,\n",
+            "nodes beyond those of an element C3D8 are not read (1)",
+            ("C3D8",),
+        ),
         (CUBE + "*TIE, NAME=T\nA, B\n", "keywords TIE are not read (1)", ("TIE", "CONNECTION")),
         (CUBE + "*Equation\n2\n1, 1, 1., 2, 1, -1.\n", "EQUATION are not", ("EQUATION",)),
         (CUBE + "*MPC\nTIE, 1, 2\n", "keywords MPC are not read (1)", ("MPC",)),

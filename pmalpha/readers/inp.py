@@ -185,7 +185,9 @@ class _Reader:
         if kind is None:
             added = self._left_out(section, element_type)
         else:
-            rows = _elements(section, KINDS[kind].nodes, element_type)
+            rows, further = _elements(section, KINDS[kind].nodes, element_type)
+            what = "nodes beyond those of an element {} are not read"
+            self.unread.leave_out(what, element_type.name, "UNKNOWN", further)
             added = {number for number, _ in rows}
             self._add(rows)
             numbers = [number for number, _ in rows]
@@ -274,14 +276,20 @@ class _Reader:
 
 def _elements(
     section: Section, width: int, element_type: ElementType
-) -> list[tuple[int, list[int]]]:
-    """Number and nodes of each element; the lines of one are read until it has all nodes."""
+) -> tuple[list[tuple[int, list[int]]], int]:
+    """Number and nodes of each element, and in how many of them there are further nodes.
+
+    The lines of one are read until it has all nodes. Of lines that all have more, as many are read
+    as CalculiX reads.
+    """
     elements: list[tuple[int, list[int]]] = []
     begun: list[int] = []
     most = width + 1 + (element_type.family == "BEAM")  # a node that gives the direction
+    lengths = {sum(map(bool, row)) for row in section.rows}
+    has_more = len(lengths) == 1 and min(lengths) > most
     for row in section.rows:
         begun += [int(x) for x in row if x]
-        if len(begun) > most:
+        if len(begun) > most and not has_more:
             break
         if len(begun) > width:
             elements.append((begun[0], begun[1 : width + 1]))
@@ -291,7 +299,7 @@ def _elements(
             f"elements of type {element_type.name} must have {width} nodes, got "
             f"{len(begun) - 1} in element {begun[0]}"
         )
-    return elements
+    return elements, len(elements) * has_more
 
 
 def _steps(fields: list[int]) -> tuple[list[int], list[int], list[int]]:
