@@ -87,7 +87,7 @@ TOGETHER = {
         "chosen {}", "failures pm gc macro mean", "memory", "files {}", "checkpoints {}",
     ],
     3: [
-        *OTHERS, "bitwise 20 5", "histories {}", "iterated {} gc macro", "chosen {}",
+        *OTHERS, "bitwise 20 5", "histories {} 4", "iterated {} gc macro", "chosen {}",
         "arguments", "failures pm", "checkpoints {}",
     ],
     4: ["bitwise 30 5", "iterated {} gc"],
@@ -159,7 +159,7 @@ EXPECTED = [
     *((ranks, "iterated", "iterated") for ranks in (1, 2, 3, 4)),
     *((2, name, name) for name in ("fed", "memory", "files")),
     (3, "arguments", "arguments"),
-    *((2, "failures", "80 failures"), (3, "failures", "8 failures")),
+    *((2, "failures", "64 failures"), (3, "failures", "8 failures")),
 ]
 
 

@@ -103,13 +103,14 @@ def recording_of(
         for name, s in session.keys:
             require_generalized_alpha(s.scheme, "energy=True", name)
         conserved = conserved_quantity(session.members, session.options, session.ranks)
+    # before the file, since all ranks describe the problem and one of them opens the file
+    problem = problem_of(session) if record_to is not None and checks_loads else None
     record_to = own_record(session, record_to, append, overwrite)
     make = kind(record_to, append=append, overwrite=overwrite)
     of = recorded_of(session, energy, chosen)
     loads = [Loads(*pair) for pair in zip(session.loads.forces, session.loads.seen)]
     if checks_loads:
         of.check_ground(loads)
-    filed = record_to is not None and checks_loads
     return make(
         of,
         coupling=session.coupling,
@@ -119,7 +120,7 @@ def recording_of(
         every=every,
         conserved=conserved,
         loads=loads,
-        problem=problem_of(session) if filed else None,
+        problem=problem,
     )
 
 

@@ -38,41 +38,41 @@ static void release(pma_division *d)
     free(d->fronts);
 }
 
-static pma_status find_branches(const pma_subdomain *s, pma_division *d, size_t workers)
+/* A division of `workers` branches in place of what s has, which stays if there is no memory. */
+static pma_status find_branches(pma_subdomain *s, size_t workers)
 {
     const pma_factor *f = &s->parts.single.factor;
     pma_branches branches;
     PMA_TRY(pma_branches_create(pma_factor_tree(f), workers, &branches));
+    pma_division *d = calloc(1, sizeof *d);
     double *fronts = calloc((workers - 1) * pma_factor_front(f) + 1, sizeof *fronts);
-    if (!fronts) {
+    if (!d || !fronts) {
         pma_branches_destroy(&branches);
+        free(d);
+        free(fronts);
         return PMA_NO_MEMORY;
     }
-    release(d);
-    d->branches = branches;
-    d->fronts = fronts;
+    const size_t trunk = s->division ? s->division->trunk : branches.trunk_entries;
+    *d = (pma_division){.branches = branches, .fronts = fronts, .trunk = trunk};
+    pma_division_destroy(s);
+    s->division = d;
     return PMA_OK;
 }
 
 pma_status pma_division_find(pma_subdomain *s)
 {
-    const bool branched = is_in_branches(s);
-    if (!branched && !is_in_ranges(s))
+    if (is_in_branches(s))
+        return find_branches(s, 2);
+    if (!is_in_ranges(s))
         return PMA_OK;
     s->division = calloc(1, sizeof *s->division);
-    if (!s->division)
-        return PMA_NO_MEMORY;
-    if (branched)
-        PMA_TRY(find_branches(s, s->division, 2));
-    s->division->trunk = s->division->branches.trunk_entries;
-    return PMA_OK;
+    return s->division ? PMA_OK : PMA_NO_MEMORY;
 }
 
 pma_status pma_division_prepare(pma_subdomain *s, size_t workers)
 {
-    pma_division *d = s->division;
-    return has_branches(d) && d->branches.workers != workers ? find_branches(s, d, workers)
-                                                             : PMA_OK;
+    const pma_division *d = s->division;
+    return has_branches(d) && d->branches.workers != workers ? find_branches(s, workers) : PMA_OK;
 }
 
 void pma_division_destroy(pma_subdomain *s)
