@@ -56,7 +56,7 @@ static pma_status take_motions(const pma_field *f, pma_coupler_parts *out)
     pma_motion *motions;
     const void *data = NULL;
     PMA_TRY(pma_field_tuple(f, &out->motion_count));
-    PMA_TRY(pma_field_allocate(f, out->motion_count, sizeof *motions, &motions));
+    PMA_TRY(pma_field_allocate(f, out->motion_count, sizeof *motions, (void *)&motions));
     out->motions = motions;
     for (size_t i = 0; i < out->motion_count; i++) {
         const pma_field rows = pma_field_item(f, i);
@@ -154,7 +154,7 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &contact->blas));
     PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &contact->blas));
     PMA_TRY(pma_field_tuple(&sides, &contact->sides));
-    PMA_TRY(pma_field_allocate(f, contact->sides, sizeof *side, &side));
+    PMA_TRY(pma_field_allocate(f, contact->sides, sizeof *side, (void *)&side));
     contact->side = side;
     for (size_t i = 0; i < contact->sides; i++) {
         const pma_field item = pma_field_item(&sides, i);

@@ -47,7 +47,7 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
                                 pma_function *out)
 {
     specimen_function *own;
-    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, &own));
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
     PMA_TRY(pma_parts_specimen(f, n, &own->core, &out->by_caller));
     own->core->cell = restoring->cell;
     own->core->number = restoring->compensators;
@@ -62,13 +62,13 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
 static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *out)
 {
     series *all;
-    PMA_TRY(pma_field_allocate(f, 1, sizeof *all, &all));
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *all, (void *)&all));
     PMA_TRY(pma_field_tuple(f, &all->count));
     if (all->count == 0)
         return pma_field_refuse(f, "must not be empty");
-    PMA_TRY(pma_field_allocate(f, all->count, sizeof *all->each, &all->each));
-    PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *all->work, &all->work));
-    PMA_TRY(pma_field_allocate(f, 1, sizeof *out->cell, &out->cell));
+    PMA_TRY(pma_field_allocate(f, all->count, sizeof *all->each, (void *)&all->each));
+    PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *all->work, (void *)&all->work));
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *out->cell, (void *)&out->cell));
     for (size_t i = 0; i < all->count; i++) {
         const pma_field function = pma_field_item(f, i);
         PMA_TRY(function.node->kind == PMA_DICT
@@ -103,7 +103,7 @@ pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out)
     PMA_TRY(take_order(f, n, &out->order));
     if (!pma_field_is_none(&load))
         PMA_TRY(pma_field_doubles(&load, n, &out->load));
-    PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *out->work, &out->work));
+    PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *out->work, (void *)&out->work));
     return take_functions(&functions, n, out);
 }
 
@@ -141,7 +141,7 @@ pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out)
     PMA_TRY(pma_field_vector(&initial, PMA_DOUBLES, &out->history, &data));
     out->initial = data;
     PMA_TRY(pma_field_tuple(&list, &out->count));
-    PMA_TRY(pma_field_allocate(f, out->count, sizeof *forces, &forces));
+    PMA_TRY(pma_field_allocate(f, out->count, sizeof *forces, (void *)&forces));
     out->forces = forces;
     for (size_t k = 0; k < out->count; k++) {
         const pma_field force = pma_field_item(&list, k);

@@ -77,7 +77,7 @@ static pma_status take_filter(const pma_field *f, pma_filter *out)
     PMA_TRY(pma_field_dict(f));
     if (!pma_field_has(f, "limits"))
         return take_actuator(f, &out->actuator);
-    PMA_TRY(pma_field_allocate(f, 1, sizeof *adaptive, &adaptive));
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *adaptive, (void *)&adaptive));
     out->adaptive = adaptive;
     return take_adaptive(f, adaptive);
 }
@@ -91,14 +91,14 @@ pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, 
     pma_filter *filters;
     pma_function inner = {.function = NULL};
     PMA_TRY(pma_field_dict(f));
-    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, &own));
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
     own->n = n;
     PMA_TRY(pma_field_tuple(&list, &own->count));
     PMA_TRY(pma_field_count(&compensators, 0, &own->compensators));
     if (own->compensators > own->count)
         return pma_field_refuse(&compensators, "must be among the filters");
-    PMA_TRY(pma_field_allocate(f, own->count, sizeof *filters, &filters));
-    PMA_TRY(pma_field_allocate(f, n, sizeof *own->work, &own->work));
+    PMA_TRY(pma_field_allocate(f, own->count, sizeof *filters, (void *)&filters));
+    PMA_TRY(pma_field_allocate(f, n, sizeof *own->work, (void *)&own->work));
     PMA_TRY(pma_parts_springs(&springs, &own->springs));
     if (pma_springs_check(&own->springs, n) != PMA_OK)
         return pma_field_refuse(&springs, "has a dof that is out of range");

@@ -39,7 +39,7 @@ pma_status pma_parts_springs(const pma_field *f, pma_springs *out)
     if (pma_field_is_none(f))
         return PMA_OK;
     PMA_TRY(pma_field_tuple(f, &out->count));
-    PMA_TRY(pma_field_allocate(f, out->count, sizeof *sets, &sets));
+    PMA_TRY(pma_field_allocate(f, out->count, sizeof *sets, (void *)&sets));
     out->sets = sets;
     for (size_t i = 0; i < out->count; i++) {
         const pma_field set = pma_field_item(f, i);
