@@ -249,6 +249,6 @@ pma_status pma_field_find(const pma_field *f, pma_role role, void *out)
 pma_status pma_field_allocate(const pma_field *f, size_t count, size_t size, void *out)
 {
     void *memory = pma_store_add(f->fields->store, count, size);
-    memcpy(out, &memory, sizeof memory);
+    memcpy(out, (const void *)&memory, sizeof memory);
     return memory ? PMA_OK : PMA_NO_MEMORY;
 }
