@@ -286,9 +286,10 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     const size_t entries = bends ? pma_iterate_entries(s->iterate) : 0;
     if (internal->count == 0)
         return PMA_OK;
-    double *f = calloc(s->parts.n + 2 * entries, sizeof *f), *K = f + s->parts.n;
+    double *f = calloc(s->parts.n + 2 * entries, sizeof *f);
     if (!f)
         return PMA_NO_MEMORY;
+    double *K = f + s->parts.n;
     const pma_status status = pma_internal_evaluate(
         internal, t, u, v, internal->initial, f, s->internal->history, 1.0, 0.0,
         bends ? K + entries : NULL, bends ? K : NULL, s->internal->force + s->parts.n, &s->code);
