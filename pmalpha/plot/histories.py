@@ -45,7 +45,6 @@ HALF_WAVES = 150
 # the largest range, at about this number of samples.
 DIFFERENT = 0.02
 SAMPLES = 256
-ENERGY = Quantity("", "energy", "F u", label="energy")
 # Curves of the energies, in this order; those that are zero to rounding are left out.
 ENERGIES = {
     "kinetic": "kinetic",
