@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import counted, real_array, real_number
+from . import not_recorded
 from .dof_motion import DofMotion, State, columns_of, label_of, largest
 from .keys import position
 from .quantities import growing, table_of, times_of
@@ -116,7 +117,7 @@ def resampled(history: Any, times: Any) -> Any:
         name: between(t, times_of(history, name), x, table_of(history)[name].between)
         for name, x in growing(history).items()
     }
-    fields |= dict(multiplier_times=times, macro_times=times, energy=None)
+    fields |= dict(multiplier_times=times, macro_times=times, energy=not_recorded.ENERGY)
     return replace(
         history, subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains), **fields
     )
