@@ -41,20 +41,6 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
         restore_snapshot(session, snapshot)
 
 
-@contextmanager
-def unloaded(coupler: Coupler) -> Iterator[None]:
-    """Without loads and prescribed motion within the block."""
-    session = coupler._session
-    for member in session.members:
-        member.core.set_load(None)
-    for i in range(len(session.loads.motions)):
-        session.core.set_motion(i, None)
-    try:
-        yield
-    finally:
-        session.loads.to_core()
-
-
 class AmplificationMatrix(np.ndarray):
     """A square array with the names of its rows (and columns) in `names`."""
 
