@@ -35,9 +35,8 @@ TINY = 1e-300
 FAR = 1e-13
 
 
-def require_sizes(L: sp.csc_array, name: Callable[[int], str]) -> None:
-    """ConstraintError for a row whose multiplier would not be finite."""
-    sizes = row_sizes(sp.csr_array(L))
+def require_sizes(sizes: np.ndarray, name: Callable[[int], str]) -> None:
+    """ConstraintError for a row whose multiplier would not be finite, by the largest entries."""
     row = int(np.argmin(sizes))
     if 0.0 < sizes[row] < TINY:
         raise ConstraintError(
@@ -222,11 +221,11 @@ class ConstraintRows:
         self.p = int(self.starts[-1])
         begins = np.cumsum([0] + [s.n for s in subdomains])
         L = self._stacked(constraints, begins)
+        by_rows = sp.csr_array(L)
+        self._sizes = row_sizes(by_rows)
         if constraints:
-            require_sizes(L, self.name)
-            require_independent(sp.csr_array(L), self.name)
-        self._sizes = np.zeros(self.p)  # the largest entry of each row
-        np.maximum.at(self._sizes, L.indices, np.abs(L.data))
+            require_sizes(self._sizes, self.name)
+            require_independent(by_rows, self.name)
         self.scale = np.ldexp(1.0, np.frexp(self._sizes)[1] - 1)  # powers of two at or below them
         stacked = Link.of(L)
         self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][part]
@@ -288,13 +287,6 @@ class ConstraintRows:
                 'the initial displacements u0 must satisfy the constraints under coupling="mean", '
                 f"which ties displacements, violated in {violated}"
             )
-
-    def displacement_jump(self, displacements: Sequence[np.ndarray]) -> np.ndarray:
-        """sum L_i u_i, (p,), zero where it is rounding."""
-        rows, amounts = self._violated(displacements, 0.0)
-        jump = np.zeros(self.p)
-        jump[rows] = amounts
-        return jump
 
     def _rows_violated(
         self, values: Sequence[np.ndarray], g: np.ndarray | float, by: str = ":"
