@@ -82,9 +82,9 @@ class CheckedInternal:
         self.history, self.ranges = histories(forces)
         # of the last evaluation, where a value was not finite: the time, and which one at what u
         self.not_finite: tuple[float, str] | None = None
-        # of the first evaluation of each force: its arguments, f and q1, until they are compared
-        self.first: dict[int, tuple[Arguments, np.ndarray, np.ndarray] | None] = {}
-        self.repeated = False
+        # of the forces that are not repeated yet: arguments, f and q1 of the first evaluation
+        self.first: dict[int, tuple[Arguments, np.ndarray, np.ndarray] | None]
+        self.first = dict.fromkeys(range(len(self.forces)))
 
     def __call__(
         self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, wanted: bool
@@ -111,7 +111,7 @@ class CheckedInternal:
                 continue
             values = evaluated(force, what, u, v, t, q[part])
             self._look_at({"f": values[0], "q1": values[3]}, what, u, t)
-            if not self.repeated and self.not_finite is None:
+            if i in self.first and self.not_finite is None:
                 self._repeat(i, (u, v, t, q[part]), values)
             f += values[0]
             q1[part] = values[3]
@@ -123,12 +123,10 @@ class CheckedInternal:
     def _repeat(self, i: int, arguments: Arguments, values: Values) -> None:
         """Evaluate a force once more as at its first evaluation, after one with other arguments;
         ValueError where it returns something else, by what it remembers outside of q."""
-        if i not in self.first:
-            copies = tuple(np.copy(x) for x in arguments)
-            self.first[i] = (copies, values[0].copy(), values[3].copy())
-            return
         first = self.first[i]
         if first is None:
+            copies = tuple(np.copy(x) for x in arguments)
+            self.first[i] = (copies, values[0].copy(), values[3].copy())
             return
         before, *results = first
         if all(np.array_equal(x, y) for x, y in zip(before, arguments)):
@@ -146,8 +144,7 @@ class CheckedInternal:
                     "number of times; what it remembers of earlier steps is the history q, of "
                     "InternalForce(evaluate, history=...), whose q1 it returns"
                 )
-        self.first[i] = None
-        self.repeated = len(self.first) == len(self.forces) and not any(self.first.values())
+        del self.first[i]
 
     def _look_at(
         self, values: Mapping[str, np.ndarray], what: str, u: np.ndarray, t: float
