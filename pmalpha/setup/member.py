@@ -96,7 +96,8 @@ class Member:
     response_blocks: tuple[Block, Block] | None = None
     # its step divided by its critical step, as far as set-up computed it
     step_ratio: StepRatio | None = None
-    # whether the energy that its forces add was warned of since the last start
+    # whether the energy that its forces add, and the mass of an estimate, were warned of since the
+    # last start
     reported: bool = False
     slowed: bool = False
     # length of its double steps, where they span a change of the steps and are not of length 2 h
