@@ -505,11 +505,10 @@ class Subdomain(Frozen):
     def _check_lagged(self) -> None:
         """ValueError for a skew part of C at vs, which no scheme but that of rho_b = 0 bears."""
         s = self.scheme
-        if self.damping == "lagged":
-            require_generalized_alpha(s, 'damping="lagged"', self.name)
-        if self.damping != "lagged" or is_symmetric(self.C):
+        if self.damping != "lagged":
             return
-        if not (s.explicit and explicit_rho(s) == 0.0):
+        require_generalized_alpha(s, 'damping="lagged"', self.name)
+        if not (is_symmetric(self.C) or (s.explicit and explicit_rho(s) == 0.0)):
             raise ValueError(
                 "damping must be 'implicit' where C is not symmetric, unless the scheme is "
                 "explicit with rho = 0: gyroscopic forces at the extrapolated velocity make "
