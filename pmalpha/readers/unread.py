@@ -2,9 +2,10 @@
 
 A reader has a table of what it reads and one of what does not matter, such as output requests.
 Everything else is named. What moves, makes or removes nodes or elements is refused, since the mesh
-would be another one; what is left out beside the rest (masses, springs, links between bodies, and
-names that the reader has never heard of) is counted and warned of. `ignore` silences a name, or a
-family of names.
+would be another one; so are pins and offsets of beams, and commands of Ansys outside of its blocks.
+What is left out beside the rest (masses, springs, ties and other links between bodies, and names
+that the reader has never heard of) is counted and warned of. `ignore` silences a name, or a family
+of names.
 """
 
 from __future__ import annotations
@@ -13,20 +14,6 @@ from collections.abc import Iterable
 from typing import NoReturn
 
 from ..errors import warn
-
-FAMILIES = (
-    "AXISYMMETRIC",  # taken as plane
-    "BEAM",
-    "CONNECTION",  # ties, equations, rigid bodies, contact
-    "DAMPER",
-    "GEOMETRY",  # what moves, makes or removes nodes and elements
-    "MASS",
-    "MATRIX",
-    "PLANE",  # of the other assumption than plane=
-    "SHELL",
-    "SPRING",
-    "UNKNOWN",
-)
 
 
 class Unread:

@@ -143,19 +143,20 @@ def from_mesh(
     FileNotFoundError
         When there is no such file.
     TypeError, ValueError
-        For entries of a file that move, make, remove or connect nodes or elements in a way that is
-        not read, such as ``*TIE``, cells of different kinds with the same nodes, elements that are
-        unknown, flat or inverted (by their numbers), without a material or
-        with two, surfaces that are not in a plane z = constant, names that the mesh does not have,
+        For entries of a file that move, make or remove nodes or elements in a way that is not read,
+        such as ``*NCOPY`` or offsets of beams, cells of different kinds with the same nodes,
+        elements that are unknown, flat or inverted (by their numbers), without a material or with
+        two, surfaces that are not in a plane z = constant, names that the mesh does not have,
         materials with other numbers, or not positive ones.
 
     Warns
     -----
     UserWarning
-        For what is left out or taken as something else, with its number: springs, masses and
-        other entries of the file that are not read, shells beside solids, shells of a plane mesh,
-        which have no bending, clockwise surfaces, which are turned, elements of a file that have
-        the nodes of another one, and what a library prints on the file.
+        For what is left out or taken as something else, with its number: springs, masses, ties and
+        all other entries of the file that are not read, nodes beyond those of an element, shells
+        beside solids, shells of a plane mesh, which have no bending, clockwise surfaces, which are
+        turned, elements of a file that have the nodes of another one, and what a library prints on
+        the file.
 
     Examples
     --------
