@@ -739,14 +739,14 @@ class Structure:
             forces = [force.reduced(reduced.free) for force in self.internal]
             options["internal"] = [*(forces if reduced.fixed.size else self.internal), *further]
         M, K = (reduced.M, reduced.K) if reduced.fixed.size else (self.M, self.K)
-        options |= {x: _of_free(options[x], reduced, x) for x in ("u0", "v0") if x in options}
+        options |= {x: _of_free(options[x], reduced) for x in ("u0", "v0") if x in options}
         if "force" in options:
             options["force"] = load_of_free(options["force"], reduced, self.M)
         options.setdefault("dof_names", reduced.dof_names)
         return Subdomain(M, K, scheme=scheme, **options)
 
 
-def _of_free(value: Any, reduced: Reduction, name: str) -> Any:
+def _of_free(value: Any, reduced: Reduction) -> Any:
     """Initial values of all dofs as those of the free ones; others as they are."""
     return reduced.reduce_motion(value) if np.shape(value) == (reduced.n,) else value
 
