@@ -131,7 +131,8 @@ class Problem:
             self.whole = large(seed, rng)
         elif self.long:
             n = 250_000 if size == "longest" else int(rng.integers(15_000, 40_000))
-            drawn = wholes.drawn(5 * seed + one_of(rng, [0, 1, 3]))  # "pm", "gc", "macro"
+            turn = one_of(rng, [0, 1, 2])  # "pm", "gc", "macro"
+            drawn = wholes.drawn(len(wholes.COUPLINGS) * seed + turn)
             self.whole = lengthened(drawn, n, rng)
         else:
             self.whole = wholes.varied(seed)
