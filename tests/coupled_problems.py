@@ -81,19 +81,14 @@ def mean_problems(seed, count, double):
         yield oscillator(b1, (A, B), substeps, share, double, far, coupling="mean")
 
 
-WAYS = [
-    dict(coupling="gc"),
-    dict(coupling="pm"),
-    dict(coupling="macro"),
-    dict(coupling="mean"),
-]
+COUPLINGS = ("gc", "pm", "macro", "mean")
 
 
 def random_coupler(seed):
     """A chain of up to 12 masses in one to three subdomains, some with lagged damping, with steps
     of 0.05 to 1.2 of the critical one where there is one."""
     rng = np.random.default_rng([seed, 26])
-    options = WAYS[int(rng.integers(len(WAYS)))]
+    coupling = COUPLINGS[int(rng.integers(len(COUPLINGS)))]
     cuts = int(rng.integers(0, 3))
     subdomains, limits = [], []
     for i in range(cuts + 1):
@@ -101,7 +96,7 @@ def random_coupler(seed):
         k = 10.0 ** rng.uniform(-1.0, 2.0, n)
         K = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
         explicit = bool(rng.random() < 0.5)
-        rho = float(rng.uniform(0.5 if explicit and options["coupling"] == "mean" else 0.0, 1.0))
+        rho = float(rng.uniform(0.5 if explicit and coupling == "mean" else 0.0, 1.0))
         scheme = [ALPHA(rho, explicit=explicit), CD if explicit else pm.Newmark()]
         C = K * 10.0 ** rng.uniform(-3.0, -1.0) if rng.random() < 0.5 else None
         own = pm.Subdomain(
@@ -115,8 +110,8 @@ def random_coupler(seed):
         )
         subdomains.append(own)
         limits.append(own.substeps * analysis.critical_step(own))
-    if options["coupling"] == "pm":  # coarse implicit ones take double steps
+    if coupling == "pm":  # coarse implicit ones take double steps
         limits = [0.5 * x if s.substeps == 1 else x for x, s in zip(limits, subdomains)]
     longest = min(*limits, 10.0 ** rng.uniform(-1.0, 1.0))
     ties = [pm.tie(a, a.n - 1, b, 0) for a, b in zip(subdomains, subdomains[1:])]
-    return pm.Coupler(subdomains, ties, dt=rng.uniform(0.05, 1.2) * longest, **options)
+    return pm.Coupler(subdomains, ties, dt=rng.uniform(0.05, 1.2) * longest, coupling=coupling)

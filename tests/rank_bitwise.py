@@ -346,11 +346,11 @@ def interpolated():
         pm.Constraint({"other": np.eye(1, 9, 4)}, lambda t: [np.sin(9.0 * t)]),
     ]
     for coupling in COUPLINGS:
-        alone = pm.Coupler(a, constraints, dt=0.02, **COUPLINGS[coupling])
+        alone = pm.Coupler(a, constraints, dt=0.02, coupling=coupling)
         part = slice(
             *[[0, 3, 3], [0, 1, 3], [0, 1, 2, 3], [0, 1, 1, 2, 3]][SIZE - 1][RANK : RANK + 2]
         )
-        shared = pm.Coupler(a[part], constraints, dt=0.02, **COUPLINGS[coupling], comm=WORLD)
+        shared = pm.Coupler(a[part], constraints, dt=0.02, coupling=coupling, comm=WORLD)
         one, other = shared.run(steps=30), alone.run(steps=30)
         same(one, other, [s.name for s in a[part]])
         expected, found = alone.static(), shared.static()

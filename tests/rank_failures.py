@@ -41,7 +41,7 @@ def on_all(kind):
 
 def fails_in(make, check, failed, coupling, step=None, **more):
     """A run of 400 steps that `make(failed)` ends; all ranks are at the same step, and go on."""
-    options = dict(dt=0.01, **COUPLINGS[coupling], comm=WORLD, **more)
+    options = dict(dt=0.01, coupling=coupling, comm=WORLD, **more)
     fine = {r: 4 if r == 0 else 1 for r in range(SIZE)}[RANK]
     broken = make(RANK == failed)
     coupler = pm.Coupler([chain(3, f"r{RANK}", substeps=fine, **broken)], ties(), **options)
@@ -126,7 +126,7 @@ def restoring(failed, coupling):
         ],
         ties(),
         dt=0.01,
-        **COUPLINGS[coupling],
+        coupling=coupling,
     )
     alone.step(step)
     same(rest, alone.run(steps=28), [f"r{RANK}"])

@@ -37,7 +37,7 @@ class Fuse:
 
 def couplers(rng, fuse):
     """The coupler of all ranks, one of this process alone, and the names of this rank."""
-    kind = list(COUPLINGS)[int(rng.integers(len(COUPLINGS)))]
+    coupling = COUPLINGS[int(rng.integers(len(COUPLINGS)))]
     values = []
     for _ in range(COUNT):
         explicit = bool(rng.random() < 0.3)
@@ -61,7 +61,7 @@ def couplers(rng, fuse):
         return subdomains
 
     part = own_part(COUNT, rng)
-    options = dict(dt=0.01, **COUPLINGS[kind])
+    options = dict(dt=0.01, coupling=coupling)
     alone = pm.Coupler(made(lambda: None), ties(COUNT), **options)
     shared = pm.Coupler(made(fuse)[part], ties(COUNT), comm=WORLD, **options)
     return shared, alone, [s.name for s in shared.subdomains]

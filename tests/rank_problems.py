@@ -11,8 +11,7 @@ from pmalpha.results.quantities import IN_INTERFACE
 WORLD = MPI.COMM_WORLD
 RANK, SIZE = WORLD.rank, WORLD.size
 
-# by the names in which test_mpi.py gives them
-COUPLINGS = {name: dict(coupling=name) for name in ("pm", "gc", "macro", "mean")}
+COUPLINGS = ("pm", "gc", "macro", "mean")
 
 
 def report(*words):
@@ -57,7 +56,7 @@ def four(comm=None, own=slice(None), coupling="pm"):
         chain(3, f"r{i}", substeps=substeps, force=np.ones(3))
         for i, substeps in enumerate((1, 2, 1, 1))
     ]
-    return pm.Coupler(subdomains[own], ties(4), dt=0.01, comm=comm, **COUPLINGS[coupling])
+    return pm.Coupler(subdomains[own], ties(4), dt=0.01, comm=comm, coupling=coupling)
 
 
 def plastic(coupling, newton, double, comm=None, own=slice(None)):

@@ -13,7 +13,18 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from wholes import TOL, Linear, Springs, _at_start, _forms, _pairs, _with_step, drawn, spring_matrix
+from wholes import (
+    TOL,
+    Linear,
+    Springs,
+    _at_start,
+    _forms,
+    _pairs,
+    _with_step,
+    drawn,
+    roles_of,
+    spring_matrix,
+)
 
 import pmalpha as pm
 
@@ -292,8 +303,7 @@ def linear_force(run):
     spread = Spread(one, first, rng)
     if spread.is_wild:
         return
-    roles = {"mean": ["internal"]}
-    for role in roles.get(whole.coupling, ["restoring", "internal"]):
+    for role in roles_of(whole.coupling):
         if role == "internal":  # converged to the tolerance
             spread.unit = ROUNDING + ITERATED
         for as_function in (False, True):

@@ -11,19 +11,14 @@ import pmalpha as pm
 from pmalpha import analysis, models
 from pmalpha.problem.argument_types import Coupling
 
-COUPLINGS = {
-    "pm": dict(coupling="pm"),
-    "gc": dict(coupling="gc"),
-    "macro": dict(coupling="macro"),
-    "mean": dict(coupling="mean"),
-}
+COUPLINGS = ("pm", "gc", "macro", "mean")
 SINGLE = pytest.mark.parametrize("name", COUPLINGS)
 
 
 def errors(dt, name, substeps=20):
     """Largest errors of the split oscillator in u, v and the multipliers, over four periods."""
     oscillator = models.split_oscillator(10.0, substeps=substeps, v0=1.0)
-    history = oscillator.coupler(dt, **COUPLINGS[name]).run(4.0)
+    history = oscillator.coupler(dt, coupling=name).run(4.0)
     a, omega = history["A"], 2.0 * np.pi
     u = np.cos(omega * a.t) + np.sin(omega * a.t) / omega
     v = -omega * np.sin(omega * a.t) + np.cos(omega * a.t)
@@ -59,7 +54,7 @@ def test_errors_relative_to_those_of_macro_coupling():
 def test_the_third_mode_of_figure_7_decays_and_the_drift(name):
     """Decay per macro step: that of the scheme, with h or 2 h. Amplitudes are of order one."""
     chain = models.four_dof(0.5)
-    history = chain.coupler(chain.macro_step, **COUPLINGS[name]).run(steps=100)
+    history = chain.coupler(chain.macro_step, coupling=name).run(steps=100)
     amplitudes = chain.modal_amplitudes(history)[1]
     seen = (amplitudes[60, 2] / amplitudes[0, 2]) ** (1 / 60)
     expected = {"pm": 0.943, "gc": 0.973, "macro": 0.973, "mean": 0.973}[name]
@@ -77,7 +72,7 @@ def test_energy_of_an_undamped_structure_with_substeps(name):
     scheme = pm.Newmark()
     a = pm.Subdomain([1.0, 0.7], K[0], scheme=scheme, v0=[1.0, 0.0], name="a")
     b = pm.Subdomain([0.3, 0.5], K[1], scheme=scheme, substeps=5, name="b")
-    coupler = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.1, **COUPLINGS[name])
+    coupler = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.1, coupling=name)
     history = coupler.run(steps=2000, energy=True)
     energy = (history.energy.kinetic + history.energy.strain).sum(axis=1)
     left = energy[-200:].mean() / energy[0]
@@ -103,7 +98,7 @@ def test_spectra_are_those_of_a_stable_step(name, double):
             limit = 5 * analysis.critical_step(b)
             a = pm.Subdomain(a.M, a.K, scheme=a.scheme, double_step=double or None, name="A")
             b = pm.Subdomain(b.M, b.K, scheme=b.scheme, substeps=5, name="B")
-            coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=share * limit, **COUPLINGS[name])
+            coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=share * limit, coupling=name)
             values = np.linalg.eigvals(analysis.amplification_matrix(coupler))
             assert np.max(np.abs(values)) < 1.0 + 1e-7
             drifting = np.min(np.abs(values - 1.0)) < 1e-7
@@ -122,7 +117,7 @@ def test_the_error_after_a_load_has_jumped(name):
         name="B",
         force=lambda t: np.array([4.0 * np.pi**2 if t > 0.5 else 0.0]),
     )
-    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=1 / 40, **COUPLINGS[name])
+    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=1 / 40, coupling=name)
     x = coupler.run(1.2)["A"]
     exact = np.where(x.t > 0.5, 1.0 - np.cos(2.0 * np.pi * (x.t - 0.5)), 0.0)
     error = np.max(np.abs(x.u[:, 0] - exact))
@@ -172,14 +167,14 @@ def test_mean_coupling_is_stable_for_random_loops(rho, double, explicit):
     assert max(radii) < 1.0 + 1e-7
 
 
-def undamped(name):
+def undamped(coupling):
     """Two masses on the ground, tied to two that vibrate at 46 rad/s against each other."""
     K = np.array([[30.0, -20.0], [-20.0, 23.6]]), np.array([[405.4, -400.0], [-400.0, 400.0]])
     a = pm.Subdomain([1.0, 0.7], K[0], scheme=pm.Newmark(), u0=[0.3, 1.0], name="a")
     b = pm.Subdomain(
         [0.3, 0.5], K[1], scheme=pm.CentralDifference(), substeps=8, u0=[1.0, 1.0], name="b"
     )
-    return pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.2, **COUPLINGS[name])
+    return pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.2, coupling=coupling)
 
 
 def test_mean_coupling_keeps_the_energy_for_20_000_macro_steps():

@@ -152,7 +152,7 @@ def test_the_bridge_of_the_page_runs_on_two_ranks(tmp_path):
 
 # Ties by interpolation, explicit subdomains, static equilibrium, the warning of drift, loads that
 # are fed; internal forces; substeps that a tolerance chooses; a wrong argument, too little memory
-# or another failure on one rank (8 kinds, on both ranks in 5 couplings, or on one of three in one);
+# or another failure on one rank (8 kinds, on both ranks in 4 couplings, or on one of three in one);
 # files of each rank; states that another number of ranks has saved.
 EXPECTED = [
     *((ranks, name, name) for ranks in (2, 3) for name in [*OTHERS, "chosen", "checkpoints"]),

@@ -12,7 +12,7 @@ import pytest
 import relations
 import wholes
 
-# Five couplings in turn, and forces of all kinds.
+# Four couplings in turn, and forces of all kinds.
 SEEDS = range(24, 30)
 
 

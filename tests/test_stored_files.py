@@ -16,11 +16,7 @@ DATA = Path(__file__).parent / "data"
 VERSION = "0.2.0"
 # Of values of order one after twenty substeps; other processors round other sums.
 TOLERANCE = 1e-10
-KINDS = {
-    "pm": {"coupling": "pm"},
-    "macro": {"coupling": "macro"},
-    "mean": {"coupling": "mean"},
-}
+KINDS = ("pm", "macro", "mean")  # couplings
 
 
 def plastic(u, v, t, q):
@@ -61,7 +57,7 @@ def coupler(kind):
         v0=np.full(2, 4.0),
         name="fine",
     )
-    return pm.Coupler([frame, fine], [pm.tie(frame, [2], fine, [0])], dt=0.02, **KINDS[kind])
+    return pm.Coupler([frame, fine], [pm.tie(frame, [2], fine, [0])], dt=0.02, coupling=kind)
 
 
 def arrays(history):

@@ -339,11 +339,16 @@ def _load(rng, light):
     return Load(kinds[int(rng.integers(5))], direction, 3.0, samples, rng.uniform(0.05, 0.2))
 
 
+def roles_of(coupling):
+    """The arguments in which a subdomain may have forces under this coupling."""
+    return ["internal"] if coupling == "mean" else ["restoring", "internal"]
+
+
 def _with_forces(rng, member, moving, coupling):
     """With springs or a function in some of the subdomains."""
     if rng.random() < 0.5 or not moving.any():
         return member
-    roles = {"mean": ["internal"]}.get(coupling, ["restoring", "internal"])
+    roles = roles_of(coupling)
     role = roles[int(rng.integers(len(roles)))]
     if rng.random() < 0.4:
         G = np.where(moving[:, None], rng.normal(size=(member.n, 2)), 0.0)

@@ -1,4 +1,4 @@
-"""Spectral radii of coupled steps: what is stable, under which coupling, with the drift or without.
+"""Spectral radii of coupled steps: what is stable, under which coupling, and without the drift.
 
     export PYTHONPATH=tests
     python benchmarks/surveys/coupling_radii.py [oscillators] [loops] [mean] [variants] [warnings]
@@ -6,7 +6,7 @@
 
 `oscillators`: split oscillators, A implicit, B explicit with substeps or implicit, for every
 coupling of the core. `loops`: random loops of three subdomains. `mean`: random split oscillators
-under mean coupling. `variants`: other ways to remove the drift, from tests/reference.py.
+under mean coupling. `variants`: ways to remove the drift, with tests/reference.py.
 `warnings`: whether StabilityWarning of set-up is right, by the radius, of 1000 random chains. Each
 line has the largest radius, and how many are above 1 + 1e-7: double eigenvalues of modulus one are
 computed to the root of the rounding. `--few`: one problem in four.
@@ -42,14 +42,15 @@ PAIRS = {
     "trapezoidal, implicit": (pm.Newmark(), pm.Newmark()),
     "central, central": (CD, CD),
 }
-COUPLINGS = {
-    "gc": dict(coupling="gc"),
-    "pm": dict(coupling="pm"),
-    "macro": dict(coupling="macro"),
-    "macro, double step": dict(coupling="macro"),
-    "mean": dict(coupling="mean"),
-    "mean, double step": dict(coupling="mean"),
-}
+# coupling, whether A takes double steps
+COUPLINGS = [
+    ("gc", False),
+    ("pm", False),
+    ("macro", False),
+    ("macro", True),
+    ("mean", False),
+    ("mean", True),
+]
 
 
 def line(name, radii):
@@ -58,23 +59,26 @@ def line(name, radii):
 
 
 def survey_oscillators(every):
-    for (pair, schemes), (name, options) in product(PAIRS.items(), COUPLINGS.items()):
-        double = "double" in name
+    for (pair, schemes), (coupling, double) in product(PAIRS.items(), COUPLINGS):
         problems = [*product(B1, SUBSTEPS, SHARES)][::every]
         line(
-            f"{name}: {pair}",
+            f"{name_of(coupling, double)}: {pair}",
             [
-                radius(oscillator(b, schemes, s, x, double, **options))
+                radius(oscillator(b, schemes, s, x, double, coupling=coupling))
                 for b, s, x in problems
-                if not refused(name, schemes)
+                if not refused(coupling, schemes)
             ]
             or [np.nan],
         )
 
 
-def refused(name, schemes):
+def name_of(coupling, double):
+    return coupling + ", double step" * double
+
+
+def refused(coupling, schemes):
     """By mean coupling: explicit schemes with rho < 0.5."""
-    return "mean" in name and any(getattr(s, "rho", 1.0) < 0.5 for s in schemes if s.explicit)
+    return coupling == "mean" and any(getattr(s, "rho", 1.0) < 0.5 for s in schemes if s.explicit)
 
 
 def survey_loops(every):
@@ -89,12 +93,14 @@ def survey_loops(every):
         "trapezoidal, third central": [pm.Newmark(), pm.Newmark(), CD],
         "central": [CD] * 3,
     }
-    for (triple, schemes), (name, options) in product(triples.items(), COUPLINGS.items()):
-        if refused(name, schemes) or (name == "pm" and schemes[0].explicit):
+    for (triple, schemes), (coupling, double) in product(triples.items(), COUPLINGS):
+        if refused(coupling, schemes) or (coupling == "pm" and schemes[0].explicit):
             continue
-        double, common = "double" in name, options["coupling"] in ("gc", "pm")
-        radii = [radius(loop(k, schemes, double, common, **options)) for k in range(0, 60, every)]
-        line(f"{name}: loops, {triple}", radii)
+        common = coupling in ("gc", "pm")
+        radii = [
+            radius(loop(k, schemes, double, common, coupling=coupling)) for k in range(0, 60, every)
+        ]
+        line(f"{name_of(coupling, double)}: loops, {triple}", radii)
 
 
 def survey_mean(every):
@@ -104,7 +110,7 @@ def survey_mean(every):
         line(f"mean, random oscillators, {name}", radii)
 
 
-# ---- other ways to remove the drift, in the reference -----------------------------------------
+# ---- ways to remove the drift, in the reference -----------------------------------------------
 
 
 VARIANTS = {
