@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -124,8 +125,15 @@ def killed_by_c(folder, seconds):
     return {True: None, False: "C tests", None: "time"}[done]
 
 
-def killed_by_python(folder, tests, seconds):
-    """The same of the chosen Python tests, with a package that is installed beside the copy."""
+def killed_by_pytest(tests, folder, package, seconds):
+    """The same of these Python tests, run in the folder with the package in the other one."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    done = run(command, folder, seconds, PYTHONPATH=str(package))
+    return {True: None, False: "Python tests", None: "time"}[done]
+
+
+def killed_by_python(tests, folder, seconds):
+    """The same, with a package that is built of the copy and installed beside it."""
     site, elsewhere = folder / "site", folder / "elsewhere"
     shutil.rmtree(site, ignore_errors=True)
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps"]
@@ -135,9 +143,7 @@ def killed_by_python(folder, tests, seconds):
         elsewhere.mkdir()
         for name in ("tests", "pyproject.toml"):
             (elsewhere / name).symlink_to(folder / name)
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    done = run(command, elsewhere, seconds, PYTHONPATH=str(site))
-    return {True: None, False: "Python tests", None: "time"}[done]
+    return killed_by_pytest(tests, elsewhere, site, seconds)
 
 
 # ---- the command -------------------------------------------------------------------------------
@@ -157,23 +163,27 @@ def parsed():
 
 def main():
     options = parsed()
-    found = [m for m in all_mutants(ROOT) if options.only in str(m.path)]
-    chosen = random.Random(options.seed).sample(found, min(options.number, len(found)))
-    print(f"{len(chosen)} of {len(found)} mutants", flush=True)
+    suites = [killed_by_c]
+    suites += [partial(killed_by_python, options.python)] if options.python else []
+    survey([m for m in all_mutants(ROOT) if options.only in str(m.path)], options, COPIED, suites)
+
+
+def survey(mutants, options, entries, suites):
+    """Names what of some of the mutants survives the suites, in a copy of these entries."""
+    chosen = random.Random(options.seed).sample(mutants, min(options.number, len(mutants)))
+    print(f"{len(chosen)} of {len(mutants)} mutants", flush=True)
     if options.list:
         print(*chosen, sep="\n")
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for entry in COPIED:
+        for entry in entries:
             copy = shutil.copytree if (ROOT / entry).is_dir() else shutil.copy
             copy(ROOT / entry, folder / entry)
-        suites = [(killed_by_c, ())]
-        suites += [(killed_by_python, (options.python,))] if options.python else []
         limits = []
-        for suite, args in suites:
+        for suite in suites:
             begin = time.monotonic()
-            killer = suite(folder, *args, 3600.0)
+            killer = suite(folder, 3600.0)
             if killer is not None:
                 sys.exit(f"without any mutation: killed by {killer}")
             limits.append(20.0 + 3.0 * (time.monotonic() - begin))
@@ -186,8 +196,8 @@ def report(folder, chosen, suites, limits):
     survivors = 0
     for mutant in sorted(chosen, key=lambda m: (str(m.path), m.line)):
         text, killer = mutant.write(folder), None
-        for (suite, args), limit in zip(suites, limits):
-            killer = killer or suite(folder, *args, limit)
+        for suite, limit in zip(suites, limits):
+            killer = killer or suite(folder, limit)
         (folder / mutant.path).write_text(text)
         survivors += killer is None
         print(f"{'SURVIVED' if killer is None else 'killed by ' + killer:22} {mutant}", flush=True)

@@ -10,18 +10,12 @@ the gate: a mutant takes as long as the tests need to find it.
 
 import argparse
 import ast
-import random
-import shutil
-import sys
-import tempfile
-import time
 from functools import partial
-from pathlib import Path
 
-from mutate import ROOT, Mutant, report, run
+from mutate import ROOT, Mutant, killed_by_pytest, survey
 
 COPIED = ["pmalpha", "tests", "docs", "README.md", "pyproject.toml"]
-COMPARED = {
+SWAPS = {
     ast.Lt: ("<", "<="),
     ast.LtE: ("<=", "<"),
     ast.Gt: (">", ">="),
@@ -31,8 +25,6 @@ COMPARED = {
     ast.In: (" in ", " not in "),
     ast.Is: ("is", "is not"),
     ast.IsNot: ("is not", "is"),
-}
-COMBINED = {
     ast.Add: ("+", "-"),
     ast.Sub: ("-", "+"),
     ast.Mult: ("*", "/"),
@@ -54,12 +46,12 @@ def swaps(node):
     if isinstance(node, ast.Compare):
         operands = [node.left, *node.comparators]
         for left, op, right in zip(operands, node.ops, operands[1:]):
-            if type(op) in COMPARED:
-                yield between(left, right, COMPARED[type(op)])
-    elif isinstance(node, ast.BinOp) and type(node.op) in COMBINED:
-        yield between(node.left, node.right, COMBINED[type(node.op)])
+            if type(op) in SWAPS:
+                yield between(left, right, SWAPS[type(op)])
+    elif isinstance(node, ast.BinOp) and type(node.op) in SWAPS:
+        yield between(node.left, node.right, SWAPS[type(node.op)])
     elif isinstance(node, ast.BoolOp):
-        yield between(*node.values[:2], COMBINED[type(node.op)])
+        yield between(*node.values[:2], SWAPS[type(node.op)])
     elif isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float)):
         new = not node.value if isinstance(node.value, bool) else 2 * node.value or 1
         yield (*span(node), "", repr(new))
@@ -103,9 +95,7 @@ def all_mutants(only):
 
 def killed(tests, folder, seconds):
     """What killed the mutant in this folder, or None."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    done = run(command, folder, seconds, PYTHONPATH=str(folder))
-    return {True: None, False: "Python tests", None: "time"}[done]
+    return killed_by_pytest(tests, folder, folder, seconds)
 
 
 def parsed():
@@ -121,24 +111,7 @@ def parsed():
 
 def main():
     options = parsed()
-    found = list(all_mutants(options.only))
-    chosen = random.Random(options.seed).sample(found, min(options.number, len(found)))
-    print(f"{len(chosen)} of {len(found)} mutants", flush=True)
-    if options.list:
-        print(*chosen, sep="\n")
-        return
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for entry in COPIED:
-            copy = shutil.copytree if (ROOT / entry).is_dir() else shutil.copy
-            copy(ROOT / entry, folder / entry)
-        begin = time.monotonic()
-        suite = partial(killed, options.tests)
-        if suite(folder, 3600.0) is not None:
-            sys.exit("the tests fail without any mutation")
-        limit = 60.0 + 5.0 * (time.monotonic() - begin)
-        survivors = report(folder, chosen, [(suite, ())], [limit])
-    print(f"{survivors} of {len(chosen)} survived")
+    survey(list(all_mutants(options.only)), options, COPIED, [partial(killed, options.tests)])
 
 
 if __name__ == "__main__":
