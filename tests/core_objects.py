@@ -42,10 +42,10 @@ def subdomain_arguments(**others):
     return parts | others
 
 
-# In these arguments a form is a tuple of as many items as it has, which saves its name.
+# In these arguments and fields a form is a tuple of as many items as it has, which saves its name.
 MATRICES = {1: forms.Band, 3: forms.Compressed, 5: forms.Strips}
 FACTORS = {1: forms.Band, 3: forms.Compressed, 5: forms.Panels}
-PARTS = {
+FORMS = {
     "single": {3: forms.StepOperator},
     "twice": {3: forms.StepOperator},
     "link": {4: forms.Columns},
@@ -54,15 +54,14 @@ PARTS = {
     "internal": {3: forms.Internal},
     "iterate": {7: forms.Iterate},
     "struck": {4: forms.Struck},
-} | {name: MATRICES for name in ("K", "C", "D_r", "K_r", "M")}
-INNER = {
+    "H": {2: forms.Factor},
+    "H_start": {2: forms.Factor},
     "R": FACTORS,
     "step": {10: StepConstants},
     "pattern": {6: forms.Numeric},
     "structure": {5: forms.Supernodes},
-    "M_size": MATRICES,
     "B": {4: forms.Columns},
-}
+} | {name: MATRICES for name in ("K", "C", "D_r", "K_r", "M", "M_size")}
 ITEMS = {
     "springs": {4: forms.Springs},
     "forces": {5: forms.InternalForce},
@@ -71,26 +70,24 @@ ITEMS = {
 }
 
 
-def named(value, forms_of):
+def form_of(value, forms_of):
     """A plain tuple as one of these forms, with its items as theirs; all else as it is."""
     form = forms_of.get(len(value)) if type(value) is tuple else None
     if form is None:
         return value
-    return form(*(named_item(name, x) for name, x in zip(form._fields, value)))
+    return form(*(named(name, x) for name, x in zip(form._fields, value)))
 
 
-def named_item(name, value):
+def named(name, value):
+    """The value of this argument or field as its form, or as a tuple of forms."""
     if name in ITEMS and type(value) is tuple:
-        return tuple(named(x, ITEMS[name]) for x in value)
-    return named(value, INNER.get(name, {}))
+        return tuple(form_of(x, ITEMS[name]) for x in value)
+    return form_of(value, FORMS.get(name, {}))
 
 
 def subdomain(**others):
     arguments = subdomain_arguments(**others)
-    items = {x: named_item(x, value) for x, value in arguments.items() if x not in PARTS}
-    return _core.Subdomain(
-        items | {x: named(value, PARTS[x]) for x, value in arguments.items() if x in PARTS}
-    )
+    return _core.Subdomain({x: named(x, value) for x, value in arguments.items()})
 
 
 ONE = forms.Factor(np.ones(1), None)  # of a 1 x 1 unit matrix
@@ -104,10 +101,8 @@ def coupler_arguments(**others):
 
 def coupler(**others):
     arguments = {"schedule": "fine"} | coupler_arguments(**others)
-    for x in ("H", "H_start"):
-        arguments[x] = named(arguments[x], {2: forms.Factor})
     apart = {x: arguments.pop(x) for x in ("subdomains", "processes") if x in arguments}
-    return _core.Coupler(**apart, parts=arguments)
+    return _core.Coupler(**apart, parts={x: named(x, value) for x, value in arguments.items()})
 
 
 def started(motions=(), subdomains=None, **of_subdomain):
