@@ -14,8 +14,6 @@ RHO_0, RHO_E = pm.GeneralizedAlpha(0.0), pm.GeneralizedAlpha(0.5, explicit=True)
 TRAPEZOIDAL = pm.Newmark()
 K, GAP = 1e5, 0.05  # omega = 316 of a closed stop
 ADDED = "forces of subdomain 'ball' have added energy"
-# of a stop that is open, as it is most of the time
-open_stop = pytest.mark.filterwarnings("ignore:restoring_stiffness of:pmalpha.AccuracyWarning")
 
 
 def ball(dt, scheme, spring=None, **forces):
@@ -45,6 +43,9 @@ STOPS = {
     "iterated Gap": {"internal": pm.Gap([0], K, GAP)},
     "iterated function": {"internal": iterated_stop},
 }
+# With the stiffness of a stop that is open most of the time, it is warned of: of this one alone
+open_stop = pytest.mark.filterwarnings("ignore:restoring_stiffness of:pmalpha.AccuracyWarning")
+EACH_STOP = [pytest.param(x, marks=open_stop if "K_r" in x else ()) for x in STOPS]
 
 
 def largest_energy(coupler, steps, spring=0.0):
@@ -56,13 +57,13 @@ def largest_energy(coupler, steps, spring=0.0):
 # ---- what is seen --------------------------------------------------------------------------------
 
 
-@open_stop
 @pytest.mark.parametrize("spring", [None, 40.0])
 @pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, EXPLICIT, RHO_E], ids=repr)
-@pytest.mark.parametrize("forces", STOPS.values(), ids=STOPS)
-def test_a_stop_that_throws_a_mass_away_is_warned_of_once(forces, scheme, spring):
+@pytest.mark.parametrize("name", EACH_STOP)
+def test_a_stop_that_throws_a_mass_away_is_warned_of_once(name, scheme, spring):
+    forces = dict(STOPS[name])
     if scheme.explicit:
-        forces = {name: x for name, x in forces.items() if name != "restoring_stiffness"}
+        forces.pop("restoring_stiffness", None)
     coupler = ball(0.01, scheme, spring, **forces)  # omega h = 3.16
     with pytest.warns(pm.StabilityWarning, match=ADDED) as seen:
         assert largest_energy(coupler, 100) > 2.0
@@ -73,9 +74,8 @@ def test_a_stop_that_throws_a_mass_away_is_warned_of_once(forces, scheme, spring
         coupler.step(100)
 
 
-@open_stop
 @pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, EXPLICIT, RHO_E], ids=repr)
-@pytest.mark.parametrize("name", STOPS)
+@pytest.mark.parametrize("name", EACH_STOP)
 def test_a_stop_that_is_hit_in_the_first_step_is_warned_of(name, scheme):
     """The forces of the start are known, so that the first step counts: after it the mass is inside
     of the stop, by 9 of its 10 mm if nothing stops it."""
