@@ -213,26 +213,11 @@ POINTS = [[0.0, 0.0, 3.0], [1.0, 0.0, 3.0], [0.0, 1.0, 3.0]]
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (
-            lambda: pm.BaseAcceleration(RECORD.values, [1.0], [1.0]),
-            TypeError,
-            "dt must be given with an array",
-        ),
-        (
-            lambda: pm.BaseAcceleration(RECORD, 1.0, [1.0, 1.0]),
-            ValueError,
-            r"direction must have shape \(2,\), got one number",
-        ),
         (lambda: pm.BaseAcceleration(TABLE), TypeError, "first column is time.*from_times"),
         (
             lambda: mass(force=pm.BaseAcceleration(TABLE, dt=0.01)),
             ValueError,
             "first column is time.*from_times",
-        ),
-        (
-            lambda: mass(force=pm.BaseAcceleration(RECORD, [1.0], [10.0])),
-            ValueError,
-            "M of the BaseAcceleration in force must be the mass matrix of the subdomain",
         ),
         (
             lambda: pm.tie(mass(name="tower"), 0, mass(name="tower"), 0),
