@@ -144,12 +144,8 @@ pma_status pma_rig_reply_first(pma_rig *rig, double t, const double *u)
     if (!rig->commands)
         return PMA_OK;
     double *r = pma_limits_first(rig->commands, u);
-    double *fresh = calloc(pma_springs_numbers(&p->springs) + 1, sizeof *fresh);
-    if (!fresh)
-        return PMA_NO_MEMORY;
     memset(r, 0, p->n * sizeof(double));
-    pma_springs_subtract(&p->springs, u, fresh, fresh, r);
-    free(fresh);
+    PMA_TRY(pma_springs_subtract_first(&p->springs, u, r));
     for (size_t i = 0; i < p->n; i++)
         r[i] = (p->restoring.function ? pma_restoring_force(&p->restoring, i) : 0.0) - r[i];
     rig->breach = rig->commands;

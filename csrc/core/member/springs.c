@@ -1,6 +1,7 @@
 #include "member/springs.h"
 
 #include <stdbool.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/processors.h"
@@ -128,6 +129,16 @@ void pma_springs_subtract_plain(const pma_springs *springs, const double *u, con
                                 double *to, double *y)
 {
     subtract(springs, u, from, to, y, false);
+}
+
+pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, double *y)
+{
+    double *fresh = calloc(pma_springs_numbers(springs) + 1, sizeof *fresh);
+    if (!fresh)
+        return PMA_NO_MEMORY;
+    pma_springs_subtract(springs, u, fresh, fresh, y);
+    free(fresh);
+    return PMA_OK;
 }
 
 /* ---- tangents and energy -------------------------------------------------------------------- */

@@ -67,6 +67,9 @@ void pma_springs_subtract(const pma_springs *springs, const double *u, const dou
 void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *from,
                                 double *to, double *y);
 
+/* y -= r(u) of springs that were never loaded, which stay so. Allocates: PMA_NO_MEMORY. */
+pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, double *y);
+
 /* df/dd (total) at the end of the path from one level to another, which r(u) was evaluated for. */
 void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
                          double *slopes);

@@ -309,12 +309,8 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
 {
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
-    double *fresh = calloc(pma_springs_numbers(&p->springs) + 1, sizeof *fresh);
-    if (!fresh)
-        return PMA_NO_MEMORY;
     memset(r, 0, p->n * sizeof(double));
-    pma_springs_subtract(&p->springs, u, fresh, fresh, r);
-    free(fresh);
+    PMA_TRY(pma_springs_subtract_first(&p->springs, u, r));
     memset(s->remembered, 0, p->restoring.memory * sizeof(double));
     if (s->rig)
         pma_rig_command_first(s->rig);
