@@ -22,17 +22,6 @@ static pma_status take_once_or_twice(const pma_field *f, uint32_t axes, int64_t 
     return PMA_OK;
 }
 
-/* ptr (n + 1), whose last is no negative number, and index of as many entries. */
-static pma_status take_pattern(const pma_field *f, size_t n, const int64_t **ptr,
-                               const int32_t **index)
-{
-    const pma_field starts = pma_field_at(f, "ptr"), indices = pma_field_at(f, "indices");
-    PMA_TRY(pma_field_longs(&starts, n + 1, ptr));
-    if ((*ptr)[n] < 0)
-        return pma_field_refuse(&starts, "must not end with a negative number");
-    return pma_field_ints(&indices, (size_t)(*ptr)[n], index);
-}
-
 /* `count` + 1 starts of what `f` has the parts of. */
 static pma_status take_starts(const pma_field *f, const char *name, size_t count,
                               const int64_t **out)
@@ -41,6 +30,15 @@ static pma_status take_starts(const pma_field *f, const char *name, size_t count
     PMA_TRY(pma_field_longs(&starts, count + 1, out));
     return (*out)[count] < 0 ? pma_field_refuse(&starts, "must not end with a negative number")
                              : PMA_OK;
+}
+
+/* ptr (n + 1) and index of as many entries as it ends with. */
+static pma_status take_pattern(const pma_field *f, size_t n, const int64_t **ptr,
+                               const int32_t **index)
+{
+    const pma_field indices = pma_field_at(f, "indices");
+    PMA_TRY(take_starts(f, "ptr", n, ptr));
+    return pma_field_ints(&indices, (size_t)(*ptr)[n], index);
 }
 
 /* The number of groups that `first` divides rows or columns in. */
@@ -78,12 +76,11 @@ static pma_status take_matrix_band(const pma_field *f, size_t n, pma_matrix *out
 static pma_status take_strips(const pma_field *f, pma_matrix *out)
 {
     pma_strips *S = &out->strips;
-    const pma_field index = pma_field_at(f, "indices"), values = pma_field_at(f, "values");
+    const pma_field values = pma_field_at(f, "values");
     out->form = PMA_STRIPS;
     PMA_TRY(take_first(f, &S->count, &S->first));
-    PMA_TRY(take_starts(f, "ptr", S->count, &S->ptr));
+    PMA_TRY(take_pattern(f, S->count, &S->ptr, &S->index));
     PMA_TRY(take_starts(f, "start", S->count, &S->start));
-    PMA_TRY(pma_field_ints(&index, (size_t)S->ptr[S->count], &S->index));
     return pma_field_doubles(&values, (size_t)S->start[S->count], &S->values);
 }
 
