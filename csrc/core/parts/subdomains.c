@@ -46,35 +46,23 @@ static pma_status take_sizes(const pma_field *f, pma_parts *parts)
 
 static pma_status take_flags(const pma_field *f, pma_parts *parts)
 {
-    const struct {
-        const char *name;
-        bool *to;
-    } flags[] = {{"lagged", &parts->lagged},
-                 {"has_responses", &parts->has_responses},
-                 {"defers", &parts->defers},
-                 {"continues", &parts->continues}};
-    for (size_t i = 0; i < sizeof flags / sizeof *flags; i++) {
-        const pma_field flag = pma_field_at(f, flags[i].name);
-        PMA_TRY(pma_field_flag(&flag, flags[i].to));
-    }
-    return PMA_OK;
+    const pma_field lagged = pma_field_at(f, "lagged"), responds = pma_field_at(f, "has_responses");
+    const pma_field defers = pma_field_at(f, "defers"), continues = pma_field_at(f, "continues");
+    PMA_TRY(pma_field_flag(&lagged, &parts->lagged));
+    PMA_TRY(pma_field_flag(&responds, &parts->has_responses));
+    PMA_TRY(pma_field_flag(&defers, &parts->defers));
+    return pma_field_flag(&continues, &parts->continues);
 }
 
 static pma_status take_matrices(const pma_field *f, pma_parts *parts)
 {
-    const struct {
-        const char *name;
-        pma_matrix *to;
-    } matrices[] = {{"K", &parts->K},
-                    {"C", &parts->C},
-                    {"D_r", &parts->D_r},
-                    {"K_r", &parts->K_r},
-                    {"M", &parts->M}};
-    for (size_t i = 0; i < sizeof matrices / sizeof *matrices; i++) {
-        const pma_field matrix = pma_field_at(f, matrices[i].name);
-        PMA_TRY(pma_parts_matrix(&matrix, parts->n, matrices[i].to));
-    }
-    return PMA_OK;
+    const pma_field K = pma_field_at(f, "K"), C = pma_field_at(f, "C"), M = pma_field_at(f, "M");
+    const pma_field K_r = pma_field_at(f, "K_r"), D_r = pma_field_at(f, "D_r");
+    PMA_TRY(pma_parts_matrix(&K, parts->n, &parts->K));
+    PMA_TRY(pma_parts_matrix(&C, parts->n, &parts->C));
+    PMA_TRY(pma_parts_matrix(&D_r, parts->n, &parts->D_r));
+    PMA_TRY(pma_parts_matrix(&K_r, parts->n, &parts->K_r));
+    return pma_parts_matrix(&M, parts->n, &parts->M);
 }
 
 static pma_status take_iterate(const pma_field *f, pma_subdomain_taken *out)
