@@ -32,12 +32,6 @@ static bool has_branches(const pma_division *d)
     return d->branches.workers > 0;
 }
 
-static void release(pma_division *d)
-{
-    pma_branches_destroy(&d->branches);
-    free(d->fronts);
-}
-
 /* A division of `workers` branches in place of what s has, which stays if there is no memory. */
 static pma_status find_branches(pma_subdomain *s, size_t workers)
 {
@@ -77,8 +71,10 @@ pma_status pma_division_prepare(pma_subdomain *s, size_t workers)
 
 void pma_division_destroy(pma_subdomain *s)
 {
-    if (s->division)
-        release(s->division);
+    if (!s->division)
+        return;
+    pma_branches_destroy(&s->division->branches);
+    free(s->division->fronts);
     free(s->division);
 }
 
