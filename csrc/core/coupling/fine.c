@@ -98,7 +98,7 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
 }
 
 /* The substeps that end with this fine step: deferred, or closed now. */
-pma_status pma_fine_end(pma_coupler *c)
+static pma_status end_substeps(pma_coupler *c)
 {
     if (pma_look_ahead_is_used(c))
         pma_look_ahead_defer(c);
@@ -129,7 +129,7 @@ static pma_status meeting_step(pma_coupler *c)
     PMA_TRY(pma_fine_solve(c));
     if (pma_look_ahead_is_used(c))
         PMA_TRY(pma_look_ahead_await(c));
-    PMA_TRY(pma_fine_end(c));
+    PMA_TRY(end_substeps(c));
     return pma_exchange_jumps(c);
 }
 
@@ -149,7 +149,7 @@ static pma_status fine_step(pma_coupler *c)
         PMA_TRY(complete_deferred(c));
 
     /* link problems that end here, added */
-    return pma_fine_end(c);
+    return end_substeps(c);
 }
 
 /* (S3)  After the first macro step, for the members that take double steps from now on */
@@ -194,17 +194,13 @@ pma_status pma_fine_steps(pma_coupler *c)
     return PMA_OK;
 }
 
-size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)
-{
-    pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
-    return m->now.phase == 1 ? 1 : 0;
-}
-
+/* The free velocity at the end of every substep that has begun. */
 static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
                                pma_piece *pieces)
 {
     (void)c, (void)round;
-    return pma_fine_pieces(m, pieces);
+    pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
+    return m->now.phase == 1 ? 1 : 0;
 }
 
 const pma_schedule pma_fine_schedule = {.check = pma_fine_check,

@@ -370,9 +370,6 @@ void pma_mean_record_present(const pma_coupler *c, const pma_record *record);
 size_t pma_fine_instants(const pma_coupler_parts *parts);
 pma_status pma_fine_check(const pma_coupler_parts *parts);
 
-/* Members in other processes: the free velocity at the end of every substep that has begun. */
-size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces);
-
 /* The free problem of a substep, and the link problem under working.lam. */
 pma_status pma_fine_open(pma_coupler *c, pma_coupled *m);
 pma_status pma_fine_close(pma_coupler *c, pma_coupled *m);
@@ -380,11 +377,9 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m);
 /* working.lam := g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (G1) */
 void pma_fine_right_side(pma_coupler *c);
 
-/* The stages of a fine step: the substeps that begin are opened, H Lam = g - sum_i L_i vf_i solved,
- * the substeps that end closed. */
+/* Stages of a fine step: the substeps that begin are opened, H Lam = g - sum_i L_i vf_i solved. */
 pma_status pma_fine_begin(pma_coupler *c);
 pma_status pma_fine_solve(pma_coupler *c);
-pma_status pma_fine_end(pma_coupler *c);
 
 /* Of a member in the fine steps, none of which is left beside them. */
 pma_duty pma_fine_duty(const pma_member *member);
