@@ -102,7 +102,8 @@ pma_status pma_field_refuse(const pma_field *f, const char *reason)
     return PMA_REFUSED;
 }
 
-pma_status pma_field_refuse_type(const pma_field *f, const char *wanted)
+/* Of its type, for what is wanted instead. */
+static pma_status refuse_type(const pma_field *f, const char *wanted)
 {
     size_t left;
     char *out = begin_refusal(f, true, &left);
@@ -114,13 +115,13 @@ pma_status pma_field_refuse_type(const pma_field *f, const char *wanted)
 
 pma_status pma_field_dict(const pma_field *f)
 {
-    return f->node->kind == PMA_DICT ? PMA_OK : pma_field_refuse_type(f, "a dict");
+    return f->node->kind == PMA_DICT ? PMA_OK : refuse_type(f, "a dict");
 }
 
 pma_status pma_field_tuple(const pma_field *f, size_t *count)
 {
     if (f->node->kind != PMA_TUPLE)
-        return pma_field_refuse_type(f, "a tuple");
+        return refuse_type(f, "a tuple");
     *count = (size_t)f->node->extent[0];
     return PMA_OK;
 }
@@ -128,7 +129,7 @@ pma_status pma_field_tuple(const pma_field *f, size_t *count)
 pma_status pma_field_integer(const pma_field *f, int64_t least, int64_t *out)
 {
     if (f->node->kind != PMA_INTEGER)
-        return pma_field_refuse_type(f, "a whole number");
+        return refuse_type(f, "a whole number");
     *out = f->node->is.integer;
     if (*out >= least)
         return PMA_OK;
@@ -151,15 +152,13 @@ pma_status pma_field_count(const pma_field *f, size_t least, size_t *out)
 pma_status pma_field_flag(const pma_field *f, bool *out)
 {
     *out = f->node->kind == PMA_INTEGER && f->node->is.integer != 0;
-    return f->node->kind == PMA_INTEGER || pma_field_is_none(f)
-               ? PMA_OK
-               : pma_field_refuse_type(f, "a flag");
+    return f->node->kind == PMA_INTEGER || pma_field_is_none(f) ? PMA_OK : refuse_type(f, "a flag");
 }
 
 pma_status pma_field_real(const pma_field *f, double *out)
 {
     if (f->node->kind != PMA_REAL && f->node->kind != PMA_INTEGER)
-        return pma_field_refuse_type(f, "a number");
+        return refuse_type(f, "a number");
     *out = f->node->kind == PMA_REAL ? f->node->is.real : (double)f->node->is.integer;
     return PMA_OK;
 }
@@ -241,7 +240,7 @@ pma_status pma_field_find(const pma_field *f, pma_role role, void *out)
 {
     pma_fields *t = f->fields;
     if (f->node->kind != PMA_FOREIGN)
-        return pma_field_refuse_type(f, "a function");
+        return refuse_type(f, "a function");
     return t->find ? t->find(t, f->node, role, out)
                    : pma_field_refuse(f, "is a function, which no file has");
 }

@@ -96,10 +96,8 @@ static inline bool pma_field_is_array(const pma_field *f, uint32_t axes)
 bool pma_field_is_word(const pma_field *f, const char *word);
 size_t pma_field_entries(const pma_field *f);
 
-/* A refusal: of the value, for this reason ("must be positive"); of its type, for what is wanted
- * instead. */
+/* A refusal of the value, for this reason ("must be positive"). */
 pma_status pma_field_refuse(const pma_field *f, const char *reason);
-pma_status pma_field_refuse_type(const pma_field *f, const char *wanted);
 
 pma_status pma_field_dict(const pma_field *f);
 pma_status pma_field_tuple(const pma_field *f, size_t *count);

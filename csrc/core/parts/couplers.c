@@ -1,6 +1,4 @@
 /* What a coupler is made of, besides its members, from its fields. */
-#include <string.h>
-
 #include "parts/parts.h"
 
 /* ---- options and motions -------------------------------------------------------------------- */

@@ -142,7 +142,7 @@ static pma_status take_columns(const pma_field *R, size_t n, pma_factor *out)
     return take_once_or_twice(&values, 1, &entries, &out->values, &out->Q);
 }
 
-pma_status pma_parts_structure(const pma_field *f, pma_panels *out)
+static pma_status take_structure(const pma_field *f, pma_panels *out)
 {
     const pma_field rows = pma_field_at(f, "rows");
     *out = (pma_panels){.count = 0};
@@ -157,7 +157,7 @@ pma_status pma_parts_panels(const pma_field *f, pma_panels *out)
 {
     const pma_field values = pma_field_at(f, "values");
     const double *data = NULL;
-    PMA_TRY(pma_parts_structure(f, out));
+    PMA_TRY(take_structure(f, out));
     int64_t length = out->start[out->count];
     PMA_TRY(take_once_or_twice(&values, 1, &length, &data, &out->Q));
     out->values = (double *)(uintptr_t)data; /* written only where a factor is made */
@@ -210,6 +210,6 @@ pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeri
         return PMA_OK;
     PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &out->blas));
     PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &out->blas));
-    PMA_TRY(pma_parts_structure(&structure, &out->panels));
+    PMA_TRY(take_structure(&structure, &out->panels));
     return pma_field_longs(&owner, n, &out->owner);
 }
