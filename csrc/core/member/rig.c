@@ -204,11 +204,13 @@ pma_status pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp, const pma_limi
     if (!s->rig)
         return stamp ? PMA_NO_MEMORY : PMA_OK;
     s->rig->stamp = stamp;
-    if (s->rig->commands)
-        pma_limits_pace(s->rig->commands, clock);
-    else if (!stamp)
-        replace_rig(s, NULL);
-    for (size_t i = 0; s->rig && i < compensators_of(s->rig); i++)
+    if (!s->rig->commands) {
+        if (!stamp)
+            replace_rig(s, NULL);
+        return PMA_OK;
+    }
+    pma_limits_pace(s->rig->commands, clock);
+    for (size_t i = 0; i < compensators_of(s->rig); i++)
         pma_limits_pace(s->rig->compensators[i], clock);
     return PMA_OK;
 }
