@@ -2,8 +2,6 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "parts/parts.h"
-
 /* Dicts and tuples inside each other; one that contains itself ends here. */
 enum { DEEPEST = 16 };
 
@@ -122,8 +120,7 @@ static int set_named(growing *tree, size_t at, PyObject *obj, int depth)
 
 static int set_tuple(growing *tree, size_t at, PyObject *obj, int depth)
 {
-    void *user;
-    if (pma_address_of(obj, &user))
+    if (pma_is_compiled(obj))
         return set_foreign(&tree->nodes[at], obj, tree->arrays);
     return PyTuple_CheckExact(obj) ? set_children(tree, at, PMA_TUPLE, NULL, obj, depth)
                                    : set_named(tree, at, obj, depth);
