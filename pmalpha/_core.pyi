@@ -12,7 +12,7 @@ SPRING_LAWS: dict[str, int]  # number of each law of springs
 MOST_SWEEPS: int  # over contacts with friction
 LANES: int  # vectors side by side: unit responses of one pass, load cases
 
-# Of named fields, and named tuples for dicts, see pmalpha.problem.forms; none without constraints
+# With named tuples for dicts, see pmalpha.problem.forms; None is zero
 _Matrix = np.ndarray | forms.Band | forms.Compressed | forms.Strips | None
 _Schedule = Literal["fine", "iterated", "macro", "shooting", "mean", "mean shooting", "contact"]
 _Load = (

@@ -193,13 +193,14 @@ PyObject *pma_raise(pma_status status, const char *what);
 #define pma_refuse(...) (PyErr_Format(__VA_ARGS__), -1)
 
 /* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
- * failed); the index of the subdomain that became unstable, the tuple of four above, or (index,
- * code, what) if its function returned a code, (index, time) of a tangent that is not symmetric,
+ * failed); the index of the subdomain that became unstable, (index, time, corrections, position,
+ * spoiled, finite) of one that did not converge, (index, code, what) if its function returned a
+ * code, (index, time) of a tangent that is not symmetric, ("contact", row) without impulses,
  * (index, what, position, value, limit, time, by_clock) of a specimen, an empty tuple from a paced
  * run that is late; NULL with the exception of any other status. */
 PyObject *pma_failure(CouplerObject *self, pma_status status);
 
-/* (i, quantity, position, value, limit, t): what subdomain i exceeded last of its limits */
+/* (i, quantity, position, value, limit, t, by_clock): the limit that subdomain i exceeded last */
 PyObject *pma_breach_of(const pma_subdomain *s, size_t i);
 
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */

@@ -1,8 +1,6 @@
-/* Contacts: what the core is given of them, and their part of the state of a Coupler. */
+/* Methods of Coupler that are of contacts. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
-
-/* ---- state ---------------------------------------------------------------------------------- */
 
 PyObject *pma_coupler_object_compliance(CouplerObject *self, PyObject *obj)
 {

@@ -426,7 +426,7 @@ static PyMethodDef subdomain_methods[] = {
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
     {"restoring", (PyCFunction)subdomain_restoring, METH_VARARGS,
      "restoring(t, u, v) -> r(u, v, t), the code that the function returned, or\n"
-     "(0, quantity, position, value, limit, t) for a force beyond the limits"},
+     "(0, quantity, position, value, limit, t, by_clock) for a force beyond the limits"},
     {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
      "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the "
      "previous one if "
@@ -436,8 +436,7 @@ static PyMethodDef subdomain_methods[] = {
      "copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
     {"watch", (PyCFunction)subdomain_watch, METH_VARARGS,
-     "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces; "
-     "with looks, contact that closes is seen"},
+     "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces"},
     {"limit", (PyCFunction)pma_subdomain_object_limit, METH_VARARGS,
      "limit(displacement, velocity, acceleration, force, energy): of a specimen, (n,) or None"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
