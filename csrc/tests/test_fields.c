@@ -88,38 +88,41 @@ static void fields_are_found_by_their_names(void)
     CHECK_NEAR(real, 2.0, 0.0);
 }
 
+static pma_matrix take_matrix(tree *t, pma_status expected)
+{
+    pma_matrix A;
+    const pma_field root = pma_field_root(&t->fields, NULL), K = pma_field_at(&root, "K");
+    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), expected);
+    return A;
+}
+
 static void matrices_are_taken_in_their_forms(void)
 {
     tree t;
-    pma_matrix A;
     make_matrix(&t);
-    const pma_field root = pma_field_root(&t.fields, NULL), K = pma_field_at(&root, "K");
-    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), PMA_OK);
+    pma_matrix A = take_matrix(&t, PMA_OK);
     CHECK(A.form == PMA_SPARSE && A.ptr == PTR && A.index == INDEX && A.values == VALUES);
     t.nodes[2] = array(PMA_DOUBLES, 2, -1, VALUES);
-    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), PMA_OK);
+    A = take_matrix(&t, PMA_OK);
     CHECK(A.form == PMA_DIAGONAL && A.values == VALUES);
     t.nodes[2] = array(PMA_DOUBLES, 2, 2, VALUES);
-    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), PMA_OK);
+    A = take_matrix(&t, PMA_OK);
     CHECK(A.form == PMA_DENSE && A.values == VALUES);
     t.nodes[2] = children(PMA_DICT, 2, 5);
     t.nodes[5] = word("band");
     t.nodes[6] = array(PMA_DOUBLES, 2, 2, VALUES);
-    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), PMA_OK);
+    A = take_matrix(&t, PMA_OK);
     CHECK(A.form == PMA_BAND && A.width == 1 && A.below == 0);
     t.nodes[2].kind = PMA_NONE;
-    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), PMA_OK);
-    CHECK(A.form == PMA_ZERO);
+    CHECK(take_matrix(&t, PMA_OK).form == PMA_ZERO);
 }
 
 /* The refusal of K with this node changed. */
 static const char *refusal_of(tree *t, size_t node, pma_node changed)
 {
-    pma_matrix A;
     make_matrix(t);
     t->nodes[node] = changed;
-    const pma_field root = pma_field_root(&t->fields, NULL), K = pma_field_at(&root, "K");
-    CHECK_STATUS(pma_parts_matrix(&K, 2, &A), PMA_REFUSED);
+    (void)take_matrix(t, PMA_REFUSED);
     return t->fields.refusal;
 }
 
@@ -175,7 +178,7 @@ static void numbers_out_of_range_are_refused(void)
 static void a_function_is_refused_where_nothing_finds_it(void)
 {
     tree t;
-    pma_restoring_function function;
+    pma_function function;
     begin(&t);
     t.nodes[0].kind = PMA_FOREIGN;
     const pma_field root = pma_field_root(&t.fields, "restoring");
