@@ -11,17 +11,17 @@ QUESTIONS = {
     "choose a coupling": "choosing",
     "units": "units",
     "diverges": "diverges",
-    "hybrid test": "experiments",
+    "hybrid test": "rig",
     "own element": "own-element",
-    "save and continue": "experiments",
+    "save and continue": "runs",
     "many earthquakes": "many",
     "mesh file": "model",
     "which step": "tutorial",
     "is my result right": "right",
     "error of a run": "right",
-    "hdf5": "experiments",
+    "hdf5": "runs",
     "ParaView": "model",
-    "progress bar": "experiments",
+    "progress bar": "runs",
 }
 
 
