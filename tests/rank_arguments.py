@@ -69,6 +69,7 @@ def arguments():
     for refused in (coupler.assembled, lambda: coupler.modes(1)):
         one_of(ValueError, lambda bad, f=refused: f(), "without comm", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run_each([{}], 1.0), "without comm", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(1.0, until=bool), "without comm", everywhere=True)
     assert coupler.step_count == 0
     noise = pm.Constraint({"r0": [[1.0, 0.0, 0.0]]}, lambda t: [(t > 0.05) * float(RANK)])
     driven = make(constraints=[*ties(), noise])

@@ -17,6 +17,7 @@ from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..results.history import History, SubdomainHistory
+from ..results.interpolated import Instant
 from ..setup.eliminated_rows import Assembled
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
@@ -189,7 +190,7 @@ class Coupler:
         s = self._session
         with s.guard:
             begin(s)
-            return s.core_rows.forces(s.core.multipliers)
+            return present.multipliers_of(s)
 
     def state(self, key: str | int | Subdomain) -> State:
         """Displacement, velocity and true acceleration of a subdomain at the present time.
@@ -263,6 +264,7 @@ class Coupler:
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
         tolerance: float | Mapping[Any, float] | None = None,
+        until: Callable[[Instant], bool] | None = None,
         progress: Any = None,
     ) -> History:
         """Advance from the present time and record.
@@ -300,6 +302,11 @@ class Coupler:
         tolerance : float or dict of float, optional
             With "gc": choose substeps so that the local error of the displacements per unit of time
             stays below this, by the estimate and the rule of equations (Q5) and (Q6).
+        until : callable, optional
+            A condition, ``until(now) -> bool``, evaluated after each macro step: the run ends at
+            the first at which it is True, at `t_end` at the latest. `now` is an `Instant`, as
+            ``history.at(t)`` returns it: ``now.t``, ``now["frame"].u``, ``now.multipliers``. Not
+            evaluated before the first step. Not with `comm`.
         progress : True or callable, optional
             True: a tqdm bar; or called as ``progress(done, total)`` about every 50 ms.
 
@@ -311,7 +318,7 @@ class Coupler:
         Raises
         ------
         TypeError, ValueError
-            For wrong arguments or loads.
+            For wrong arguments or loads, and where `until` returns no bool.
         ConvergenceError
             When the iteration of internal forces does not converge.
         InstabilityError
@@ -342,13 +349,20 @@ class Coupler:
         >>> history = Coupler([mass], dt=0.01).run(1.0, record={}, outputs={"mass": {"N": [4.0]}})
         >>> history["mass"].outputs["N"].shape
         (101, 1)
+
+        Up to the first macro step at which the displacement is falling:
+
+        >>> coupler = Coupler([mass], dt=0.01)
+        >>> history = coupler.run(1.0, until=lambda now: now["mass"].v[0] < 0.0)
+        >>> coupler.time, coupler.time - 0.01 < np.pi / 4.0 < coupler.time
+        (0.79, True)
         """
         s, end, files = self._session, (t_end, steps), (record_to, append, overwrite)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
         chosen |= dict(record_springs=record_springs, outputs=outputs)
         if tolerance is not None:
-            return tolerance_run.run(s, tolerance, end, files, progress, **chosen)
-        return recorded_run.run(s, end, files, progress, **chosen)
+            return tolerance_run.run(s, tolerance, end, files, until, progress, **chosen)
+        return recorded_run.run(s, end, files, until, progress, **chosen)
 
     def estimate_error(
         self,

@@ -32,6 +32,7 @@ from .gains import warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
 from .snapshot import problem_of
+from .until import Until, advance_until, checked_until
 from .works import resume, works_of
 
 
@@ -39,12 +40,14 @@ def run(
     session: Session,
     end: tuple[float | None, int | None],
     files: tuple[Any, bool, bool],
+    until: Any,
     progress: Any,
     **chosen: Any,
 ) -> History:
     """`Coupler.run` without tolerance; `end` is t_end and steps, `files` record_to, append and
     overwrite, and `chosen` what is recorded."""
     with together(session), DeferredSignals(session.guard) as signals:
+        until = checked_until(session, until)
         done = session.done
         last = session.clock.end(*end, done)
         check_call(session, "run", last, chosen["every"], chosen["energy"])
@@ -52,7 +55,7 @@ def run(
         warn_of_nothing(session, end[0], last, before)
         recording = recording_of(session, done, last, *files, **chosen)
         with recording, reporting(progress, done, recording.end) as report:
-            history = recorded(session, recording, report, signals)
+            history = recorded(session, recording, report, signals, until=until)
     if session.done and last == done:
         session.last_history = before
     else:
@@ -142,13 +145,14 @@ def recorded(
     report: Report | None,
     signals: DeferredSignals,
     around: AbstractContextManager[None] = nullcontext(),  # noqa: B008  # has no state
+    until: Until | None = None,
 ) -> History:
     """Run through an interval from the present on, the steps in a context, and judge the steps.
 
     `last_history` is the result too: the caller replaces it when the result is safe.
     """
     with noted() as messages:
-        history = _recorded(session, recording, report, signals, around)
+        history = _recorded(session, recording, report, signals, around, until)
         signals.during(warn_of_gains, session.members)
     return replace(history, warnings=tuple(messages)) if messages else history
 
@@ -159,6 +163,7 @@ def _recorded(
     report: Report | None,
     signals: DeferredSignals,
     around: AbstractContextManager[None],
+    until: Until | None,
 ) -> History:
     session.last_history = None
     signals.during(begin, session)
@@ -169,17 +174,22 @@ def _recorded(
         record_present(session, recording)
         try:
             with around:
-                advance_in_intervals(session, recording, report, signals)
+                advance_in_intervals(session, recording, report, signals, until)
         except BaseException:
             with suppress(MemoryError, OSError, ValueError):  # of a file that cannot be read
                 session.last_history = recording.history(session.core.step_count)
             raise
-        session.last_history = history = recording.history(recording.end)  # if a warning raises
+        end = session.core.step_count
+        session.last_history = history = recording.history(end)  # if a warning raises
     return history
 
 
 def advance_in_intervals(
-    session: Session, recording: Recording, report: Report | None, signals: DeferredSignals
+    session: Session,
+    recording: Recording,
+    report: Report | None,
+    signals: DeferredSignals,
+    until: Until | None,
 ) -> None:
     begin, end = recording.begin, recording.end
     warned = end == begin or not (begin or session.was_reset)  # the set-up has warned
@@ -189,12 +199,14 @@ def advance_in_intervals(
         if not warned:
             signals.during(warn_of_present_steps, session.members, session.clock.time(begin))
             warned = True
-        signals.during(advance_to, session, pause, recording, report)
-        recording.keep(pause)
+        is_end = signals.during(advance_until, session, pause, recording, report, until)
+        recording.keep(session.core.step_count)
+        if is_end:
+            break
     if isinstance(recording, FiledRecording) and end == begin:
         write_master_of(session, recording.path)
     if report is not None:
-        signals.during(report, end)
+        signals.during(report, session.core.step_count)
 
 
 def record_present(session: Session, recording: Recording) -> None:

@@ -46,13 +46,24 @@ def state(session: Session, key: str | int | Subdomain) -> State:
     i = position(key, session.keys)
     with session.guard:  # another thread may change the steps, and with them the members
         begin(session)
-        member = session.members[i]
-        u, v, w = member.core.state()
-        if member.mean:
-            lam = session.core.numbers("end_multipliers")[: session.core_rows.p]
-            w = w + member.core.accelerate(lam)
+        return state_of(session, i)
+
+
+def state_of(session: Session, i: int) -> State:
+    """The motion of subdomain i, within a call."""
+    member = session.members[i]
+    u, v, w = member.core.state()
+    if member.mean:
+        lam = session.core.numbers("end_multipliers")[: session.core_rows.p]
+        w = w + member.core.accelerate(lam)
     u, v, w = (x[member.position] for x in (u, v, w))
     return State(u, v, w, n=member.n, dof_names=member.subdomain.dof_names)
+
+
+def multipliers_of(session: Session) -> np.ndarray:
+    """The interface force in the rows of the user, within a call."""
+    forces: np.ndarray = session.core_rows.forces(session.core.multipliers)
+    return forces
 
 
 def springs(session: Session, key: str | int | Subdomain) -> SpringState:

@@ -28,6 +28,7 @@ from .progress import DeferredSignals, Report, reporting
 from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
 from .session import Session, begin, check_call, in_any, require_no_contacts, together
 from .snapshot import restore_snapshot, snapshot_of
+from .until import Until, checked_until, is_met
 
 # The most substeps that are chosen, a power of two.
 MOST = 4096
@@ -44,6 +45,7 @@ def run(
     tolerance: Any,
     end: tuple[float | None, int | None],
     files: tuple[Any, bool, bool],
+    until: Any,
     progress: Any,
     **chosen: Any,
 ) -> History:
@@ -51,6 +53,7 @@ def run(
     overwrite, and `chosen` what is recorded."""
     with together(session), DeferredSignals(session.guard) as signals:
         require_no_contacts(session, "tolerance")
+        until = checked_until(session, until)
         tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
         path, first = checked_file(own_record(session, *files), *files[1:]), session.done
         last = session.clock.end(*end, first)
@@ -58,7 +61,7 @@ def run(
         pieces = Pieces(session, chosen)
         controller = Controller(tolerances, session.members, session.clock.dt)
         with reporting(progress, first, last) as report:
-            history = chosen_run(session, controller, pieces, last, report, signals)
+            history = chosen_run(session, controller, pieces, last, report, signals, until)
         if path is not None:
             history_file.write(path, *contents_of(history), is_new=not files[2])
             write_master_of(session, path)
@@ -227,20 +230,26 @@ def chosen_run(
     end: int,
     report: Report | None,
     signals: DeferredSignals,
+    until: Until | None,
 ) -> History:
-    """Run up to macro step `end`; `last_history` is what was done, after an exception too."""
+    """Run up to macro step `end`, or until a condition is met; `last_history` is what was done,
+    after an exception too."""
     session.last_history = None
     signals.during(begin, session)
     choose(session, controller.first(session.members))
     try:
-        one_step(session, controller, pieces, end, report, signals)
-        while session.core.step_count < end:
+        is_end = False
+        while not is_end:
+            before = session.core.step_count
             one_step(session, controller, pieces, end, report, signals)
+            is_end = session.core.step_count == end
+            if until is not None and session.core.step_count > before:
+                is_end = signals.during(is_met, session, until) or is_end
     finally:
         if pieces.histories:
             session.last_history = history = pieces.history()
     if report is not None:
-        signals.during(report, end)
+        signals.during(report, session.core.step_count)
     if controller.short:
         names = [repr(session.members[i].name) for i in sorted(controller.short)]
         warn(
