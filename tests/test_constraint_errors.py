@@ -366,3 +366,47 @@ def test_a_first_load_that_gives_an_infinite_acceleration_is_an_error():
     push = pm.SampledForce([1e308, 0.0, 0.0], 0.01, shape=[1.0])
     with pytest.raises((pm.InstabilityError, ValueError)):
         pm.Coupler([subdomain([1e-5], [1.0], force=push)], dt=0.1).step()
+
+
+def gaussian(t):
+    return [np.exp(-(((t - 0.5) / 0.05) ** 2))]
+
+
+def test_a_pulse_may_begin_with_the_rounding_of_zero():
+    driven = subdomain([1.0, 1.0], np.array([[1.0, -1.0], [-1.0, 1.0]]))
+    coupler = pm.Coupler(
+        [driven], pm.Constraint({driven: [[1.0, 0.0]]}, velocity=gaussian), dt=0.01
+    )
+    assert 0.0 < gaussian(0.0)[0] < 1e-40
+    assert coupler.run(1.0)[0].v[50, 0] == 1.0  # at its peak, t = 0.5
+
+
+@pytest.mark.parametrize("share", [1e-8, 1.0])
+def test_a_velocity_that_begins_with_more_than_rounding_of_what_it_reaches_is_refused(share):
+    def velocity(t):
+        return [share if t == 0.0 else 1.0]
+
+    driven = subdomain()
+    coupler = pm.Coupler([driven], pm.Constraint({driven: [[1.0, 0.0]]}, velocity=velocity), dt=0.1)
+    with pytest.raises(pm.ConstraintError, match=f"violated in row 0 by -{share:g}$"):
+        coupler.step()
+
+
+def test_a_pulse_that_is_not_defined_for_ever_is_judged_by_what_it_is_before():
+    def velocity(t):
+        if t > 0.2:
+            raise ValueError("beyond the end of the record")
+        return [1e-30 if t == 0.0 else t]
+
+    driven = subdomain()
+    coupler = pm.Coupler([driven], pm.Constraint({driven: [[1.0, 0.0]]}, velocity=velocity), dt=0.1)
+    coupler.step(2)
+    assert coupler.state(0).v[0] == pytest.approx(0.2, rel=1e-14)  # rounding of a step
+
+
+@pytest.mark.filterwarnings("error::pmalpha.ConstraintWarning")
+def test_a_dof_that_is_held_where_it_was_displaced_leaves_no_gap():
+    held = subdomain(u0=[0.5, 0.0])
+    coupler = pm.Coupler([held], pm.Constraint({held: [[1.0, 0.0]]}), dt=0.1)
+    coupler.step(5)
+    assert coupler.state(0).u[0] == 0.5

@@ -365,3 +365,27 @@ def test_what_cannot_be_is_refused(change, error, message):
     b = pm.Subdomain(**values, name="b")
     with pytest.raises(error, match=message):
         pm.Coupler([a, b], pm.tie(a, 1, b, 1), dt=0.1, coupling="mean")
+
+
+@pytest.mark.parametrize("velocity", [None, [0.0]])
+def test_an_end_that_is_displaced_and_held_stays_there(velocity):
+    # two masses on a spring whose other end is held at 0.001: one oscillation of 1, K = 1, M = 2
+    K = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    a = pm.Subdomain([1.0, 1.0], K, scheme=pm.Newmark(), u0=[1e-3, 0.0], name="a")
+    b = pm.Subdomain([1.0], [0.0], scheme=pm.Newmark(), name="b")
+    held = pm.Constraint({a: [[1.0, 0.0]]}, velocity=velocity)
+    coupler = pm.Coupler([a, b], [held, pm.tie(a, [1], b, [0])], dt=0.01, coupling="mean")
+    history = coupler.run(3.0)
+    assert abs(history["a"].u[:, 0] - 1e-3).max() < 1e-18  # rounding of 300 steps
+    exact = 1e-3 * (1.0 - np.cos(history["b"].t / np.sqrt(2.0)))
+    # (omega dt)^2 / 12 of the phase of 2.1 in 3 s, some 1e-5
+    assert abs(history["b"].u[:, 0] - exact).max() < 2e-5 * 1e-3
+    coupler.reset(u0={"a": [2e-3, 0.0]})
+    assert coupler.run(0.1)["a"].u[-1, 0] == 2e-3
+
+
+def test_a_gap_between_subdomains_is_refused_where_another_row_holds_a_displaced_end():
+    a, b = (pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), u0=[x], name=str(x)) for x in (1, 2))
+    rows = [pm.Constraint({a: [[1.0]]}), pm.tie(a, [0], b, [0])]
+    with pytest.raises(pm.ConstraintError, match="violated in row 1 .*: -1$"):
+        pm.Coupler([a, b], rows, dt=0.1, coupling="mean")

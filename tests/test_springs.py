@@ -188,6 +188,21 @@ def isolated_frame():
     return M, K, C, record, step
 
 
+@pytest.mark.parametrize("dofs", [[0], [(0, 1)], ["a"], [("b", "a")]])
+def test_a_stop_of_the_negative_sign_is_that_with_its_dofs_exchanged(dofs):
+    options = dict(scheme=pm.CentralDifference(), v0=[-1.0, 0.3], dof_names=["a", "b"])
+    below = pm.Gap(dofs, k=400.0, gap=0.1, sign=-1)
+    pairs = [(-1, 0)] if dofs in ([0], ["a"]) else [(1, 0)] if dofs == [(0, 1)] else [(0, 1)]
+    exchanged = pm.Gap(pairs, k=400.0, gap=0.1)
+    runs = [
+        pm.solve(pm.Subdomain([1.0, 1.0], [1.0, 1.0], restoring=x, **options), dt=0.001, t_end=2.0)
+        for x in (below, exchanged)
+    ]
+    assert np.array_equal(runs[0].u, runs[1].u)
+    free = pm.Subdomain([1.0, 1.0], [1.0, 1.0], **options)
+    assert not np.array_equal(runs[0].u, pm.solve(free, dt=0.001, t_end=2.0).u)
+
+
 def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
     M, K, C, record, step = isolated_frame()
     dt = 0.0025
@@ -522,6 +537,8 @@ def test_what_springs_dissipate_is_summed_up_from_where_the_energy_begins(begin)
         (lambda: pm.CubicSpring([0, 1], [1.0, -2.0], 0.0), ValueError, "got -2 at spring 1"),
         (lambda: pm.Gap([0], -1.0, 0.0), ValueError, "k must not be negative"),
         (lambda: pm.Gap([0], 1.0, -0.1), ValueError, "gap must not be negative"),
+        (lambda: pm.Gap([0], 1.0, 0.1, sign=2), ValueError, "sign must be 1 or -1, got 2"),
+        (lambda: pm.Gap([0], 1.0, 0.1, sign=[1, -1]), ValueError, "sign must be a number or of"),
         (lambda: pm.Bilinear([0], 0.0, 1.0), ValueError, "k must be positive"),
         (lambda: pm.Bilinear([0], 1.0, 0.0), ValueError, "fy must be positive"),
         (lambda: pm.Bilinear([0], 1.0, 1.0, 1.5), ValueError, r"hardening must lie in \[0, 1\]"),

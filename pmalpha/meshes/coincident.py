@@ -249,6 +249,7 @@ def contact_coincident(
     *,
     gap: Any = 0.0,
     friction: Any = 0.0,
+    friction_static: Any = None,
     restitution: Any = 0.0,
     dofs_per_node: int | Mapping[Subdomain, int] | Mapping[str, int] | None = None,
     tol: float | None = None,
@@ -269,7 +270,7 @@ def contact_coincident(
     normal : (d,) or (N, d) array_like
         The direction n from the first subdomain to the second, of any length: one for all nodes,
         or one for each node of the first subdomain.
-    gap, friction, restitution : optional
+    gap, friction, friction_static, restitution : optional
         As of `Contact`: a number, or one for each row.
     dofs_per_node, tol, reduced : optional
         As for `tie_coincident`, with d components. A pair whose displacements are all fixed has
@@ -312,6 +313,7 @@ def contact_coincident(
         gap=gap,
         tangents=[_matrices(sides, columns, tangent) for tangent in along],
         friction=friction,
+        friction_static=friction_static,
         restitution=restitution,
         name=name,
     )

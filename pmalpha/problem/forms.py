@@ -231,6 +231,7 @@ class Contact(NamedTuple):
     gap: np.ndarray
     restitution: np.ndarray
     friction: np.ndarray
+    friction_static: np.ndarray
     sides: tuple[Side, ...]
     dgemm: Any
     dtrsm: Any

@@ -75,8 +75,8 @@ class Spring(Frozen):
     names: tuple[str, ...]
     k: np.ndarray
 
-    def __init__(self, dofs: Any, **parameters: Any):
-        self.dofs = spring_dofs(dofs)
+    def __init__(self, dofs: Any, *, sign: Any = 1, **parameters: Any):
+        self.dofs = _signed(spring_dofs(dofs), sign)
         self.parameters = tuple(
             _spread(value, name, len(self.dofs)) for name, value in parameters.items()
         )
@@ -182,9 +182,12 @@ class Gap(Spring):
     Parameters
     ----------
     dofs : int, (m,) or (m, 2) array of int
-        As for `CubicSpring`. ``[(-1, i)]`` is a stop on the negative side of dof i.
+        As for `CubicSpring`.
     k, gap : float or (m,) array
         Stiffness of the contact and clearance, neither negative.
+    sign : {1, -1} or (m,) array of them, default 1
+        -1: a stop on the negative side, for deformations below -gap. It is the spring with its two
+        dofs exchanged: deformation and force are recorded so, positive where it pushes.
 
     Raises
     ------
@@ -198,7 +201,7 @@ class Gap(Spring):
 
     Examples
     --------
-    >>> stops = Gap([(0, -1), (-1, 0)], k=1e4, gap=0.1)
+    >>> stops = [Gap([0], k=1e4, gap=0.1), Gap([0], k=1e4, gap=0.1, sign=-1)]
     >>> ball = Subdomain([1.0], None, scheme=CentralDifference(), v0=[1.0], restoring=stops)
     >>> bool(np.abs(solve(ball, dt=0.001, t_end=2.0).u).max() < 0.12)
     True
@@ -207,8 +210,8 @@ class Gap(Spring):
     law = "gap"
     gap: np.ndarray
 
-    def __init__(self, dofs: Any, k: Any, gap: Any):
-        super().__init__(dofs, k=k, gap=gap)
+    def __init__(self, dofs: Any, k: Any, gap: Any, *, sign: Any = 1):
+        super().__init__(dofs, sign=sign, k=k, gap=gap)
         self._require(self.k >= 0.0, "k", "not be negative")
         self._require(self.gap >= 0.0, "gap", "not be negative")
 
@@ -478,6 +481,17 @@ def _backbone(points: Any) -> np.ndarray:
             raise ValueError(f"points must have {name} that increase from 0, got {array[:, i]}")
     array.setflags(write=False)
     return array
+
+
+def _signed(pairs: np.ndarray, sign: Any) -> np.ndarray:
+    """(m, 2) dofs, exchanged where the sign is -1."""
+    signs = _spread(sign, "sign", len(pairs))
+    wrong = np.abs(signs) != 1.0
+    if wrong.any():
+        raise ValueError(f"sign must be 1 or -1, got {signs[wrong][0]:g}")
+    signed = np.where(signs[:, None] > 0.0, pairs, pairs[:, ::-1])
+    signed.setflags(write=False)
+    return signed
 
 
 def _check_yield(spring: Any) -> None:

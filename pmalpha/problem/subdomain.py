@@ -555,7 +555,9 @@ class Subdomain(Frozen):
         if self.scheme.radius_at_infinity() > UNDAMPED:
             raise ValueError(
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
-                f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}"
+                f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}; take "
+                "GeneralizedAlpha(0.999), which hardly damps the rest, or condense these dofs with "
+                "pm.superelement"
             )
 
 

@@ -40,6 +40,9 @@ class Contact(Frozen):
         of the rows, perpendicular ones of one size if there are two.
     friction : float or (rows,) array, default 0
         Coulomb's mu, at least 0: the impulse of friction is at most mu P, against the sliding.
+    friction_static : float or (rows,) array, optional
+        At least `friction`: mu of a row that sticks, or is at rest at t = 0, until it slides.
+        Default: `friction`.
     restitution : float or (rows,) array, default 0
         Newton's e in [0, 1]: a row that closes at the velocity y opens at -e y. For elastic bodies
         in elements e = 0: they bounce by their waves; e is for lumped masses.
@@ -70,6 +73,7 @@ class Contact(Frozen):
         gap: Any = 0.0,
         tangents: Sequence[MatricesLike] = (),
         friction: Any = 0.0,
+        friction_static: Any = None,
         restitution: Any = 0.0,
         motion: Any = None,
         name: str | None = None,
@@ -84,6 +88,9 @@ class Contact(Frozen):
         self.tangents = tuple(by_subdomain(*x, x[1], self.rows) for x in zip(tangents, names))
         self.gap = _numbers(gap, self.rows, "gap", -np.inf, np.inf)
         self.friction = _numbers(friction, self.rows, "friction", 0.0, np.inf)
+        static = friction if friction_static is None else friction_static
+        self.friction_static = _numbers(static, self.rows, "friction_static", 0.0, np.inf)
+        self._check_static()
         self.restitution = _numbers(restitution, self.rows, "restitution", 0.0, 1.0)
         if self.friction.any() and not self.tangents:
             raise ValueError(
@@ -95,6 +102,20 @@ class Contact(Frozen):
             raise TypeError(f"name must be a str, got {name!r}")
         self.name = name
         self._freeze()
+
+    def _check_static(self) -> None:
+        less = np.flatnonzero(self.friction_static < self.friction)
+        if less.size:
+            k = less[0]
+            raise ValueError(
+                f"friction_static must be at least friction, {self.friction[k]:g}, got "
+                f"{self.friction_static[k]:g} in row {k}"
+            )
+        if np.any((self.friction == 0.0) & (self.friction_static > 0.0)):
+            raise ValueError(
+                "friction must be positive where friction_static is, got 0: a row that slides has "
+                "one too"
+            )
 
     def __getstate__(self) -> dict[str, Any]:
         tangents = tuple(map(by_name, self.tangents))
@@ -114,6 +135,7 @@ def contact(
     gap: Any = 0.0,
     sign: int = 1,
     friction: Any = 0.0,
+    friction_static: Any = None,
     tangents: Sequence[Any] = (),
     restitution: Any = 0.0,
     motion: Any = None,
@@ -137,7 +159,7 @@ def contact(
         As of `Contact`.
     sign : {1, -1}, default 1
         With an obstacle alone.
-    friction : optional
+    friction, friction_static : optional
         As of `Contact`.
     tangents : sequence, optional
         One or two: the dofs in which rows slide, ``dofs`` with an obstacle, ``(dofs_a, dofs_b)``
@@ -175,7 +197,12 @@ def contact(
         raise ValueError(f"sign must be 1 or -1, got {sign!r}")
     if (b is None) != (dofs_b is None):
         raise TypeError("b and dofs_b must be given together")
-    numbers = {"gap": gap, "friction": friction, "restitution": restitution}
+    numbers = {
+        "gap": gap,
+        "friction": friction,
+        "friction_static": friction_static,
+        "restitution": restitution,
+    }
     if isinstance(tangents, (str, Mapping)) or not isinstance(tangents, Sequence):
         raise TypeError(f"tangents must be a list of dofs, got {tangents!r}")
     if b is None:

@@ -102,6 +102,9 @@ def constants(
             f"rows of contacts on {members[i].name!r}": checksum(N) for i, N in contacts.N.items()
         }
         facts |= {f"{x} of contacts": checksum(contacts.numbers(x)) for x in OF_CONTACTS}
+        static = contacts.numbers("friction_static")
+        if np.any(static != contacts.numbers("friction")):  # older versions lack it
+            facts["friction_static of contacts"] = checksum(static)
     return facts
 
 

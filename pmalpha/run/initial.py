@@ -17,7 +17,7 @@ from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.member import Member
 from ..setup.start import InitialAccelerations
 from .loads import Loads, force_at
-from .motion import Motion, all_known, values_at_start
+from .motion import Motion, all_known, reached, values_at_start
 
 
 class StartValues(NamedTuple):
@@ -62,13 +62,13 @@ class InitialValues:
         if contacts is not None and not contacts.move:
             contacts.check_gaps(displacements, np.zeros(contacts.count))
         if tied:
-            self.rows.check_displacements(displacements)
+            self.rows.check_displacements(displacements, [motion.rows for motion in motions])
         else:
             self.rows.warn_of_displacements(displacements)
 
     def _check_velocities(self, motions: Sequence[Motion]) -> None:
-        g = values_at_start(motions, self.rows.p)
-        self.rows.check_velocities([v for _, v in self.values], g)
+        g, p = values_at_start(motions, self.rows.p), self.rows.p
+        self.rows.check_velocities([v for _, v in self.values], g, lambda: reached(motions, p))
 
     def start(
         self,

@@ -17,6 +17,8 @@ from ..setup.schedule import Rows
 
 # A velocity that is not given is a difference over this part of a fine step.
 SHARE = 0.01
+# Where a callable is evaluated for what it reaches: from 1/16 of a fine step to 65536 of them.
+DOUBLINGS = 21
 
 
 class CallbackLoad:
@@ -170,6 +172,22 @@ class Motion:
         assert isinstance(self.velocity, SampledForce)
         return self.velocity(t)
 
+    def reached(self) -> np.ndarray:
+        """The largest |g| later: of all samples; of a callable at times that double."""
+        if isinstance(self.velocity, SampledForce):
+            times = self.velocity.dt * np.arange(len(self.velocity.values))
+            return np.max([np.abs(self.velocity(t)) for t in times], axis=0)
+        if self.callback is None:
+            return np.abs(self.velocity)
+        largest = np.zeros(self.rows.size)
+        for k in range(DOUBLINGS):
+            try:
+                values = self.callback.evaluate(self.apart * 2.0**k)
+            except Exception:  # a function that is not defined as late as that
+                break
+            largest = np.fmax(largest, np.where(np.isfinite(values), np.abs(values), 0.0))
+        return largest
+
     def slope(self) -> np.ndarray:
         if isinstance(self.velocity, SampledForce):
             dt = self.velocity.dt
@@ -180,6 +198,14 @@ class Motion:
         d = self.apart
         result = (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
         return result
+
+
+def reached(motions: Sequence[Motion], p: int) -> np.ndarray:
+    """The largest |g| (p,) of prescribed velocities at later times, in the user's order."""
+    largest = np.zeros(p)
+    for motion in motions:
+        largest[motion.rows] = motion.reached()
+    return largest
 
 
 def motions_of(

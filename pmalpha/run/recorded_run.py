@@ -28,6 +28,7 @@ from ..results.recording import (
 from ..results.stored import target
 from ..setup.ranks import Elsewhere, file_of
 from .advance import advance_to
+from .drift import warn_of_drift
 from .gains import warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
 from .session import Session, begin, check_call, together
@@ -154,6 +155,7 @@ def recorded(
     with noted() as messages:
         history = _recorded(session, recording, report, signals, around, until)
         signals.during(warn_of_gains, session.members)
+        signals.during(warn_of_drift, session, history)
     return replace(history, warnings=tuple(messages)) if messages else history
 
 

@@ -41,6 +41,7 @@ from ..setup.schedule import (
     finest,
     most_threads,
     names_of,
+    relative_to_start,
     two_sided_and_contacts,
 )
 from ..setup.start import InitialAccelerations
@@ -136,6 +137,8 @@ def made(
     coupling = (options := checked_options(options, len(everything))).coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
     row_groups = checked_constraints(bilateral, everything, names := names_of(everything))
+    if coupling == "mean":
+        row_groups = relative_to_start(row_groups)
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, row_groups, options.facts)

@@ -82,7 +82,7 @@ class Contacts:
         return any(c.motion is not None for c in self.contacts)
 
     def numbers(self, name: str) -> np.ndarray:
-        """`gap`, `friction` or `restitution` of all contact rows."""
+        """`gap`, `friction`, `friction_static` or `restitution` of all contact rows."""
         return np.concatenate([getattr(c, name) for c in self.contacts])
 
     def name(self, row: int) -> str:
@@ -232,9 +232,8 @@ class Contacts:
             member = members[i]
             assert member.N is not None
             sides.append(forms.Side(i, member.N.core(member.n - member.nb)))
-        gap, restitution, friction = map(self.numbers, ("gap", "restitution", "friction"))
-        routines = gemm_and_trsm()
-        return forms.Contact(self.first, gap, restitution, friction, tuple(sides), *routines)
+        numbers = map(self.numbers, ("gap", "restitution", "friction", "friction_static"))
+        return forms.Contact(self.first, *numbers, tuple(sides), *gemm_and_trsm())
 
     def links(self, count: int) -> list[Link | None]:
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]

@@ -66,7 +66,8 @@ def _contacts(session: Any, of_motion: Callable[[Any, str], Any]) -> Iterator[Co
         matrices, *tangents = (
             {names.get(s, s): N for s, N in x.items()} for x in (c.matrices, *c.tangents)
         )
-        arguments = {x: getattr(c, x) for x in ("gap", "friction", "restitution", "name")}
+        numbers = ("gap", "friction", "friction_static", "restitution", "name")
+        arguments = {x: getattr(c, x) for x in numbers}
         what = f"motion of {label!r}"
         motion: Any = (
             tuple(of_motion(f, what) for f in c.motion)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, get_args
 
+import numpy as np
 import scipy.sparse as sp
 
 from .._checks import check_word, counted, listed, listing, time_step, whole_number
@@ -116,6 +117,22 @@ def checked_constraints(
         matrices = looked_up(c.matrices, subdomains, names, f"constraint {k}")
         rows.append(Rows(c.p, matrices, c.velocity))
     return tuple(rows)
+
+
+def relative_to_start(groups: Sequence[Rows]) -> tuple[Rows, ...]:
+    """Under mean coupling: rows that hold single dofs keep the displacement with which they begin,
+    by a prescribed velocity of zero."""
+    return tuple(
+        replace(group, velocity=np.zeros(group.p))
+        if group.velocity is None and _holds_single_dofs(group)
+        else group
+        for group in groups
+    )
+
+
+def _holds_single_dofs(group: Rows) -> bool:
+    entries = sum(np.diff(L.indptr) for L in group.matrices.values())
+    return bool(np.all(entries == 1))
 
 
 def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tuple[Contact, ...]]:

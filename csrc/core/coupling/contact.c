@@ -13,6 +13,9 @@
 #include "member/energy.h"
 #include "object.h"
 
+/* Part by which an impulse of friction is as large as it may be, and a velocity is rounding. */
+static const double EQUAL = 1e-9;
+
 /* A side, and what it does in the fine step at hand. */
 typedef struct {
     pma_contact_side of;
@@ -42,6 +45,7 @@ struct pma_contact {
     int64_t reached;    /* macro step at whose end `now` is, or -1 */
     double *y0, *y, *b; /* rows */
     double *gap;        /* contacts */
+    double *mu;         /* contacts: of the fine step at hand, in W of `problem` as it was set */
     size_t *closed;     /* contacts */
     size_t count;       /* of them */
     bool tied;          /* constraints reach members that have contacts: impulses change Lam */
@@ -121,6 +125,7 @@ static pma_contact *allocate(const pma_contact_parts *parts, size_t members, boo
                                 PMA_ARRAY(pma_contact, y, rows),
                                 PMA_ARRAY(pma_contact, b, rows),
                                 PMA_ARRAY(pma_contact, gap, n),
+                                PMA_ARRAY(pma_contact, mu, n),
                                 PMA_ARRAY(pma_contact, closed, n),
                                 PMA_ARRAY(pma_contact, sides, parts->sides),
                                 PMA_ARRAY(pma_contact, of, members),
@@ -201,12 +206,13 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts)
     if (!x)
         return PMA_NO_MEMORY;
     x->tied = is_tied(c, x);
+    memcpy(x->mu, x->parts.friction, x->parts.contacts * sizeof(double));
     fill(c, x, &c->parts.H_start, x->W_start);
     if (twice)
         fill(c, x, &c->parts.H, x->W);
     const pma_complementarity_parts problem = {.contacts = x->parts.contacts,
                                                .first = x->parts.first,
-                                               .friction = x->parts.friction,
+                                               .friction = x->mu,
                                                .blas = x->parts.blas};
     return pma_complementarity_create(&problem, &x->problem);
 }
@@ -333,10 +339,74 @@ static void approach(pma_coupler *c, pma_contact *x)
     }
 }
 
+static double tangential(const pma_contact *x, size_t contact, const double *of)
+{
+    double length = 0.0;
+    for (int64_t k = x->parts.first[contact] + 1; k < x->parts.first[contact + 1]; k++)
+        length = hypot(length, of[k]);
+    return length;
+}
+
+/* Did the contact slide at the end of the last fine step? Then |P_t| was mu P_n, and it moves; else
+ * it stuck, or was open.                                                                  (U12) */
+static bool slid(const pma_contact *x, size_t contact, const double *W)
+{
+    const size_t at = (size_t)x->parts.first[contact];
+    const double limit = x->parts.friction[contact] * x->now.P[at];
+    const double pull = tangential(x, contact, x->now.P);
+    double moved = 0.0; /* by an impulse as large as that of the row */
+    for (size_t k = at + 1; k < (size_t)x->parts.first[contact + 1]; k++)
+        moved = fmax(moved, W[k * x->rows + k] * x->now.P[at]);
+    return fabs(pull - limit) <= EQUAL * limit && tangential(x, contact, x->y0) > EQUAL * moved;
+}
+
+static void set_friction(pma_contact *x, size_t contact, double mu)
+{
+    if (x->mu[contact] == mu)
+        return;
+    x->mu[contact] = mu;
+    x->set = NULL; /* factors of the problem have it */
+}
+
+static void choose_friction(pma_contact *x, const double *W)
+{
+    for (size_t i = 0; i < x->count; i++) {
+        const size_t k = x->closed[i];
+        const bool slides = slid(x, k, W);
+        set_friction(x, k, slides ? x->parts.friction[k] : x->parts.friction_static[k]);
+    }
+}
+
+/* Contacts that have begun to slide go on with the smaller friction; are there any?       (U12) */
+static bool release(pma_contact *x)
+{
+    bool any = false;
+    for (size_t i = 0; i < x->count; i++) {
+        const size_t k = x->closed[i];
+        const double limit = x->mu[k] * x->now.P[x->parts.first[k]];
+        if (x->mu[k] == x->parts.friction[k] || !(limit > 0.0) ||
+            tangential(x, k, x->now.P) < (1.0 - EQUAL) * limit)
+            continue;
+        set_friction(x, k, x->parts.friction[k]);
+        any = true;
+    }
+    return any;
+}
+
+static pma_status solve_problem(pma_contact *x, const double *W, size_t *row)
+{
+    if (x->set != W) {
+        pma_complementarity_set(x->problem, W);
+        x->set = W;
+    }
+    return pma_complementarity_solve(x->problem, x->count, x->closed, x->b, x->now.P, row);
+}
+
 /* P of (U5), or zero. PMA_NOT_FINITE when a velocity is not. */
 static pma_status find_impulses(pma_coupler *c, pma_contact *x)
 {
     const double *W = c->present.number > 0 ? x->W : x->W_start;
+    pma_status status;
     size_t row = 0;
     if (x->count == 0) {
         memset(x->now.P, 0, x->rows * sizeof(double));
@@ -351,13 +421,11 @@ static pma_status find_impulses(pma_coupler *c, pma_contact *x)
             return PMA_NOT_FINITE;
         }
     }
-    if (x->set != W) {
-        pma_complementarity_set(x->problem, W);
-        x->set = W;
-    }
-    c->unpolled += x->rows * x->rows;
-    const pma_status status =
-        pma_complementarity_solve(x->problem, x->count, x->closed, x->b, x->now.P, &row);
+    choose_friction(x, W);
+    do {
+        c->unpolled += x->rows * x->rows;
+        status = solve_problem(x, W, &row);
+    } while (status == PMA_OK && release(x));
     if (status != PMA_OK)
         c->failed = row;
     return status;

@@ -1,4 +1,4 @@
-/* contact.h - unilateral contact and dry friction between subdomains.                 (U1) to (U11)
+/* contact.h - unilateral contact and dry friction between subdomains.                 (U1) to (U12)
  *
  * Rows are conditions on velocities in which impulses act when the gap is closed at the end of a
  * fine step; all subdomains that they reach have a time level there. */
@@ -24,6 +24,7 @@ typedef struct {
     size_t contacts;
     const int64_t *first; /* contacts+1: their rows; a normal one, then none, one or two tangents */
     const double *gap, *restitution, *friction; /* contacts */
+    const double *friction_static; /* contacts, at least the friction: of a row that has stuck */
     size_t sides;
     const pma_contact_side *side; /* copied */
     pma_load obstacle; /* 2 contacts: d and d' of what moves against them, by fine steps; or none */

@@ -131,6 +131,7 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     const pma_field first = pma_field_at(f, "first"), gap = pma_field_at(f, "gap");
     const pma_field restitution = pma_field_at(f, "restitution");
     const pma_field friction = pma_field_at(f, "friction"), sides = pma_field_at(f, "sides");
+    const pma_field friction_static = pma_field_at(f, "friction_static");
     const pma_field dgemm = pma_field_at(f, "dgemm"), dtrsm = pma_field_at(f, "dtrsm");
     pma_contact_parts *contact = &out->contact;
     pma_contact_side *side;
@@ -149,6 +150,7 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     PMA_TRY(pma_field_doubles(&gap, contact->contacts, &contact->gap));
     PMA_TRY(pma_field_doubles(&restitution, contact->contacts, &contact->restitution));
     PMA_TRY(pma_field_doubles(&friction, contact->contacts, &contact->friction));
+    PMA_TRY(pma_field_doubles(&friction_static, contact->contacts, &contact->friction_static));
     PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &contact->blas));
     PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &contact->blas));
     PMA_TRY(pma_field_tuple(&sides, &contact->sides));

@@ -106,7 +106,7 @@ typedef struct {
  * the rows of each; options those of PMA_COUPLER_OPTIONS; schedule a word; iteration, or None, is
  * {tolerance, iterations, reuse} with {pattern, start, later} or, of schedules that shoot,
  * {response_start, response, H_size}; contact, or None, is {first, gap, restitution, friction,
- * sides, dgemm, dtrsm} with sides {member, N}. */
+ * friction_static, sides, dgemm, dtrsm} with sides {member, N}. */
 pma_status pma_parts_coupler(const pma_field *f, const pma_members *members,
                              pma_coupler_taken *out);
 
