@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any, Literal, final
 
 import numpy as np
-from scipy import LowLevelCallable
 
 from .problem import forms
 
@@ -15,14 +14,7 @@ LANES: int  # vectors side by side: unit responses of one pass, load cases
 # With named tuples for dicts, see pmalpha.problem.forms; None is zero
 _Matrix = np.ndarray | forms.Band | forms.Compressed | forms.Strips | None
 _Schedule = Literal["fine", "iterated", "macro", "shooting", "mean", "mean shooting", "contact"]
-_Load = (
-    np.ndarray  # constant
-    | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
-    | tuple[np.ndarray, int]  # a row for each substep, number of the first
-    | tuple[LowLevelCallable, np.ndarray]  # f, the user's dof at each position
-    | None
-)
-_AnyLoad = _Load | list[_Load]  # whose sum acts
+_Load = forms.Load | tuple[forms.Load, ...]  # whose sum acts
 # position, u, v, w, and optionally (spring, deformation, force), (output, of_u, of_v, of_w) with
 # (start, position, weight) of each
 _Selection = tuple[Any, ...] | None
@@ -46,7 +38,7 @@ class Subdomain:
     gain: tuple[float, float, float]
     added_mass: float
     def __new__(cls, parts: dict[str, Any]) -> Subdomain: ...
-    def set_load(self, load: _AnyLoad | tuple[_AnyLoad, ...], /) -> None: ...
+    def set_load(self, load: _Load | tuple[_Load, ...], /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
     def rebase(self, twice: bool, lam: np.ndarray, /) -> None: ...
     def state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
@@ -61,16 +53,6 @@ class Subdomain:
     def iteration(self) -> tuple[float, np.ndarray | None, bool] | None: ...
     def set_iteration(self, scale: float, entries: np.ndarray | None, twice: bool, /) -> None: ...
     def evaluate_present(self, t: float, /) -> int | None: ...
-    def limit(
-        self,
-        displacement: np.ndarray | None,
-        velocity: np.ndarray | None,
-        acceleration: np.ndarray | None,
-        force: np.ndarray | None,
-        energy: float,
-        /,
-    ) -> None: ...
-    def watch(self, M: _Matrix, K_r: _Matrix, /) -> None: ...
     def begin_energy(
         self, M: _Matrix, skew: _Matrix, load: np.ndarray, lam: np.ndarray, weight: float = ..., /
     ) -> None: ...
@@ -90,7 +72,7 @@ class Subdomain:
         /,
     ) -> bool: ...
     def accelerate(self, lam: np.ndarray, /) -> np.ndarray: ...
-    def store_responses(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
+    def store_responses(self, responses: forms.Responses, /) -> None: ...
 
 @final
 class Coupler:

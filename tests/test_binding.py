@@ -39,6 +39,7 @@ from core_objects import (
 )
 
 from pmalpha import _core
+from pmalpha.problem import forms
 
 # ---- names --------------------------------------------------------------------------------------
 
@@ -195,7 +196,7 @@ def test_reference_counts_are_what_they_were():
         s = subdomain(K=K, single=two, twice=twice, link=link)
         c = coupler(subdomains=(s,), motions=(link[1][:1],))
         s.set_load(u)
-        s.set_load((np.ones((3, 2)), 0))
+        s.set_load(forms.Table(np.ones((3, 2)), 0))
         s.start(u, u, u, ONE[0])
         c.start(0, ONE[0], ONE[0])
         c.set_motion(0, ONE[0])
@@ -210,7 +211,7 @@ def test_reference_counts_are_what_they_were():
             lambda: coupler(motions=(i64(5),)),
             lambda: c.advance(1, 5),
             lambda: c.advance(1, record(rows=1)),
-            lambda: s.set_load((u, None, 0.1, True)),
+            lambda: s.set_load(forms.Sampled(u, None, 0.1, True, 0.0)),
             lambda: s.set_levels((u,)),
             lambda: s.start(u, u, u, u),
             lambda: factor(None, None, u, u),

@@ -64,8 +64,8 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
         lambda: s.set_levels((bad, two, two, two, one)),
         lambda: s.set_levels((two, two, two, bad, one)),
         lambda: s.set_levels(bad),
-        lambda: s.set_load((bad, None, 0.1, True)),
-        lambda: s.set_load((bad, 0)),
+        lambda: s.set_load(forms.Sampled(bad, None, 0.1, True, 0.0)),
+        lambda: s.set_load(forms.Table(bad, 0)),
     ):
         check_refused(call)
     if kind != "short":  # one is right for the only constraint
@@ -377,22 +377,30 @@ def test_substeps_that_do_not_divide_are_refused():
 # ---- loads and motions --------------------------------------------------------------------------
 
 
+def sampled(values, shape=None, dt=0.1):
+    return forms.Sampled(values, shape, dt, True, 0.0)
+
+
 BAD_LOADS = {
-    "samples without rows": (np.ones((0, 2)), None, 0.1, True),
-    "samples with negative dt": (np.ones((3, 2)), None, -0.1, True),
-    "samples with dt = 0": (np.ones((3, 2)), None, 0.0, True),
-    "samples with dt = NaN": (np.ones((3, 2)), None, np.nan, True),
-    "samples of another width": (np.ones((3, 1)), None, 0.1, True),
-    "shape of another width": (np.ones((3, 1)), np.ones((1, 3)), 0.1, True),
-    "shape of another height": (np.ones((3, 1)), np.ones((2, 2)), 0.1, True),
-    "samples of one axis": (np.ones(3), None, 0.1, True),
-    "table of another width": (np.ones((3, 3)), 0),
-    "table of one axis": (np.ones(3), 0),
-    "table from half a step": (np.ones((3, 2)), 0.5),
-    "table from beyond": (np.ones((3, 2)), 2**70),
-    "three parts": (1, 2, 3),
-    "five parts": (1, 2, 3, 4, 5),
-    "one part": (np.ones((3, 2)),),
+    "samples without rows": sampled(np.ones((0, 2))),
+    "samples with negative dt": sampled(np.ones((3, 2)), dt=-0.1),
+    "samples with dt = 0": sampled(np.ones((3, 2)), dt=0.0),
+    "samples with dt = NaN": sampled(np.ones((3, 2)), dt=np.nan),
+    "samples of another width": sampled(np.ones((3, 1))),
+    "shape of another width": sampled(np.ones((3, 1)), np.ones((1, 3))),
+    "shape of another height": sampled(np.ones((3, 1)), np.ones((2, 2))),
+    "samples of one axis": sampled(np.ones(3)),
+    "samples without a beginning": {"values": np.ones((3, 2)), "dt": 0.1},
+    "table of another width": forms.Table(np.ones((3, 3)), 0),
+    "table of one axis": forms.Table(np.ones(3), 0),
+    "table from half a step": forms.Table(np.ones((3, 2)), 0.5),
+    "table from beyond": forms.Table(np.ones((3, 2)), 2**70),
+    "function of Python": forms.Called(abs, i64(0, 1)),
+    "function without an order": {"function": abs},
+    "sum of numbers": (1, 2, 3),
+    "sum with a sum": (f64(1.0, 2.0), (f64(1.0, 2.0),)),
+    "list": [f64(1.0, 2.0)],
+    "other fields": {"f": f64(1.0, 2.0)},
 }
 
 
@@ -417,9 +425,9 @@ def test_a_table_must_cover_the_steps(first, rows, steps, fits):
     for what in ("load", "motion"):
         c, s = started(motions=(i64(0),), substeps=3)
         if what == "load":
-            s.set_load((np.ones((rows, 2)), first))
+            s.set_load(forms.Table(np.ones((rows, 2)), first))
         else:
-            c.set_motion(0, (np.ones((rows, 1)), first))
+            c.set_motion(0, forms.Table(np.ones((rows, 1)), first))
         if fits:
             assert c.advance(steps, None) is None
         else:
@@ -432,7 +440,7 @@ def test_missing_motions_are_refused():
     c, _ = started(motions=(i64(0),))
     for i in (1, -1, 2**62, 2**70, None, 0.0):
         check_refused(lambda i=i: c.set_motion(i, f64(1.0)))
-    for load in (f64(1.0, 2.0), [1.0], 5, (np.ones((3, 2)), 0)):
+    for load in (f64(1.0, 2.0), [1.0], 5, forms.Table(np.ones((3, 2)), 0)):
         check_refused(lambda load=load: c.set_motion(0, load))
 
 

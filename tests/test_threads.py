@@ -164,6 +164,7 @@ def test_a_step_is_not_opened_early_beyond_the_rows_of_a_table_of_loads():
         import ctypes
         import mmap
         import numpy as np
+        from pmalpha.problem import forms
         from test_threads import double_and_fine
 
         steps, n = 6, 30  # of two substeps each
@@ -177,7 +178,7 @@ def test_a_step_is_not_opened_early_beyond_the_rows_of_a_table_of_loads():
         found = []
         for threads, rows in ((1, table.copy()), (3, table)):
             coupler = double_and_fine(threads=threads)
-            coupler._session.members[0].core.set_load((rows, 0))
+            coupler._session.members[0].core.set_load(forms.Table(rows, 0))
             assert coupler._session.core.advance(steps, None) is None
             found.append(coupler.state("a").u)
         assert np.array_equal(*found)

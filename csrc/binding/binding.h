@@ -33,12 +33,10 @@ typedef struct SubdomainObject {
     pma_subdomain *core;
     PyObject *arrays;           /* list: the arrays that the core points into */
     PyObject *load;             /* list: the arrays of the load */
-    pma_store store;            /* what the core points into, beside the arrays */
     pma_team *team;             /* of those that factor tangents, or NULL */
     PyObject *mass;             /* list: the arrays of M, while energies are summed */
     PyObject *response;         /* list: the arrays of the stored unit responses */
     struct SubdomainObject *of; /* in lanes: the subdomain of each; else NULL */
-    pma_load *loads;            /* in lanes: PMA_LANES loads */
     atomic_bool busy;           /* in use by a call */
 } SubdomainObject;
 
@@ -51,7 +49,6 @@ typedef struct {
     pma_interface H_start, H; /* factors of the interface matrix */
     PyObject *subdomains;     /* tuple of SubdomainObject */
     PyObject *arrays;         /* list: the arrays that the core points into */
-    pma_store store;          /* what it points into besides */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     PyObject *obstacle;       /* list: the arrays of obstacles of contacts, or NULL */
     pma_processes *processes; /* the others, or NULL */
@@ -108,14 +105,13 @@ PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj);
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj);
-PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
+PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *obj);
 
 /* ... and in works.c */
 PyObject *pma_subdomain_get_works(SubdomainObject *self, PyObject *none);
 PyObject *pma_subdomain_go_on(SubdomainObject *self, PyObject *works);
 
 /* ... in rig.c. */
-PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args);
 PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_set_ring(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_ring(CouplerObject *self, PyObject *obj);
@@ -230,28 +226,37 @@ PyObject *pma_pack(Py_ssize_t count, PyObject *const *items);
 
 /* ---- by named fields: parts/parts.h has what is taken from which ---------------------------- */
 
-/* A tree of an object; `arrays` keeps what it points into. To be ended, with what came of it: 0, or
- * -1 with an exception set. */
-int pma_read_tree(PyObject *obj, PyObject *arrays, pma_store *store, pma_fields *out);
-int pma_end_tree(pma_fields *fields, pma_status status);
+/* An argument as a tree of fields. */
+typedef struct {
+    pma_fields fields;
+    pma_node *nodes;
+    PyObject *arrays; /* list: what it points into, and what is taken from it */
+} pma_argument;
 
-/* What one taker of the core takes from an object. Memory needed besides goes to `store`. */
+/* Its root; a new list for NULL. An argument that cannot be read is None, with an exception set. To
+ * be ended with what came of it: 0, or -1 with an exception set. */
+pma_field pma_read(pma_argument *arg, PyObject *obj, const char *name, PyObject *arrays);
+int pma_end(pma_argument *arg, pma_status status);
+
+/* What one taker of the core takes from an argument. */
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
-int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
-int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
-                    pma_factor *out);
+int pma_take_panels(PyObject *obj, PyObject *arrays, pma_panels *out);
+int pma_take_factor(PyObject *obj, npy_intp n, pma_factor *out);
 int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out);
-int pma_take_springs(PyObject *obj, PyObject *arrays, pma_store *store, pma_springs *out);
-int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_store *store,
-                      pma_specimen **out);
-int pma_take_coupler(PyObject *obj, PyObject *arrays, pma_store *store, const pma_members *members,
+int pma_take_springs(PyObject *obj, PyObject *arrays, pma_springs *out);
+int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_specimen **out);
+int pma_take_coupler(PyObject *obj, PyObject *arrays, const pma_members *members,
                      pma_coupler_taken *out);
-int pma_take_subdomain(PyObject *obj, PyObject *arrays, pma_store *store, pma_subdomain_taken *out);
+int pma_take_subdomain(PyObject *obj, PyObject *arrays, pma_subdomain_taken *out);
+
+/* ... a load on n dofs, or PMA_LANES of them: a new list of what it points into, or NULL. */
+PyObject *pma_take_load(PyObject *obj, size_t n, bool in_lanes, pma_load *out);
 
 /* What a function of the user, or a capsule of BLAS, is to the core (field.h, pma_role). */
 int pma_find_restoring(PyObject *obj, pma_function *out);
 int pma_find_internal(PyObject *obj, pma_store *store, pma_internal_force *out);
 int pma_find_potential(PyObject *obj, pma_internal_force *out);
+int pma_find_load(PyObject *obj, pma_load *out);
 int pma_find_blas(PyObject *capsule, bool dgemm, pma_blas *out);
 
 /* Capsules of scipy.linalg.cython_blas */
@@ -263,14 +268,6 @@ void pma_work_together(pma_team *team, pma_work work, void (*look)(void *ctx), v
 
 /* A crew of these threads, which are those of *team, a new one; none for a single thread. */
 int pma_take_crew(Py_ssize_t threads, pma_team **team, pma_crew *out);
-
-/* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold), (rows, first) or
- * (f, order), f a LowLevelCallable.
- * Returns a new list of the arrays that it points into, or NULL. */
-PyObject *pma_take_load(PyObject *obj, pma_load *load);
-
-/* A tuple of PMA_LANES loads, which load->each gets; the caller frees *each. */
-PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each);
 
 /* the user's dof at each position of the elimination order */
 int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out);

@@ -88,6 +88,12 @@ int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **
     return pma_take_positions(obj, (size_t)n, "order", NULL, &count, out);
 }
 
+int pma_find_load(PyObject *obj, pma_load *out)
+{
+    out->function = (pma_force_function)pma_address_of(obj, &out->user);
+    return out->function ? 0 : pma_refuse(PyExc_TypeError, "load must be a compiled function");
+}
+
 int pma_find_restoring(PyObject *obj, pma_function *out)
 {
     out->function = (pma_restoring_function)pma_address_of(obj, &out->user);

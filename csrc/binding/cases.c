@@ -24,37 +24,6 @@ PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *Py_UNUSED(igno
     return pma_raise(status, "in_lanes");
 }
 
-/* A tuple of loads, one for each lane; none is a function or the table of one. */
-PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each)
-{
-    PyObject *arrays = PyList_New(0);
-    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != PMA_LANES) {
-        PyErr_Format(PyExc_TypeError, "load must be a tuple of %d loads", PMA_LANES);
-        Py_CLEAR(arrays);
-    }
-    *each = PyMem_Calloc(PMA_LANES, sizeof **each);
-    if (!*each && !PyErr_Occurred())
-        PyErr_NoMemory();
-    for (Py_ssize_t l = 0; arrays && *each && l < PMA_LANES; l++) {
-        (*each)[l] = (pma_load){.kind = PMA_LOAD_NONE, .n = load->n / PMA_LANES};
-        PyObject *own = pma_take_load(PyTuple_GetItem(obj, l), &(*each)[l]);
-        if (own && (pma_load_has(&(*each)[l], PMA_LOAD_CALLED) ||
-                    pma_load_has(&(*each)[l], PMA_LOAD_TABLE)))
-            PyErr_SetString(PyExc_TypeError, "a load in lanes must not be a function or a table");
-        if (!own || PyErr_Occurred() || PyList_Append(arrays, own) < 0)
-            Py_CLEAR(arrays);
-        Py_XDECREF(own);
-    }
-    if (!arrays || !*each) {
-        PyMem_Free(*each);
-        Py_XDECREF(arrays);
-        return NULL;
-    }
-    load->kind = PMA_LOAD_IN_LANES;
-    load->each = *each;
-    return arrays;
-}
-
 /* ---- a coupler ------------------------------------------------------------------------------ */
 
 static int check_lanes(CouplerObject *self, PyObject *subdomains)

@@ -30,8 +30,8 @@ PyObject *pma_coupler_object_set_obstacle(CouplerObject *self, PyObject *obj)
         return PyErr_Format(PyExc_ValueError, "set_obstacle needs contacts");
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    pma_load load = {.kind = PMA_LOAD_NONE, .n = 2 * pma_coupler_contacts(self->core)};
-    PyObject *arrays = pma_take_load(obj, &load);
+    pma_load load;
+    PyObject *arrays = pma_take_load(obj, 2 * pma_coupler_contacts(self->core), false, &load);
     const bool fits = arrays && !pma_load_has(&load, PMA_LOAD_CALLED);
     if (fits) {
         pma_coupler_set_obstacle(self->core, load);

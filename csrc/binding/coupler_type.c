@@ -36,7 +36,7 @@ static int take_parts(CouplerObject *self, PyObject *fields, PyObject *processes
     const pma_members members = {
         .count = (size_t)PyTuple_Size(self->subdomains), .nb = nb_of, .of = self};
     if (pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
-        pma_take_coupler(fields, self->arrays, &self->store, &members, &taken) < 0 ||
+        pma_take_coupler(fields, self->arrays, &members, &taken) < 0 ||
         create_interface(&taken.H_start, "H_start", &self->H_start, &taken.parts.H_start) < 0 ||
         create_interface(&taken.H, "H", &self->H, &taken.parts.H) < 0)
         return -1;
@@ -88,7 +88,6 @@ static void coupler_dealloc(CouplerObject *self)
     pma_release_processes(self->processes);
     pma_interface_destroy(&self->H_start);
     pma_interface_destroy(&self->H);
-    pma_store_release(&self->store);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);

@@ -294,7 +294,7 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
         Py_BuildValue("{sOsOsOsOsO}", "first", PyTuple_GetItem(structure, 0), "row_ptr",
                       PyTuple_GetItem(structure, 1), "rows", PyTuple_GetItem(structure, 2), "start",
                       PyTuple_GetItem(structure, 3), "values", values);
-    const int failed = panels ? pma_take_panels(panels, "structure", arrays, p) : -1;
+    const int failed = panels ? pma_take_panels(panels, arrays, p) : -1;
     Py_XDECREF(panels);
     if (failed)
         return -1;
@@ -373,7 +373,7 @@ static PyObject *solve(PyObject *Py_UNUSED(module), PyObject *args)
     pma_factor factor;
     if (!PyArg_ParseTuple(args, "OO", &factor_obj, &b_obj) ||
         pma_take_vector(b_obj, NPY_DOUBLE, &n, "b", NULL, &b) < 0 ||
-        pma_take_factor(factor_obj, n, 0, "factor", NULL, &factor) < 0)
+        pma_take_factor(factor_obj, n, &factor) < 0)
         return NULL;
     const pma_status status = pma_factor_check(&factor);
     return status == PMA_OK ? solve_checked(&factor, b) : pma_raise(status, "factor");

@@ -218,37 +218,24 @@ PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args)
     return status == PMA_STOPPED ? NULL : PyBool_FromLong(status == PMA_OK);
 }
 
-PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
+PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *obj)
 {
-    PyObject *rows_obj, *states_obj;
-    PyArrayObject *states;
-    const int64_t *rows;
-    size_t k;
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "OO", &rows_obj, &states_obj))
-        return NULL;
+    pma_argument arg;
+    pma_unit_responses units;
     PyObject *arrays = PyList_New(0);
-    if (!arrays || pma_take_positions(rows_obj, parts->link.p, "rows", arrays, &k, &rows) < 0)
-        goto failed;
-    const npy_intp shape[3] = {(npy_intp)k, 4, (npy_intp)parts->n};
-    if (pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
-        goto failed;
-    if (!parts->has_responses) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain has no link response");
-        goto failed;
+    if (!arrays)
+        return NULL;
+    const pma_field root = pma_read(&arg, obj, "responses", arrays);
+    if (pma_end(&arg, pma_parts_responses(&root, pma_subdomain_parts(self->core), &units)) < 0 ||
+        !pma_subdomain_claim(self)) {
+        Py_DECREF(arrays);
+        return NULL;
     }
-    if (!pma_subdomain_claim(self))
-        goto failed;
-    pma_response_store(
-        pma_subdomain_response(self->core),
-        (pma_unit_responses){.count = k, .rows = rows, .values = PyArray_DATA(states)});
+    pma_response_store(pma_subdomain_response(self->core), units);
     pma_swap(&self->response, &arrays);
     pma_subdomain_release(self);
     Py_XDECREF(arrays);
     Py_RETURN_NONE;
-failed:
-    Py_XDECREF(arrays);
-    return NULL;
 }
 
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj)

@@ -1,32 +1,6 @@
-/* A specimen in a laboratory: its limits, the pace of a run, and signals that are seen without the
- * GIL. */
+/* A specimen in a laboratory: the pace of a run, and a ring of records that another thread reads. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
-
-/* ---- limits ----------------------------------------------------------------------------- */
-
-/* limit(displacement, velocity, acceleration, force, energy): (n,) arrays or None; once, after the
- * subdomain was made */
-PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args)
-{
-    const pma_parts *p = pma_subdomain_parts(self->core);
-    pma_limits_parts parts = {.n = p->n, .h = p->single.step.h};
-    const double **const out[4] = {&parts.displacement, &parts.velocity, &parts.acceleration,
-                                   &parts.force};
-    PyObject *objs[4];
-    if (!PyArg_ParseTuple(args, "OOOOd", &objs[0], &objs[1], &objs[2], &objs[3], &parts.energy))
-        return NULL;
-    for (size_t i = 0; i < 4; i++) {
-        if (objs[i] != Py_None &&
-            pma_take_doubles(objs[i], (npy_intp)p->n, "limit", self->arrays, out[i]) < 0)
-            return NULL;
-    }
-    if (!pma_subdomain_claim(self))
-        return NULL;
-    const pma_status status = pma_subdomain_limit(self->core, &parts);
-    pma_subdomain_release(self);
-    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "limit");
-}
 
 /* ---- pace ------------------------------------------------------------------------------- */
 

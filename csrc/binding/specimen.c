@@ -23,7 +23,7 @@ static int run_commands(const pma_specimen *own, npy_intp k, const double *t, co
     return code != 0 ? -1 : 0;
 }
 
-static PyObject *follow_in(PyObject *args, PyObject *arrays, pma_store *store)
+static PyObject *follow_in(PyObject *args, PyObject *arrays)
 {
     PyObject *obj, *t_obj, *u_obj, *v_obj;
     PyArrayObject *u;
@@ -39,7 +39,7 @@ static PyObject *follow_in(PyObject *args, PyObject *arrays, pma_store *store)
         return NULL;
     v = PyArray_DATA(rates);
     pma_specimen *own;
-    if (pma_take_specimen(obj, shape[1], arrays, store, &own) < 0)
+    if (pma_take_specimen(obj, shape[1], arrays, &own) < 0)
         return NULL;
     PyObject *results[2] = {PyArray_ZEROS(2, shape, NPY_DOUBLE, 0),
                             PyArray_ZEROS(2, shape, NPY_DOUBLE, 0)};
@@ -53,10 +53,8 @@ static PyObject *follow_in(PyObject *args, PyObject *arrays, pma_store *store)
 
 static PyObject *follow_specimen(PyObject *Py_UNUSED(module), PyObject *args)
 {
-    pma_store store = {NULL};
     PyObject *arrays = PyList_New(0);
-    PyObject *result = arrays ? follow_in(args, arrays, &store) : NULL;
-    pma_store_release(&store);
+    PyObject *result = arrays ? follow_in(args, arrays) : NULL;
     Py_XDECREF(arrays);
     return result;
 }

@@ -24,12 +24,12 @@ static PyObject *follow(const pma_springs *springs, npy_intp n, const double *u,
 }
 
 static PyObject *take_and_follow(PyObject *list, PyObject *u_obj, PyObject *from_obj,
-                                 PyObject *arrays, pma_store *store)
+                                 PyObject *arrays)
 {
     const npy_intp any = -1;
     PyArrayObject *u, *from;
     pma_springs springs;
-    if (pma_take_springs(list, arrays, store, &springs) < 0 ||
+    if (pma_take_springs(list, arrays, &springs) < 0 ||
         pma_take_array(u_obj, NPY_DOUBLE, 1, &any, "u", NULL, &u) < 0)
         return NULL;
     const npy_intp n = PyArray_DIM(u, 0);
@@ -52,12 +52,10 @@ static PyObject *take_and_follow(PyObject *list, PyObject *u_obj, PyObject *from
 static PyObject *follow_springs(PyObject *Py_UNUSED(module), PyObject *args)
 {
     PyObject *list, *u, *from, *arrays;
-    pma_store store = {NULL};
     if (!PyArg_ParseTuple(args, "O!OO", &PyTuple_Type, &list, &u, &from) ||
         !(arrays = PyList_New(0)))
         return NULL;
-    PyObject *result = take_and_follow(list, u, from, arrays, &store);
-    pma_store_release(&store);
+    PyObject *result = take_and_follow(list, u, from, arrays);
     Py_DECREF(arrays);
     return result;
 }

@@ -62,8 +62,8 @@ PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)
         return PyErr_Format(PyExc_ValueError, "i must be the number of a motion, got %zd", i);
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
-    PyObject *arrays = pma_take_load(obj, &load), *old = NULL;
+    pma_load load;
+    PyObject *arrays = pma_take_load(obj, parts->motions[i].load.n, false, &load), *old = NULL;
     const bool fits = arrays && !pma_load_has(&load, PMA_LOAD_CALLED);
     if (fits) {
         old = Py_NewRef(PyList_GetItem(self->motions, i));

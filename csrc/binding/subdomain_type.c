@@ -15,10 +15,10 @@ static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwa
     if (!self)
         return NULL;
     self->arrays = PyList_New(0);
-    if (!self->arrays || pma_take_subdomain(parts, self->arrays, &self->store, &taken) < 0 ||
+    if (!self->arrays || pma_take_subdomain(parts, self->arrays, &taken) < 0 ||
         pma_take_crew((Py_ssize_t)taken.threads, &self->team, &taken.iterate.tangent.crew) < 0)
         goto failed;
-    const pma_status status = pma_subdomain_create(&taken.parts, &self->core);
+    const pma_status status = pma_parts_make_subdomain(&taken, &self->core);
     if (status == PMA_OK)
         return (PyObject *)self;
     pma_raise(status, "Subdomain");
@@ -44,13 +44,11 @@ static void subdomain_dealloc(SubdomainObject *self)
     PyObject_GC_UnTrack(self);
     pma_subdomain_destroy(self->core);
     pma_team_destroy(self->team);
-    pma_store_release(&self->store);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->load);
     Py_XDECREF(self->mass);
     Py_XDECREF(self->response);
     Py_XDECREF((PyObject *)self->of);
-    PyMem_Free(self->loads);
     PyObject_GC_Del(self);
     Py_DECREF(type);
 }
@@ -59,18 +57,14 @@ static void subdomain_dealloc(SubdomainObject *self)
 
 static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
 {
-    pma_load load = {.kind = PMA_LOAD_NONE, .n = pma_subdomain_parts(self->core)->n};
-    pma_load *each = NULL;
+    pma_load load;
     PyObject *arrays =
-        self->of ? pma_take_lane_loads(obj, &load, &each) : pma_take_load(obj, &load);
+        pma_take_load(obj, pma_subdomain_parts(self->core)->n, self->of != NULL, &load);
     if (!arrays || !pma_subdomain_claim(self)) {
-        PyMem_Free(arrays ? each : NULL);
         Py_XDECREF(arrays);
         return NULL;
     }
     pma_subdomain_set_load(self->core, load);
-    PyMem_Free(self->loads);
-    self->loads = each;
     pma_swap(&self->load, &arrays);
     pma_subdomain_release(self);
     Py_XDECREF(arrays);
@@ -370,21 +364,6 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
     Py_RETURN_NONE;
 }
 
-/* watch(M, K_r): once, after the subdomain was made; the arrays are its own from then on */
-static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
-{
-    PyObject *M_obj, *K_r_obj;
-    pma_matrix M, K_r;
-    const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    if (!PyArg_ParseTuple(args, "OO", &M_obj, &K_r_obj) ||
-        pma_take_matrix(M_obj, n, "M", self->arrays, &M) < 0 ||
-        pma_take_matrix(K_r_obj, n, "K_r", self->arrays, &K_r) < 0 || !pma_subdomain_claim(self))
-        return NULL;
-    const pma_status status = pma_subdomain_watch(self->core, M, K_r);
-    pma_subdomain_release(self);
-    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "watch");
-}
-
 static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closure))
 {
     const pma_balance *b = pma_subdomain_balance(self->core);
@@ -416,8 +395,7 @@ static PyGetSetDef subdomain_getset[] = {
 
 static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
-     "set_load(None | f | (values, shape, dt, hold, begin) | (rows, first) | (function, order)"
-     " | a list of these, whose sum acts)"},
+     "set_load(load): in a form of csrc/core/parts; in lanes a tuple, one for each"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"rebase", (PyCFunction)subdomain_rebase, METH_VARARGS,
      "rebase(twice, lam): the stored free velocity that gives the present velocity with lam"},
@@ -435,10 +413,6 @@ static PyMethodDef subdomain_methods[] = {
      "springs() -> (fields, springs) array: present deformation, force and inner variables, a "
      "copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
-    {"watch", (PyCFunction)subdomain_watch, METH_VARARGS,
-     "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces"},
-    {"limit", (PyCFunction)pma_subdomain_object_limit, METH_VARARGS,
-     "limit(displacement, velocity, acceleration, force, energy): of a specimen, (n,) or None"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
      "code that a function returned"},
@@ -461,8 +435,8 @@ static PyMethodDef subdomain_methods[] = {
      "unit_responses(rows, end, mean, states, twice=False, threads=1): writes the block of H under "
      "macro and mean coupling into end (k, k), the mean and the states; False when a value is not "
      "finite"},
-    {"store_responses", (PyCFunction)pma_subdomain_store_responses, METH_VARARGS,
-     "store_responses(rows, states): the states written by unit_responses for all of these rows"},
+    {"store_responses", (PyCFunction)pma_subdomain_store_responses, METH_O,
+     "store_responses({rows, states}): those written by unit_responses for all of these rows"},
     {"in_lanes", (PyCFunction)pma_subdomain_in_lanes, METH_NOARGS,
      "in_lanes() -> the subdomain PMA_LANES times, for several cases side by side"},
     {"iteration", (PyCFunction)pma_subdomain_iteration, METH_NOARGS,

@@ -181,31 +181,57 @@ static pma_status find(pma_fields *fields, const pma_node *node, pma_role role, 
         return pma_find_internal(obj, fields->store, out) < 0 ? PMA_REFUSED : PMA_OK;
     case PMA_POTENTIAL_ROLE:
         return pma_find_potential(obj, out) < 0 ? PMA_REFUSED : PMA_OK;
+    case PMA_LOAD_ROLE:
+        return pma_find_load(obj, out) < 0 ? PMA_REFUSED : PMA_OK;
     default:
         return pma_find_blas(obj, role == PMA_DGEMM_ROLE, out) < 0 ? PMA_REFUSED : PMA_OK;
     }
 }
 
-int pma_read_tree(PyObject *obj, PyObject *arrays, pma_store *store, pma_fields *out)
+/* ---- an argument ---------------------------------------------------------------------------- */
+
+static void release_store(PyObject *capsule)
 {
-    growing tree = {.arrays = arrays};
-    *out = (pma_fields){.store = store, .find = find};
-    if (add_nodes(&tree, 1) == SIZE_MAX || set_node(&tree, 0, obj, 0) < 0) {
-        PyMem_Free(tree.nodes);
-        return -1;
-    }
-    out->nodes = tree.nodes;
-    return 0;
+    pma_store *store = PyCapsule_GetPointer(capsule, NULL);
+    pma_store_release(store);
+    PyMem_Free(store);
 }
 
-int pma_end_tree(pma_fields *fields, pma_status status)
+/* A store that lives as long as the list. */
+static pma_store *new_store(PyObject *arrays)
 {
-    PyMem_Free((void *)(uintptr_t)fields->nodes);
-    if (status == PMA_OK)
-        return 0;
-    if (status == PMA_REFUSED && !PyErr_Occurred())
+    pma_store *store = PyMem_Calloc(1, sizeof *store);
+    PyObject *capsule = store ? PyCapsule_New(store, NULL, release_store) : PyErr_NoMemory();
+    if (!capsule) {
+        PyMem_Free(store);
+        return NULL;
+    }
+    const int failed = PyList_Append(arrays, capsule);
+    Py_DECREF(capsule);
+    return failed ? NULL : store;
+}
+
+pma_field pma_read(pma_argument *arg, PyObject *obj, const char *name, PyObject *arrays)
+{
+    static const pma_node none = {.kind = PMA_NONE};
+    growing tree = {.arrays = arrays ? Py_NewRef(arrays) : PyList_New(0)};
+    *arg = (pma_argument){.fields = {.nodes = &none, .find = find}, .arrays = tree.arrays};
+    if (tree.arrays)
+        arg->fields.store = new_store(tree.arrays);
+    if (arg->fields.store && add_nodes(&tree, 1) != SIZE_MAX && set_node(&tree, 0, obj, 0) == 0)
+        arg->fields.nodes = tree.nodes;
+    arg->nodes = tree.nodes;
+    return pma_field_root(&arg->fields, name);
+}
+
+int pma_end(pma_argument *arg, pma_status status)
+{
+    const pma_fields *fields = &arg->fields;
+    PyMem_Free(arg->nodes);
+    Py_XDECREF(arg->arrays);
+    if (PyErr_Occurred())
+        return -1;
+    if (status == PMA_REFUSED)
         PyErr_SetString(fields->wrong_type ? PyExc_TypeError : PyExc_ValueError, fields->refusal);
-    else if (status != PMA_REFUSED)
-        pma_raise(status, "fields");
-    return -1;
+    return status == PMA_REFUSED ? -1 : pma_check(status, "fields");
 }

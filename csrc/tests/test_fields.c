@@ -9,7 +9,7 @@
 #include "tests.h"
 
 /* A tree that is written by hand: nodes in their order, arrays and words by their addresses. */
-enum { MOST_NODES = 43 };
+enum { MOST_NODES = 59 };
 
 typedef struct {
     pma_node nodes[MOST_NODES];
@@ -242,6 +242,114 @@ static void a_subdomain_is_taken_whole(void)
     pma_store_release(&t.store);
 }
 
+/* ---- loads, and what a subdomain has besides ------------------------------------------------- */
+
+/* {values, dt, begin}: three samples of one series */
+static void make_sampled(tree *t)
+{
+    static const double samples[] = {1.0, 2.0, 3.0};
+    begin(t);
+    t->nodes[0] = children(PMA_DICT, 6, 1);
+    t->nodes[1] = word("values");
+    t->nodes[2] = array(PMA_DOUBLES, 3, 1, samples);
+    t->nodes[3] = word("dt");
+    t->nodes[4] = (pma_node){.kind = PMA_REAL, .is.real = 0.5};
+    t->nodes[5] = word("begin");
+    t->nodes[6] = integer(2);
+}
+
+static void loads_are_taken_in_their_forms(void)
+{
+    tree t;
+    pma_load load;
+    double g = 0.0;
+    make_sampled(&t);
+    const pma_field root = pma_field_root(&t.fields, "load");
+    CHECK_STATUS(pma_parts_load(&root, 1, &load), PMA_OK);
+    CHECK(load.kind == PMA_LOAD_SAMPLED && !load.hold && !load.shape);
+    pma_load_add(&load, 2.75, 0, &g);
+    CHECK_NEAR(g, 2.5, 0.0);
+    pma_load_add(&load, -1e300, 0, &g); /* before its first sample, which then acts */
+    CHECK_NEAR(g, 3.5, 0.0);
+    t.nodes[4].is.real = 0.0;
+    CHECK_STATUS(pma_parts_load(&root, 1, &load), PMA_REFUSED);
+    CHECK(strcmp(t.fields.refusal, "load.dt must be positive") == 0);
+    make_sampled(&t);
+    CHECK_STATUS(pma_parts_load(&root, 2, &load), PMA_REFUSED); /* no shape for two dofs */
+
+    begin(&t); /* (VALUES, {rows, first}, None) */
+    t.nodes[0] = children(PMA_TUPLE, 3, 1);
+    t.nodes[1] = array(PMA_DOUBLES, 2, -1, VALUES);
+    t.nodes[2] = children(PMA_DICT, 4, 4);
+    t.nodes[4] = word("rows");
+    t.nodes[5] = array(PMA_DOUBLES, 2, 2, VALUES);
+    t.nodes[6] = word("first");
+    t.nodes[7] = integer(-3);
+    CHECK_STATUS(pma_parts_load(&root, 2, &load), PMA_OK);
+    double sum[2] = {0.0, 0.0};
+    const double expected[2] = {4.0 + 1.0, 9.0 + 2.0};
+    CHECK(pma_load_covers(&load, -3, -1) && !pma_load_covers(&load, -3, 0));
+    pma_load_add(&load, 0.0, -2, sum);
+    CHECK_BITS(2, sum, expected);
+    t.nodes[2] = children(PMA_TUPLE, 0, 1); /* a sum in a sum */
+    CHECK_STATUS(pma_parts_load(&root, 2, &load), PMA_REFUSED);
+    pma_store_release(&t.store);
+}
+
+/* The subdomain above with the fields {name: {key: value, other: value}}. */
+static void add_field(tree *t, const char *name, const char *const *keys, const pma_node *values)
+{
+    const size_t first = MOST_NODES - 16;
+    make_subdomain(t);
+    memmove(t->nodes + first, t->nodes + 1, 10 * sizeof *t->nodes);
+    t->nodes[0] = children(PMA_DICT, 12, first);
+    t->nodes[first + 10] = word(name);
+    t->nodes[first + 11] = children(PMA_DICT, 4, first + 12);
+    for (size_t i = 0; i < 2; i++) {
+        t->nodes[first + 12 + 2 * i] = word(keys[i]);
+        t->nodes[first + 13 + 2 * i] = values[i];
+    }
+}
+
+static void limits_and_the_watch_are_those_of_the_subdomain_that_is_made(void)
+{
+    static const char *const limits[] = {"velocity", "energy"}, *const watch[] = {"M", "K_r"};
+    tree t;
+    pma_subdomain_taken taken;
+    pma_subdomain *s = NULL;
+    const pma_node values[] = {array(PMA_DOUBLES, 1, -1, VALUES), integer(5)};
+    add_field(&t, "limits", limits, values);
+    const pma_field root = pma_field_root(&t.fields, NULL);
+    CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_OK);
+    CHECK(taken.is_limited && taken.limits.velocity == VALUES && !taken.limits.force);
+    CHECK(taken.limits.energy == 5.0 && taken.limits.h == 0.5);
+    CHECK_STATUS(pma_parts_make_subdomain(&taken, &s), PMA_OK);
+    CHECK(!pma_subdomain_balance(s));
+    pma_subdomain_destroy(s);
+    const pma_node matrices[] = {array(PMA_DOUBLES, 1, -1, VALUES), {.kind = PMA_NONE}};
+    add_field(&t, "watch", watch, matrices);
+    CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_OK);
+    CHECK_STATUS(pma_parts_make_subdomain(&taken, &s), PMA_OK);
+    CHECK(pma_subdomain_balance(s));
+    pma_subdomain_destroy(s);
+    add_field(&t, "responses", watch, matrices); /* of one that has none */
+    CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_REFUSED);
+    pma_store_release(&t.store);
+}
+
+static void a_number_that_stands_for_no_array_has_limited_room(void)
+{
+    tree t;
+    pma_subdomain_taken taken;
+    make_subdomain(&t);
+    const pma_field root = pma_field_root(&t.fields, NULL);
+    t.fields.room = 3 * sizeof(double); /* of three substeps of one dof */
+    CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_OK);
+    t.nodes[6] = integer(4);
+    CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_REFUSED);
+    CHECK(strcmp(t.fields.refusal, "substeps is too large") == 0);
+}
+
 static void a_store_gives_zeroed_memory_and_refuses_what_no_size_has(void)
 {
     pma_store store = {NULL};
@@ -262,6 +370,9 @@ const test FIELDS_TESTS[] = {
     TEST(numbers_out_of_range_are_refused),
     TEST(a_function_is_refused_where_nothing_finds_it),
     TEST(a_subdomain_is_taken_whole),
+    TEST(loads_are_taken_in_their_forms),
+    TEST(limits_and_the_watch_are_those_of_the_subdomain_that_is_made),
+    TEST(a_number_that_stands_for_no_array_has_limited_room),
     TEST(a_store_gives_zeroed_memory_and_refuses_what_no_size_has),
     END_OF_TESTS,
 };

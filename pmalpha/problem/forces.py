@@ -14,6 +14,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import counted, flag, plain_array, real_array, time_step, vector
+from . import forms
 from .argument_order import OF_FORCE, check_order, required_names
 from .argument_types import MatrixLike
 from .frozen import Frozen
@@ -450,26 +451,28 @@ def depends_on_motion(force: Force) -> bool:
     return any(map(is_of_motion, terms_of(force)))
 
 
-def core_load(force: Force, order: np.ndarray, tables: Sequence[Any] = ()) -> Any:
+def core_load(
+    force: Force, order: np.ndarray, tables: Sequence[forms.Table] = ()
+) -> forms.Load | tuple[forms.Load, ...]:
     """A force in a form of the core, in elimination order, without Python callables.
 
-    tables: values of callables of t, (rows, first).
+    tables: values of callables of t.
     """
     terms = [_core_term(x, order) for x in terms_of(force) if not is_function(x)]
     terms += tables
-    return terms if len(terms) > 1 else terms[0] if terms else None
+    return tuple(terms) if len(terms) > 1 else terms[0] if terms else None
 
 
-def _core_term(force: Any, order: np.ndarray) -> Any:
+def _core_term(force: Any, order: np.ndarray) -> forms.Load:
     if isinstance(force, np.ndarray):
         return force[order]
     if isinstance(force, LowLevelCallable):
-        return force, order
+        return forms.Called(force, order)
     assert isinstance(force, SampledForce)
     times = force.dt, force.hold, force._begin
     if force.shape is None:
-        return np.ascontiguousarray(force.values[:, order]), None, *times
-    return force.values, np.ascontiguousarray(force.shape[order].T), *times
+        return forms.Sampled(np.ascontiguousarray(force.values[:, order]), None, *times)
+    return forms.Sampled(force.values, np.ascontiguousarray(force.shape[order].T), *times)
 
 
 def is_callback(force: Any) -> TypeGuard[Callable[[float], Any]]:

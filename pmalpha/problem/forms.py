@@ -5,9 +5,10 @@ Each is a dict of the tree that `_core` reads, with its fields for keys (csrc/co
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from scipy import LowLevelCallable
 
 
 class Band(NamedTuple):
@@ -166,6 +167,57 @@ class InternalForce(NamedTuple):
     where: np.ndarray | None
     across: np.ndarray | None
     potential: Any
+
+
+class Sampled(NamedTuple):
+    """A sampled load: series by columns, and the dofs on which each acts."""
+
+    values: np.ndarray
+    shape: np.ndarray | None
+    dt: float
+    hold: bool
+    begin: float
+
+
+class Table(NamedTuple):
+    """Loads of substeps, by rows, from the substep `first` on."""
+
+    rows: np.ndarray
+    first: int
+
+
+class Called(NamedTuple):
+    """A load that is a compiled function, and the dof at each position."""
+
+    function: LowLevelCallable
+    order: np.ndarray
+
+
+Load: TypeAlias = np.ndarray | Sampled | Table | Called | None
+
+
+class Limits(NamedTuple):
+    """What a specimen may be commanded and may return; None is not limited."""
+
+    displacement: np.ndarray | None
+    velocity: np.ndarray | None
+    acceleration: np.ndarray | None
+    force: np.ndarray | None
+    energy: float
+
+
+class Watch(NamedTuple):
+    """The matrices of the energy that evaluated forces add."""
+
+    M: Any
+    K_r: Any
+
+
+class Responses(NamedTuple):
+    """States at the end of a macro step, (k, 4, n), for unit multipliers of these constraints."""
+
+    rows: np.ndarray
+    states: np.ndarray
 
 
 class Internal(NamedTuple):

@@ -13,6 +13,7 @@ from scipy import LowLevelCallable
 from .. import _core
 from .._checks import listing
 from ..errors import AccuracyWarning, CallbackError, LimitError, warn
+from ..problem import forms
 from ..problem.forces import (
     Force,
     SampledForce,
@@ -306,15 +307,15 @@ class Loads:
             end, failure = callback.prepare(begin, end)
             first_failure = failure if failure is not None else first_failure
         for i, callback in self.callbacks.items():
-            table, order = (callback.rows, callback.first), self.members[i].order
+            table, order = forms.Table(callback.rows, callback.first), self.members[i].order
             self.members[i].core.set_load(core_load(self.seen[i], order, [table]))
         for i, motion in enumerate(self.motions):
             if motion.callback is not None:
                 rows = motion.in_core(motion.callback.rows)
-                self.core.set_motion(i, (rows, motion.callback.first))
+                self.core.set_motion(i, forms.Table(rows, motion.callback.first))
         if self.obstacles is not None and self.obstacles.callback is not None:
             callback = self.obstacles.callback
-            self.core.set_obstacle((callback.rows, callback.first))
+            self.core.set_obstacle(forms.Table(callback.rows, callback.first))
         return end, first_failure
 
     def motion_values(self, begin: int, end: int) -> list[bytes]:

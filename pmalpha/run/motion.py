@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import vector
+from ..problem import forms
 from ..problem.forces import Force, SampledForce, core_load, is_callback
 from ..problem.unilateral import on_rows
 from ..results.clock import Clock
@@ -153,15 +154,15 @@ class Motion:
         """Values (..., rows) of g for the rows as the core has them."""
         return values if np.all(self.scale == 1.0) else values / self.scale
 
-    def core_load(self) -> Any:
+    def core_load(self) -> forms.Load:
         """g that is no Python callable, in a form of the core."""
         load = core_load(self.velocity, np.arange(self.rows.size))
-        if isinstance(load, np.ndarray):
+        if not isinstance(load, forms.Sampled):
+            assert isinstance(load, np.ndarray)
             return self.in_core(load)
-        values, shape, *how = load
-        if shape is None:
-            return (self.in_core(values), None, *how)
-        return (values, self.in_core(shape), *how)
+        if load.shape is None:
+            return load._replace(values=self.in_core(load.values))
+        return load._replace(shape=self.in_core(load.shape))
 
     def at(self, t: float) -> np.ndarray:
         """g(t) for the initial values."""

@@ -456,14 +456,23 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
         mass=mass,
         defers=member.defers,
         struck=struck(member),
+        limits=_limits(member),
+        watch=_watch(member),
     )
-    if (limits := member.subdomain.limits) is not None:
-        u, v, a, f = (x if x is None else x[member.order] for x in limits_of_dofs(limits, member.n))
-        member.core.limit(u, v, a, f, math.inf if limits.energy is None else limits.energy)
-    if member.subdomain.restoring is not None or member.internal is not None:
-        K_r = None if member.subdomain.scheme.explicit else member.K_r
-        M, K_r = (core_matrix(A, symmetric=member.symmetric) for A in (member.M, K_r))
-        member.core.watch(M, K_r)
+
+
+def _limits(member: Member) -> forms.Limits | None:
+    if (limits := member.subdomain.limits) is None:
+        return None
+    u, v, a, f = (x if x is None else x[member.order] for x in limits_of_dofs(limits, member.n))
+    return forms.Limits(u, v, a, f, math.inf if limits.energy is None else limits.energy)
+
+
+def _watch(member: Member) -> forms.Watch | None:
+    if member.subdomain.restoring is None and member.internal is None:
+        return None
+    K_r = None if member.subdomain.scheme.explicit else member.K_r
+    return forms.Watch(*(core_matrix(A, symmetric=member.symmetric) for A in (member.M, K_r)))
 
 
 def _internal(member: Member, threads: int) -> dict[str, Any]:

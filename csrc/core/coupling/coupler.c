@@ -20,16 +20,22 @@ static bool has_step(const pma_member *member, double dt)
     return dt > 0.0 && fabs(member->h * (double)member->substeps - dt) <= 4.0 * DBL_EPSILON * dt;
 }
 
+/* Does it what the schedule calls? */
+static bool fits(const pma_member *member, const pma_schedule *schedule)
+{
+    return (schedule->shoots || !member->shoots) &&
+           (schedule->iterates || !member->iterated.table) &&
+           (member->elsewhere || schedule->ties_displacements == (member->table->push != NULL));
+}
+
 static pma_status check_members(const pma_coupler_parts *parts)
 {
-    const pma_schedule *schedule = parts->schedule;
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        if (member->link->p != parts->p || (member->shoots && !schedule->shoots) ||
-            (member->iterated.table && !schedule->iterates))
+        if (member->link->p != parts->p || !fits(member, parts->schedule))
             return PMA_BAD_SIZE;
     }
-    PMA_TRY(schedule->check(parts));
+    PMA_TRY(parts->schedule->check(parts));
     for (size_t i = 0; i < parts->count; i++) {
         if (!has_step(&parts->members[i], parts->dt))
             return PMA_BAD_STEP;

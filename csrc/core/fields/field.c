@@ -245,6 +245,12 @@ pma_status pma_field_find(const pma_field *f, pma_role role, void *out)
                    : pma_field_refuse(f, "is a function, which no file has");
 }
 
+pma_status pma_field_room(const pma_field *f, size_t count, size_t size)
+{
+    const size_t room = f->fields->room > 0 ? f->fields->room : SIZE_MAX;
+    return size > 0 && count > room / size ? pma_field_refuse(f, "is too large") : PMA_OK;
+}
+
 pma_status pma_field_allocate(const pma_field *f, size_t count, size_t size, void *out)
 {
     void *memory = pma_store_add(f->fields->store, count, size);

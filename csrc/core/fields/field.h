@@ -46,6 +46,7 @@ typedef enum {
     PMA_RESTORING_ROLE, /* out: pma_function, which is filled */
     PMA_INTERNAL_ROLE,  /* out: pma_internal_force with its sizes, whose function is filled */
     PMA_POTENTIAL_ROLE, /* the same force, whose potential is filled */
+    PMA_LOAD_ROLE,      /* out: pma_load, whose function is filled */
     PMA_DGEMM_ROLE,     /* out: pma_blas */
     PMA_DTRSM_ROLE
 } pma_role;
@@ -60,6 +61,7 @@ struct pma_fields {
     /* Fills `out` by the role; NULL: foreign nodes are refused. */
     pma_status (*find)(pma_fields *fields, const pma_node *node, pma_role role, void *out);
     void *ctx;
+    size_t room;     /* bytes that numbers may ask for which stand for no array; 0: any */
     bool wrong_type; /* the refusal is of a type, not of a value */
     char refusal[PMA_REFUSAL];
 };
@@ -116,6 +118,10 @@ pma_status pma_field_ints(const pma_field *f, size_t n, const int32_t **out);
 
 /* What a foreign node stands for; see pma_role. */
 pma_status pma_field_find(const pma_field *f, pma_role role, void *out);
+
+/* A refusal of a number, which stands for no array, where `count` elements of `size` bytes that it
+ * asks for are more than there is room for. */
+pma_status pma_field_room(const pma_field *f, size_t count, size_t size);
 
 /* Memory of the tree's store, zeroed. */
 pma_status pma_field_allocate(const pma_field *f, size_t count, size_t size, void *out);

@@ -220,8 +220,8 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s)
                               .commit = commit,
                               .discard = discard,
                               .energy = energy,
-                              .hold_energy = hold_energy,
-                              .push = push,
+                              .hold_energy = s->parts.mean ? hold_energy : NULL,
+                              .push = s->parts.mean ? push : NULL,
                               .kinetic = s->parts.shoots ? kinetic : NULL};
     if (s->iterate)
         return table;

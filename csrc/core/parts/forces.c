@@ -81,8 +81,7 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
     return PMA_OK;
 }
 
-/* The user's dof at each position. */
-static pma_status take_order(const pma_field *of, size_t n, const int64_t **out)
+pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
 {
     const pma_field order = pma_field_at(of, "order");
     PMA_TRY(pma_field_longs(&order, n, out));
@@ -100,7 +99,7 @@ pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out)
     if (pma_field_is_none(f))
         return PMA_OK;
     PMA_TRY(pma_field_dict(f));
-    PMA_TRY(take_order(f, n, &out->order));
+    PMA_TRY(pma_parts_order(f, n, &out->order));
     if (!pma_field_is_none(&load))
         PMA_TRY(pma_field_doubles(&load, n, &out->load));
     PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *out->work, (void *)&out->work));
@@ -137,7 +136,7 @@ pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out)
     if (pma_field_is_none(f))
         return PMA_OK;
     PMA_TRY(pma_field_dict(f));
-    PMA_TRY(take_order(f, n, &out->order));
+    PMA_TRY(pma_parts_order(f, n, &out->order));
     PMA_TRY(pma_field_vector(&initial, PMA_DOUBLES, &out->history, &data));
     out->initial = data;
     PMA_TRY(pma_field_tuple(&list, &out->count));

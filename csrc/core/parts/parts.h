@@ -18,6 +18,7 @@
 #include "fields/field.h"
 #include "member/internal.h"
 #include "member/iterate.h"
+#include "member/response.h"
 #include "member/restoring.h"
 #include "member/specimen.h"
 #include "member/springs.h"
@@ -72,17 +73,46 @@ pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out);
 /* None, or {inverse, alpha, beta, B}: what impulses meet */
 pma_status pma_parts_struck(const pma_field *f, size_t nb, pma_struck *out);
 
+/* {order}: the user's dof at each position */
+pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out);
+
+/* ---- loads (loads.c) ------------------------------------------------------------------------ */
+
+/* None; doubles (n,), constant; {values (samples, k), shape (k, n) or None, dt, hold, begin},
+ * sampled, k = n without a shape; {rows (:, n), first}, a row for each substep from that one on;
+ * {function, order}; or a tuple of these, whose sum acts. For the velocity of a motion and the
+ * obstacles of contacts too. */
+pma_status pma_parts_load(const pma_field *f, size_t n, pma_load *out);
+
+/* A tuple of PMA_LANES such loads on n / PMA_LANES dofs, without functions and tables. */
+pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out);
+
 /* ---- a whole subdomain (subdomains.c) ------------------------------------------------------- */
 
-/* The parts; iterate and threads, of those that factor its tangents, where parts.iterate is set,
- * which then points to `iterate`. */
+/* What it is made of; parts.iterate, where it is set, points to `iterate`, and `threads` are those
+ * that factor its tangents. */
 typedef struct {
     pma_parts parts;
     pma_iterate_parts iterate;
     size_t threads;
+    bool is_limited, is_watched;
+    pma_limits_parts limits;
+    pma_matrix watched_M, watched_K_r;
+    pma_unit_responses responses; /* count = 0: none are stored */
+    pma_load load;
 } pma_subdomain_taken;
 
+/* {n, nb, substeps, single, twice, link, K, C, M, K_r, D_r, lagged, has_responses, defers,
+ * continues, mass, restoring, springs, internal, iterate, struck, limits, watch, responses, load};
+ * single and twice are {step, inverse, R}, limits {displacement, velocity, acceleration, force,
+ * energy}, (n,) each or None, and watch {M, K_r}: energy that evaluated forces add. */
 pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out);
+
+/* {rows (k,), states (k, 4, n)}: u, v, w, a at the end of a macro step for unit multipliers */
+pma_status pma_parts_responses(const pma_field *f, const pma_parts *parts, pma_unit_responses *out);
+
+/* The subdomain; iterate.tangent.crew is set by the caller, for more threads than one. */
+pma_status pma_parts_make_subdomain(const pma_subdomain_taken *taken, pma_subdomain **out);
 
 /* ---- a coupler (couplers.c) ----------------------------------------------------------------- */
 

@@ -107,6 +107,7 @@ pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, 
         const pma_field filter = pma_field_item(&list, k);
         PMA_TRY(take_filter(&filter, &filters[k]));
     }
+    PMA_TRY(pma_field_room(&list, pma_specimen_numbers(own), sizeof(double)));
     if (!pma_field_is_none(&function))
         PMA_TRY(pma_field_find(&function, PMA_RESTORING_ROLE, &inner));
     own->function = inner.function;

@@ -41,6 +41,7 @@ static pma_status take_sizes(const pma_field *f, pma_parts *parts)
     PMA_TRY(pma_field_count(&n, 1, &parts->n));
     PMA_TRY(pma_field_count(&nb, 0, &parts->nb));
     PMA_TRY(pma_field_count(&substeps, 1, &parts->substeps));
+    PMA_TRY(pma_field_room(&substeps, parts->substeps, parts->n * sizeof(double)));
     return parts->nb > parts->n ? pma_field_refuse(&nb, "must not exceed n") : PMA_OK;
 }
 
@@ -84,6 +85,94 @@ static pma_status take_iterate(const pma_field *f, pma_subdomain_taken *out)
     return parts->doubled ? pma_field_doubles(&twice, entries, &it->base_twice) : PMA_OK;
 }
 
+/* ---- what it is given once it is made ------------------------------------------------------- */
+
+static pma_status take_limit(const pma_field *f, const char *name, size_t n, const double **out)
+{
+    const pma_field limit = pma_field_at(f, name);
+    return pma_field_is_none(&limit) ? PMA_OK : pma_field_doubles(&limit, n, out);
+}
+
+static pma_status take_limits(const pma_field *f, const pma_parts *parts, pma_limits_parts *out)
+{
+    const pma_field energy = pma_field_at(f, "energy");
+    *out = (pma_limits_parts){.n = parts->n, .h = parts->single.step.h};
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(take_limit(f, "displacement", parts->n, &out->displacement));
+    PMA_TRY(take_limit(f, "velocity", parts->n, &out->velocity));
+    PMA_TRY(take_limit(f, "acceleration", parts->n, &out->acceleration));
+    PMA_TRY(take_limit(f, "force", parts->n, &out->force));
+    return pma_field_real(&energy, &out->energy);
+}
+
+static pma_status take_watch(const pma_field *f, size_t n, pma_subdomain_taken *out)
+{
+    const pma_field M = pma_field_at(f, "M"), K_r = pma_field_at(f, "K_r");
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_parts_matrix(&M, n, &out->watched_M));
+    return pma_parts_matrix(&K_r, n, &out->watched_K_r);
+}
+
+pma_status pma_parts_responses(const pma_field *f, const pma_parts *parts, pma_unit_responses *out)
+{
+    const pma_field rows = pma_field_at(f, "rows"), states = pma_field_at(f, "states");
+    const void *data = NULL;
+    PMA_TRY(pma_field_dict(f));
+    if (!parts->has_responses)
+        return pma_field_refuse(f, "must be of a subdomain that has them");
+    PMA_TRY(pma_field_vector(&rows, PMA_INT64S, &out->count, &data));
+    out->rows = data;
+    for (size_t i = 0; i < out->count; i++) {
+        if (out->rows[i] < 0 || (size_t)out->rows[i] >= parts->link.p)
+            return pma_field_refuse(&rows, "has a constraint that is out of range");
+    }
+    int64_t extents[3] = {(int64_t)out->count, 4, (int64_t)parts->n};
+    PMA_TRY(pma_field_array(&states, PMA_DOUBLES, 3, extents, &data));
+    out->values = data;
+    return PMA_OK;
+}
+
+static pma_status take_additions(const pma_field *f, pma_subdomain_taken *out)
+{
+    const pma_field limits = pma_field_at(f, "limits"), watch = pma_field_at(f, "watch");
+    const pma_field responses = pma_field_at(f, "responses"), load = pma_field_at(f, "load");
+    const pma_parts *parts = &out->parts;
+    out->is_limited = !pma_field_is_none(&limits);
+    out->is_watched = !pma_field_is_none(&watch);
+    if (out->is_limited)
+        PMA_TRY(take_limits(&limits, parts, &out->limits));
+    if (out->is_watched)
+        PMA_TRY(take_watch(&watch, parts->n, out));
+    if (!pma_field_is_none(&responses))
+        PMA_TRY(pma_parts_responses(&responses, parts, &out->responses));
+    return pma_parts_load(&load, parts->n, &out->load);
+}
+
+static pma_status add(const pma_subdomain_taken *taken, pma_subdomain *s)
+{
+    if (taken->is_limited)
+        PMA_TRY(pma_subdomain_limit(s, &taken->limits));
+    if (taken->is_watched)
+        PMA_TRY(pma_subdomain_watch(s, taken->watched_M, taken->watched_K_r));
+    if (taken->responses.count > 0)
+        pma_response_store(pma_subdomain_response(s), taken->responses);
+    pma_subdomain_set_load(s, taken->load);
+    return PMA_OK;
+}
+
+pma_status pma_parts_make_subdomain(const pma_subdomain_taken *taken, pma_subdomain **out)
+{
+    PMA_TRY(pma_subdomain_create(&taken->parts, out));
+    const pma_status status = add(taken, *out);
+    if (status != PMA_OK) {
+        pma_subdomain_destroy(*out);
+        *out = NULL;
+    }
+    return status;
+}
+
+/* ---- all of it ------------------------------------------------------------------------------ */
+
 pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out)
 {
     const pma_field twice = pma_field_at(f, "twice"), link = pma_field_at(f, "link");
@@ -110,5 +199,6 @@ pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out)
     }
     if (parts->mean)
         PMA_TRY(pma_parts_factor(&mass, parts->n, parts->nb, &parts->mass));
-    return take_operators(f, parts);
+    PMA_TRY(take_operators(f, parts));
+    return take_additions(f, out);
 }
