@@ -8,8 +8,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-# Requests below this number of bytes are not checked, which would take longer than they do.
-SMALL = 100_000
+# Requests below this number of bytes are not checked: the check reads a dozen files of the system,
+# which takes as long as writing that much, and what is available changes by more at any time.
+SMALL = 8_000_000
 
 
 def available() -> int | None:

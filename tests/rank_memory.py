@@ -15,7 +15,8 @@ def memory():
     """An interface matrix for which one rank has no memory, in set-up and in a change of steps.
 
     It belongs to subdomains of another rank."""
-    n = 200  # a matrix below 100 kB is not checked
+    n = 200
+    pmalpha_memory.SMALL = 100_000  # of the matrix, and of nothing else
 
     def make():
         own = [chain(n, name) for name in "ab"] if RANK == 0 else [chain(3, f"r{RANK}")]

@@ -30,6 +30,7 @@ SCRIPTS = [
     "newton",
     "pacing",
     "plate",
+    "recorded",
     "subcycling",
     "threads",
     "uncoupled",

@@ -245,6 +245,7 @@ def test_an_order_has_the_interface_last_and_every_dof_once():
 
 def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
+    monkeypatch.setattr("pmalpha.memory.SMALL", 0)
     A = definite_matrix(np.random.default_rng(0), 400, 0.2)
     for attempt in (
         lambda: by_panels(A, 0, "Mbar"),
@@ -600,6 +601,7 @@ def test_an_interface_of_implicit_subdomains_that_does_not_fit_is_refused_with_t
     a, b = (s.subdomain(scheme=pm.GeneralizedAlpha(0.5)) for s in boxes)
     coupling = pm.tie(a, face, b, face)
     monkeypatch.setattr("pmalpha.memory.available", lambda: 7_000_000)
+    monkeypatch.setattr("pmalpha.memory.SMALL", 0)
     with pytest.raises(MemoryError, match="interface matrix of 507 constraints.*MB.*available"):
         pm.Coupler([a, b], coupling, dt=0.1, coupling="pm")
 

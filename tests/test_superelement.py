@@ -381,5 +381,6 @@ def test_a_basis_that_does_not_fit_is_refused(monkeypatch):
 
     held, edge = plate(100, 20)
     monkeypatch.setattr(memory, "available", lambda: 10_000)
+    monkeypatch.setattr(memory, "SMALL", 0)
     with pytest.raises(MemoryError, match="a basis of 42 static shapes needs about"):
         subdomain(held).reduced(edge, modes=0)

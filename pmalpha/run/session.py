@@ -269,8 +269,9 @@ def require_linear(session: Session, what: str) -> None:
 
 def take(session: Session, steps: Steps, assembly: Assembly) -> None:
     """Continue with these steps and this assembly."""
+    if assembly is not session.assembly:
+        session.table = session.full_record = None
     session.steps, session.assembly = steps, assembly
-    session.table = session.full_record = None
 
 
 def take_first_steps(session: Session) -> None:
