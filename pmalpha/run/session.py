@@ -34,6 +34,7 @@ from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
     MACRO,
     Options,
+    Rows,
     checked_constraints,
     checked_options,
     checked_subdomains,
@@ -121,6 +122,24 @@ class Session:
         return self.core.step_count if self.started else 0
 
 
+def _tied_and_touching(
+    constraints: Any,
+    everything: Sequence[Any],
+    names: Sequence[str],
+    options: Options,
+    ranks: Ranks | None,
+) -> tuple[tuple[Rows, ...], Contacts | None]:
+    """The rows of the constraints, and the contacts among them."""
+    bilateral, unilateral = two_sided_and_contacts(constraints)
+    row_groups = checked_constraints(bilateral, everything, names)
+    if options.coupling == "mean":
+        row_groups = relative_to_start(row_groups)
+    contacts = contacts_of(unilateral, everything, names, options, ranks)
+    if ranks is not None:
+        require_equal_problems(ranks, row_groups, options.facts)
+    return row_groups, contacts
+
+
 def made(
     guard: Guard,
     ranks: Ranks | None,
@@ -135,13 +154,8 @@ def made(
     everything = subdomains if ranks is None else described(ranks, subdomains)
     part = slice(None) if ranks is None else ranks.part
     coupling = (options := checked_options(options, len(everything))).coupling
-    bilateral, unilateral = two_sided_and_contacts(constraints)
-    row_groups = checked_constraints(bilateral, everything, names := names_of(everything))
-    if coupling == "mean":
-        row_groups = relative_to_start(row_groups)
-    contacts = contacts_of(unilateral, everything, names, options, ranks)
-    if ranks is not None:
-        require_equal_problems(ranks, row_groups, options.facts)
+    names = names_of(everything)
+    row_groups, contacts = _tied_and_touching(constraints, everything, names, options, ranks)
     clock, keys = Clock(options.dt), tuple(zip(names[part], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
     check_delays(keys, clock.dt)
