@@ -465,7 +465,8 @@ def core_load(
 
 def _core_term(force: Any, order: np.ndarray) -> forms.Load:
     if isinstance(force, np.ndarray):
-        return force[order]
+        values: np.ndarray = force[order]
+        return values
     if isinstance(force, LowLevelCallable):
         return forms.Called(force, order)
     assert isinstance(force, SampledForce)

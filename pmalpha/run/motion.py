@@ -177,9 +177,12 @@ class Motion:
         """The largest |g| later: of all samples; of a callable at times that double."""
         if isinstance(self.velocity, SampledForce):
             times = self.velocity.dt * np.arange(len(self.velocity.values))
-            return np.max([np.abs(self.velocity(t)) for t in times], axis=0)
-        if self.callback is None:
-            return np.abs(self.velocity)
+            largest: np.ndarray = np.max([np.abs(self.velocity(t)) for t in times], axis=0)
+            return largest
+        if isinstance(self.velocity, np.ndarray):
+            largest = np.abs(self.velocity)
+            return largest
+        assert self.callback is not None
         largest = np.zeros(self.rows.size)
         for k in range(DOUBLINGS):
             try:

@@ -232,8 +232,15 @@ class Contacts:
             member = members[i]
             assert member.N is not None
             sides.append(forms.Side(i, member.N.core(member.n - member.nb)))
-        numbers = map(self.numbers, ("gap", "restitution", "friction", "friction_static"))
-        return forms.Contact(self.first, *numbers, tuple(sides), *gemm_and_trsm())
+        return forms.Contact(
+            self.first,
+            self.numbers("gap"),
+            self.numbers("restitution"),
+            self.numbers("friction"),
+            self.numbers("friction_static"),
+            tuple(sides),
+            *gemm_and_trsm(),
+        )
 
     def links(self, count: int) -> list[Link | None]:
         return [Link.of(self.N[i]) if i in self.N else None for i in range(count)]
