@@ -269,6 +269,13 @@ class Shooting(NamedTuple):
     H_size: Any
 
 
+class Motion(NamedTuple):
+    """The rows of a prescribed velocity, which may be set later."""
+
+    rows: np.ndarray
+    velocity: Load
+
+
 class Side(NamedTuple):
     """A subdomain of contacts, and their rows on it."""
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..blas import one_thread
+from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.subdomain import Subdomain
 from .constraint_rows import CoreRows
@@ -116,7 +117,7 @@ class Assemblies:
         self.row_position = np.argsort(self.rows)
         for member in members:
             member.L = member.L.with_rows(self.row_position)
-        self.motions = tuple(self.row_position[r] for r in prescribed)
+        self.motions = tuple(forms.Motion(self.row_position[r], None) for r in prescribed)
 
         self._known: WeakValueDictionary[tuple[Any, ...], Member] = WeakValueDictionary()
         self._made: dict[Layout, Assembly] = {}

@@ -202,8 +202,8 @@ class Member:
     def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """u and v in the user's order, the histories, and what springs remember."""
         levels, m = self.core.levels(), 0 if self.internal is None else self.internal.initial.size
-        u, v = (levels[i][self.position] for i in (0, 1))
-        return u, v, levels[6][:m], self.core.springs()
+        u, v = (levels[name][self.position] for name in "uv")
+        return u, v, levels["history"][:m], self.core.springs()
 
     @property
     def massless(self) -> np.ndarray:

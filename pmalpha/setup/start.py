@@ -24,6 +24,7 @@ from .._checks import listing, numbered
 from .._core import LANES
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, warn
+from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.matrices import EXPORTED, Matrix, combination, diagonal
 from ..problem.schemes import Scheme
@@ -69,7 +70,7 @@ class InitialAccelerations:
         self.cores = [m.core(linked=not self.ties_without_mass) for m in self.masses]
         self.p = p
         factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
-        everywhere = (np.arange(p),)
+        everywhere = (forms.Motion(np.arange(p), None),)
         self.coupler = _core.Coupler(
             tuple(self.cores),
             {"p": p, "H_start": factor, "H": factor, "motions": everywhere}
