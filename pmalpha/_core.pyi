@@ -21,16 +21,6 @@ _Selection = tuple[Any, ...] | None
 # begin, every, selections, multipliers, velocity and displacement jumps, optionally energy, and
 # impulses and gaps of contacts
 _Record = tuple[Any, ...]
-# rank, remote subdomains (None for own), first of each rank, all, counts, starts, gather
-_Processes = tuple[
-    int,
-    tuple[tuple[Any, ...] | None, ...],
-    np.ndarray,
-    np.ndarray,
-    np.ndarray,
-    np.ndarray,
-    Callable[[], Any] | tuple[int, int, int],
-]
 
 @final
 class Subdomain:
@@ -87,7 +77,7 @@ class Coupler:
         cls,
         subdomains: tuple[Subdomain, ...],
         parts: dict[str, Any],
-        processes: _Processes | None = None,
+        processes: forms.Processes | None = None,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_origin(self, number: int, t: float, /) -> None: ...

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from .._checks import positive_number, real_array, real_number, vector, whole_number
 from ..errors import ConstraintWarning
 from ..run.advance import advance_to
 from ..run.coupler import Coupler
 from ..run.session import begin, require_linear
-from ..setup.member import Member, core_subdomain
+from ..setup.member import Member, core_parts
 from .amplification import checked_coupler, state_kept
 from .exact import Instant
 
@@ -214,7 +215,8 @@ def _exact_state(
     u, v, w, lam = _exact_at(coupler, member, exact, coupler._session.clock.time(n))
     h = 2.0 * member.h if member.double else member.h
     # a separate core subdomain, whose single step is h, starts with (S2)
-    core = core_subdomain(member, member.subdomain.scheme, member.L, member.operator(h))
+    operator = member.operator(h)
+    core = _core.Subdomain(core_parts(member, member.subdomain.scheme, member.L, operator))
     core.start(u, v, w, lam)
     levels = core.levels()
     if member.double:

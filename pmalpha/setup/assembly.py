@@ -34,7 +34,7 @@ from .macro import (
 )
 from .member import Member, build, make_member, warn_of_factors, warn_of_order
 from .propagation import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth
-from .ranks import Ranks, joined, processes, remote_of
+from .ranks import Ranks, joined, processes
 from .schedule import Options
 from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations
@@ -208,7 +208,7 @@ class Assemblies:
         core = _core.Coupler(
             tuple(member.core for member in members),
             parts | self._of_the_schedule(members),
-            processes(self.ranks, map(remote_of, members)),
+            processes(self.ranks, [member.parts for member in members]),
         )
         if self.contacts is not None:
             self.contacts.check_compliance(core, members)
