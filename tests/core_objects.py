@@ -102,6 +102,8 @@ def coupler_arguments(**others):
 def coupler(**others):
     arguments = {"schedule": "fine"} | coupler_arguments(**others)
     apart = {x: arguments.pop(x) for x in ("subdomains", "processes") if x in arguments}
+    if type(arguments["motions"]) is tuple:
+        arguments["motions"] = tuple(forms.Motion(rows, None) for rows in arguments["motions"])
     return _core.Coupler(**apart, parts={x: named(x, value) for x, value in arguments.items()})
 
 

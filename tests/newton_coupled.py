@@ -158,6 +158,7 @@ def state_of(c):
     states = []
     for part in c._session.members:
         levels = part.core.levels()
-        kept = [x for i, x in enumerate(levels) if not (part.subdomain.iterates and i % 7 == 4)]
-        states.append([x.tobytes() for x in kept])
+        if part.subdomain.iterates:
+            levels = {name: x for name, x in levels.items() if not name.endswith("vf")}
+        states.append([x.tobytes() for x in levels.values()])
     return c.step_count, c.multipliers.tobytes(), c._session.core.prescribed.tobytes(), states

@@ -212,7 +212,7 @@ def test_reference_counts_are_what_they_were():
             lambda: c.advance(1, 5),
             lambda: c.advance(1, record(rows=1)),
             lambda: s.set_load(forms.Sampled(u, None, 0.1, True, 0.0)),
-            lambda: s.set_levels((u,)),
+            lambda: s.set_levels({"u": u}),
             lambda: s.start(u, u, u, u),
             lambda: factor(None, None, u, u),
         ):
@@ -334,9 +334,11 @@ def test_saved_states_are_restored_as_they_were():
         s.set_levels(nodes)
         c.start(3, c.multipliers, np.zeros(1))
         c.advance(2, None)
-        for x, y in zip(s.levels()[:6], after[:6], strict=True):
-            np.testing.assert_array_equal(x, y)
-        for bad in (nodes[:-1], (*nodes, nodes[0]), list(nodes), None, ()):
+        assert s.levels().keys() == after.keys()
+        for name in ("u", "v", "w", "a", "vf", "springs"):
+            np.testing.assert_array_equal(s.levels()[name], after[name])
+        others = {"u": nodes["u"]}, nodes | {"x": nodes["u"]}, nodes | {"u": np.ones(3)}
+        for bad in (*others, tuple(nodes.values()), list(nodes), None, {}):
             check_refused(lambda bad=bad: s.set_levels(bad))
 
 

@@ -61,8 +61,8 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
         lambda: s.start(bad, two, two, one),
         lambda: s.start(two, bad, two, one),
         lambda: s.start(two, two, bad, one),
-        lambda: s.set_levels((bad, two, two, two, one)),
-        lambda: s.set_levels((two, two, two, bad, one)),
+        lambda: s.set_levels(s.levels() | {"u": bad}),
+        lambda: s.set_levels(s.levels() | {"a": bad}),
         lambda: s.set_levels(bad),
         lambda: s.set_load(forms.Sampled(bad, None, 0.1, True, 0.0)),
         lambda: s.set_load(forms.Table(bad, 0)),
@@ -70,7 +70,7 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
         check_refused(call)
     if kind != "short":  # one is right for the only constraint
         check_refused(lambda: s.start(two, two, two, bad))
-        check_refused(lambda: s.set_levels((two, two, two, two, bad)))
+        check_refused(lambda: s.set_levels(s.levels() | {"vf": bad}))
         check_refused(lambda: c.start(0, bad, one))
         check_refused(lambda: c.start(0, one, bad))
         check_refused(lambda: coupler(H=(bad, None)))

@@ -40,7 +40,7 @@ def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=Fa
 
 def snapshot(c):
     """The whole state, as bytes."""
-    nodes = [x.tobytes() for part in c._session.members for x in part.core.levels()]
+    nodes = [x.tobytes() for part in c._session.members for x in part.core.levels().values()]
     return c.step_count, c.multipliers.tobytes(), c._session.core.prescribed.tobytes(), nodes
 
 

@@ -58,9 +58,9 @@ def closed_steps(coupler):
 
     def after(x):
         coupler.restore(snapshot)
-        contact = core.numbers("contact")
+        contact = {"contact": core.numbers()["contact"]}
         layout.write(core, cores, x[:, None])
-        core.set_numbers("contact", contact)
+        core.set_numbers(core.numbers() | contact)
         coupler.step(1)
         return layout.read(core, cores, 1)[:, 0]
 

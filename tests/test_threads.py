@@ -135,7 +135,7 @@ def start_anew(coupler):
 
 def move_nodes(coupler):
     part = coupler._session.members[0]
-    part.core.set_levels(tuple(2.0 * x for x in part.core.levels()))
+    part.core.set_levels({name: 2.0 * x for name, x in part.core.levels().items()})
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
@@ -149,8 +149,8 @@ def test_each_change_by_itself_voids_the_steps_that_were_opened_early(change):
         change(coupler)
         assert coupler._session.core.advance(5, None) is None
     for one, other in zip(alone._session.members, shared._session.members):
-        for x, y in zip(one.core.levels(), other.core.levels()):
-            np.testing.assert_array_equal(x, y)
+        for name, x in one.core.levels().items():
+            np.testing.assert_array_equal(x, other.core.levels()[name])
     unchanged = double_and_fine(threads=1)
     unchanged.step(11)
     assert np.any(unchanged.state("a").u != alone.state("a").u)

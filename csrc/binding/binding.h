@@ -93,8 +93,8 @@ void pma_coupler_release(CouplerObject *self);
 
 /* Methods of Coupler that are in a file of their own, state_methods.c. */
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args);
-PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *args);
-PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *args);
+PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *obj);
 
 /* ... and in contact.c. */
 PyObject *pma_coupler_object_compliance(CouplerObject *self, PyObject *obj);
@@ -125,7 +125,9 @@ int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts);
 
 /* ... and in state_methods.c. */
 PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *ignored);
-PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
+PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *obj);
+PyObject *pma_subdomain_object_levels(SubdomainObject *self, PyObject *ignored);
+PyObject *pma_subdomain_object_set_levels(SubdomainObject *self, PyObject *obj);
 
 extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_matrix_functions[];
@@ -279,19 +281,16 @@ void *pma_address_of(PyObject *obj, void **user);
 /* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
 
-/* n doubles of scratch, owned by the list of arrays */
-double *pma_add_scratch(npy_intp n, PyObject *arrays);
-
 /* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None,
  * contacts=None) with all rows up to macro step `end`; record->selections is the caller's to
  * free */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
 
-/* None, or (rank, remotes, first, all, counts, starts, gather): remotes has None for the subdomains
- * of this process, else (n, nb, substeps, h, doubled, al2, al2_twice, link); first (ranks + 1,) the
- * subdomains of each rank; all, counts and starts as in pma_exchange_parts; gather a callable that
- * fills `all`, or (address of MPI_Allgatherv, type, communicator). *out is the caller's to release,
- * also after an error. */
+/* None, or {rank, remotes, first, all, counts, starts, gather}: remotes has None for the subdomains
+ * of this process, else {nb, substeps, h, doubled, continues, shoots, link, rows}; first (ranks + 1)
+ * the subdomains of each rank; all, counts and starts as in pma_exchange_parts; gather a callable
+ * that fills `all`, or {address, type, communicator} of MPI_Allgatherv. *out is the caller's to
+ * release, also after an error. */
 int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out);
 void pma_release_processes(pma_processes *x); /* NULL is allowed, and means one process below */
 size_t pma_processes_count(const pma_processes *x, size_t own); /* of subdomains in all of them */

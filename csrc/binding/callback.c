@@ -52,16 +52,6 @@ static int call_callable(double t, intptr_t n, double *u, double *v, double *r, 
     return pma_gil_call(run, &e);
 }
 
-double *pma_add_scratch(npy_intp n, PyObject *arrays)
-{
-    PyObject *work = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
-    double *data = NULL;
-    if (work && PyList_Append(arrays, work) == 0)
-        data = PyArray_DATA((PyArrayObject *)work);
-    Py_XDECREF(work);
-    return data;
-}
-
 /* Address and user data of a scipy.LowLevelCallable, a tuple that begins with a capsule; its
  * signature was checked in Python. NULL without an exception for any other object. */
 void *pma_address_of(PyObject *obj, void **user)

@@ -345,13 +345,10 @@ static PyMethodDef coupler_methods[] = {
      "record_present(record) -> None or (rank,): writes the present time level into row 0"},
     {"in_lanes", (PyCFunction)pma_coupler_in_lanes, METH_O,
      "in_lanes(subdomains): the same problem PMA_LANES times, with the subdomains in lanes"},
-    {"numbers", (PyCFunction)pma_coupler_object_numbers, METH_VARARGS,
-     "numbers(name) -> what is of the present beside multipliers and subdomains, a copy; empty "
-     "where the schedule has none: \"shooting\" (k,), what the next macro step begins with; "
-     "\"end_multipliers\" (2 p + 2,), of the accelerations under mean coupling; \"contact\", the "
-     "last impulses, d and d'"},
-    {"set_numbers", (PyCFunction)pma_coupler_object_set_numbers, METH_VARARGS,
-     "set_numbers(name, numbers): the inverse, after start"},
+    {"numbers", (PyCFunction)pma_coupler_object_numbers, METH_NOARGS,
+     "numbers() -> {name: copy} of the present, beside the subdomains: pma_coupler_arrays"},
+    {"set_numbers", (PyCFunction)pma_coupler_object_set_numbers, METH_O,
+     "set_numbers(numbers): the inverse, after start"},
     {"contact_compliance", (PyCFunction)pma_coupler_object_compliance, METH_O,
      "contact_compliance(start) -> (rows * rows,) W by columns, of the first macro step or later"},
     {"contact_turns", (PyCFunction)pma_coupler_object_turns, METH_NOARGS,

@@ -16,7 +16,7 @@ struct pma_processes {
     allgatherv address;
     intptr_t type, communicator;
     double *sent;
-    npy_intp size; /* of `all` */
+    size_t size; /* of `all` */
 };
 
 /* ---- gathering ------------------------------------------------------------------------------ */
@@ -47,123 +47,120 @@ static bool gather_by_address(void *ctx, double *all, const int *counts, const i
     return x->address(x->sent, count, x->type, all, counts, starts, x->type, x->communicator) == 0;
 }
 
-/* ---- what Python gives ---------------------------------------------------------------------- */
+/* ---- its fields ----------------------------------------------------------------------------- */
 
-/* the constraints of a subdomain whose steps are iterated; None for another */
-static int take_iterated(PyObject *obj, PyObject *arrays, pma_remote_parts *parts)
+static pma_status take_remote(const pma_field *f, pma_remote **out)
 {
-    npy_intp count = -1;
-    if (obj == Py_None)
-        return 0;
-    if (pma_take_vector(obj, NPY_INT64, &count, "rows", arrays, &parts->rows) < 0)
-        return -1;
-    parts->iterates = true;
-    parts->count = (size_t)count;
-    return 0;
-}
-
-/* (nb, substeps, h, doubled, continues, shoots, link, rows) */
-static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
-{
-    pma_remote_parts parts = {.iterates = false};
-    Py_ssize_t nb, substeps;
-    int doubled, continues, shoots;
-    PyObject *link, *rows;
-    if (!PyTuple_Check(obj))
-        return pma_refuse(PyExc_TypeError, "a remote subdomain must be a tuple");
-    if (!PyArg_ParseTuple(obj, "nndpppOO", &nb, &substeps, &parts.h, &doubled, &continues, &shoots,
-                          &link, &rows))
-        return -1;
-    if (nb < 0 || substeps < 1)
-        return pma_refuse(PyExc_ValueError, "a remote subdomain must have substeps");
-    if (pma_take_link(link, (size_t)nb, arrays, &parts.link) < 0 ||
-        take_iterated(rows, arrays, &parts) < 0)
-        return -1;
-    parts.substeps = (size_t)substeps;
-    parts.doubled = doubled;
-    parts.continues = continues;
-    parts.shoots = shoots;
-    const pma_status status = pma_remote_create(&parts, out);
-    return pma_check(status, "remote");
+    const pma_field nb = pma_field_at(f, "nb"), substeps = pma_field_at(f, "substeps");
+    const pma_field h = pma_field_at(f, "h"), doubled = pma_field_at(f, "doubled");
+    const pma_field continues = pma_field_at(f, "continues"), shoots = pma_field_at(f, "shoots");
+    const pma_field link = pma_field_at(f, "link"), rows = pma_field_at(f, "rows");
+    pma_remote_parts parts = {.iterates = !pma_field_is_none(&rows)};
+    const void *data = NULL;
+    size_t dofs;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_count(&nb, 0, &dofs));
+    PMA_TRY(pma_field_count(&substeps, 1, &parts.substeps));
+    PMA_TRY(pma_field_real(&h, &parts.h));
+    PMA_TRY(pma_field_flag(&doubled, &parts.doubled));
+    PMA_TRY(pma_field_flag(&continues, &parts.continues));
+    PMA_TRY(pma_field_flag(&shoots, &parts.shoots));
+    PMA_TRY(pma_parts_link(&link, dofs, &parts.link));
+    if (parts.iterates)
+        PMA_TRY(pma_field_vector(&rows, PMA_INT64S, &parts.count, &data));
+    parts.rows = data;
+    return pma_remote_create(&parts, out);
 }
 
 /* Remote subdomains, of which None stands for one of this process. */
-static int take_remotes(PyObject *obj, PyObject *arrays, pma_processes *x)
+static pma_status take_remotes(const pma_field *f, pma_processes *x)
 {
-    const Py_ssize_t count = PyTuple_Size(obj);
-    x->remotes = PyMem_Calloc((size_t)count + 1, sizeof *x->remotes);
+    PMA_TRY(pma_field_tuple(f, &x->count));
+    x->remotes = PyMem_Calloc(x->count + 1, sizeof(pma_remote *));
     if (!x->remotes)
-        return pma_check(PMA_NO_MEMORY, NULL);
-    x->count = (size_t)count;
-    for (Py_ssize_t i = 0; i < count; i++) {
-        PyObject *entry = PyTuple_GetItem(obj, i);
-        if (entry != Py_None && take_remote(entry, arrays, &x->remotes[i]) < 0)
-            return -1;
+        return PMA_NO_MEMORY;
+    for (size_t i = 0; i < x->count; i++) {
+        const pma_field remote = pma_field_item(f, i);
+        if (!pma_field_is_none(&remote))
+            PMA_TRY(take_remote(&remote, &x->remotes[i]));
     }
-    return 0;
+    return PMA_OK;
 }
 
-/* a callable, or (address, type, communicator) */
-static int take_gather(PyObject *obj, PyObject *arrays, npy_intp size, pma_processes *x)
+/* {address, type, communicator}, or a callable */
+static pma_status take_gather(const pma_field *f, pma_processes *x)
 {
+    const pma_field address = pma_field_at(f, "address"), type = pma_field_at(f, "type");
+    const pma_field communicator = pma_field_at(f, "communicator");
+    int64_t values[3];
     x->parts.ctx = x;
-    if (PyCallable_Check(obj)) {
-        x->callable = obj;
-        x->parts.gather = gather_by_callable;
-        return PyList_Append(arrays, obj);
+    x->parts.gather = gather_by_callable;
+    if (f->node->kind == PMA_FOREIGN) {
+        PMA_TRY(pma_field_find(f, PMA_OBJECT_ROLE, (void *)&x->callable));
+        return PyCallable_Check(x->callable) ? PMA_OK : pma_field_refuse(f, "must be callable");
     }
-    Py_ssize_t address, type, communicator;
-    if (!PyArg_Parse(obj, "(nnn)", &address, &type, &communicator))
-        return -1;
-    x->sent = pma_add_scratch(size, arrays);
-    if (!x->sent)
-        return -1;
-    memcpy(&x->address, &address, sizeof address);
-    x->type = type;
-    x->communicator = communicator;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_integer(&address, INTPTR_MIN, &values[0]));
+    PMA_TRY(pma_field_integer(&type, INTPTR_MIN, &values[1]));
+    PMA_TRY(pma_field_integer(&communicator, INTPTR_MIN, &values[2]));
+    PMA_TRY(pma_field_allocate(f, x->size, sizeof *x->sent, (void *)&x->sent));
+    const intptr_t function = (intptr_t)values[0];
+    memcpy(&x->address, &function, sizeof function);
+    x->type = (intptr_t)values[1];
+    x->communicator = (intptr_t)values[2];
     x->parts.gather = gather_by_address;
-    return 0;
+    return PMA_OK;
 }
 
-static int take_buffers(PyObject *first, PyObject *all, PyObject *counts, PyObject *starts,
-                        PyObject *arrays, pma_processes *x)
+static pma_status take_numbers(const pma_field *f, pma_processes *x)
 {
-    npy_intp ranks = -1;
-    if (pma_take_vector(first, NPY_INT64, &ranks, "first", arrays, &x->parts.first) < 0)
-        return -1;
-    bool fits = --ranks >= 1 && (npy_intp)x->parts.rank < ranks;
-    x->size = -1;
-    if (pma_take_vector(counts, NPY_INT, &ranks, "counts", arrays, &x->parts.counts) < 0 ||
-        pma_take_vector(starts, NPY_INT, &ranks, "starts", arrays, &x->parts.starts) < 0 ||
-        pma_take_vector(all, NPY_DOUBLE, &x->size, "all", arrays, &x->parts.all) < 0)
-        return -1;
-    x->parts.ranks = (size_t)ranks;
-    for (npy_intp r = 0; fits && r < ranks; r++)
-        fits = x->parts.first[r] >= 0 && x->parts.first[r] <= x->parts.first[r + 1];
-    if (fits)
-        return 0;
-    return pma_refuse(PyExc_ValueError, "first must rise, with a range for each rank");
+    const pma_field first = pma_field_at(f, "first"), all = pma_field_at(f, "all");
+    const pma_field counts = pma_field_at(f, "counts"), starts = pma_field_at(f, "starts");
+    const pma_field rank = pma_field_at(f, "rank");
+    pma_exchange_parts *parts = &x->parts;
+    const int32_t *ints[2] = {NULL};
+    const void *data = NULL;
+    int64_t size = -1;
+    PMA_TRY(pma_field_vector(&first, PMA_INT64S, &parts->ranks, &data));
+    parts->first = data;
+    if (parts->ranks-- < 2)
+        return pma_field_refuse(&first, "must have a range for each rank");
+    PMA_TRY(pma_field_count(&rank, 0, &parts->rank));
+    if (parts->rank >= parts->ranks)
+        return pma_field_refuse(&rank, "must be one of the ranks");
+    PMA_TRY(pma_field_ints(&counts, parts->ranks, &ints[0]));
+    PMA_TRY(pma_field_ints(&starts, parts->ranks, &ints[1]));
+    PMA_TRY(pma_field_output(&all, 1, &size, &parts->all));
+    parts->counts = (int *)(uintptr_t)ints[0];
+    parts->starts = (int *)(uintptr_t)ints[1];
+    x->size = (size_t)size;
+    for (size_t r = 0; r < parts->ranks; r++) {
+        if (parts->first[r] < 0 || parts->first[r] > parts->first[r + 1])
+            return pma_field_refuse(&first, "must rise");
+    }
+    return PMA_OK;
+}
+
+static pma_status take(const pma_field *f, pma_processes *x)
+{
+    const pma_field remotes = pma_field_at(f, "remotes"), gather = pma_field_at(f, "gather");
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(take_remotes(&remotes, x));
+    PMA_TRY(take_numbers(f, x));
+    return take_gather(&gather, x);
 }
 
 int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out)
 {
-    PyObject *remotes, *first, *all, *counts, *starts, *gather;
-    Py_ssize_t rank;
+    pma_argument arg;
     *out = NULL;
     if (obj == Py_None)
         return 0;
-    if (!PyArg_Parse(obj, "(nO!OOOOO)", &rank, &PyTuple_Type, &remotes, &first, &all, &counts,
-                     &starts, &gather))
-        return -1;
-    pma_processes *x = PyMem_Calloc(1, sizeof *x);
-    if (!x)
+    *out = PyMem_Calloc(1, sizeof **out);
+    if (!*out)
         return pma_check(PMA_NO_MEMORY, NULL);
-    *out = x;
-    x->parts.rank = (size_t)rank;
-    if (take_remotes(remotes, arrays, x) < 0 ||
-        take_buffers(first, all, counts, starts, arrays, x) < 0)
-        return -1;
-    return take_gather(gather, arrays, x->size, x);
+    const pma_field root = pma_read(&arg, obj, "processes", arrays);
+    return pma_end(&arg, take(&root, *out));
 }
 
 void pma_release_processes(pma_processes *x)
@@ -194,7 +191,7 @@ const pma_exchange_parts *pma_processes_parts(const pma_processes *x)
 
 int pma_processes_check(const pma_processes *x, const pma_member *members)
 {
-    if (!x || pma_exchange_size(x->parts.ranks, x->count, members) <= (size_t)x->size)
+    if (!x || pma_exchange_size(x->parts.ranks, x->count, members) <= x->size)
         return 0;
     return pma_refuse(PyExc_ValueError, "all must have room for the values of all ranks");
 }

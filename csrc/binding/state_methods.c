@@ -1,52 +1,108 @@
-/* Methods that read and write what belongs to the present beside the levels of subdomains. */
+/* Methods that read and write what belongs to the present, by the names of its arrays. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* Numbers of the present that belong to the coupler, none where its schedule has no such. */
-static const struct {
-    const char *name;
-    double *(*get)(pma_coupler *c, size_t *size);
-} NUMBERS[] = {{"shooting", pma_coupler_iteration},
-               {"end_multipliers", pma_coupler_end_multipliers},
-               {"contact", pma_coupler_contact}};
-
-/* Those of a name; the caller has claimed the coupler. */
-static double *find_numbers(CouplerObject *self, const char *name, size_t *size)
+/* {name: copy} */
+static PyObject *copy_arrays(const pma_state_array *arrays, size_t count)
 {
-    *size = 0;
-    for (size_t i = 0; i < sizeof NUMBERS / sizeof *NUMBERS; i++) {
-        if (strcmp(name, NUMBERS[i].name) == 0)
-            return NUMBERS[i].get(self->core, size);
+    PyObject *dict = PyDict_New();
+    for (size_t i = 0; dict && i < count; i++) {
+        PyObject *copy = pma_new_vector((npy_intp)arrays[i].count, arrays[i].values);
+        if (!copy || PyDict_SetItemString(dict, arrays[i].name, copy) < 0)
+            Py_CLEAR(dict);
+        Py_XDECREF(copy);
     }
-    PyErr_Format(PyExc_ValueError, "there are no numbers of this name: %s", name);
-    return NULL;
+    return dict;
 }
 
-PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *args)
+static int write_arrays(PyObject *obj, const char *name, const pma_state_array *arrays,
+                        size_t count)
 {
-    const char *name;
-    size_t size;
-    if (!PyArg_ParseTuple(args, "s", &name) || pma_coupler_claim(self) < 0)
+    pma_argument arg;
+    const pma_field root = pma_read(&arg, obj, name, NULL);
+    return pma_end(&arg, pma_parts_arrays(&root, arrays, count));
+}
+
+/* ---- of a subdomain ------------------------------------------------------------------------- */
+
+PyObject *pma_subdomain_object_levels(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    if (!pma_subdomain_claim(self))
         return NULL;
-    const double *present = find_numbers(self, name, &size);
-    PyObject *copy = PyErr_Occurred() ? NULL : pma_new_vector((npy_intp)size, present);
+    PyObject *levels = copy_arrays(arrays, pma_subdomain_arrays(self->core, arrays));
+    pma_subdomain_release(self);
+    return levels;
+}
+
+PyObject *pma_subdomain_object_set_levels(SubdomainObject *self, PyObject *obj)
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    if (!pma_subdomain_claim(self))
+        return NULL;
+    const int failed =
+        write_arrays(obj, "levels", arrays, pma_subdomain_arrays(self->core, arrays));
+    if (!failed)
+        pma_subdomain_watch_again(self->core);
+    pma_subdomain_release(self);
+    return failed ? NULL : Py_NewRef(Py_None);
+}
+
+PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    const pma_iterate *it = pma_subdomain_iterate(self->core);
+    if (!it)
+        Py_RETURN_NONE;
+    if (!pma_subdomain_claim(self))
+        return NULL;
+    const pma_kept_iteration kept = pma_iterate_kept(it);
+    PyObject *entries = kept.entries
+                            ? pma_new_vector((npy_intp)pma_iterate_entries(it), kept.entries)
+                            : Py_NewRef(Py_None);
+    pma_subdomain_release(self);
+    return entries ? Py_BuildValue("{sdsNsO}", "scale", kept.scale, "entries", entries, "twice",
+                                   kept.twice ? Py_True : Py_False)
+                   : NULL;
+}
+
+PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *obj)
+{
+    pma_argument arg;
+    pma_kept_iteration kept;
+    pma_iterate *it = pma_subdomain_iterate(self->core);
+    if (!it)
+        return PyErr_Format(PyExc_ValueError, "the subdomain is not iterated");
+    const pma_field root = pma_read(&arg, obj, "iteration", NULL);
+    pma_status status = pma_parts_kept(&root, it, &kept);
+    if (status != PMA_OK || !pma_subdomain_claim(self)) {
+        (void)pma_end(&arg, status);
+        return NULL;
+    }
+    pma_caller before = pma_gil_release(); /* factors as in a step */
+    status = pma_iterate_restore(it, kept);
+    pma_gil_acquire(before);
+    pma_subdomain_release(self);
+    return pma_end(&arg, status) < 0 ? NULL : Py_NewRef(Py_None);
+}
+
+/* ---- of a coupler --------------------------------------------------------------------------- */
+
+PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *Py_UNUSED(ignored))
+{
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    if (pma_coupler_claim(self) < 0)
+        return NULL;
+    PyObject *numbers = copy_arrays(arrays, pma_coupler_arrays(self->core, arrays));
     pma_coupler_release(self);
-    return copy;
+    return numbers;
 }
 
-PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *args)
+PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *obj)
 {
-    const char *name;
-    PyObject *obj;
-    size_t size;
-    const double *values;
-    if (!PyArg_ParseTuple(args, "sO", &name, &obj) || pma_coupler_claim(self) < 0)
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    if (pma_coupler_claim(self) < 0)
         return NULL;
-    double *present = find_numbers(self, name, &size);
-    const bool failed =
-        PyErr_Occurred() || pma_take_doubles(obj, (npy_intp)size, name, NULL, &values) < 0;
-    if (!failed && size > 0)
-        memcpy(present, values, size * sizeof(double));
+    const int failed = write_arrays(obj, "numbers", arrays, pma_coupler_arrays(self->core, arrays));
     pma_coupler_release(self);
     return failed ? NULL : Py_NewRef(Py_None);
 }
@@ -75,45 +131,4 @@ PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)
         PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
     Py_XDECREF(fits ? old : arrays);
     return fits ? Py_NewRef(Py_None) : NULL;
-}
-
-/* ---- what iterations keep ------------------------------------------------------------------- */
-
-PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
-{
-    pma_iterate *it = pma_subdomain_iterate(self->core);
-    bool twice;
-    if (!it)
-        Py_RETURN_NONE;
-    if (!pma_subdomain_claim(self))
-        return NULL;
-    const double *kept = pma_iterate_kept(it, &twice);
-    const double scale = pma_iterate_scale(it);
-    PyObject *entries =
-        kept ? pma_new_vector((npy_intp)pma_iterate_entries(it), kept) : Py_NewRef(Py_None);
-    pma_subdomain_release(self);
-    return entries ? Py_BuildValue("(dNO)", scale, entries, twice ? Py_True : Py_False) : NULL;
-}
-
-PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args)
-{
-    PyObject *entries;
-    const double *kept = NULL;
-    double scale;
-    int twice;
-    pma_iterate *it = pma_subdomain_iterate(self->core);
-    if (!PyArg_ParseTuple(args, "dOp", &scale, &entries, &twice))
-        return NULL;
-    if (!it)
-        return PyErr_Format(PyExc_ValueError, "the subdomain is not iterated");
-    if (entries != Py_None &&
-        pma_take_doubles(entries, (npy_intp)pma_iterate_entries(it), "entries", NULL, &kept) < 0)
-        return NULL;
-    if (!pma_subdomain_claim(self))
-        return NULL;
-    pma_caller before = pma_gil_release(); /* factors as in a step */
-    const pma_status status = pma_iterate_restore(it, scale, kept, twice);
-    pma_gil_acquire(before);
-    pma_subdomain_release(self);
-    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "entries");
 }

@@ -280,50 +280,6 @@ static PyObject *subdomain_restoring(SubdomainObject *self, PyObject *args)
     return result_of(self, status, r);
 }
 
-/* ---- the whole state: (u, v, w, a, vf, springs, history), and the previous one ---- */
-
-enum { LEVEL_FIELDS = 7 };
-
-static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_FIELDS])
-{
-    const pma_state *x[2] = {&levels->present, &levels->previous};
-    double *const vf[2] = {levels->vf, levels->vf_previous};
-    for (size_t k = 0; k < 2; k++) {
-        double *const own[LEVEL_FIELDS] = {x[k]->u, x[k]->v,       x[k]->w,      x[k]->a,
-                                           vf[k],   x[k]->springs, x[k]->history};
-        memcpy(fields + k * LEVEL_FIELDS, own, sizeof own);
-    }
-}
-
-static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
-{
-    const size_t n = parts->n, remembered = pma_parts_memory(parts);
-    const size_t history = parts->internal.history + (parts->iterate ? 1 : 0);
-    const size_t sizes[LEVEL_FIELDS] = {n, n, n, n, parts->nb, remembered, history};
-    return (npy_intp)sizes[field % LEVEL_FIELDS];
-}
-
-static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
-{
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    const Py_ssize_t count = parts->doubled ? 2 * LEVEL_FIELDS : LEVEL_FIELDS;
-    double *fields[2 * LEVEL_FIELDS];
-    npy_intp sizes[2 * LEVEL_FIELDS];
-    for (Py_ssize_t i = 0; i < count; i++)
-        sizes[i] = field_size(parts, i);
-    PyObject *tuple = new_tuple(count, sizes);
-    if (!tuple || !pma_subdomain_claim(self)) {
-        Py_XDECREF(tuple);
-        return NULL;
-    }
-    const pma_kept_levels levels = pma_subdomain_levels(self->core);
-    list_fields(&levels, fields);
-    for (Py_ssize_t i = 0; i < count; i++)
-        memcpy(item_of(tuple, i), fields[i], (size_t)sizes[i] * sizeof(double));
-    pma_subdomain_release(self);
-    return tuple;
-}
-
 static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
     const pma_springs *springs = &pma_subdomain_parts(self->core)->springs;
@@ -338,30 +294,6 @@ static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ig
                pma_springs_numbers(springs) * sizeof(double));
     pma_subdomain_release(self);
     return out;
-}
-
-static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
-{
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    const Py_ssize_t count = parts->doubled ? 2 * LEVEL_FIELDS : LEVEL_FIELDS;
-    double *fields[2 * LEVEL_FIELDS];
-    const double *values[2 * LEVEL_FIELDS];
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != count)
-        return PyErr_Format(PyExc_ValueError, "levels must be a tuple of %zd arrays", count);
-    for (Py_ssize_t i = 0; i < count; i++) {
-        if (pma_take_doubles(PyTuple_GetItem(tuple, i), field_size(parts, i), "levels", NULL,
-                             &values[i]) < 0)
-            return NULL;
-    }
-    if (!pma_subdomain_claim(self))
-        return NULL;
-    const pma_kept_levels levels = pma_subdomain_levels(self->core);
-    list_fields(&levels, fields);
-    for (Py_ssize_t i = 0; i < count; i++)
-        memcpy(fields[i], values[i], (size_t)field_size(parts, i) * sizeof(double));
-    pma_subdomain_watch_again(self->core);
-    pma_subdomain_release(self);
-    Py_RETURN_NONE;
 }
 
 static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closure))
@@ -405,14 +337,14 @@ static PyMethodDef subdomain_methods[] = {
     {"restoring", (PyCFunction)subdomain_restoring, METH_VARARGS,
      "restoring(t, u, v) -> r(u, v, t), the code that the function returned, or\n"
      "(0, quantity, position, value, limit, t, by_clock) for a force beyond the limits"},
-    {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
-     "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the "
-     "previous one if "
-     "double; copies"},
+    {"levels", (PyCFunction)pma_subdomain_object_levels, METH_NOARGS,
+     "levels() -> {u, v, w, a, vf, springs, history} of the present time level, and if double "
+     "{previous_u, ...} of the one before; copies"},
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
      "springs() -> (fields, springs) array: present deformation, force and inner variables, a "
      "copy"},
-    {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
+    {"set_levels", (PyCFunction)pma_subdomain_object_set_levels, METH_O,
+     "set_levels(levels): the inverse"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
      "code that a function returned"},
@@ -440,9 +372,9 @@ static PyMethodDef subdomain_methods[] = {
     {"in_lanes", (PyCFunction)pma_subdomain_in_lanes, METH_NOARGS,
      "in_lanes() -> the subdomain PMA_LANES times, for several cases side by side"},
     {"iteration", (PyCFunction)pma_subdomain_iteration, METH_NOARGS,
-     "iteration() -> (scale, entries, twice) that the next step begins with, or None"},
-    {"set_iteration", (PyCFunction)pma_subdomain_set_iteration, METH_VARARGS,
-     "set_iteration(scale, entries, twice): the inverse"},
+     "iteration() -> {scale, entries, twice} that the next step begins with, or None"},
+    {"set_iteration", (PyCFunction)pma_subdomain_set_iteration, METH_O,
+     "set_iteration(iteration): the inverse"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -52,7 +52,9 @@ static int set_array(pma_node *node, PyArrayObject *array, PyObject *arrays)
         if (!PyArray_EquivTypenums(PyArray_TYPE(array), KINDS[i].type) || axes < 1 ||
             axes > PMA_AXES || !PyArray_IS_C_CONTIGUOUS(array) || !PyArray_ISBEHAVED_RO(array))
             continue;
-        *node = (pma_node){.kind = KINDS[i].kind, .axes = (uint32_t)axes};
+        *node = (pma_node){.kind = KINDS[i].kind,
+                           .axes = (uint16_t)axes,
+                           .is_writeable = PyArray_ISWRITEABLE(array) ? 1 : 0};
         for (int k = 0; k < axes; k++)
             node->extent[k] = PyArray_DIM(array, k);
         node->is.at = (uint64_t)(uintptr_t)PyArray_DATA(array);
@@ -183,6 +185,9 @@ static pma_status find(pma_fields *fields, const pma_node *node, pma_role role, 
         return pma_find_potential(obj, out) < 0 ? PMA_REFUSED : PMA_OK;
     case PMA_LOAD_ROLE:
         return pma_find_load(obj, out) < 0 ? PMA_REFUSED : PMA_OK;
+    case PMA_OBJECT_ROLE:
+        memcpy(out, &obj, sizeof obj);
+        return PMA_OK;
     default:
         return pma_find_blas(obj, role == PMA_DGEMM_ROLE, out) < 0 ? PMA_REFUSED : PMA_OK;
     }

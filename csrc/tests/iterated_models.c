@@ -104,7 +104,7 @@ static pma_coupler *coupler_of(const model *m)
 
 size_t copy_iteration(const model *m, double *out)
 {
-    size_t count = 0, size;
+    size_t count = 0;
     for (size_t i = 0; i < m->count; i++) {
         const subdomain *x = &m->subdomains[i];
         pma_iterate *it = pma_subdomain_iterate(x->core);
@@ -115,53 +115,31 @@ size_t copy_iteration(const model *m, double *out)
         for (size_t k = 0; x->inner.used && k < HISTORY + (it ? 1 : 0); k++)
             out[count++] = history[k];
         if (it)
-            out[count++] = pma_iterate_scale(it);
+            out[count++] = pma_iterate_kept(it).scale;
     }
-    const double *kept = pma_coupler_iteration(coupler_of(m), &size);
-    for (size_t k = 0; k < size; k++)
-        out[count++] = kept[k];
+    const pma_state_array kept = present_array(coupler_of(m), "shooting");
+    for (size_t k = 0; k < kept.count; k++)
+        out[count++] = kept.values[k];
     return count;
-}
-
-static void copy_state(const subdomain *x, const pma_state *from, const pma_state *to)
-{
-    const size_t history = x->inner.used ? HISTORY + (x->implicit ? 1 : 0) : 0;
-    const size_t springs = SPRING_FIELDS * x->springs.total;
-    if (!from->u)
-        return;
-    memcpy(to->u, from->u, x->n * sizeof(double));
-    memcpy(to->v, from->v, x->n * sizeof(double));
-    memcpy(to->w, from->w, x->n * sizeof(double));
-    memcpy(to->a, from->a, x->n * sizeof(double));
-    memcpy(to->springs, from->springs, springs * sizeof(double));
-    memcpy(to->history, from->history, history * sizeof(double));
 }
 
 void carry_over(const model *from, model *to)
 {
     double g[CONSTRAINTS];
-    size_t size;
     memcpy(g, pma_coupler_prescribed(from->coupler), from->p * sizeof(double));
     pma_coupler_start(to->coupler, pma_coupler_step_count(from->coupler),
                       pma_coupler_multipliers(from->coupler), g);
-    const double *kept = pma_coupler_iteration(from->coupler, &size);
-    double *restored = pma_coupler_iteration(to->coupler, &size);
-    for (size_t k = 0; k < size; k++)
-        restored[k] = kept[k];
+    const pma_state_array kept = present_array(from->coupler, "shooting");
+    const pma_state_array restored = present_array(to->coupler, "shooting");
+    for (size_t k = 0; k < kept.count; k++)
+        restored.values[k] = kept.values[k];
     for (size_t i = 0; i < from->count; i++) {
         const subdomain *x = &from->subdomains[i];
-        const pma_kept_levels a = pma_subdomain_levels(x->core);
-        const pma_kept_levels b = pma_subdomain_levels(to->subdomains[i].core);
-        copy_state(x, &a.present, &b.present);
-        copy_state(x, &a.previous, &b.previous);
-        memcpy(b.vf, a.vf, x->nb * sizeof(double));
-        pma_iterate *it = pma_subdomain_iterate(x->core);
-        if (!it)
-            continue;
-        bool twice;
-        const double *tangent = pma_iterate_kept(it, &twice);
-        CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(to->subdomains[i].core),
-                                         pma_iterate_scale(it), tangent, twice),
-                     PMA_OK);
+        (void)copy_levels(x->core, to->subdomains[i].core);
+        const pma_iterate *it = pma_subdomain_iterate(x->core);
+        if (it)
+            CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(to->subdomains[i].core),
+                                             pma_iterate_kept(it)),
+                         PMA_OK);
     }
 }

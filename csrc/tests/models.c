@@ -157,10 +157,30 @@ void start_model(model *m)
         naive_member_start(&m->wrapped[i], first);
     }
     const double g0[CONSTRAINTS] = {0.0};
-    size_t size;
     pma_coupler_start(m->coupler, 0, m->lam0, g0);
     if (m->mean)
-        memcpy(pma_coupler_end_multipliers(m->coupler, &size), m->lam0, m->p * sizeof(double));
+        memcpy(present_array(m->coupler, "end_multipliers").values, m->lam0, m->p * sizeof(double));
+}
+
+pma_state_array present_array(pma_coupler *c, const char *name)
+{
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    const size_t count = pma_coupler_arrays(c, arrays);
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(arrays[i].name, name) == 0)
+            return arrays[i];
+    }
+    return (pma_state_array){name, 0, NULL};
+}
+
+size_t copy_levels(pma_subdomain *from, pma_subdomain *to)
+{
+    pma_state_array a[PMA_LEVEL_ARRAYS], b[PMA_LEVEL_ARRAYS];
+    const size_t count = pma_subdomain_arrays(from, a);
+    CHECK_INT(pma_subdomain_arrays(to, b), count);
+    for (size_t i = 0; i < count; i++)
+        memcpy(b[i].values, a[i].values, a[i].count * sizeof(double));
+    return count;
 }
 
 static bool has_entry(const subdomain *x, size_t row)

@@ -174,4 +174,10 @@ void check_chain(const chain *chosen);
 /* The present of one is bitwise that of the other. */
 void check_same(const model *m, const model *expected);
 
+/* What belongs to the state of a coupler, by its name; no values where there is none. */
+pma_state_array present_array(pma_coupler *c, const char *name);
+
+/* All arrays of one subdomain into another; their number. */
+size_t copy_levels(pma_subdomain *from, pma_subdomain *to);
+
 #endif

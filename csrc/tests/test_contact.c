@@ -11,6 +11,7 @@
 #include "coupling/coupler.h"
 #include "matrices.h"
 #include "member/subdomain.h"
+#include "models.h"
 #include "naive.h"
 #include "subdomains.h"
 #include "tests.h"
@@ -376,9 +377,9 @@ static void masses_hit_the_ground_and_each_other(void)
         /* some roundings of numbers of order one */
         CHECK_NEAR(now[0], end, 1e-14);
         CHECK_NEAR(now[1], away, 1e-14);
-        size_t size;
-        const double *contact = pma_coupler_contact(x.coupler, &size);
-        CHECK_INT(size, 8); /* impulses, d and d', sums */
+        const pma_state_array array = present_array(x.coupler, "contact");
+        const double *contact = array.values;
+        CHECK_INT(array.count, 8); /* impulses, d and d', sums */
         CHECK_NEAR(contact[4], speeds[k], 0.0);
         CHECK_NEAR(contact[6], (up + 1.0) + (end - down), 1e-14);
         CHECK_NEAR(contact[7], MASS * away, 1e-14);

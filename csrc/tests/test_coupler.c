@@ -272,14 +272,6 @@ static void a_second_start_forgets_the_first_run(void)
     check_second_start(&(chain){.plan = MIXED, .sprung = true});
 }
 
-static void copy_state(size_t n, const pma_state *from, const pma_state *to)
-{
-    memcpy(to->u, from->u, n * sizeof(double));
-    memcpy(to->v, from->v, n * sizeof(double));
-    memcpy(to->w, from->w, n * sizeof(double));
-    memcpy(to->a, from->a, n * sizeof(double));
-}
-
 /* All kept levels of one model into another, which goes on as if it had been there all the time. */
 static void check_taken_over(plan chosen, int64_t after)
 {
@@ -289,13 +281,7 @@ static void check_taken_over(plan chosen, int64_t after)
     CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
     for (size_t i = 0; i < m.count; i++) {
         const subdomain *x = &m.subdomains[i];
-        const pma_kept_levels from = pma_subdomain_levels(x->core);
-        const pma_kept_levels to = pma_subdomain_levels(n.subdomains[i].core);
-        copy_state(x->n, &from.present, &to.present);
-        memcpy(to.vf, from.vf, x->nb * sizeof(double));
-        CHECK_INT(from.previous.u != NULL, x->doubled);
-        if (x->doubled)
-            copy_state(x->n, &from.previous, &to.previous);
+        CHECK_INT(copy_levels(x->core, n.subdomains[i].core), x->doubled ? 14 : 7);
     }
     double g[CONSTRAINTS];
     prescribe(&m, (size_t)after * m.fine, g);
@@ -316,6 +302,16 @@ static void a_run_goes_on_from_time_levels_that_were_written(void)
     }
 }
 
+static void check_kept(const subdomain *x, const pma_state_array *kept, const level *expected)
+{
+    const pma_state state = {
+        .u = kept[0].values, .v = kept[1].values, .w = kept[2].values, .a = kept[3].values};
+    check_state(x, &state, expected);
+    CHECK_INT(kept[4].count, x->nb);
+    for (size_t b = 0; b < x->nb; b++)
+        CHECK_NEAR(kept[4].values[b], expected->vf[x->n - x->nb + b], AGREE);
+}
+
 /* Against the naive program: the present, the level before, and both free velocities. */
 static void check_levels(size_t substeps)
 {
@@ -326,16 +322,12 @@ static void check_levels(size_t substeps)
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
         for (size_t i = 0; i < m.count; i++) {
             const subdomain *x = &m.subdomains[i];
-            const pma_kept_levels kept = pma_subdomain_levels(x->core);
             const level *now = &m.levels[i][macro * x->substeps];
-            check_state(x, &kept.present, now);
-            for (size_t b = 0; b < x->nb; b++)
-                CHECK_NEAR(kept.vf[b], now->vf[x->n - x->nb + b], AGREE);
-            if (!x->doubled)
-                continue;
-            check_state(x, &kept.previous, now - 1);
-            for (size_t b = 0; b < x->nb; b++)
-                CHECK_NEAR(kept.vf_previous[b], (now - 1)->vf[x->n - x->nb + b], AGREE);
+            pma_state_array kept[PMA_LEVEL_ARRAYS];
+            (void)pma_subdomain_arrays(x->core, kept);
+            check_kept(x, kept, now);
+            if (x->doubled)
+                check_kept(x, kept + 7, now - 1);
         }
     }
     destroy_model(&m);

@@ -274,7 +274,7 @@ static void read_scales(const model *m, double *kinetic, double *scales)
     for (size_t i = 0; i < m->count; i++) {
         const double v = pma_subdomain_present(m->subdomains[i].core)->v[0];
         *kinetic += v * m->subdomains[i].M[0] * v;
-        *scales += pma_iterate_scale(pma_subdomain_iterate(m->subdomains[i].core));
+        *scales += pma_iterate_kept(pma_subdomain_iterate(m->subdomains[i].core)).scale;
     }
 }
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from .._checks import positive_number, real_array, real_number, vector, whole_number
 from ..errors import ConstraintWarning
 from ..run.advance import advance_to
 from ..run.coupler import Coupler
 from ..run.session import begin, require_linear
-from ..setup.member import Member, core_subdomain
+from ..setup.member import Member, core_parts
 from .amplification import checked_coupler, state_kept
 from .exact import Instant
 
@@ -209,21 +210,22 @@ def local_error(
 
 def _exact_state(
     coupler: Coupler, member: Member, exact: Callable[[float], Instant], n: int
-) -> tuple[np.ndarray, ...]:
+) -> dict[str, np.ndarray]:
     """The arrays of a subdomain in the core at t_n, from exact data."""
     u, v, w, lam = _exact_at(coupler, member, exact, coupler._session.clock.time(n))
     h = 2.0 * member.h if member.double else member.h
     # a separate core subdomain, whose single step is h, starts with (S2)
-    core = core_subdomain(member, member.subdomain.scheme, member.L, member.operator(h))
+    operator = member.operator(h)
+    core = _core.Subdomain(core_parts(member, member.subdomain.scheme, member.L, operator))
     core.start(u, v, w, lam)
-    arrays = core.levels()
+    levels = core.levels()
     if member.double:
-        before = ((n * member.substeps - 1) / member.substeps) * coupler.dt
-        u, v, w, _ = _exact_at(coupler, member, exact, before)
+        t = ((n * member.substeps - 1) / member.substeps) * coupler.dt
+        u, v, w, _ = _exact_at(coupler, member, exact, t)
         # no step reads this free velocity, and there are no springs and internal forces
-        arrays += (u, v, w, w, np.zeros(member.nb), np.zeros(0), np.zeros(0))
-    result: tuple[np.ndarray, ...] = arrays
-    return result
+        before = (u, v, w, w, np.zeros(member.nb), np.zeros(0), np.zeros(0))
+        levels |= {f"previous_{name}": x for name, x in zip(levels, before)}
+    return levels
 
 
 def _exact_at(

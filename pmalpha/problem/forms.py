@@ -5,6 +5,7 @@ Each is a dict of the tree that `_core` reads, with its fields for keys (csrc/co
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -267,6 +268,47 @@ class Shooting(NamedTuple):
     response_start: Any
     response: Any
     H_size: Any
+
+
+class Motion(NamedTuple):
+    """The rows of a prescribed velocity, which may be set later."""
+
+    rows: np.ndarray
+    velocity: Load
+
+
+class Remote(NamedTuple):
+    """A subdomain of another process; rows are its constraints if its steps are iterated."""
+
+    nb: int
+    substeps: int
+    h: float
+    doubled: bool
+    continues: bool
+    shoots: bool
+    link: Columns
+    rows: np.ndarray | None
+
+
+class Allgatherv(NamedTuple):
+    """The function of MPI, and the handles that it takes."""
+
+    address: int
+    type: int
+    communicator: int
+
+
+class Processes(NamedTuple):
+    """Subdomains of the other processes, None for own, the first one of each rank, and what is
+    exchanged: numbers of all ranks, how many each has, where they begin, and how they gather."""
+
+    rank: int
+    remotes: tuple[Remote | None, ...]
+    first: np.ndarray
+    all: np.ndarray
+    counts: np.ndarray
+    starts: np.ndarray
+    gather: Callable[[], None] | Allgatherv
 
 
 class Side(NamedTuple):

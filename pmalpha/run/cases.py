@@ -96,7 +96,8 @@ class Lanes:
             for lane in range(LANES):
                 self.core.set_motion(k * LANES + lane, motion.core_load())
         self.core.start(0, lam, g)
-        self.core.set_numbers("end_multipliers", np.concatenate([lam, lam, np.zeros(2)]))
+        line = {"end_multipliers": np.concatenate([lam, lam, np.zeros(2)])}
+        self.core.set_numbers(self.core.numbers() | line)
 
     def advance(
         self, recordings: Sequence[Recording], end: int, report: Callable[[int], None] | None

@@ -38,15 +38,10 @@ from .motion import Motion
 
 # In the header of the file.
 FORMAT, VERSION = "pmalpha checkpoint", 1
-# The arrays of a subdomain in the core at the present time level; a double-step subdomain has them
-# at the previous time level as well.
-FIELDS = ("u", "v", "w", "a", "vf", "springs", "history")
 # Stiffness and damping of a restoring force, (R2).
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # Multipliers from which accelerations are recorded under mean coupling.
 LINE = ("end_multipliers", "multipliers_before")
-# What the core has of the present beside the subdomains, multipliers and prescribed velocities.
-NUMBERS = ("shooting", "end_multipliers", "contact")
 # Lengths of the last two macro steps under mean coupling.
 LENGTHS = "lengths"
 # What is added to the name of a checkpoint for that of a rank: macro step, token and rank.
@@ -180,44 +175,40 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
     """
     arrays, p, core = {}, rows.p, assembly.core
     for i, member in enumerate(assembly.members, assembly.first):
-        for name, x in zip(names(member), member.core.levels()):
+        for name, x in member.core.levels().items():
             if x.size or not name.endswith("history"):
                 arrays[f"{i}.{name}"] = x[order_of(member, name, x)]
         if (iteration := member.core.iteration()) is not None:
-            scale, entries, twice = iteration
-            arrays[f"{i}.iteration"] = np.array([scale, float(entries is not None), float(twice)])
+            entries, twice = iteration["entries"], float(iteration["twice"])
+            has_tangent = float(entries is not None)
+            arrays[f"{i}.iteration"] = np.array([iteration["scale"], has_tangent, twice])
             if entries is not None:
                 arrays[f"{i}.tangent"] = entries[places_of(member)]
-    if (shooting := core.numbers("shooting")).size:
-        arrays["shooting"] = reordered(shooting, rows.position, rows.scale)
+    numbers = core.numbers()
+    if "shooting" in numbers:
+        arrays["shooting"] = reordered(numbers["shooting"], rows.position, rows.scale)
     if options.coupling == "mean":
-        *line, arrays[LENGTHS] = np.split(core.numbers("end_multipliers"), [p, 2 * p])
+        *line, arrays[LENGTHS] = np.split(numbers["end_multipliers"], [p, 2 * p])
         for name, lam in zip(LINE, line):
             arrays[name] = rows.forces(lam)
-    if (contact := core.numbers("contact")).size:
-        arrays["contacts"] = contact
-    arrays["multipliers"] = rows.forces(core.multipliers)
-    arrays["prescribed"] = rows.jumps(core.prescribed)
+    if "contact" in numbers:
+        arrays["contacts"] = numbers["contact"]
+    arrays["multipliers"] = rows.forces(numbers["multipliers"])
+    arrays["prescribed"] = rows.jumps(numbers["prescribed"])
     return arrays
-
-
-def names(member: Member) -> list[str]:
-    return [*FIELDS, *(f"previous_{name}" for name in FIELDS if member.double)]
 
 
 # What the iteration of a subdomain keeps: scale, entries of a tangent, and whether they are of the
 # double step.
-Iteration: TypeAlias = tuple[float, np.ndarray | None, bool]
+Iteration: TypeAlias = dict[str, Any]
 
 
 class CoreState(NamedTuple):
-    """The state of a coupler in the core's order: arrays by subdomain, and (p,) arrays."""
+    """The state of a coupler in the core's order, by the names that the core has for its arrays."""
 
-    levels: list[tuple[np.ndarray, ...]]
+    levels: list[dict[str, np.ndarray]]  # of each subdomain
     iterations: list[Iteration | None]
-    multipliers: np.ndarray
-    prescribed: np.ndarray
-    numbers: dict[str, np.ndarray]  # those of `NUMBERS`
+    numbers: dict[str, np.ndarray]
 
 
 def core_state(
@@ -228,29 +219,27 @@ def core_state(
     options: Options,
 ) -> CoreState:
     """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
-    p, core = rows.p, assembly.core
+    p, numbers = rows.p, assembly.core.numbers()
     members = list(enumerate(assembly.members, assembly.first))
     try:
         states = [core_arrays(member, i, arrays) for i, member in members]
         iterations = [core_iteration(member, i, arrays) for i, member in members]
-        shooting = core.numbers("shooting")
-        if shooting.size:
-            shooting = checked(arrays, "shooting", shooting.size)
-            shooting = reordered(shooting, rows.numbers, 1.0 / rows.scale[rows.numbers])
+        if "shooting" in numbers:
+            shooting = checked(arrays, "shooting", numbers["shooting"].size)
+            scale = 1.0 / rows.scale[rows.numbers]
+            numbers["shooting"] = reordered(shooting, rows.numbers, scale)
         line, lengths = list(np.zeros((2, p))), np.zeros(2)
         if options.coupling == "mean":
             line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
             lengths = checked(arrays, LENGTHS, 2)
-        contact = core.numbers("contact")
-        if contact.size:
-            contact = contacts_of(arrays, contact.size)
-        lam = rows.forces_in_core(checked(arrays, "multipliers", p))
-        g = rows.jumps_in_core(checked(arrays, "prescribed", p))
+        numbers["end_multipliers"] = np.concatenate([*line, lengths])
+        if "contact" in numbers:
+            numbers["contact"] = contacts_of(arrays, numbers["contact"].size)
+        numbers["multipliers"] = rows.forces_in_core(checked(arrays, "multipliers", p))
+        numbers["prescribed"] = rows.jumps_in_core(checked(arrays, "prescribed", p))
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
-    ends = np.concatenate([*line, lengths])
-    numbers = dict(zip(NUMBERS, (shooting, ends, contact)))
-    return CoreState(states, iterations, lam, g, numbers)
+    return CoreState(states, iterations, numbers)
 
 
 def contacts_of(arrays: Mapping[str, np.ndarray], size: int) -> np.ndarray:
@@ -262,17 +251,13 @@ def contacts_of(arrays: Mapping[str, np.ndarray], size: int) -> np.ndarray:
     return checked(arrays, "contacts", size)
 
 
-def core_arrays(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+def core_arrays(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of subdomain i for the core; ValueError for missing or wrong arrays."""
-    state = []
-    for name, present in zip(names(member), member.core.levels()):
-        if name.endswith("history") and not present.size:
-            state.append(present)
-            continue
-        x = np.empty(present.size)
-        x[order_of(member, name, x)] = checked(arrays, f"{i}.{name}", present.size)
-        state.append(x)
-    return tuple(state)
+    levels = member.core.levels()
+    for name, x in levels.items():
+        if x.size or not name.endswith("history"):
+            x[order_of(member, name, x)] = checked(arrays, f"{i}.{name}", x.size)
+    return levels
 
 
 def core_iteration(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> Iteration | None:
@@ -285,7 +270,7 @@ def core_iteration(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> 
     if has_tangent:
         tangent = np.empty(size)
         tangent[places_of(member)] = checked(arrays, f"{i}.tangent", size)
-    return float(scale), tangent, bool(twice)
+    return {"scale": float(scale), "entries": tangent, "twice": bool(twice)}
 
 
 def places_of(member: Member) -> np.ndarray:
@@ -331,9 +316,8 @@ def restore(
     for member, levels in zip(members, state.levels):
         member.core.set_levels(levels)
     core.set_origin(clock.origin, clock.t0)
-    core.start(step, state.multipliers, state.prescribed)
-    for name, numbers in state.numbers.items():
-        core.set_numbers(name, numbers)
+    core.start(step, state.numbers["multipliers"], state.numbers["prescribed"])
+    core.set_numbers(state.numbers)
 
 
 def set_iterations(iterations: Sequence[Iteration | None], members: Sequence[Member]) -> None:
@@ -342,11 +326,11 @@ def set_iterations(iterations: Sequence[Iteration | None], members: Sequence[Mem
     with one_thread():  # the core factors kept tangents
         try:
             for member, new in iterated:
-                member.core.set_iteration(*new)
+                member.core.set_iteration(new)
         except (RuntimeError, ValueError) as error:
             for (member, _), old in zip(iterated, before):
                 assert old is not None  # as the new one
-                member.core.set_iteration(*old)
+                member.core.set_iteration(old)
             raise ValueError(f"a kept tangent is singular: {error}") from None
 
 

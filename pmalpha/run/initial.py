@@ -85,23 +85,22 @@ class InitialValues:
         ranks = self.rows.ranks
         solver = solver or InitialAccelerations(members, rows.p, rows.numbers, ranks)
         start = self.consistent(members, loads, rows, solver)
-        contact = self._contact(loads)
+        numbers = {"end_multipliers": start.end_multipliers} | self._contact(loads)
         for member, state in zip(members, start.states):
             member.core.start(*state, start.lam)
             member.reported = member.slowed = False
         core.start(0, start.lam, start.g)
-        core.set_numbers("end_multipliers", start.end_multipliers)
-        core.set_numbers("contact", contact)
+        core.set_numbers(core.numbers() | numbers)
         return solver
 
-    def _contact(self, loads: Loads) -> np.ndarray:
+    def _contact(self, loads: Loads) -> dict[str, np.ndarray]:
         """What the core has of contacts at t = 0; ConstraintError for gaps that are closed."""
         if loads.obstacles is None:
-            return np.empty(0)
+            return {}
         contacts, start = loads.obstacles.contacts, loads.obstacles.start()
         d = start[contacts.rows :][: contacts.count]
         contacts.check_gaps([u for u, _ in self.values], d)
-        return start
+        return {"contact": start}
 
     def consistent(
         self, members: Sequence[Member], loads: Loads, rows: CoreRows, solver: InitialAccelerations

@@ -213,12 +213,12 @@ def advance_in_intervals(
 
 def record_present(session: Session, recording: Recording) -> None:
     record = recording.core_record()
-    contact = session.core.numbers("contact")
+    numbers = session.core.numbers()
     if session.ranks is not None:
         session.ranks.share(None)  # what allocates is behind all ranks
     elsewhere = session.core.record_present(record)
     if recording.continues:  # this row is no row of the file: impulses are summed on
-        session.core.set_numbers("contact", contact)
+        session.core.set_numbers(numbers)
     if elsewhere is not None:
         raise Elsewhere(*elsewhere)
 

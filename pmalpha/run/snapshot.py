@@ -91,9 +91,7 @@ def snapshot_of(session: Session) -> Snapshot:
     state = CoreState(
         [member.core.levels() for member in members],
         [member.core.iteration() for member in members],
-        core.multipliers,
-        core.prescribed,
-        {name: core.numbers(name) for name in checkpoint.NUMBERS},
+        core.numbers(),
     )
     snapshot._contents = _Contents(
         session.assemblies,

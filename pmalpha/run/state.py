@@ -54,7 +54,7 @@ def state_of(session: Session, i: int) -> State:
     member = session.members[i]
     u, v, w = member.core.state()
     if member.mean:
-        lam = session.core.numbers("end_multipliers")[: session.core_rows.p]
+        lam = session.core.numbers()["end_multipliers"][: session.core_rows.p]
         w = w + member.core.accelerate(lam)
     u, v, w = (x[member.position] for x in (u, v, w))
     return State(u, v, w, n=member.n, dof_names=member.subdomain.dof_names)

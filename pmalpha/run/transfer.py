@@ -11,11 +11,9 @@ import numpy as np
 from ..results.clock import Clock
 from ..setup.assembly import Assembly, Layout
 from ..setup.member import Member
-from .checkpoint import NUMBERS
 
-# Number of arrays of a time level in the core (u, v, w, a, vf, springs, history), and where w and a
-# are among them.
-FIELDS, W, A = 7, 2, 3
+# What the arrays of the level before have in front of their names.
+PREVIOUS = "previous_"
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class Lengths(NamedTuple):
 class Move(NamedTuple):
     """What a subdomain continues with, in the form of the core."""
 
-    levels: tuple[np.ndarray, ...]
+    levels: dict[str, np.ndarray]
     rebased: bool  # the stored free velocity is made anew, (Q2)
     twice: bool  # ... with the operator of the double step
     scale: float | None  # of iterations
@@ -108,49 +106,51 @@ def moves(
         levels = _levels(o, n, made(i), wanted(i))
         iteration = o.core.iteration()
         rebased = o.double or n.double or o.h != n.h
-        scale = None if iteration is None else iteration[0]
+        scale = None if iteration is None else iteration["scale"]
         states.append(Move(levels, rebased, n.is_double(start=first), scale))
     return states
 
 
-def _levels(o: Member, n: Member, made: Lengths, wanted: Lengths) -> tuple[np.ndarray, ...]:
+def _levels(o: Member, n: Member, made: Lengths, wanted: Lengths) -> dict[str, np.ndarray]:
     levels = o.core.levels()
-    present, previous = levels[:FIELDS], levels[FIELDS:]
-    if not previous or made.between is None:
-        previous = present  # no step starts from it
+    present = {name: x for name, x in levels.items() if not name.startswith(PREVIOUS)}
     result = _stretched(present, wanted.present / made.present)
-    return result + _stretched(previous, wanted.previous / made.previous) if n.double else result
+    if not n.double:
+        return result
+    previous = present  # no step starts from it
+    if o.double and made.between is not None:
+        previous = {name: levels[PREVIOUS + name] for name in present}
+    previous = _stretched(previous, wanted.previous / made.previous)
+    return result | {PREVIOUS + name: x for name, x in previous.items()}
 
 
-def _stretched(level: tuple[np.ndarray, ...], factor: float) -> tuple[np.ndarray, ...]:
+def _stretched(level: dict[str, np.ndarray], factor: float) -> dict[str, np.ndarray]:
     """(Q1)  a := w + (h_new / h_a)(a - w)"""
     if factor == 1.0:
         return level
-    w, a = level[W], level[A]
-    return (*level[:A], w + factor * (a - w), *level[A + 1 :])
+    w, a = level["w"], level["a"]
+    return level | {"a": w + factor * (a - w)}
 
 
 def take_over(old: Assembly, new: Assembly, states: list[Move], clock: Clock) -> None:
     """The present of `old` becomes that of `new`, whose steps are those of the clock."""
     lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
-    numbers = {name: old.core.numbers(name) for name in NUMBERS}
-    shooting = numbers.pop("shooting")
+    numbers = old.core.numbers()
     for o, n, move in zip(old.members, new.members, states):
         n.core.set_levels(move.levels)
         if move.rebased:
             n.core.rebase(move.twice, lam)
         if move.scale is not None and (o is not n or move.rebased):
-            n.core.set_iteration(move.scale, None, False)
+            n.core.set_iteration({"scale": move.scale, "entries": None, "twice": False})
     new.core.set_origin(clock.origin, clock.t0)
     new.core.start(step, lam, g)
-    for name, x in numbers.items():
-        new.core.set_numbers(name, x)
-    if shooting.size:
-        begun = new.core.numbers("shooting")
+    if "shooting" in numbers:
+        shooting, begun = numbers["shooting"], new.core.numbers()["shooting"]
         begun[0] = shooting[0]
         ratio = clock.dt / clock.before if clock.count(step) == 0 and clock.before > 0.0 else 1.0
         begun[1 : 1 + lam.size] = ratio * shooting[1 : 1 + lam.size]  # the last increment of Lam
-        new.core.set_numbers("shooting", begun)
+        numbers["shooting"] = begun
+    new.core.set_numbers(numbers)
 
 
 def follow_energies(old: Assembly, new: Assembly) -> None:

@@ -43,7 +43,7 @@ def _is_present(member: Member, x: np.ndarray) -> bool:
     Under "macro" the works add what multipliers change in another order: they differ by rounding.
     """
     levels = member.core.levels()
-    u = levels[0 :: len(levels) // 2] if member.double else levels[:1]
+    u = [levels[name] for name in ("u", "previous_u") if name in levels]
     rounding = [ROUNDING * np.abs(y).max(initial=0.0) for y in u]
     return all(
         np.abs(level[: member.n] - y).max(initial=0.0) <= bound

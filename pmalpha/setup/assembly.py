@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import _core
 from ..blas import one_thread
+from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.subdomain import Subdomain
 from .constraint_rows import CoreRows
@@ -33,7 +34,7 @@ from .macro import (
 )
 from .member import Member, build, make_member, warn_of_factors, warn_of_order
 from .propagation import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth
-from .ranks import Ranks, joined, processes, remote_of
+from .ranks import Ranks, joined, processes
 from .schedule import Options
 from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations
@@ -116,7 +117,7 @@ class Assemblies:
         self.row_position = np.argsort(self.rows)
         for member in members:
             member.L = member.L.with_rows(self.row_position)
-        self.motions = tuple(self.row_position[r] for r in prescribed)
+        self.motions = tuple(forms.Motion(self.row_position[r], None) for r in prescribed)
 
         self._known: WeakValueDictionary[tuple[Any, ...], Member] = WeakValueDictionary()
         self._made: dict[Layout, Assembly] = {}
@@ -207,7 +208,7 @@ class Assemblies:
         core = _core.Coupler(
             tuple(member.core for member in members),
             parts | self._of_the_schedule(members),
-            processes(self.ranks, map(remote_of, members)),
+            processes(self.ranks, [member.parts for member in members]),
         )
         if self.contacts is not None:
             self.contacts.check_compliance(core, members)

@@ -24,7 +24,7 @@ from .interface import is_symmetric_sum, summed, total
 from .internal_forces import core_size, numeric, structure
 from .link import Block
 from .macro import compute_unit_responses, mean_blocks
-from .member import Member, core_of_steps
+from .member import Member, parts_of_steps
 from .ranks import Ranks, joined
 
 
@@ -94,7 +94,7 @@ def linear_twin(member: Member) -> Member:
         twin.indefinite = member.indefinite = True
         operators = list(map(twin.operator, twin.lengths))
     mass = twin.factor_of_mass() if twin.mean else None
-    twin.core = core_of_steps(twin, operators, K_r=twin.K_r, mass=mass)
+    twin.make(parts_of_steps(twin, operators, K_r=twin.K_r, mass=mass))
     return twin
 
 

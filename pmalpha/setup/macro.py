@@ -144,7 +144,7 @@ def compute_unit_responses(member: Member) -> None:
     rows = member.L.rows
     end, mean, states = unit_responses(member, rows, stored=is_stored(member))
     if states is not None:
-        member.core.store_responses(forms.Responses(rows, states))
+        member.store(forms.Responses(rows, states))
     member.response_blocks = response_block(member, rows, end), response_block(member, rows, mean)
 
 
@@ -307,7 +307,7 @@ def mean_blocks(member: Member) -> dict[bool, Block]:
         share = 2.0 * member.h / member.lengths[1]
         blocks[True] = response_block(member, rows, share * twice)
     if states is not None:
-        member.core.store_responses(forms.Responses(rows, states))
+        member.store(forms.Responses(rows, states))
     return blocks
 
 

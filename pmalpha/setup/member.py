@@ -80,7 +80,10 @@ class Member:
     K_r: Matrix | None
     L: Link  # its constraints, dofs in elimination order, rows in the order of the multipliers
     nb: int  # number of interface dofs, the last of the order
-    core: _core.Subdomain = None  # type: ignore[assignment]  # until it is built
+    # until it is built: what the core is made of, by the names of csrc/core/parts/parts.h, and the
+    # object itself
+    parts: dict[str, Any] = field(default_factory=dict)
+    core: _core.Subdomain = None  # type: ignore[assignment]
     mass_factor: Factor | None = None  # of M, where Mbar = M: explicit, with no damping in Mbar
     # of Mbar(h) and, for a double step, of Mbar(2 h)
     factors: list[Factor] = field(default_factory=list)
@@ -151,6 +154,7 @@ class Member:
             over=over,
             known=known,
             has_responses=has_responses and self.internal is None,
+            parts={},
             core=None,  # type: ignore[arg-type]
             factors=[],
             blocks={},
@@ -159,6 +163,15 @@ class Member:
             reported=False,
             slowed=False,
         )
+
+    def make(self, parts: dict[str, Any]) -> None:
+        """The object of the core."""
+        self.parts, self.core = parts, _core.Subdomain(parts)
+
+    def store(self, responses: forms.Responses) -> None:
+        """Unit responses of all its constraints, which are then not repeated (M8)."""
+        self.parts["responses"] = responses
+        self.core.store_responses(responses)
 
     @property
     def order(self) -> np.ndarray:
@@ -202,8 +215,8 @@ class Member:
     def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """u and v in the user's order, the histories, and what springs remember."""
         levels, m = self.core.levels(), 0 if self.internal is None else self.internal.initial.size
-        u, v = (levels[i][self.position] for i in (0, 1))
-        return u, v, levels[6][:m], self.core.springs()
+        u, v = (levels[name][self.position] for name in "uv")
+        return u, v, levels["history"][:m], self.core.springs()
 
     @property
     def massless(self) -> np.ndarray:
@@ -332,7 +345,7 @@ def make_member(
     )
 
 
-def core_subdomain(
+def core_parts(
     member: Member,
     scheme: Scheme,
     L: Link,
@@ -342,28 +355,28 @@ def core_subdomain(
     substeps: int = 1,
     matrices: Mapping[str, Matrix] = MappingProxyType({}),
     **parts: Any,
-) -> _core.Subdomain:
-    """The object of the core for a subdomain with this operator; parts: csrc/core/parts."""
+) -> dict[str, Any]:
+    """What the core takes of a subdomain with this operator, by name: csrc/core/parts/parts.h."""
     matrices = {x: core_matrix(A, symmetric=member.symmetric) for x, A in matrices.items()}
     sizes = {"n": member.n, "nb": member.nb, "substeps": substeps}
     steps = {"single": _in_core(scheme, single)}
     steps |= {} if twice is None else {"twice": _in_core(scheme, twice)}
     link = {"link": L.core(member.n - member.nb)}
-    return _core.Subdomain(sizes | steps | link | matrices | parts)
+    return sizes | steps | link | matrices | parts
 
 
 def _in_core(scheme: Scheme, operator: Operator) -> forms.StepOperator:
     return forms.StepOperator(scheme.constants(operator.h), operator.inverse, operator.R)
 
 
-def core_of_steps(
-    member: Member, operators: Sequence[Operator], *, K_r: Matrix, **arguments: Any
-) -> _core.Subdomain:
+def parts_of_steps(
+    member: Member, operators: Sequence[Operator], *, K_r: Matrix, **parts: Any
+) -> dict[str, Any]:
     """The same for the steps of a subdomain, with the operators of its lengths."""
     single, *twice = operators
     member.factors = [operator.factor for operator in operators]
     matrices = {"K": member.K, "C": member.C, "D_r": member.D_r, "K_r": K_r}
-    return core_subdomain(
+    return core_parts(
         member,
         member.subdomain.scheme,
         member.L,
@@ -374,7 +387,7 @@ def core_of_steps(
         lagged=member.subdomain.damping == "lagged",
         has_responses=member.has_responses,
         continues=member.over is not None,
-        **arguments,
+        **parts,
     )
 
 
@@ -440,7 +453,7 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
     operators = list(map(member.operator, member.lengths))
     member.known = {operator.h: operator for operator in operators}
-    member.core = core_of_steps(
+    parts = parts_of_steps(
         member,
         operators,
         restoring=core_restoring(
@@ -459,6 +472,7 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
         limits=_limits(member),
         watch=_watch(member),
     )
+    member.make(parts)
 
 
 def _limits(member: Member) -> forms.Limits | None:

@@ -15,8 +15,6 @@ from .member import Member
 from .ranks import check_stable
 from .schedule import MACRO
 
-# Arrays of a time level in the core: u, v, w, a, vf, and history variables of springs.
-LEVEL_FIELDS = 7
 # Numbers of a state up to which the amplification matrix of any coupled problem is made: as long as
 # the rest of the set-up takes. And where there is a reason to, up to a tenth of a second.
 ALWAYS, CHEAP = 100, 300
@@ -62,31 +60,32 @@ class Layout:
         self.rows = rows if macro else CoreRows(np.arange(0), np.ones(0))
         self.size = self.motion_size + self.rows.p
 
-    def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Index of the subdomain, of its array in the core, and dofs in elimination order, as X has
-        them.
+    def fields(self) -> Iterator[tuple[int, str, np.ndarray]]:
+        """Index of the subdomain, name of its array in the core, and dofs in elimination order, as
+        X has them.
 
         The core has the present time level first, X the one before it.
         """
         for i, (member, stored) in enumerate(zip(self.members, self.stored)):
             interface = np.arange(member.nb) if stored else np.arange(0)
-            for first in (LEVEL_FIELDS, 0) if member.double else (0,):
-                for field in range(4):
-                    yield i, first + field, member.position
-                yield i, first + 4, interface
+            for level in ("previous_", "") if member.double else ("",):
+                for name in "uvwa":
+                    yield i, level + name, member.position
+                yield i, level + "vf", interface
 
     def write(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], X: np.ndarray) -> None:
         """Set the state of a coupler of the core to X, (size, lanes), after the start."""
         lanes = X.shape[1]
         arrays = [
-            [np.zeros((x.size // lanes, lanes)) for x in subdomain.levels()] for subdomain in cores
+            {name: np.zeros((x.size // lanes, lanes)) for name, x in subdomain.levels().items()}
+            for subdomain in cores
         ]
         begin = 0
         for i, field, indices in self.fields():
             arrays[i][field][indices] = X[begin : begin + indices.size]
             begin += indices.size
         for subdomain, levels in zip(cores, arrays):
-            subdomain.set_levels(tuple(x.ravel() for x in levels))
+            subdomain.set_levels({name: x.ravel() for name, x in levels.items()})
         zero = np.zeros_like(core.multipliers)
         lam = zero.copy()
         if self.rows.p:
@@ -95,8 +94,10 @@ class Layout:
 
     def read(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
-        arrays = [[x.reshape(-1, lanes) for x in subdomain.levels()] for subdomain in cores]
-        numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
+        levels = [subdomain.levels() for subdomain in cores]
+        numbers = [
+            levels[i][field].reshape(-1, lanes)[indices] for i, field, indices in self.fields()
+        ]
         lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
         return np.concatenate([*numbers, self.rows.forces(lam.T).T])
 
@@ -104,13 +105,9 @@ class Layout:
         names = []
         for i, field, indices in self.fields():
             member = self.members[i]
-            symbol = ("u", "v", "w", "a", "vf")[field % LEVEL_FIELDS]
-            when = "n-1" if field >= LEVEL_FIELDS else "n"
-            dofs = (
-                np.arange(member.n)
-                if field % LEVEL_FIELDS < 4
-                else member.order[member.n - member.nb :]
-            )
+            symbol = field.removeprefix("previous_")
+            when = "n" if symbol == field else "n-1"
+            dofs = np.arange(member.n) if symbol != "vf" else member.order[member.n - member.nb :]
             names += [f"{symbol}[{d}] of {member.name} at {when}" for d in dofs[: indices.size]]
         return (*names, *(f"Lam[{row}]" for row in range(self.rows.p)))
 

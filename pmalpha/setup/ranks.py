@@ -11,7 +11,7 @@ import hashlib
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -20,10 +20,10 @@ import numpy as np
 
 from ..errors import InstabilityError, PmalphaError
 from ..files import checked_path, library
+from ..problem import forms
 from ..problem.forces import SampledForce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .link import Link
 from .member import Member
 
 T = TypeVar("T")
@@ -188,7 +188,7 @@ class Ranks:
         works = self.share(direct is not None and self._is_right(*direct))
         return values, counts, starts, direct if all(works) else fill
 
-    def _address(self) -> tuple[int, int, int] | None:
+    def _address(self) -> forms.Allgatherv | None:
         """MPI_Allgatherv in the library that mpi4py has loaded, and the handles it takes."""
         MPI = _library()
         try:
@@ -199,7 +199,7 @@ class Ranks:
             )
         except (OSError, AttributeError):
             return None
-        return None if address is None else (address, double, comm)
+        return None if address is None else forms.Allgatherv(address, double, comm)
 
     def _is_right(self, address: int, double: int, comm: int) -> bool:
         """Does a call by address what it should?"""
@@ -300,41 +300,34 @@ def check_stable(
         raise InstabilityError(step, t, [*names, "interface"][failure])
 
 
-def remote_of(member: Member, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
-    """What other processes have to know of a subdomain: (nb, substeps, h, doubled, continues,
-    whether it has internal forces, link, constraints if its steps are iterated). With another link
-    a single step of length h, without others.
-    """
-    single = L is not None
-    h = member.h if h is None else h
-    double = not single and member.double
-    L = member.L if L is None else L
-    return (
-        member.nb,
-        1 if single else member.substeps,
-        h,
-        double,
-        double and member.over is not None,
-        not single and member.internal is not None,
-        L.core(member.n - member.nb),
-        None if single or member.tangent is None else L.rows,
+def _remote(parts: Mapping[str, Any]) -> forms.Remote:
+    """What other processes have to know of a subdomain whose object of the core has these parts."""
+    link = parts["link"]
+    return forms.Remote(
+        parts["nb"],
+        parts["substeps"],
+        parts["single"].step.h,
+        "twice" in parts,
+        parts.get("continues", False),
+        "M" in parts,
+        link,
+        np.unique(link.indices).astype(np.int64) if "iterate" in parts else None,
     )
 
 
-def _numbers(nb: int, rows: np.ndarray | None) -> int:
-    """Of a subdomain with nb interface dofs, at most, in an exchange of the core."""
-    return max(PIECES * nb + MEASURES, 0 if rows is None else rows.size**2)
+def _numbers(remote: forms.Remote) -> int:
+    """Of a subdomain, at most, in an exchange of the core."""
+    block = 0 if remote.rows is None else remote.rows.size**2
+    return max(PIECES * remote.nb + MEASURES, block)
 
 
 def processes(
-    ranks: Ranks | None, descriptions: Iterable[tuple[Any, ...]]
-) -> tuple[Any, ...] | None:
-    """The argument of that name of the core's coupler, from `remote_of` each own subdomain."""
+    ranks: Ranks | None, subdomains: Sequence[Mapping[str, Any]]
+) -> forms.Processes | None:
+    """The argument of that name of the core's coupler, from the parts of each own subdomain."""
     if ranks is None:
         return None
-    entries = list(descriptions)
-    remotes: list[Any] = list(ranks.joined(entries))
-    size = ranks.size + sum(_numbers(nb, rows) for nb, *_, rows in remotes)
-    remotes[ranks.part] = [None] * len(entries)
-    values, counts, starts, gather = ranks.gather(size)
-    return ranks.rank, tuple(remotes), ranks.first, values, counts, starts, gather
+    remotes: list[Any] = list(ranks.joined(list(map(_remote, subdomains))))
+    size = ranks.size + sum(map(_numbers, remotes))
+    remotes[ranks.part] = [None] * len(subdomains)
+    return forms.Processes(ranks.rank, tuple(remotes), ranks.first, *ranks.gather(size))

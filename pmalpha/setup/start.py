@@ -24,13 +24,14 @@ from .._checks import listing, numbered
 from .._core import LANES
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, warn
+from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.matrices import EXPORTED, Matrix, combination, diagonal
 from ..problem.schemes import Scheme
 from .interface import interface_factor, summed, total
 from .link import Block, Link, compliance, diagonal_compliances
-from .member import Member, core_subdomain
-from .ranks import Ranks, check_stable, joined, processes, remote_of
+from .member import Member, core_parts
+from .ranks import Ranks, check_stable, joined, processes
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
@@ -66,15 +67,16 @@ class InitialAccelerations:
             p = 0  # the saddle-point problem has the constraints; the core solves with M only
         else:
             H = summed(blocks, p)
-        self.cores = [m.core(linked=not self.ties_without_mass) for m in self.masses]
+        parts = [m.parts(linked=not self.ties_without_mass) for m in self.masses]
+        self.cores = list(map(_core.Subdomain, parts))
         self.p = p
         factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
-        everywhere = (np.arange(p),)
+        everywhere = (forms.Motion(np.arange(p), None),)
         self.coupler = _core.Coupler(
             tuple(self.cores),
             {"p": p, "H_start": factor, "H": factor, "motions": everywhere}
             | {"schedule": "fine", "options": {"dt": 1.0}},
-            processes(ranks, map(_Mass.remote, self.masses)),
+            processes(ranks, parts),
         )
         self.lanes: tuple[tuple[_core.Subdomain, ...], _core.Coupler] | None = None  # when needed
 
@@ -199,12 +201,10 @@ class _Mass:
         has_mass[self.massless] = 0.0
         return sp.csc_array(self.member.L.matrix @ sp.diags_array(has_mass))
 
-    def core(self, *, linked: bool) -> _core.Subdomain:
+    def parts(self, *, linked: bool) -> dict[str, Any]:
+        """What the core is made of."""
         L = self.linked if linked else Link.empty(self.member.n)
-        return core_subdomain(self.member, UNIT_STEP, L, self.operator)
-
-    def remote(self) -> tuple[Any, ...]:
-        return remote_of(self.member, self.linked, 1.0)
+        return core_parts(self.member, UNIT_STEP, L, self.operator)
 
     def broken_equations(
         self, r: np.ndarray, lam: np.ndarray, size: float

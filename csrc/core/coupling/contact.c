@@ -234,15 +234,10 @@ static void commit(pma_coupler *c, pma_contact *x)
     x->reached = -1;
 }
 
-double *pma_coupler_contact(pma_coupler *c, size_t *size)
+pma_state_array pma_contact_array(pma_coupler *c)
 {
-    pma_contact *x = c->contact;
-    *size = 0;
-    if (!x)
-        return NULL;
-    commit(c, x);
-    *size = x->numbers;
-    return x->present.P;
+    commit(c, c->contact);
+    return (pma_state_array){"contact", c->contact->numbers, c->contact->present.P};
 }
 
 const double *pma_coupler_contact_compliance(const pma_coupler *c, bool start, size_t *rows)

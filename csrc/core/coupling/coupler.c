@@ -301,10 +301,18 @@ size_t pma_coupler_failed(const pma_coupler *c)
     return c->failed;
 }
 
-double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size)
+size_t pma_coupler_arrays(pma_coupler *c, pma_state_array out[PMA_COUPLER_ARRAYS])
 {
-    *size = 2 * c->parts.p + 2;
-    return c->lam_end;
+    const size_t p = c->parts.p;
+    size_t count = 0;
+    out[count++] = (pma_state_array){"multipliers", p, c->present.lam};
+    out[count++] = (pma_state_array){"prescribed", p, c->present.g};
+    out[count++] = (pma_state_array){"end_multipliers", 2 * p + 2, c->lam_end};
+    if (c->iteration && c->iteration->size > 0)
+        out[count++] = pma_iteration_array(c->iteration);
+    if (c->contact)
+        out[count++] = pma_contact_array(c);
+    return count;
 }
 
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)

@@ -152,19 +152,20 @@ size_t pma_coupler_failed_rank(const pma_coupler *c);
  * of pma_coupler_advance where that cannot be called. Another status than PMA_OK ends the
  * others. */
 pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
-/* Mean coupling: the multipliers at the present, from which accelerations are recorded, those
- * before the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was
- * none, one after the other; they belong to the state, to be written after a start. */
-double *pma_coupler_end_multipliers(pma_coupler *c, size_t *size);
-/* What the iteration of internal forces keeps from one macro step to the next, beside what the
- * subdomains keep: `*size` numbers, to be read or written after a start. */
-double *pma_coupler_iteration(pma_coupler *c, size_t *size);
-/* Contacts: the last impulses (rows), the obstacles at the present (2 contacts) and the sums of
- * impulses since they were recorded last (rows), one after the other, which belong to the state, to
- * be written after a start; W (rows x rows) by columns of the first macro step or of the later
- * ones; another obstacle, for as many contacts; and how often the last impulses without friction
- * were solved for. */
-double *pma_coupler_contact(pma_coupler *c, size_t *size);
+/* What belongs to the state beside the arrays of subdomains, to be read, or written after a start:
+ *   multipliers, prescribed   p each
+ *   end_multipliers           mean coupling: those at the present, from which accelerations are
+ *                             recorded, and those before the last ones (p each), and the lengths of
+ *                             the last two macro steps (2), 0 where there was none
+ *   shooting                  what iterations keep from one macro step to the next, if any
+ *   contact                   the last impulses (rows), the obstacles at the present (2 contacts)
+ *                             and the sums of impulses since they were recorded last (rows), if any
+ * Their number is returned. */
+enum { PMA_COUPLER_ARRAYS = 5 };
+size_t pma_coupler_arrays(pma_coupler *c, pma_state_array out[PMA_COUPLER_ARRAYS]);
+/* Contacts: W (rows x rows) by columns of the first macro step or of the later ones; another
+ * obstacle, for as many contacts; and how often the last impulses without friction were solved
+ * for. */
 const double *pma_coupler_contact_compliance(const pma_coupler *c, bool start, size_t *rows);
 const pma_load *pma_coupler_obstacle(const pma_coupler *c); /* NULL without contacts */
 void pma_coupler_set_obstacle(pma_coupler *c, pma_load load);

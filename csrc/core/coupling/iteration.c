@@ -115,10 +115,9 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
 
 /* ---- what belongs to the present ------------------------------------------------------------ */
 
-double *pma_coupler_iteration(pma_coupler *c, size_t *size)
+pma_state_array pma_iteration_array(pma_iteration *it)
 {
-    *size = c->iteration ? c->iteration->size : 0;
-    return c->iteration ? c->iteration->present : NULL;
+    return (pma_state_array){"shooting", it->size, it->present};
 }
 
 void pma_iteration_start(pma_iteration *it)

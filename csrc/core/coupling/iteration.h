@@ -14,6 +14,7 @@
 #include "coupling/broyden.h"
 #include "coupling/interface.h"
 #include "member/newton.h"
+#include "member/state.h"
 #include "status.h"
 
 /* Bare arrays of the caller, which have to outlive the coupler. */
@@ -89,6 +90,9 @@ void pma_iteration_destroy(pma_iteration *it); /* NULL is allowed */
 
 /* A start: nothing has moved, nothing is known. */
 void pma_iteration_start(pma_iteration *it);
+
+/* What the present keeps, by its name in files. */
+pma_state_array pma_iteration_array(pma_iteration *it);
 
 /* A macro step, from what the present keeps; what it leaves is kept if all went well. */
 pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c));

@@ -251,6 +251,7 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
 
 /* Contacts: contact.c */
 void pma_contact_destroy(pma_contact *x); /* NULL is allowed */
+pma_state_array pma_contact_array(pma_coupler *c);
 
 /* ---- members in other processes: exchange.c ------------------------------------------------- */
 

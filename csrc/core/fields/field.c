@@ -178,7 +178,7 @@ pma_status pma_field_array(const pma_field *f, pma_kind kind, uint32_t axes, int
     }
     if (x->axes != axes) {
         char *text = begin_refusal(f, false, &left);
-        snprintf(text, left, " must have %" PRIu32 " dimensions, got %" PRIu32, axes, x->axes);
+        snprintf(text, left, " must have %" PRIu32 " dimensions, got %" PRIu16, axes, x->axes);
         return PMA_REFUSED;
     }
     for (uint32_t i = 0; i < axes; i++) {
@@ -232,6 +232,14 @@ pma_status pma_field_ints(const pma_field *f, size_t n, const int32_t **out)
     PMA_TRY(take(f, PMA_INT32S, n, &data));
     *out = data;
     return PMA_OK;
+}
+
+pma_status pma_field_output(const pma_field *f, uint32_t axes, int64_t *extent, double **out)
+{
+    const void *data = NULL;
+    PMA_TRY(pma_field_array(f, PMA_DOUBLES, axes, extent, &data));
+    *out = (double *)(uintptr_t)data;
+    return f->node->is_writeable ? PMA_OK : pma_field_refuse(f, "must be writeable");
 }
 
 /* ---- what is no data ------------------------------------------------------------------------ */

@@ -31,7 +31,9 @@ enum { PMA_AXES = 3, PMA_REFUSAL = 256 };
 
 /* 40 bytes, in memory as in a file. */
 typedef struct {
-    uint32_t kind, axes;      /* axes: of an array, 1 to 3 */
+    uint32_t kind;
+    uint16_t axes;            /* of an array, 1 to 3 */
+    uint16_t is_writeable;    /* an array, which no file has */
     int64_t extent[PMA_AXES]; /* of an array; [0]: bytes of a word, children of a tuple, twice the
                                  entries of a dict, whose children are key, value, key, ... */
     union {
@@ -48,7 +50,8 @@ typedef enum {
     PMA_POTENTIAL_ROLE, /* the same force, whose potential is filled */
     PMA_LOAD_ROLE,      /* out: pma_load, whose function is filled */
     PMA_DGEMM_ROLE,     /* out: pma_blas */
-    PMA_DTRSM_ROLE
+    PMA_DTRSM_ROLE,
+    PMA_OBJECT_ROLE /* out: void *, what the binding has for it */
 } pma_role;
 
 typedef struct pma_fields pma_fields;
@@ -115,6 +118,9 @@ pma_status pma_field_vector(const pma_field *f, pma_kind kind, size_t *length, c
 pma_status pma_field_doubles(const pma_field *f, size_t n, const double **out);
 pma_status pma_field_longs(const pma_field *f, size_t n, const int64_t **out);
 pma_status pma_field_ints(const pma_field *f, size_t n, const int32_t **out);
+
+/* One that may be written. */
+pma_status pma_field_output(const pma_field *f, uint32_t axes, int64_t *extent, double **out);
 
 /* What a foreign node stands for; see pma_role. */
 pma_status pma_field_find(const pma_field *f, pma_role role, void *out);

@@ -182,15 +182,12 @@ pma_iterate_failure pma_iterate_failed(const pma_iterate *it)
                                  .spoiled = spoiled < n ? spoiled : SIZE_MAX};
 }
 
-double pma_iterate_scale(const pma_iterate *it)
+pma_kept_iteration pma_iterate_kept(const pma_iterate *it)
 {
-    return it->scale_present;
-}
-
-const double *pma_iterate_kept(const pma_iterate *it, bool *twice)
-{
-    *twice = it->factored_twice_present;
-    return it->parts.keeps && it->factored_present ? it->entries : NULL;
+    return (pma_kept_iteration){.scale = it->scale_present,
+                                .entries =
+                                    it->parts.keeps && it->factored_present ? it->entries : NULL,
+                                .twice = it->factored_twice_present};
 }
 
 size_t pma_iterate_entries(const pma_iterate *it)
@@ -198,17 +195,17 @@ size_t pma_iterate_entries(const pma_iterate *it)
     return (size_t)it->parts.tangent.ptr[it->parts.tangent.n];
 }
 
-pma_status pma_iterate_restore(pma_iterate *it, double scale, const double *kept, bool twice)
+pma_status pma_iterate_restore(pma_iterate *it, pma_kept_iteration kept)
 {
-    it->scale = it->scale_present = scale;
-    it->factored = it->factored_present = kept != NULL;
-    it->factored_twice = it->factored_twice_present = twice;
+    it->scale = it->scale_present = kept.scale;
+    it->factored = it->factored_present = kept.entries != NULL;
+    it->factored_twice = it->factored_twice_present = kept.twice;
     it->refactored = it->overwritten = false;
-    if (!kept || !it->parts.keeps)
+    if (!kept.entries || !it->parts.keeps)
         return PMA_OK;
     size_t column;
-    memcpy(it->entries, kept, pma_iterate_entries(it) * sizeof(double));
-    memcpy(it->numeric.values, kept, pma_iterate_entries(it) * sizeof(double));
+    memmove(it->entries, kept.entries, pma_iterate_entries(it) * sizeof(double));
+    memcpy(it->numeric.values, it->entries, pma_iterate_entries(it) * sizeof(double));
     return pma_numeric_factor(&it->numeric, &column);
 }
 
@@ -225,8 +222,6 @@ void pma_iterate_commit(pma_iterate *it)
 void pma_iterate_discard(pma_iterate *it)
 {
     it->scale = it->scale_present;
-    if (!it->refactored)
-        return;
-    const double *kept = it->parts.keeps && it->factored_present ? it->entries : NULL;
-    pma_iterate_restore(it, it->scale_present, kept, it->factored_twice_present);
+    if (it->refactored)
+        pma_iterate_restore(it, pma_iterate_kept(it));
 }

@@ -48,14 +48,18 @@ typedef struct {
 
 pma_iterate_failure pma_iterate_failed(const pma_iterate *it);
 
-/* What an iteration starts from beside the time levels: its energy scale, and where tangents are
- * kept, the entries of Mbar that are factored (NULL where there is no factor yet), and whether they
- * are those of the double step. To be read, or
- * written by `pma_iterate_restore`, between macro steps. */
+/* What an iteration starts from beside the time levels. */
+typedef struct {
+    double scale;          /* of energy */
+    const double *entries; /* of Mbar, that are factored; NULL where no tangent is kept, or none is
+                              factored yet */
+    bool twice;            /* they are those of the double step */
+} pma_kept_iteration;
+
+/* To be read or written between macro steps. */
 size_t pma_iterate_entries(const pma_iterate *it); /* of Mbar */
-double pma_iterate_scale(const pma_iterate *it);
-const double *pma_iterate_kept(const pma_iterate *it, bool *twice);
-pma_status pma_iterate_restore(pma_iterate *it, double scale, const double *kept, bool twice);
+pma_kept_iteration pma_iterate_kept(const pma_iterate *it);
+pma_status pma_iterate_restore(pma_iterate *it, pma_kept_iteration kept);
 
 /* The macro step at hand is committed, or begins again: scale and kept tangent go along. */
 void pma_iterate_commit(pma_iterate *it);

@@ -115,3 +115,32 @@ void pma_levels_discard(pma_levels *l)
 {
     l->opened = 0;
 }
+
+/* ---- by their names ------------------------------------------------------------------------- */
+
+size_t pma_levels_arrays(const pma_levels *l, pma_state_array *out)
+{
+    static const char *const names[PMA_LEVEL_ARRAYS] = {"u",
+                                                        "v",
+                                                        "w",
+                                                        "a",
+                                                        "vf",
+                                                        "springs",
+                                                        "history",
+                                                        "previous_u",
+                                                        "previous_v",
+                                                        "previous_w",
+                                                        "previous_a",
+                                                        "previous_vf",
+                                                        "previous_springs",
+                                                        "previous_history"};
+    const pma_state *x = &l->present, *y = &l->previous;
+    double *const values[PMA_LEVEL_ARRAYS] = {
+        x->u, x->v, x->w, x->a, l->vf_present,  x->springs, x->history,
+        y->u, y->v, y->w, y->a, l->vf_previous, y->springs, y->history};
+    const size_t counts[] = {l->n, l->n, l->n, l->n, l->nb, l->springs, l->history};
+    const size_t each = sizeof counts / sizeof *counts, count = l->doubled ? 2 * each : each;
+    for (size_t i = 0; i < count; i++)
+        out[i] = (pma_state_array){names[i], counts[i % each], values[i]};
+    return count;
+}

@@ -44,6 +44,11 @@ void pma_levels_commit(pma_levels *l);
 /* Nothing is open: the macro step at hand begins again. */
 void pma_levels_discard(pma_levels *l);
 
+/* What belongs to a state: u, v, w, a, vf, springs and history of the present and, with double
+ * steps, the same of the level before, each as previous_u; their number. */
+enum { PMA_LEVEL_ARRAYS = 14 };
+size_t pma_levels_arrays(const pma_levels *l, pma_state_array *out);
+
 /* ---- where a time level is, at hand for every step ------------------------------------------ */
 
 /* Single steps are made in place: a macro step has one slot, the next one another if there are two.

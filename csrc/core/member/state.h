@@ -21,6 +21,13 @@ typedef struct {
                               corrections follows */
 } pma_state;
 
+/* One of the arrays that are a state, by its name in files. */
+typedef struct {
+    const char *name;
+    size_t count;
+    double *values;
+} pma_state_array;
+
 /* One step of one subdomain: the value that every operation of a step is given, made in one place,
  * coupling/clock.h, from the number of the fine step. Time levels of a subdomain are counted from
  * the present, which is time level 0: `substeps` of them in a macro step. They go on beyond it

@@ -361,7 +361,7 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
         pma_rig_begin(s->rig, v);
     if (s->iterate) {
         x->history[s->parts.internal.history] = 0.0; /* corrections */
-        pma_iterate_restore(s->iterate, 0.0, NULL, false);
+        pma_iterate_restore(s->iterate, (pma_kept_iteration){.scale = 0.0});
         memcpy(s->levels.vf_present, pma_interface_of(s, x->v), s->parts.nb * sizeof(double));
         return; /* the first substep makes it (N13) */
     }
@@ -378,13 +378,10 @@ void pma_subdomain_rebase(pma_subdomain *s, bool twice, const double *lam)
                                         s->levels.vf_present);
 }
 
-pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
+size_t pma_subdomain_arrays(pma_subdomain *s, pma_state_array out[PMA_LEVEL_ARRAYS])
 {
     pma_levels_discard(&s->levels);
-    return (pma_kept_levels){.present = s->levels.present,
-                             .vf = s->levels.vf_present,
-                             .previous = s->levels.previous,
-                             .vf_previous = s->levels.vf_previous};
+    return pma_levels_arrays(&s->levels, out);
 }
 
 /* ---- balance -------------------------------------------------------------------------------- */

@@ -15,6 +15,7 @@
 #include "member/energy.h"
 #include "member/internal.h"
 #include "member/iterate.h"
+#include "member/levels.h"
 #include "member/limits.h"
 #include "member/load.h"
 #include "member/member.h"
@@ -95,17 +96,10 @@ void pma_subdomain_rebase(pma_subdomain *s, bool twice, const double *lam);
 /* The state at the present. Valid until the next commit. */
 const pma_state *pma_subdomain_present(const pma_subdomain *s);
 
-/* All that the next macro step reads, for analysis and for saving; pointers into the subdomain,
- * valid until the next open or commit, to be read or written in between. What is open is
- * discarded. */
-typedef struct {
-    pma_state present;
-    double *vf;          /* nb: stored free velocity of the present */
-    pma_state previous;  /* the time level before; NULL pointers unless doubled */
-    double *vf_previous; /* nb: its stored free velocity, which no step reads */
-} pma_kept_levels;
-
-pma_kept_levels pma_subdomain_levels(pma_subdomain *s);
+/* All that the next macro step reads, for analysis and for saving, beside what iterations keep: the
+ * arrays of levels.h, valid until the next open or commit, to be read or written in between. What
+ * is open is discarded. */
+size_t pma_subdomain_arrays(pma_subdomain *s, pma_state_array out[PMA_LEVEL_ARRAYS]);
 
 /* ---- what set-up evaluates ------------------------------------------------------------------ */
 

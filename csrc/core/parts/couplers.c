@@ -48,18 +48,29 @@ static pma_status take_options(const pma_field *f, pma_coupler_parts *out)
                                          : pma_field_refuse(f, "must be those of the core");
 }
 
-/* A tuple of the rows of each prescribed motion, before its load is set. */
+static pma_status take_motion(const pma_field *f, pma_motion *out)
+{
+    const pma_field rows = pma_field_at(f, "rows"), velocity = pma_field_at(f, "velocity");
+    const void *data = NULL;
+    size_t count;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_vector(&rows, PMA_INT64S, &count, &data));
+    out->rows = data;
+    PMA_TRY(pma_parts_load(&velocity, count, &out->load));
+    return pma_load_has(&out->load, PMA_LOAD_CALLED)
+               ? pma_field_refuse(&velocity, "must not be a compiled function")
+               : PMA_OK;
+}
+
 static pma_status take_motions(const pma_field *f, pma_coupler_parts *out)
 {
     pma_motion *motions;
-    const void *data = NULL;
     PMA_TRY(pma_field_tuple(f, &out->motion_count));
     PMA_TRY(pma_field_allocate(f, out->motion_count, sizeof *motions, (void *)&motions));
     out->motions = motions;
     for (size_t i = 0; i < out->motion_count; i++) {
-        const pma_field rows = pma_field_item(f, i);
-        PMA_TRY(pma_field_vector(&rows, PMA_INT64S, &motions[i].load.n, &data));
-        motions[i].rows = data;
+        const pma_field motion = pma_field_item(f, i);
+        PMA_TRY(take_motion(&motion, &motions[i]));
     }
     return PMA_OK;
 }
@@ -132,6 +143,7 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     const pma_field restitution = pma_field_at(f, "restitution");
     const pma_field friction = pma_field_at(f, "friction"), sides = pma_field_at(f, "sides");
     const pma_field friction_static = pma_field_at(f, "friction_static");
+    const pma_field obstacle = pma_field_at(f, "obstacle");
     const pma_field dgemm = pma_field_at(f, "dgemm"), dtrsm = pma_field_at(f, "dtrsm");
     pma_contact_parts *contact = &out->contact;
     pma_contact_side *side;
@@ -153,6 +165,9 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     PMA_TRY(pma_field_doubles(&friction_static, contact->contacts, &contact->friction_static));
     PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &contact->blas));
     PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &contact->blas));
+    PMA_TRY(pma_parts_load(&obstacle, 2 * contact->contacts, &contact->obstacle));
+    if (pma_load_has(&contact->obstacle, PMA_LOAD_CALLED))
+        return pma_field_refuse(&obstacle, "must not be a compiled function");
     PMA_TRY(pma_field_tuple(&sides, &contact->sides));
     PMA_TRY(pma_field_allocate(f, contact->sides, sizeof *side, (void *)&side));
     contact->side = side;
@@ -174,7 +189,7 @@ pma_status pma_parts_coupler(const pma_field *f, const pma_members *members, pma
     const pma_field H_start = pma_field_at(f, "H_start"), H = pma_field_at(f, "H");
     const pma_field doubled = pma_field_at(f, "doubled");
     pma_coupler_parts *parts = &out->parts;
-    *out = (pma_coupler_taken){.contact = {.obstacle = {.kind = PMA_LOAD_NONE}}};
+    *out = (pma_coupler_taken){.parts = {.p = 0}};
     PMA_TRY(pma_field_dict(f));
     PMA_TRY(pma_field_count(&p, 0, &parts->p));
     PMA_TRY(take_options(&options, parts));

@@ -73,6 +73,8 @@ pma_status pma_parts_load(const pma_field *f, size_t n, pma_load *out)
     if (f->node->kind != PMA_TUPLE)
         return take_term(f, out);
     PMA_TRY(pma_field_tuple(f, &out->count));
+    if (out->count == 0)
+        return pma_field_refuse(f, "must not be empty");
     PMA_TRY(pma_field_allocate(f, out->count, sizeof *each, (void *)&each));
     for (size_t i = 0; i < out->count; i++) {
         const pma_field item = pma_field_item(f, i);

@@ -114,6 +114,14 @@ pma_status pma_parts_responses(const pma_field *f, const pma_parts *parts, pma_u
 /* The subdomain; iterate.tangent.crew is set by the caller, for more threads than one. */
 pma_status pma_parts_make_subdomain(const pma_subdomain_taken *taken, pma_subdomain **out);
 
+/* ---- the present (present.c) ---------------------------------------------------------------- */
+
+/* {name: doubles (count,)} of all of these arrays, which are written if they are all there. */
+pma_status pma_parts_arrays(const pma_field *f, const pma_state_array *arrays, size_t count);
+
+/* {scale, entries, twice}: what an iteration is restored to; entries may be None */
+pma_status pma_parts_kept(const pma_field *f, const pma_iterate *it, pma_kept_iteration *out);
+
 /* ---- a coupler (couplers.c) ----------------------------------------------------------------- */
 
 /* The members of a coupler, as far as its fields need them: interface dofs of each. */
@@ -133,10 +141,11 @@ typedef struct {
 } pma_coupler_taken;
 
 /* {p, H_start, H, motions, options, schedule, iteration, doubled, contact}: motions is a tuple of
- * the rows of each; options those of PMA_COUPLER_OPTIONS; schedule a word; iteration, or None, is
- * {tolerance, iterations, reuse} with {pattern, start, later} or, of schedules that shoot,
+ * {rows, velocity}, a load, which may be set later; options those of PMA_COUPLER_OPTIONS; schedule a
+ * word; iteration, or None, is {tolerance, iterations, reuse} with {pattern, start, later} or, of schedules that shoot,
  * {response_start, response, H_size}; contact, or None, is {first, gap, restitution, friction,
- * friction_static, sides, dgemm, dtrsm} with sides {member, N}. */
+ * friction_static, sides, dgemm, dtrsm, obstacle} with sides {member, N}; its obstacle may be set
+ * later. */
 pma_status pma_parts_coupler(const pma_field *f, const pma_members *members,
                              pma_coupler_taken *out);
 
