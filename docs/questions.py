@@ -22,6 +22,10 @@ QUESTIONS = {
     "hdf5": "runs",
     "ParaView": "model",
     "progress bar": "runs",
+    "stop when": "runs",
+    "actuator delay": "rig",
+    "real time": "rig",
+    "scikit-fem": "other-programs",
 }
 
 

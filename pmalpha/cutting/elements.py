@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import counted, listing, plain_array, real_array
+from .._checks import counted, flag, listing, plain_array, real_array
 from ..problem.frozen import Frozen
 
 __all__ = ["Elements"]
@@ -91,6 +91,64 @@ class Elements(Frozen):
             )
         self._freeze()
 
+    @classmethod
+    def from_skfem(
+        cls,
+        basis: Any,
+        M: Any,
+        K: Any,
+        C: Any = None,
+        *,
+        fixed: Any = (),
+        lumped: bool = False,
+    ) -> Elements:
+        """Elements of scikit-fem, by its basis and bilinear forms.
+
+        Parameters
+        ----------
+        basis : skfem.CellBasis
+            Of one element, which may be a vector of elements.
+        M, K : skfem.BilinearForm
+            Mass and stiffness, symmetric.
+        C : skfem.BilinearForm, optional
+            Damping. Default: none.
+        fixed : array of int, or what ``basis.get_dofs`` returns, optional
+            Fixed dofs. Dof i of the structure is dof ``basis.complement_dofs(fixed)[i]`` of the
+            basis.
+        lumped : bool, default False
+            Row sums of the mass matrices: for displacements with linear shape functions.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is no basis or no form of scikit-fem, and as of `Elements`.
+
+        Examples
+        --------
+        >>> import skfem
+        >>> from skfem.helpers import dot, grad
+        >>> mesh = skfem.MeshTri().refined(2).with_boundaries({"left": lambda x: x[0] == 0.0})
+        >>> basis = skfem.Basis(mesh, skfem.ElementTriP1())
+        >>> mass = skfem.BilinearForm(lambda u, v, w: u * v)
+        >>> stiffness = skfem.BilinearForm(lambda u, v, w: dot(grad(u), grad(v)))
+        >>> Elements.from_skfem(basis, mass, stiffness, fixed=basis.get_dofs("left"), lumped=True)
+        <Elements: 32 elements of 3 dofs, lumped mass>
+        """
+        if not all(hasattr(basis, name) for name in ("element_dofs", "complement_dofs", "N")):
+            raise TypeError(f"basis must be a basis of scikit-fem, got {basis!r}")
+        if isinstance(fixed, (tuple, list)):
+            fixed = np.asarray(fixed, dtype=np.int64)
+        free = basis.complement_dofs(fixed)
+        number = np.full(basis.N, -1)
+        number[free] = np.arange(free.size)
+        mass = _local(basis, M, "M")
+        return cls(
+            number[basis.element_dofs.T],
+            mass.sum(axis=2) if flag(lumped, "lumped") else mass,
+            _local(basis, K, "K"),
+            None if C is None else _local(basis, C, "C"),
+        )
+
     def __repr__(self) -> str:
         e, k = self.dofs.shape
         facts = [f"{counted(e, 'element')} of {counted(k, 'dof')}"]
@@ -128,6 +186,14 @@ class Elements(Frozen):
                 f"{counted(negative.size, 'element')}, {listing(negative)}: is their volume "
                 "negative?"
             )
+
+
+def _local(basis: Any, form: Any, name: str) -> np.ndarray:
+    """The element matrices (e, k, k) of a bilinear form; its rows are those of test functions."""
+    if not hasattr(form, "elemental"):
+        raise TypeError(f"{name} must be a BilinearForm of scikit-fem, got {form!r}")
+    local: np.ndarray = form.elemental(basis).tolocal()
+    return local
 
 
 def _checked_dofs(value: ArrayLike) -> np.ndarray:

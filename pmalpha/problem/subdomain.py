@@ -118,10 +118,10 @@ class Subdomain(Frozen):
         scheme = pm.GeneralizedAlpha(0.8)
         tower = pm.Subdomain(M, K, scheme=scheme, substeps=5, force=f, name="tower")
 
-    Then damping: C, `rayleigh` or `damping_ratio`; the motion at t = 0: `u0`, `v0`; forces that
-    depend on the motion: `restoring` for what is evaluated once a substep, such as a specimen, with
-    its estimates and `limits`, and `internal` for what is iterated. Arrays are copied, and several
-    couplers can contain the same subdomain.
+    Then the motion at t = 0: `u0`, `v0`; damping: C, `rayleigh` or `damping_ratio`; forces that
+    depend on the motion: `internal` for what is iterated, and for a test rig `restoring`, evaluated
+    once a substep, with its estimates and `limits`. Arrays are copied, and several couplers can
+    contain the same subdomain.
 
     Parameters
     ----------
@@ -135,14 +135,27 @@ class Subdomain(Frozen):
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
         Substeps in a macro step dt.
-    double_step : bool, optional
-        Whether to take double steps, from t_{n-1} to t_{n+1}. Default under "pm": if implicit and
-        coarser than the finest, or the first of equal ones; else False.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
         External load at the end of each substep; of a list of these, ``[gravity, earthquake]``,
         the sum. A callable ``f(t)`` is evaluated in advance;
         ``f(t, u, v)``, such as a controller, when `restoring` is. A ``scipy.LowLevelCallable`` is
         ``int (double t, intptr_t n, double *f, void *user)``.
+    name : str, optional
+        Default: "subdomain i", with its index in the Coupler.
+    u0, v0 : (n,) array, optional; a number for one dof
+        Initial displacement and velocity. Default: zero.
+    damping : {"implicit", "lagged"}, default "implicit"
+        "lagged": C acts on the extrapolated velocity, equation (R4): no factor in an explicit
+        subdomain, and a smaller critical step, equation (C2).
+    rayleigh : (c_m, c_k), optional
+        Rayleigh damping c_m M + c_k K, added to C. K is the stiffness at u0: with the tangents
+        there of internal forces and springs, and with restoring_stiffness for functions in
+        restoring. It stays as it is when the tangents change.
+    damping_ratio : dict, optional
+        The same by damping ratios at two periods: ``{1.2: 0.05, 0.1: 0.05}``.
+    internal : callable, `InternalForce`, springs, or a list of them, optional
+        A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
+        returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` of its arguments alone.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
         A further force, equation (R2), such as a specimen: ``r(u, v, t)`` is evaluated exactly
         once a substep, in the order of time, at predicted displacements and velocities. A
@@ -153,27 +166,14 @@ class Subdomain(Frozen):
         Estimates K_r, D_r of the stiffness and damping of functions; an implicit subdomain is
         stable if K_r is at least the tangent. Springs alone bring theirs, the initial
         tangents; beside functions K_r is that of both. Far above the tangent it acts as a mass.
-    internal : callable, `InternalForce`, springs, or a list of them, optional
-        A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
-        returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` of its arguments alone.
     limits : `pmalpha.rig.Limits`, optional
         Of a test specimen: a command or a measured force beyond them is a `LimitError`, before
         the command is given.
-    damping : {"implicit", "lagged"}, default "implicit"
-        "lagged": C acts on the extrapolated velocity, equation (R4): no factor in an explicit
-        subdomain, and a smaller critical step, equation (C2).
-    rayleigh : (c_m, c_k), optional
-        Rayleigh damping c_m M + c_k K, added to C. K is the stiffness at u0: with the tangents
-        there of internal forces and springs, and with restoring_stiffness for functions in
-        restoring. It stays as it is when the tangents change.
-    damping_ratio : dict, optional
-        The same by damping ratios at two periods: ``{1.2: 0.05, 0.1: 0.05}``.
+    double_step : bool, optional
+        Whether to take double steps, from t_{n-1} to t_{n+1}. Default under "pm": if implicit and
+        coarser than the finest, or the first of equal ones; else False.
     symmetric : bool, default True
         False admits unsymmetric K, C, estimates and tangents, as of gyroscopic and follower forces.
-    u0, v0 : (n,) array, optional; a number for one dof
-        Initial displacement and velocity. Default: zero.
-    name : str, optional
-        Default: "subdomain i", with its index in the Coupler.
     dof_names : sequence of n str, optional
         Names of the dofs, such as "roof", accepted wherever numbers of dofs are, and in
         ``history["frame"]["roof"]``. Subdomains of a mesh have the component and the number of the
@@ -222,20 +222,20 @@ class Subdomain(Frozen):
         *,
         scheme: Scheme,
         substeps: int = 1,
-        double_step: bool | None = None,
         force: VectorLike | Load | MotionLoad | Any = None,
-        restoring: RestoringForce | Sequence[Any] | Any = None,
-        restoring_stiffness: MatrixLike | None = None,
-        restoring_damping: MatrixLike | None = None,
-        internal: InternalForceFunction | Sequence[Any] | Any = None,
-        limits: Limits | None = None,
+        name: str | None = None,
+        u0: VectorLike | None = None,
+        v0: VectorLike | None = None,
         damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,
         damping_ratio: Mapping[float, float] | None = None,
+        internal: InternalForceFunction | Sequence[Any] | Any = None,
+        restoring: RestoringForce | Sequence[Any] | Any = None,
+        restoring_stiffness: MatrixLike | None = None,
+        restoring_damping: MatrixLike | None = None,
+        limits: Limits | None = None,
+        double_step: bool | None = None,
         symmetric: bool = True,
-        u0: VectorLike | None = None,
-        v0: VectorLike | None = None,
-        name: str | None = None,
         dof_names: Sequence[str] | np.ndarray | None = None,
     ):
         _check_kinds(M, scheme, damping, name)

@@ -35,6 +35,7 @@ from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
 from .gmsh_entities import without_entities
 from .inp import read_input
+from .skfem_meshes import is_skfem_mesh, read_skfem
 from .unread import Unread
 
 # Formats of both by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
@@ -74,6 +75,8 @@ def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
     """A file, or a mesh of a library; `names` is the name of cell data that number groups."""
     if is_model(mesh):
         return _checked(read_model(mesh, unread), unread)
+    if is_skfem_mesh(mesh):
+        return _checked(read_skfem(mesh), unread)
     path = None
     if isinstance(mesh, (str, os.PathLike)):
         path = Path(mesh)
@@ -88,7 +91,9 @@ def read_mesh(mesh: Any, names: str | None, unread: Unread) -> FileMesh:
             return _checked(reader(path, unread), unread)
         mesh = _read(path, unread)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
-        raise TypeError(f"mesh must be a path or a mesh of meshlane or meshio, got {mesh!r}")
+        raise TypeError(
+            f"mesh must be a path or a mesh of meshlane, meshio or scikit-fem, got {mesh!r}"
+        )
     read = _of_library(mesh, names)
     if path is not None and path.suffix.lower() == ".cdb":
         # its reader gives plane elements and shells alike

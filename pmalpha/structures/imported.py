@@ -105,14 +105,15 @@ def from_mesh(
 
     Parameters
     ----------
-    mesh : path, or a mesh of meshlane or meshio
+    mesh : path, or a mesh of meshlane, meshio or scikit-fem
         Files need one of the two (``pip install pmalpha[mesh]``; meshlane is used where both are),
         except those of Abaqus and Nastran: gmsh, VTK (``.vtk``, ``.vtu``), MED, CGNS, Medit,
         Netgen, STL, Ansys (``.msh``) and others. For formats whose readers may read other files, or
         not end, such as XDMF, give ``meshlane.read(path)``. Of ``.inp`` files of Abaqus and
         CalculiX and of bulk data of Nastran (``.bdf``, ``.dat``, ``.fem``, ``.nas``) nodes,
         elements, sets and groups by property are read, of element types the shape; for what else is
-        in such a file see Warns. A model of pyNastran is taken too.
+        in such a file see Warns. A model of pyNastran is taken too. Subdomains of a mesh of
+        scikit-fem are groups, its boundaries sets of nodes.
     material : dict
         ``{"E": ..., "nu": ..., "rho": ...}`` of plates and solids, for plates also "t", the
         thickness, default 1; ``{"EA": ..., "rhoA": ...}`` of bars, ``{"EA": ..., "EI": ...,
