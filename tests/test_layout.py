@@ -21,7 +21,7 @@ MODULES = sorted(path.relative_to(ROOT) for path in PACKAGE.rglob("*.py"))
 # From bottom to top. A module imports from its own folder and from lower layers.
 LAYERS = (
     ("_core",),
-    ("_checks", "_tables", "blas", "errors", "memory", "stale"),
+    ("_cached", "_checks", "_tables", "blas", "errors", "memory", "stale"),
     ("files",),
     ("problem",),
     ("reduction",),
