@@ -290,6 +290,12 @@ def test_parts_of_scipy_and_of_the_package_are_loaded_when_they_are_used():
     assert not loaded & {f"pmalpha.{name}" for name in later}
 
 
+def test_properties_that_are_kept_have_no_lock():
+    # that of functools in Python 3.11 hangs a process forked off while a thread computes one
+    locked = [str(path) for path in MODULES if "functools import cached_prop" in read(path)[0]]
+    assert locked == []
+
+
 def test_every_folder_is_packaged():
     listed = re.search(r"^packages = \[(.*?)\]", (ROOT / "pyproject.toml").read_text(), re.M | re.S)
     folders = {".".join(path.parts[:-1]) for path in MODULES}
