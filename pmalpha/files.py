@@ -163,6 +163,14 @@ class Held:
         except OSError:
             return False
 
+    def check_has(self, size: int) -> None:
+        """OSError where another program has cut the file off below this size in bytes, or its name
+        leads to another file."""
+        if self.size < size:
+            raise OSError(errno.EIO, "another program has truncated it")
+        if not self.is_at(self.path):
+            raise OSError(errno.ENOENT, "another program has removed or replaced it")
+
     def lock(self, *, exclusive: bool) -> bool:
         """Lock the file until it is closed; False where another descriptor has a lock that does not
         admit it. Where a file system has no locks, it is not locked."""

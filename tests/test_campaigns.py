@@ -8,6 +8,7 @@ import campaign_disk
 import campaign_files
 import campaign_input
 import campaign_memory
+import campaign_modes
 import campaign_remote
 import campaign_signals
 import campaign_soak
@@ -53,6 +54,15 @@ def test_strangers_on_a_connection_end_it_in_time():
 def test_a_stopped_process_sends_its_specimen_no_burst_of_commands():
     counts = tried(campaign_stalls.attempt, range(4))
     assert counts["continue: ran"] == 2 and counts["missed"] > 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks, and interrupts by timers")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_forks_and_ctrl_c_leave_blas_its_threads_and_decayed_motions_are_zero():
+    counts = tried(campaign_modes.attempt, range(4 * len(campaign_modes.TRIALS)))
+    assert campaign_modes.faults(counts) == {}
+    assert counts["forked: done"] == 40 and counts["interrupted: interrupts"] == 160
+    assert counts["decayed: ran"] > 0 and counts["decayed: ended by an exception"] > 0
 
 
 def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():

@@ -374,6 +374,23 @@ def test_a_dataset_has_the_arrays_of_the_history_with_names():
     assert not [name for name in data.variables if name.startswith("left out")]
 
 
+@pytest.mark.parametrize("ending", [".npz", ".h5"])
+def test_a_history_of_a_file_makes_the_dataset_of_the_one_that_was_saved(tmp_path, ending):
+    xarray = pytest.importorskip("xarray")
+    if ending == ".h5":
+        pytest.importorskip("h5py")
+    spring = pm.Bilinear([0], k=4.0, fy=0.1)
+    a = oscillator(name="a", restoring=spring, v0=[1.0, 0.0])
+    b = oscillator(name="b", substeps=2, internal=spring)
+    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1, coupling="gc")
+    record = {"record_springs": {"a": None}, "outputs": {"b": {"drift": [[1.0, -1.0]]}}}
+    before = coupler.run(steps=5, energy=True, **record)
+    before.save(tmp_path / f"run{ending}")
+    after = pm.History.load(tmp_path / f"run{ending}").to_xarray()
+    xarray.testing.assert_identical(after, before.to_xarray())
+    assert {"a_force", "a_deformation", "b_iterations", "b_drift", "energy_kinetic"} <= set(after)
+
+
 def test_a_dataset_shares_its_memory_with_the_history():
     pytest.importorskip("xarray")
     history, tower = three_subdomains()

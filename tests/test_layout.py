@@ -21,7 +21,7 @@ MODULES = sorted(path.relative_to(ROOT) for path in PACKAGE.rglob("*.py"))
 # From bottom to top. A module imports from its own folder and from lower layers.
 LAYERS = (
     ("_core",),
-    ("_checks", "_tables", "blas", "errors", "memory", "stale"),
+    ("_cached", "_checks", "_tables", "blas", "errors", "memory", "stale"),
     ("files",),
     ("problem",),
     ("reduction",),
@@ -288,6 +288,12 @@ def test_parts_of_scipy_and_of_the_package_are_loaded_when_they_are_used():
     later = {"analysis", "cutting", "gradients", "models", "plot", "structures"}
     assert not loaded & {f"scipy.{part}" for part in parts}
     assert not loaded & {f"pmalpha.{name}" for name in later}
+
+
+def test_properties_that_are_kept_have_no_lock():
+    # that of functools in Python 3.11 hangs a process forked off while a thread computes one
+    locked = [str(path) for path in MODULES if "functools import cached_prop" in read(path)[0]]
+    assert locked == []
 
 
 def test_every_folder_is_packaged():

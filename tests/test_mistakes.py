@@ -165,6 +165,22 @@ def test_an_internal_force_with_a_history_is_evaluated_once_more_in_a_run(scheme
 # ---- files and cases -------------------------------------------------------------------------
 
 
+def test_a_file_of_run_each_is_continued_by_a_run_of_its_case_alone(tmp_path):
+    pytest.importorskip("h5py")
+    path, u0 = tmp_path / "case.h5", {"m": [2.0]}
+    coupler = pm.Coupler([mass(name="m")], dt=0.01)
+    coupler.run_each([{"u0": u0}], 0.1, record_to=[path])
+    stiffer = pm.Coupler([pm.Subdomain([1.0], [2.0], scheme=pm.Newmark(), name="m")], dt=0.01)
+    for other in (stiffer, coupler):
+        other.reset(u0=u0)
+        other.step(10)
+    with pytest.raises(ValueError, match="same problem, but these differ: K of 'm'"):
+        stiffer.run(0.2, record_to=path, append=True)
+    whole = coupler.run(0.2, record_to=path, append=True)
+    coupler.reset(u0=u0)
+    np.testing.assert_array_equal(whole["m"].u, coupler.run(0.2)["m"].u)
+
+
 def test_a_file_is_not_continued_by_a_run_of_another_problem(tmp_path):
     pytest.importorskip("h5py")
     path = tmp_path / "run.h5"

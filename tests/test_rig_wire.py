@@ -534,6 +534,8 @@ def test_without_a_client_the_wait_ends():
         (["rig-pc"], ValueError, "allow must have numerical addresses.*got 'rig-pc'.*name"),
         (["10.0.0.12/24"], ValueError, "got '10.0.0.12/24': .*host bits"),
         ([], ValueError, "allow must have an address"),
+        ([2130706433], TypeError, "allow must have addresses as text, got 2130706433"),
+        ([b"\x7f\0\0\1"], TypeError, "allow must have addresses as text"),
     ],
 )
 def test_who_is_allowed_is_said_by_numerical_addresses(allow, error, message):

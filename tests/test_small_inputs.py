@@ -305,3 +305,10 @@ def test_a_mass_that_the_step_does_not_see_is_warned_of(scheme):
     if isinstance(scheme, pm.GeneralizedAlpha):
         with pytest.warns(pm.ConstraintWarning, match="dofs without mass"):
             made(0.0)
+
+
+def test_a_mass_that_the_step_does_not_see_beside_an_internal_force_is_warned_of():
+    spring = pm.CubicSpring([0], k=1.0, k3=0.0)  # h^2 k / m = 1e-4 / 1e-30
+    light = pm.Subdomain([1e-30], None, scheme=pm.Newmark(), internal=spring, name="light")
+    with pytest.warns(pm.StabilityWarning, match=r"mass at dof 0 of subdomain 'light'.*= 1e\+26"):
+        pm.Coupler([light], dt=0.01)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from agreement import assert_identical
 from scipy.integrate import solve_ivp
 from test_restoring import three_subdomains
 
@@ -390,6 +391,19 @@ def test_loops_go_to_an_hdf5_file_while_running(tmp_path):
     np.testing.assert_array_equal(history["B"].force, expected["B"].force)
     np.testing.assert_array_equal(history["B"].deformation, expected["B"].deformation)
     np.testing.assert_array_equal(history["B"].springs, [1, 2])
+
+
+@pytest.mark.parametrize("ending", [".npz", ".h5"])
+def test_loops_of_a_saved_history_are_bitwise_those_before(tmp_path, ending):
+    if ending == ".h5":
+        pytest.importorskip("h5py")
+    before = coupled().run(steps=10, record_springs={"A": None, "B": [4, 0]})
+    before.save(tmp_path / f"run{ending}")
+    after = pm.History.load(tmp_path / f"run{ending}")
+    assert_identical(after, before)
+    assert after["C"].force is None and after["C"].springs is None
+    np.testing.assert_array_equal(after["B"].springs, [4, 0])
+    assert np.ptp(after["A"].force[:, 0]) > 0.0
 
 
 def test_the_initial_tangent_is_the_estimate_and_another_is_refused():

@@ -292,6 +292,24 @@ def test_a_result_of_another_shape_is_a_failed_case(tmp_path):
         assert file["x"].shape == (3, 2) and file["error"][1].startswith(b"ValueError: result must")
 
 
+@pytest.mark.parametrize("how", ["truncated", "removed", "replaced"])
+def test_a_file_that_another_program_spoils_ends_the_study(study, how, tmp_path):
+    pytest.importorskip("h5py")
+    path = tmp_path / "study.h5"
+
+    def spoil(done, total):
+        if done == 2 and how == "truncated":
+            os.truncate(path, path.stat().st_size - 1)
+        elif done == 2:
+            path.unlink()
+            if how == "replaced":
+                path.write_bytes(b"")
+
+    reason = "truncated" if how == "truncated" else "removed or replaced"
+    with pytest.raises(OSError, match=f"save_to cannot be written: another program has {reason}"):
+        study.run(studied.cases(4), save_to=path, progress=spoil)
+
+
 def test_after_a_kill_the_file_has_what_had_arrived(tmp_path):
     h5py = pytest.importorskip("h5py")
     path = tmp_path / "study.h5"

@@ -1,10 +1,13 @@
 """Threads change only the duration of a run, and end with their coupler."""
 
+import faulthandler
 import gc
 import mmap
 import os
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from agreement import assert_identical
 from problems import random_problem
 
 import pmalpha as pm
+from pmalpha._cached import cached_property
 from pmalpha.setup import factors
 from pmalpha.setup.schedule import most_threads
 
@@ -514,6 +518,39 @@ def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
     )
     assert done.returncode == 0, done.stderr
     assert "Error" not in done.stderr
+
+
+class Measured:
+    """An object with a property that takes as long as a function does."""
+
+    def __init__(self, measure):
+        self.measure = measure
+
+    @cached_property
+    def size(self):
+        return self.measure()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_process_forked_off_while_a_thread_computes_a_property_computes_such_ones_too():
+    inside, over = Event(), Event()
+
+    def measure():
+        inside.set()
+        return over.wait(waits.LIMIT)
+
+    with ThreadPoolExecutor(1) as pool:
+        slow = Measured(measure)
+        size = pool.submit(lambda: slow.size)
+        assert inside.wait(waits.LIMIT)
+        child = os.fork()
+        if child == 0:  # a lock of the property would be taken by a thread that is not here
+            faulthandler.dump_traceback_later(waits.LIMIT, exit=True)
+            os._exit(Measured(lambda: 7).size)
+        over.set()
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+        assert size.result() and slow.__dict__["size"] and Measured.size.__doc__ is None
 
 
 def test_an_interpreter_ends_while_a_coupler_with_threads_lives():

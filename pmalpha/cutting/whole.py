@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import cached_property
 from .._checks import counted, listing, numbered, plain_array
 from ..problem.dofs import dof_array
 from ..problem.internal import InternalForce

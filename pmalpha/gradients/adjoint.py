@@ -16,12 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import cached_property
 from ..problem.forces import SampledForce
 from ..problem.matrices import sparse
 from ..problem.schemes import Scheme

@@ -186,7 +186,7 @@ class HistoryFile:
         where another program has truncated the file, or its name leads to another one.
         """
         try:
-            self._check()
+            self.file.check_has(self.size)
             later = {name: x[1:] for name, x in arrays.items()}
             self._write_rows(later, lambda name: self.rows(name, begin))
             self.written = end
@@ -201,12 +201,6 @@ class HistoryFile:
         self.file.sync()
         self._write_step(self.written)
         self.synced = perf_counter()
-
-    def _check(self) -> None:
-        if self.file.size < self.size:
-            raise OSError(errno.EIO, "another program has truncated it")
-        if not self.file.is_at(self.path):
-            raise OSError(errno.ENOENT, "another program has removed or replaced it")
 
     def _write_rows(self, arrays: Mapping[str, np.ndarray], first: Callable[[str], int]) -> None:
         for name, offset in self.offsets.items():

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -45,6 +45,8 @@ class StudyFile:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        with suppress(OSError):
+            self.file.sync()
         self.file.close()
 
     def _made(self, old: Held | None) -> tuple[Held, dict[str, int | None]]:
@@ -57,6 +59,7 @@ class StudyFile:
                 self._write_nan(new, name, offsets[name])
             new.lock(exclusive=True)
             new.take_name(old)
+        self.size = new.size
         return new, offsets
 
     def _describe(self, offsets: dict[str, int | None], h5py: ModuleType, root: Any) -> None:
@@ -100,8 +103,7 @@ class StudyFile:
 
     def _write_at(self, array: np.ndarray, offset: int) -> None:
         try:
-            if not self.file.is_at(self.path):
-                raise OSError(errno.ENOENT, "another program has removed or replaced it")
+            self.file.check_has(self.size)
             self.file.write_at(array.view(np.uint8), offset)
         except OSError as error:
             message = f"save_to cannot be written: {error.strerror}"

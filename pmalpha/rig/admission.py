@@ -38,6 +38,8 @@ def checked_networks(allow: Collection[str] | None) -> Networks | None:
         raise TypeError(f'allow must be a list of addresses, ["10.0.0.12"], got {allow!r}')
     networks = []
     for text in allow:
+        if not isinstance(text, str):  # a number is an address too: True would be 0.0.0.1
+            raise TypeError(f"allow must have addresses as text, got {text!r}")
         try:
             networks.append(ip_network(text))
         except ValueError as error:

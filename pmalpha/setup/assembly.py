@@ -218,7 +218,7 @@ class Assemblies:
             closing = closing_tangent(member.subdomain)
             member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
         self._warn_of_growth(layout, members, core)
-        warn_of_light((member.name, member.subdomain, member.step) for member in new)
+        warn_of_light(new)
         pairs = enumerate(members, self.first_own)
         self._known.update({(i, *layout.of(i)): member for i, member in pairs})
         return Assembly(members, core, self.first_own)

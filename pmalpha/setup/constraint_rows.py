@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import cached_property
 from .._checks import counted, listing, numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
 from ..memory import require

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
+from .._cached import cached_property
 from .._checks import counted, numbered
 from ..blas import gemm_and_trsm
 from ..errors import ConstraintError, StabilityWarning, warn

@@ -9,21 +9,23 @@ import numpy as np
 from .._checks import numbered
 from ..errors import StabilityWarning, warn
 from ..problem.matrices import diagonal
-from ..problem.subdomain import Subdomain
+from .member import Member
 
 EPS = float(np.finfo(float).eps)
 
 
-def warn_of_light(steps: Iterable[tuple[str, Subdomain, float]]) -> None:
-    """StabilityWarning for dofs of implicit schemes with 0 < m < eps h^2 k.
+def warn_of_light(members: Iterable[Member]) -> None:
+    """StabilityWarning for dofs of implicit schemes with 0 < m < eps h^2 k, k at t = 0.
 
     A displacement u is out of balance by k u, hence the acceleration k u / m, and the predictor
     adds h^2 times that: beyond u / eps nothing of u is left in the sum.
     """
-    for name, s, h in steps:
-        if s.scheme.explicit or s.M is None or s.tangent is None:
+    for member in members:
+        name, s, h = member.name, member.subdomain, member.step
+        if s.scheme.explicit or s.M is None:
             continue
-        m, k = diagonal(s.M), np.abs(diagonal(s.tangent))
+        stiffnesses = (s.tangent, None if member.internal is None else member.internal.K)
+        m, k = diagonal(s.M), np.abs(sum(diagonal(A) for A in stiffnesses if A is not None))
         light = np.flatnonzero((m > 0.0) & (m < EPS * h * h * k))
         if light.size:
             worst = light[np.argmax(k[light] / m[light])]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import cached_property
 from .._checks import counted
 from ..blas import one_thread
 from ..memory import require

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
+from .._cached import cached_property
 from .._checks import counted, listing, plain_array, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
