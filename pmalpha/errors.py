@@ -313,9 +313,11 @@ class ConstraintWarning(UserWarning):
 class AccuracyWarning(UserWarning):
     """The steps of a run do not see all of its load, or move another mass.
 
-    They skip samples of a record that change the motion. Or substeps that were chosen by a
-    tolerance reached their largest number. Or an estimate of the stiffness of restoring functions
-    far above it has acted as a mass. No run estimates its own error.
+    The reasons: steps skip samples of a record that change the motion; substeps that were chosen by
+    a tolerance reached their largest number; an estimate of the stiffness of restoring functions
+    above it has acted as more than a tenth of the mass, equation (B13); a `SupportMotion` of
+    displacements begins with a slope, while the structure is at rest. No run estimates its own
+    error: `Coupler.estimate_error` does.
     """
 
 

@@ -1,5 +1,6 @@
 """Runs whose true error is known: random chains, and cases with names. For tests and surveys."""
 
+from collections import deque
 from dataclasses import dataclass
 from functools import partial
 
@@ -184,4 +185,60 @@ def named_cases():
             restoring=pm.Gap([0], 1e4, 0.01),
             v0=[1.0],
         ),
+    )
+
+
+# ---- cases of which runs warn -------------------------------------------------------------------
+
+STOP, GAP = 1e5, 0.05  # Omega = 3.16 at dt = 0.01
+
+
+def stopped(_, y):
+    return [y[1], -40.0 * y[0] - STOP * max(y[0] - GAP, 0.0)]
+
+
+def stop(u, v, t):
+    return STOP * np.maximum(u - GAP, 0.0)
+
+
+def watched_cases():
+    """A mass at a stop that its steps do not resolve, forces that are wrong, and a mass at rest."""
+    forms = {
+        "stop, function": {"restoring": stop},
+        "stop, function with K_r": {"restoring": stop, "restoring_stiffness": [STOP]},
+        "stop, Gap": {"restoring": pm.Gap([0], STOP, GAP)},
+        "stop, Gap iterated": {"internal": pm.Gap([0], STOP, GAP)},
+        "stop, function iterated": {
+            "internal": lambda u, v, t, q: (stop(u, v, t), STOP * np.diag(1.0 * (u > GAP)))
+        },
+    }
+    for name, forces in forms.items():
+        yield name, oscillator(0.01, 200, stopped, K=[40.0], v0=[1.0], **forces)
+    yield (
+        "stop, Gap, dt = 1e-3",
+        oscillator(1e-3, 2000, stopped, K=[40.0], v0=[1.0], restoring=pm.Gap([0], STOP, GAP)),
+    )
+    yield (
+        "wrong sign",
+        oscillator(
+            0.01,
+            850,
+            lambda t, y: [y[1], -100.0 * y[0]],
+            restoring=lambda u, v, t: -100.0 * u,
+            u0=[1e-3],
+        ),
+    )
+    past = deque([0.0] * 2, maxlen=2)
+
+    def late(u, v, t):
+        past.append(u[0])
+        return np.array([100.0 * past[0]])
+
+    yield (
+        "delay of one step",
+        oscillator(0.005, 1600, lambda t, y: [y[1], -100.0 * y[0]], restoring=late, v0=[1.0]),
+    )
+    yield (
+        "at rest beside a stop, u0 = 3e-20",
+        oscillator(0.1, 200, lambda t, y: [y[1], -3.0 * y[0]], K=[3.0], restoring=stop, u0=[3e-20]),
     )

@@ -410,8 +410,8 @@ class Iteration:
         motions = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
         motion = np.sqrt(sum(motions))
         self.scales = [  # what is found to be rounding stays so
-            new if new > -100.0 * x.member.scale else old
-            for x, old, new in zip(trials, self.scales, motions, strict=True)
+            new if new > -100.0 * x.member.scale else x.member.scale
+            for x, new in zip(trials, motions, strict=True)
         ]
         self.rate, self.allowed = rate_of(theta), self.newton.tol * motion
         self.close = self.small(1.0)

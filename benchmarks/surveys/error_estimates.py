@@ -15,7 +15,7 @@ import warnings
 from functools import partial
 
 import numpy as np
-from error_cases import Case, named_cases, random_chain
+from error_cases import Case, named_cases, random_chain, watched_cases
 
 import pmalpha as pm
 
@@ -72,11 +72,41 @@ def table(name, make, seeds):
     return found
 
 
+# What version 0.3 said of the cases, where it said anything.
+SAID_BY_0_3 = {
+    "half sine of 10 ms, period 1 s, dt = 1 ms": "100 %",
+    "stop of 1e4, dt = 1e-4": "100 %",
+    "wrong sign": "step too coarse",
+    "delay of one step": "step too coarse",
+    "at rest beside a stop, u0 = 3e-20": "ended",
+}
+
+
+def said(history):
+    """The warnings of a run, in a word each."""
+    words = {"added energy": "energy", "of its mass": "mass", "critical": "critical step"}
+    found = [word for text in history.warnings for mark, word in words.items() if mark in text]
+    return ", ".join(found) or "-"
+
+
 def named():
-    print(f"\n{'':<44}{'true':>9}{'one':>9}{'two':>9}  order   printed")
-    for name, case in named_cases():
-        true, one, two, order = row(case)
-        print(f"{name:<44}{true:9.2e}{one:9.2e}{two:9.2e}{order:7.2f}   {case.estimate(2)!r}")
+    """The errors that are estimated beside the true ones, and what the runs warn of."""
+    head = ("true", "one", "two", "order", "0.3 said", "said")
+    print("\n{:<52}{:>9}{:>9}{:>9}{:>7}   {:<16}{}".format("", *head))
+    for name, case in (*named_cases(), *watched_cases()):
+        before = SAID_BY_0_3.get(name, "-")
+        try:
+            one, two = case.estimate(1), case.estimate(2)
+        except ValueError as error:  # a function with a memory
+            history = case.coupler.run(steps=case.steps)
+            numbers = f"{case.error(history):9.2e}  refused: {str(error)[:40]}"
+            print(f"{name:<52}{numbers}   {before:<16}{said(history)}")
+            continue
+        history = case.coupler.run(steps=case.steps)
+        numbers = (
+            f"{case.error(history):9.2e}{one.relative:9.2e}{two.relative:9.2e}{two.order:7.2f}"
+        )
+        print(f"{name:<52}{numbers}   {before:<16}{said(history)}", flush=True)
 
 
 def main():

@@ -279,9 +279,98 @@ static void histories_and_corrections_are_recorded(void)
     }
 }
 
+/* ---- what a residual is compared with --------------------------------------------------------- */
+
+/* Two dofs that are not coupled, at rest: a spring of 16 that carries a load of 16, so that the terms
+ * of its row are 16 + 12 + 4, a quarter of it in K and the rest in functions; and a mass of 4 with
+ * the load R alone. al1 = 1/4: D = (1 + 1/4 4 + 1/4 12, 4) = (5, 4). */
+static const double UNBALANCED = 1e-3, TERMS = 32.0, AL1 = 0.25;
+
+/* max |R| / tau at the first guess, with the energy scale s^2                              (N7) */
+static double measured(double scale)
+{
+    subdomain x = {.n = 2,
+                   .substeps = 1,
+                   .implicit = true,
+                   .scheme = TRAPEZOIDAL,
+                   .h = 1.0,
+                   .M = {1.0, 0.0, 0.0, 4.0},
+                   .K = {16.0, 0.0, 0.0, 0.0},
+                   .inner = {.used = true}};
+    const double load[2] = {16.0, UNBALANCED}, u0[2] = {1.0, 0.0}, none[2] = {0.0, 0.0};
+    const pma_substep first = {.t1 = 1.0};
+    pma_measure measure = {0};
+    x.load = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 2, .values = load};
+    make_subdomain(&x);
+    pma_subdomain_start(x.core, u0, none, none, none);
+    CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(x.core), scale, NULL, false), PMA_OK);
+    const pma_member member = pma_subdomain_member(x.core);
+    CHECK_STATUS(member.iterated.table->begin(member.self, &first, none), PMA_OK);
+    CHECK_STATUS(member.iterated.table->evaluate(member.self, true, &measure), PMA_OK);
+    pma_subdomain_destroy(x.core);
+    return measure.residual;
+}
+
+/* tau_2 = 10^-3 sqrt(D_2) times the largest force by rows, or the scale */
+static void a_small_row_is_compared_with_the_largest_force_and_the_scale_of_the_motion(void)
+{
+    const double forces = TERMS / sqrt(5.0);
+    CHECK_NEAR(measured(0.0), UNBALANCED / (1e-3 * 2.0 * forces), 1e-14);
+    CHECK_NEAR(measured(100.0), UNBALANCED / (1e-3 * 2.0 * 10.0 / sqrt(AL1)), 1e-16);
+    /* a scale of less than the forces does not count */
+    CHECK_NEAR(measured(0.5 * AL1 * forces * forces), measured(0.0), 0.0);
+}
+
+/* (N9)  The state keeps -100 s^2: residuals up to 10 sqrt(D_2) s / sqrt(al1) are rounding. */
+static void what_was_found_to_be_rounding_does_not_count(void)
+{
+    const double kept = UNBALANCED / 2.0 * sqrt(AL1); /* 10 s where the bound is the residual */
+    CHECK_NEAR(measured(-1.1 * kept * kept), 0.0, 0.0);
+    CHECK_NEAR(measured(-0.9 * kept * kept), measured(0.0), 0.0);
+}
+
+/* A mass of 1/1000 and f = u^3 under the load 1: the first correction is to u = al1 1000 = 250, with
+ * the energy 250^2 / 1000 / al1 = 250, the last one to u^3 + u / 250 = 1, with about 3. Of a state
+ * that keeps -1 the former has moved more than ten times as far, the latter has not.      (N9) */
+static void an_iterate_that_was_not_accepted_sets_no_scale(void)
+{
+    subdomain x = {.n = 1,
+                   .substeps = 1,
+                   .implicit = true,
+                   .scheme = TRAPEZOIDAL,
+                   .h = 1.0,
+                   .M = {1e-3},
+                   .inner = {.used = true, .cubic = 1.0}};
+    const double load = 1.0, none = 0.0;
+    const pma_substep first = {.t1 = 1.0};
+    pma_measure measure = {0};
+    bool changed;
+    x.load = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 1, .values = &load};
+    make_subdomain(&x);
+    pma_subdomain_start(x.core, &none, &none, &none, &none);
+    CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(x.core), -1.0, NULL, false), PMA_OK);
+    const pma_member member = pma_subdomain_member(x.core);
+    const pma_iterated_table *table = member.iterated.table;
+    CHECK_STATUS(table->begin(member.self, &first, &none), PMA_OK);
+    for (int k = 0; k < 40; k++) {
+        CHECK_STATUS(table->evaluate(member.self, true, &measure), PMA_OK);
+        CHECK_STATUS(table->linearize(member.self, true, &none, &changed), PMA_OK);
+        table->correct(member.self, &none, &measure);
+        if (k == 0)
+            CHECK_NEAR(measure.motion, 250.0, 1e-9);
+    }
+    CHECK_NEAR(measure.motion, 3.0, 0.02);
+    CHECK_STATUS(table->finish(member.self, &none), PMA_OK);
+    CHECK_NEAR(table->scale(member.self), -1.0, 0.0);
+    pma_subdomain_destroy(x.core);
+}
+
 const test ITERATED_TESTS[] = {
     TEST(every_substep_is_in_equilibrium_and_every_macro_step_tied),
     TEST(linear_internal_forces_are_the_matrices_they_come_from),
     TEST(histories_and_corrections_are_recorded),
+    TEST(a_small_row_is_compared_with_the_largest_force_and_the_scale_of_the_motion),
+    TEST(what_was_found_to_be_rounding_does_not_count),
+    TEST(an_iterate_that_was_not_accepted_sets_no_scale),
     END_OF_TESTS,
 };

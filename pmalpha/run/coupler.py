@@ -94,6 +94,8 @@ class Coupler:
     ConstraintWarning
         When the initial displacements violate a constraint, and for a subdomain that the
         constraints do not reach or do not hold.
+    AccuracyWarning
+        When steps skip samples of a record that change the motion.
 
     Notes
     -----
@@ -335,6 +337,12 @@ class Coupler:
         StabilityWarning
             When steps are above a critical step found in the run, or forces add energy, equation
             (B10).
+        AccuracyWarning
+            When an estimate of the stiffness above that of the forces has acted as more than a
+            tenth of the mass, equation (B13). With `tolerance`, when substeps reach their largest
+            number.
+        UserWarning
+            For a run to the present time, which computes nothing.
 
         Notes
         -----

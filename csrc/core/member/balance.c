@@ -23,6 +23,7 @@
  * works, and the largest force times displacement; of (B13) the numerator and the denominator. */
 typedef struct {
     double path, work, since, resultant, gross, size, excess, inertia;
+    double stored; /* the energy of the springs there */
 } sums;
 
 /* At a time level: where forces were evaluated and what they were, how far from there the state is,
@@ -59,7 +60,7 @@ struct pma_balance {
     double *inertia;           /* n: M w at the end of a substep */
     double *start;             /* n: what acts at the time level at which the sums begin */
     pma_first_forces first;    /* at the next start */
-    double *excess;            /* of the springs of each lane, in a substep, */
+    double *stored, *excess;   /* of the springs of each lane: energy, and in a substep, */
     double bent;               /* ... and of functions */
     bool begun;                /* the present is known */
     bool is_passive;           /* the path is not known */
@@ -115,6 +116,7 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         PMA_ARRAY(pma_balance, first.once, n),
         PMA_ARRAY(pma_balance, first.iterated, n),
         PMA_ARRAY(pma_balance, first.stiffness, entries),
+        PMA_ARRAY(pma_balance, stored, lanes),
         PMA_ARRAY(pma_balance, excess, lanes),
         {offsetof(pma_balance, numbers), kept + 1, level_size(parts) * sizeof(double)},
         {0}};
@@ -300,7 +302,8 @@ static void sum_up(pma_balance *b, const level *from, level *to, const double *u
                             .gross = before.gross + fabs(work - start),
                             .size = fmax(before.size, size),
                             .excess = to->sums[lane].excess,
-                            .inertia = to->sums[lane].inertia};
+                            .inertia = to->sums[lane].inertia,
+                            .stored = to->sums[lane].stored};
 }
 
 /* The sums begin at this level, the first one whose forces are known. */
@@ -309,9 +312,24 @@ static void begin_sums(pma_balance *b, level *at)
     memcpy(b->start, at->acting, b->parts.n * sizeof(double));
     multiply(b, &b->parts.M, at->v);
     for (size_t l = 0; l < b->parts.lanes; l++) {
-        at->sums[l] = (sums){.size = at->sums[l].size};
+        at->sums[l] = (sums){.size = at->sums[l].size, .stored = at->sums[l].stored};
         b->judged[l].start = half_square(b, at->v, l);
     }
+}
+
+/* The energy of the springs of each lane at a level, and what it has grown by since the level
+ * before beyond their work: what they dissipate, negative, and the error of the work. The two
+ * levels may be the same. */
+static void add_excess(pma_balance *b, const level *from, level *to, const double *springs)
+{
+    const size_t lanes = b->parts.lanes;
+    memset(b->stored, 0, lanes * sizeof(double));
+    pma_springs_add_energy(b->parts.springs, lanes, springs, b->stored);
+    for (size_t l = 0; l < lanes; l++) {
+        b->excess[l] = b->stored[l] - from->sums[l].stored;
+        to->sums[l].stored = b->stored[l];
+    }
+    pma_springs_subtract_work(b->parts.springs, lanes, from->springs, springs, b->excess);
 }
 
 /* From level j to the next one, which has x and v, with the acceleration w */
@@ -327,8 +345,7 @@ static void sum_up_lanes(pma_balance *b, size_t j, double al1, const double *ut,
     for (size_t i = 0; i < b->parts.n; i++)
         b->inertia[i] = -b->product[i];
     correct_forces(b, known ? from->vs : to->v, to->v, to->x);
-    memset(b->excess, 0, b->parts.lanes * sizeof(double));
-    pma_springs_add_excess(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
+    add_excess(b, from, to, springs);
     b->excess[0] += b->bent + work_to_state(b, from, to, ut);
     for (size_t l = 0; l < b->parts.lanes; l++)
         sum_up(b, from, to, ut, r, l);
@@ -375,9 +392,12 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
     for (size_t i = 0; i < n; i++)
         at->inertia[i] = -b->product[i];
     begin_sums(b, at);
+    memset(b->stored, 0, b->parts.lanes * sizeof(double));
+    pma_springs_add_energy(b->parts.springs, b->parts.lanes, x->springs, b->stored);
     multiply(b, &b->parts.K, x->u);
     for (size_t l = 0; l < b->parts.lanes; l++) {
         judgement *j = &b->judged[l];
+        at->sums[l].stored = b->stored[l];
         j->largest = j->start;
         j->gain.energy = j->start + half_square(b, x->u, l);
     }

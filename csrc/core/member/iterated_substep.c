@@ -375,8 +375,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
         it->u[i] = x->u[i] + c->al1 * x->w[i];
     }
     const double step = dot(n, it->dw, it->R), s2 = motion(it, c->al1);
-    if (s2 > MARGIN * -it->scale)
-        it->motion = fmax(it->scale, s2);
+    it->motion = s2 > MARGIN * -it->scale ? fmax(it->scale, s2) : it->scale;
     it->measure.correction = fabs(c->al1 * step);
     it->measure.motion = fmax(it->scale, s2);
     it->measure.slope = c->al2 * step;

@@ -171,26 +171,41 @@ void pma_springs_tangent(const pma_springs *springs, const double *from, const d
     }
 }
 
+void pma_springs_add_energy(const pma_springs *springs, size_t lanes, const double *level,
+                            double *out)
+{
+    for (size_t s = 0, at = 0, lane = 0; s < springs->count; s++) {
+        const pma_spring_set *set = &springs->sets[s];
+        for (size_t i = 0; i < set->count; i++, at++) {
+            const pma_law_end end = end_of(springs, set, i, at, level, level);
+            out[lane] += pma_laws[set->law].energy(&end);
+            lane = lane + 1 < lanes ? lane + 1 : 0;
+        }
+    }
+}
+
 double pma_springs_energy(const pma_springs *springs, const double *level)
 {
     double sum = 0.0;
-    for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
-        const pma_spring_set *set = &springs->sets[s];
-        for (size_t i = 0; i < set->count; i++) {
-            const pma_law_end end = end_of(springs, set, i, at + i, level, level);
-            sum += pma_laws[set->law].energy(&end);
-        }
-    }
+    pma_springs_add_energy(springs, 1, level, &sum);
     return sum;
+}
+
+void pma_springs_subtract_work(const pma_springs *springs, size_t lanes, const double *from,
+                               const double *to, double *out)
+{
+    const size_t total = springs->total;
+    for (size_t i = 0, lane = 0; i < total; i++) {
+        out[lane] -= 0.5 * (to[i] - from[i]) * (from[total + i] + to[total + i]);
+        lane = lane + 1 < lanes ? lane + 1 : 0;
+    }
 }
 
 double pma_springs_work(const pma_springs *springs, const double *from, const double *to)
 {
-    const size_t total = springs->total;
     double sum = 0.0;
-    for (size_t i = 0; i < total; i++)
-        sum += (to[i] - from[i]) * (from[total + i] + to[total + i]);
-    return 0.5 * sum;
+    pma_springs_subtract_work(springs, 1, from, to, &sum);
+    return -sum;
 }
 
 void pma_springs_add(const pma_springs *springs, const double *level, double *r)
@@ -203,22 +218,6 @@ void pma_springs_add(const pma_springs *springs, const double *level, double *r)
                 r[set->first[i]] += *f;
             if (set->second[i] >= 0)
                 r[set->second[i]] -= *f;
-        }
-    }
-}
-
-void pma_springs_add_excess(const pma_springs *springs, size_t lanes, const double *from,
-                            const double *to, double *out)
-{
-    const size_t total = springs->total;
-    for (size_t s = 0, at = 0; s < springs->count; s++) {
-        const pma_spring_set *set = &springs->sets[s];
-        const pma_law *law = &pma_laws[set->law];
-        for (size_t i = 0; i < set->count; i++, at++) {
-            const pma_law_end before = end_of(springs, set, i, at, from, from);
-            const pma_law_end after = end_of(springs, set, i, at, to, to);
-            out[at % lanes] += law->energy(&after) - law->energy(&before) -
-                               0.5 * (to[at] - from[at]) * (from[total + at] + to[total + at]);
         }
     }
 }

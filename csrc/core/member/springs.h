@@ -83,9 +83,10 @@ double pma_springs_work(const pma_springs *springs, const double *from, const do
 /* r += what the springs pull with at a time level. */
 void pma_springs_add(const pma_springs *springs, const double *level, double *r);
 
-/* out (lanes) += what they can give back of that work, less the work: what they dissipate,
- * negative, and its error; spring i is one of lane i % lanes. */
-void pma_springs_add_excess(const pma_springs *springs, size_t lanes, const double *from,
-                            const double *to, double *out);
+/* out (lanes) += that energy, -= that work, of each lane: spring i is one of lane i % lanes. */
+void pma_springs_add_energy(const pma_springs *springs, size_t lanes, const double *level,
+                            double *out);
+void pma_springs_subtract_work(const pma_springs *springs, size_t lanes, const double *from,
+                               const double *to, double *out);
 
 #endif

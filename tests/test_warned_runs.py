@@ -1,0 +1,45 @@
+"""Sound and realistic runs have no warning of any kind, gains of energy above a tenth have one.
+
+The problems are those of watched_runs.py, of which benchmarks/surveys/warned_runs.py tries 1000
+sound ones, 100 realistic ones and 1000 thrown masses.
+"""
+
+import warnings
+
+import pytest
+import watched_runs
+
+import pmalpha as pm
+
+
+@pytest.mark.parametrize("make", [watched_runs.sound, watched_runs.realistic])
+def test_sound_runs_have_no_warning(make):
+    for seed in range(30):
+        run = make(seed)
+        before, during = run.warned()
+        assert before + during == [], f"seed {seed}, {run.kind}"
+
+
+def test_sound_runs_are_of_all_kinds():
+    words = " ".join(watched_runs.sound(seed).kind for seed in range(30)).split()
+    for kinds in (watched_runs.COUPLINGS, watched_runs.LAWS, watched_runs.LOADS, "123"):
+        assert set(kinds) <= set(words)
+
+
+def test_gains_of_energy_above_a_tenth_are_announced():
+    gained = 0
+    for seed in range(64):
+        run, gain_of = watched_runs.thrown(seed)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                gain = gain_of(run.make().run(steps=run.steps))
+            except (pm.InstabilityError, pm.ConvergenceError):
+                continue  # which is an announcement too
+        announced = any("have added energy" in str(x.message) for x in caught)
+        if gain > 0.1:
+            gained += 1
+            assert announced, f"seed {seed}, {run.kind}: {gain:.3g} of its energy in silence"
+        if gain < 0.0:
+            assert not announced, f"seed {seed}, {run.kind}: announced, and lost {-gain:.3g}"
+    assert gained > 15
