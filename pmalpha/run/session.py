@@ -41,7 +41,6 @@ from ..setup.schedule import (
     finest,
     most_threads,
     names_of,
-    relative_to_start,
     two_sided_and_contacts,
 )
 from ..setup.start import InitialAccelerations
@@ -136,9 +135,7 @@ def made(
     part = slice(None) if ranks is None else ranks.part
     coupling = (options := checked_options(options, len(everything))).coupling
     bilateral, unilateral = two_sided_and_contacts(constraints)
-    row_groups = checked_constraints(bilateral, everything, names := names_of(everything))
-    if coupling == "mean":
-        row_groups = relative_to_start(row_groups)
+    row_groups = checked_constraints(bilateral, everything, names := names_of(everything), coupling)
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, row_groups, options.facts)
