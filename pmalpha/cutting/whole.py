@@ -10,9 +10,10 @@ import scipy.sparse as sp
 
 from .._cached import cached_property
 from .._checks import counted, listing, numbered, plain_array
-from ..problem.dofs import dof_array
+from ..problem.dofs import GROUND, dof_array
 from ..problem.internal import InternalForce
 from ..problem.matrices import combination, sparse
+from ..structures.attached import Attached
 from ..structures.element_force import Selected
 from ..structures.pattern import Pattern
 from ..structures.structure import Structure, idle_dofs
@@ -230,6 +231,7 @@ class WholeStructure(Whole):
         self.free = _free(fixed, self.n, structure.dof_names)
         means = [structure.points[links].mean(axis=1) for links in self.links]
         self.centroids = np.concatenate(means)
+        self._homes = None if structure.attached is None else self._homes_of(structure.attached)
         self._used = ~idle_dofs(structure.M, structure.K, structure.internal)
         used = np.zeros(len(structure.points), dtype=bool)
         for links in self.links:
@@ -263,18 +265,51 @@ class WholeStructure(Whole):
         numbers = {kind: numbers for kind, (numbers, _) in picked.items()}
         assert self._structure.recipe is not None
         M, K, internal = self._structure.recipe(Selected(numbers, elements, nodes.size))
+        C = None
+        dofs = (d * nodes[:, None] + np.arange(d)).ravel()
+        if self._homes is not None:
+            added = self._attached(chosen, dofs)
+            M = _sum(M, added.mass)
+            K, C = K + added.K, added.C if added.C.nnz else None
         further = self._structure.internal[len(internal) :]
         number[~owned] = -1
         forces = [*internal, *_parts_of(further, number, nodes.size)]
-        dofs = (d * nodes[:, None] + np.arange(d)).ravel()
         # such as the rotation of a node at which another subdomain has a beam
         free = self.free[dofs] & ~(idle_dofs(M, K, forces) & self._used[dofs])
         if not free.all():
             rows = np.flatnonzero(free)
             M = M[rows] if M.ndim == 1 else M[rows][:, rows]
             K = K[rows][:, rows]
+            C = None if C is None else C[rows][:, rows]
             forces = [force.reduced(rows) for force in forces] if rows.size else []
-        return Portion(dofs[free], M, K, None, forces)
+        return Portion(dofs[free], M, K, C, forces)
+
+    def _homes_of(self, attached: Attached) -> tuple[np.ndarray, np.ndarray]:
+        """The element to which what is at each node (N,) belongs, and each spring (m,): one that
+        has both of its nodes, if there is one."""
+        element, node = self.incidence
+        home = np.full(len(self._structure.points), -1)
+        home[node[::-1]] = element[::-1]  # the first of each
+        ends = np.where(attached.dofs == GROUND, attached.dofs[:, ::-1], attached.dofs) // self._d
+        springs = home[ends[:, 0]]
+        for i in np.flatnonzero(ends[:, 0] != ends[:, 1]):
+            both = np.intersect1d(element[node == ends[i, 0]], element[node == ends[i, 1]])
+            springs[i] = both[0] if both.size else springs[i]
+        return home, springs
+
+    def _attached(self, chosen: np.ndarray, dofs: np.ndarray) -> Attached:
+        """What is attached to the chosen elements, in their dofs."""
+        assert self._homes is not None and self._structure.attached is not None
+        attached, (home, springs) = self._structure.attached, self._homes
+        ends = attached.dofs[chosen[springs]]
+        outside = ends[~np.isin(ends, dofs) & (ends != GROUND)]
+        if outside.size:
+            raise ValueError(
+                "a spring must have both ends in one subdomain, got one with dof "
+                f"{outside[0]} in another; cut elsewhere, or give it as restoring= of a subdomain "
+                "with ties to both"
+            )
+        return attached.on(dofs, np.repeat(chosen[home], self._d), chosen[springs])
 
     def _picked(self, chosen: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Numbers and nodes of the chosen elements of each kind that has some."""

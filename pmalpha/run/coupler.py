@@ -8,6 +8,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._checks import without
 from .._core import Guard
@@ -1208,6 +1209,43 @@ class Coupler:
         [3.605551]
         """
         return whole_structure.modes(self._session, k)
+
+    def harmonic(self, omega: ArrayLike, force: Mapping[Any, Any]) -> dict[str, np.ndarray]:
+        """The steady motion of the structure with its ties under harmonic forces.
+
+        The complex amplitudes x of :math:`u(t) = Re(x exp(i omega t))` under
+        :math:`F(t) = Re(f exp(i omega t))`, with M, C and K of `assembled` about the present state
+        of the coupler: :math:`(K + i omega C - omega^2 M) x = f`, one solution for each frequency.
+        Steps and schemes have no influence; rows with a prescribed velocity are held.
+
+        Parameters
+        ----------
+        omega : float or (k,) array_like
+            Angular frequencies, radians per unit of time, at least 0.
+        force : dict
+            Amplitudes f (n_i,), real or complex, by subdomain or name; 0 on the others.
+
+        Returns
+        -------
+        dict of (k, n_i) complex ndarray by name
+            ``abs(x)`` is the amplitude, ``np.angle(x)`` the phase before the force.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `assembled`; for other shapes, negative frequencies, and a natural frequency of an
+            undamped structure.
+
+        Examples
+        --------
+        At resonance the amplitude is f / (c omega), a quarter of a period behind the force:
+
+        >>> mass = Subdomain([1.0], [4.0], [0.1], scheme=Newmark(), name="mass")
+        >>> x = Coupler([mass], dt=0.1).harmonic([0.0, 2.0], {"mass": [1.0]})["mass"][:, 0]
+        >>> abs(x).round(6).tolist(), round(float(np.angle(x[1], deg=True)), 6)
+        ([0.25, 5.0], -90.0)
+        """
+        return whole_structure.harmonic(self._session, omega, force)
 
 
 def solve(

@@ -42,7 +42,6 @@ from ..setup.schedule import (
     finest,
     most_threads,
     names_of,
-    relative_to_start,
     two_sided_and_contacts,
 )
 from ..setup.start import InitialAccelerations
@@ -131,9 +130,7 @@ def _tied_and_touching(
 ) -> tuple[tuple[Rows, ...], Contacts | None]:
     """The rows of the constraints, and the contacts among them."""
     bilateral, unilateral = two_sided_and_contacts(constraints)
-    row_groups = checked_constraints(bilateral, everything, names)
-    if options.coupling == "mean":
-        row_groups = relative_to_start(row_groups)
+    row_groups = checked_constraints(bilateral, everything, names, options.coupling)
     contacts = contacts_of(unilateral, everything, names, options, ranks)
     if ranks is not None:
         require_equal_problems(ranks, row_groups, options.facts)

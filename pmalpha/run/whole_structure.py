@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
-from .._checks import whole_number
+from .._checks import real_array, vector, whole_number
+from ..blas import one_thread
 from ..errors import BucklingError
 from ..problem.matrices import is_symmetric
 from ..reduction.eigenmodes import IndefiniteStiffness
 from ..reduction.eigenmodes import modes as modes_of
+from ..results.keys import by_index
 from ..setup.eliminated_rows import Assembled
 from ..setup.eliminated_rows import assembled as assemble
 from ..setup.equilibrium import Equilibrium, static_displacements
@@ -90,6 +95,44 @@ def modes(session: Session, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarra
     except IndefiniteStiffness as error:
         raise _buckling(error, structure, t) from None
     return omega, {name: T @ shapes for name, T in structure.map.items()}
+
+
+def harmonic(session: Session, omega: Any, force: Mapping[Any, Any]) -> dict[str, np.ndarray]:
+    with session.guard:
+        structure = _assembled(session, "harmonic")
+    frequencies = np.atleast_1d(real_array(omega, "omega", (0, 1)))
+    if np.any(frequencies < 0.0):
+        raise ValueError(f"omega must not be negative, got {frequencies.min():g}")
+    amplitudes = by_index(force, session.keys, "force")
+    F = np.zeros(structure.n, dtype=complex)
+    for i, value in amplitudes.items():
+        name, s = session.keys[i]
+        F += structure.map[name].T @ _amplitude(value, s.n, f"force of {name!r}")
+    x = np.array([_response(structure, w, F) for w in frequencies]).reshape(-1, F.size)
+    return {name: np.asarray((T @ x.T).T) for name, T in structure.map.items()}
+
+
+def _amplitude(value: Any, n: int, name: str) -> np.ndarray:
+    """(n,) complex."""
+    return vector(np.real(value), n, name) + 1j * vector(np.imag(value), n, name)
+
+
+def _response(structure: Assembled, w: float, F: np.ndarray) -> np.ndarray:
+    """The solution of (K + i w C - w^2 M) x = F."""
+    from scipy.sparse.linalg import splu
+
+    A = sp.csc_array(structure.K + 1j * w * structure.C - w**2 * structure.M)
+    with one_thread():
+        try:
+            x: np.ndarray = splu(A).solve(F)
+        except RuntimeError:  # exactly singular
+            x = np.full(F.size, np.nan, dtype=complex)
+    if not np.all(np.isfinite(x)):
+        raise ValueError(
+            f"omega must be no natural frequency of an undamped structure, got {w:g}; give it "
+            "damping"
+        )
+    return x
 
 
 def _buckling(error: IndefiniteStiffness, structure: Assembled, t: float) -> BucklingError:

@@ -109,18 +109,21 @@ class Rows:
 
 
 def checked_constraints(
-    constraints: Sequence[Constraint], subdomains: Sequence[Subdomain], names: Sequence[str]
+    constraints: Sequence[Constraint],
+    subdomains: Sequence[Subdomain],
+    names: Sequence[str],
+    coupling: str,
 ) -> tuple[Rows, ...]:
     """The constraints of a user, with names looked up and numbers of dofs compared."""
     rows = []
     for k, c in enumerate(constraints):
         matrices = looked_up(c.matrices, subdomains, names, f"constraint {k}")
         rows.append(Rows(c.p, matrices, c.velocity))
-    return tuple(rows)
+    return _relative_to_start(rows) if coupling == "mean" else tuple(rows)
 
 
-def relative_to_start(groups: Sequence[Rows]) -> tuple[Rows, ...]:
-    """Under mean coupling: rows that hold single dofs keep the displacement with which they begin,
+def _relative_to_start(groups: Sequence[Rows]) -> tuple[Rows, ...]:
+    """Under mean coupling rows that hold single dofs keep the displacement with which they begin,
     by a prescribed velocity of zero."""
     return tuple(
         replace(group, velocity=np.zeros(group.p))

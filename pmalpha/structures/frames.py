@@ -48,6 +48,25 @@ BEAM_MASS[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [
 ]
 
 
+# Timoshenko beam of length 1: 420 (1 + Phi)^2 times the mass, by powers of Phi. Dofs uy rz of both
+# ends, the upper triangle row by row; and the same of the rotary inertia (Przemieniecki, Theory of
+# Matrix Structural Analysis, 1968, chapter 11).
+TRANSLATION = np.array(
+    [
+        [156, 22, 54, -13, 4, 13, -3, 156, -22, 4],
+        [294, 38.5, 126, -31.5, 7, 31.5, -7, 294, -38.5, 7],
+        [140, 17.5, 70, -17.5, 3.5, 17.5, -3.5, 140, -17.5, 3.5],
+    ]
+)
+ROTATION = np.array(
+    [
+        [504, 42, -504, 42, 56, -42, -14, 504, -42, 56],
+        [0, -210, 0, -210, 70, 210, -70, 0, 210, 70],
+        [0, 0, 0, 0, 140, 0, 70, 0, 0, 140],
+    ]
+)
+
+
 def beam_frame(
     points: ArrayLike,
     members: ArrayLike,
@@ -55,14 +74,16 @@ def beam_frame(
     EA: ArrayLike,
     EI: ArrayLike,
     rhoA: ArrayLike,
+    GA: ArrayLike | None = None,
     divisions: int | ArrayLike = 1,
     mass: str = "consistent",
     rotary: float = ROTARY,
 ) -> Structure:
-    """A plane frame of straight, extensible Euler-Bernoulli beams with rigid joints.
+    """A plane frame of straight, extensible beams with rigid joints.
 
-    Linear axial and cubic transverse displacement (Cook and others, Concepts and Applications of
-    Finite Element Analysis).
+    Linear axial displacement; Euler-Bernoulli beams with cubic transverse displacement (Cook and
+    others, Concepts and Applications of Finite Element Analysis), and with `GA` Timoshenko beams,
+    exact for loads at their ends (Przemieniecki, Theory of Matrix Structural Analysis).
 
     Parameters
     ----------
@@ -72,6 +93,10 @@ def beam_frame(
         The two points that each member connects.
     EA, EI, rhoA : float or (m,) array_like
         Axial stiffness, bending stiffness, mass per length.
+    GA : float or (m,) array_like, optional
+        Shear stiffness, shear factor included: 5/6 G A for a rectangle. ``np.inf``: a member
+        without shear deformation. The consistent mass then has the inertia rhoA EI / EA of the
+        cross sections too. Default: none.
     divisions : int or (m,) array_like of int, default 1
         Number of equal elements per member, by `subdivide`: the given points keep their numbers.
     mass : {"consistent", "lumped"}
@@ -98,32 +123,49 @@ def beam_frame(
     >>> frame.K[[0], [0]].round(4).tolist()  # 9/25 EA/L + 16/25 12 EI/L^3
     [0.4214]
     """
-    nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
+    nodes, lines, member, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
     along = nodes[lines[:, 1]] - nodes[lines[:, 0]]
     inertia = real_number(rotary, "rotary", low=0.0)
-    recipe = partial(_assembled, (along, *values), is_lumped(mass), inertia)
+    phi = shear_ratio(GA, values[1], np.hypot(*along.T), member)
+    recipe = partial(_assembled, (along, *values, phi), is_lumped(mass), inertia)
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
 def frame_arguments(
     points: Any, members: Any, divisions: Any, EA: Any, EI: Any, rhoA: Any
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Nodes, lines, and EA, EI, rhoA of each element."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Nodes, lines, the member, and EA, EI, rhoA of each element."""
     nodes, lines, member = subdivide(*mesh_arguments(points, members, "members", 2, 2), divisions)
     count = (member[-1] + 1,)
     axial, bending, density = (
         np.broadcast_to(positive(value, name, count), count)[member]
         for name, value in (("EA", EA), ("EI", EI), ("rhoA", rhoA))
     )
-    return nodes, lines, (axial, bending, density)
+    return nodes, lines, member, (axial, bending, density)
+
+
+def shear_ratio(GA: Any, EI: np.ndarray, L: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """Phi = 12 EI / (GA L^2) (E,) of each element, 0 without shear deformation."""
+    if GA is None:
+        return np.zeros(len(L))
+    count = int(member[-1]) + 1
+    values = np.asarray(plain_array(GA, "GA"), dtype=float)
+    if values.shape not in ((), (count,)) or not np.all(values > 0.0):
+        raise ValueError(
+            f"GA must be positive numbers of shape () or ({count},), got {values.tolist()}"
+        )
+    finite = np.isfinite(values)
+    positive(np.where(finite, values, 1.0), "GA", values.shape)  # and in the range of numbers
+    result: np.ndarray = 12.0 * EI / (np.broadcast_to(values, (count,))[member] * L**2)
+    return result
 
 
 def _assembled(
     beams: Sequence[np.ndarray], lumped: bool, rotary: float, selected: Selected
 ) -> Made:
     lines, nodes = selected.elements["line"], selected.nodes
-    x, EA, EI, rhoA = selected.rows("line", beams)
-    return *beam_matrices(lines, x, EA, EI, rhoA, lumped, rotary, nodes), ()
+    x, EA, EI, rhoA, phi = selected.rows("line", beams)
+    return *beam_matrices(lines, x, EA, EI, rhoA, lumped, rotary, nodes, phi), ()
 
 
 def beam_matrices(
@@ -135,17 +177,43 @@ def beam_matrices(
     lumped: bool,
     rotary: float,
     nodes: int,
+    phi: np.ndarray | None = None,
 ) -> tuple[Any, sp.csr_array]:
-    """M, or its diagonal if lumped, and K; x (E, 2) along the elements."""
+    """M, or its diagonal if lumped, and K; x (E, 2) along the elements, phi (E,) of shear."""
     L = np.hypot(*x.T)
     direction = x / L[:, None]
     pattern = Pattern.of(lines, nodes)
     if lumped:
         M = lumped_beams(lines, rhoA * L, rotary * rhoA * L**3, nodes)
     else:
-        M = pattern.matrix(_turned(_scaled(rhoA * L / 420.0, BEAM_MASS, L), direction))
-    stiffness = _scaled(EA / L, AXIAL, L) + _scaled(EI / L**3, BENDING, L)
-    return M, pattern.matrix(_turned(stiffness, direction))
+        local = _scaled(rhoA * L / 420.0, BEAM_MASS, L)
+        if phi is not None and phi.any():
+            local = np.where(phi[:, None, None] > 0.0, _thick_mass(rhoA, EI / EA, L, phi), local)
+        M = pattern.matrix(_turned(local, direction))
+    bending = _scaled(EI / L**3, BENDING, L)
+    if phi is not None and phi.any():
+        bending = _scaled(EI / (L**3 * (1.0 + phi)), _thick_bending(phi), L)
+    return M, pattern.matrix(_turned(_scaled(EA / L, AXIAL, L) + bending, direction))
+
+
+def _thick_bending(phi: np.ndarray) -> np.ndarray:
+    """(E, 6, 6): (1 + Phi) times the bending stiffness of length 1 and EI = 1."""
+    unit = np.tile(BENDING, (len(phi), 1, 1))
+    for i, j, sign in ((2, 2, 1.0), (5, 5, 1.0), (2, 5, -1.0), (5, 2, -1.0)):
+        unit[:, i, j] += sign * phi
+    return unit
+
+
+def _thick_mass(rhoA: np.ndarray, square: np.ndarray, L: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """(E, 6, 6): the consistent mass of Timoshenko beams; square (E,): I / A."""
+    powers = np.column_stack([np.ones(len(phi)), phi, phi**2])
+    entries = powers @ TRANSLATION + (square / L**2)[:, None] * (powers @ ROTATION)
+    unit = np.tile(BEAM_MASS, (len(phi), 1, 1))
+    rows, columns = np.triu_indices(4)
+    across = np.array([1, 2, 4, 5])
+    for i, j, values in zip(across[rows], across[columns], entries.T):
+        unit[:, i, j] = unit[:, j, i] = values / (1.0 + phi) ** 2
+    return _scaled(rhoA * L / 420.0, unit, L)
 
 
 def lumped_beams(
@@ -255,10 +323,11 @@ def corotational_frame(
     EA: ArrayLike,
     EI: ArrayLike,
     rhoA: ArrayLike,
+    GA: ArrayLike | None = None,
     divisions: int | ArrayLike = 1,
     rotary: float = 1.0 / 78.0,
 ) -> Structure:
-    """A plane frame of Euler-Bernoulli beams with large displacements and rotations.
+    """A plane frame of beams with large displacements and rotations.
 
     Corotational: each element is the linear beam of `beam_frame` in axes that turn with its chord
     (Crisfield, Non-linear Finite Element Analysis of Solids and Structures, volume 1, chapter 7).
@@ -274,6 +343,8 @@ def corotational_frame(
         The two points that each member connects.
     EA, EI, rhoA : float or (m,) array_like
         Axial stiffness, bending stiffness, mass per length.
+    GA : float or (m,) array_like, optional
+        Shear stiffness, as of `beam_frame`.
     divisions : int or (m,) array_like of int, default 1
         Number of equal elements per member, by `subdivide`: the given points keep their numbers.
     rotary : float, at least 0, default 1/78
@@ -303,31 +374,41 @@ def corotational_frame(
     >>> bool(abs(turning.tangent() - linear.K).max() < 1e-14 * abs(linear.K).max())
     True
     """
-    nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
+    nodes, lines, member, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
     axial, bending, density = values
     X = nodes[lines[:, 1]] - nodes[lines[:, 0]]
     mass = density * np.hypot(*X.T)
     inertia = real_number(rotary, "rotary", low=0.0) * mass * np.hypot(*X.T) ** 2
-    recipe = partial(_corotational, (X, axial, bending, mass, inertia))
+    phi = shear_ratio(GA, bending, np.hypot(*X.T), member)
+    recipe = partial(_corotational, (X, axial, bending, phi, mass, inertia))
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
 def _corotational(beams: Sequence[np.ndarray], selected: Selected) -> Made:
-    along, EA, EI, mass, inertia = selected.rows("line", beams)
+    along, EA, EI, phi, mass, inertia = selected.rows("line", beams)
     lines = selected.elements["line"]
     M = lumped_beams(lines, mass, inertia, selected.nodes)
-    force = BeamForce(lines, selected.nodes, along, EA, EI)
+    force = BeamForce(lines, selected.nodes, along, EA, EI, phi)
     return M, sp.csr_array((M.size, M.size)), (force,)
 
 
 class BeamForce(Conservative):
     def __init__(
-        self, lines: np.ndarray, nodes: int, along: np.ndarray, EA: np.ndarray, EI: np.ndarray
+        self,
+        lines: np.ndarray,
+        nodes: int,
+        along: np.ndarray,
+        EA: np.ndarray,
+        EI: np.ndarray,
+        phi: np.ndarray,
     ):
         self._assembly = Assembly(lines, nodes, 3)
         self._along = along
         self._length = np.hypot(*self._along.T)
-        self._EA, self._EI = EA, EI
+        self._EA = EA
+        # moments for EI / L of the rotations of the same end and of the other one
+        near, far = (4.0 + phi) / (1.0 + phi), (2.0 - phi) / (1.0 + phi)
+        self._near, self._far = near * EI / self._length, far * EI / self._length
         super().__init__(self._assembly.pattern)
 
     def _deformed(self, u: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -353,9 +434,9 @@ class BeamForce(Conservative):
         self, u: np.ndarray, q: np.ndarray, tangent: bool
     ) -> tuple[np.ndarray, Any, np.ndarray]:
         direction, length, elongation, theta = self._deformed(u)
-        EA, EI = self._EA / self._length, self._EI / self._length
+        EA = self._EA / self._length
         N = EA * elongation
-        moments = 2.0 * EI[:, None] * (2.0 * theta + theta[:, ::-1])
+        moments = self._near[:, None] * theta + self._far[:, None] * theta[:, ::-1]
         shear = moments.sum(axis=1) / length
         c, s = direction.T
         # with r = dl/du and z / l = d(turn)/du:  f = N r - (M1 + M2) / l z + M1 e1 + M2 e2
@@ -368,38 +449,38 @@ class BeamForce(Conservative):
         f = self._assembly.force(forces)
         if not tangent:
             return f, None, q
-        return f, self._assembly.tangent(_tangents(r, z, length, N, shear, EA, EI)), q
+        return f, self._assembly.tangent(self._tangents(r, z, length, N, shear, EA)), q
 
     def _potential(self, u: np.ndarray) -> float:
         _, _, elongation, theta = self._deformed(u)
         axial = 0.5 * self._EA / self._length * elongation**2
-        bending = np.sum(theta**2, axis=1) + theta[:, 0] * theta[:, 1]
-        return float(np.sum(axial + 2.0 * self._EI / self._length * bending))
+        bending = 0.5 * self._near * np.sum(theta**2, axis=1)
+        return float(np.sum(axial + bending + self._far * theta[:, 0] * theta[:, 1]))
 
+    def _tangents(
+        self,
+        r: np.ndarray,
+        z: np.ndarray,
+        length: np.ndarray,
+        N: np.ndarray,
+        shear: np.ndarray,
+        EA: np.ndarray,
+    ) -> np.ndarray:
+        """(E, 2, 3, 2, 3) = B^T D B + N z z^T / l + (M1 + M2) / l^2 (r z^T + z r^T)."""
+        near, far = self._near, self._far
+        r, z = r.reshape(-1, 6), z.reshape(-1, 6)
+        # rows of B: d(elongation)/du, d(theta_1)/du, d(theta_2)/du
+        first, second = (-z / length[:, None] for _ in range(2))
+        first[:, 2] += 1.0
+        second[:, 5] += 1.0
 
-def _tangents(
-    r: np.ndarray,
-    z: np.ndarray,
-    length: np.ndarray,
-    N: np.ndarray,
-    shear: np.ndarray,
-    EA: np.ndarray,
-    EI: np.ndarray,
-) -> np.ndarray:
-    """(E, 2, 3, 2, 3) = B^T D B + N z z^T / l + (M1 + M2) / l^2 (r z^T + z r^T)."""
-    r, z = r.reshape(-1, 6), z.reshape(-1, 6)
-    # rows of B: d(elongation)/du, d(theta_1)/du, d(theta_2)/du
-    first, second = (-z / length[:, None] for _ in range(2))
-    first[:, 2] += 1.0
-    second[:, 5] += 1.0
+        def outer(factor: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            result: np.ndarray = factor[:, None, None] * a[:, :, None] * b[:, None, :]
+            return result
 
-    def outer(factor: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        result: np.ndarray = factor[:, None, None] * a[:, :, None] * b[:, None, :]
+        K = outer(EA, r, r) + outer(N / length, z, z)
+        K += outer(near, first, first) + outer(near, second, second)
+        K += outer(far, first, second) + outer(far, second, first)
+        K += outer(shear / length, r, z) + outer(shear / length, z, r)
+        result: np.ndarray = K.reshape(-1, 2, 3, 2, 3)
         return result
-
-    K = outer(EA, r, r) + outer(N / length, z, z)
-    K += outer(4.0 * EI, first, first) + outer(4.0 * EI, second, second)
-    K += outer(2.0 * EI, first, second) + outer(2.0 * EI, second, first)
-    K += outer(shear / length, r, z) + outer(shear / length, z, r)
-    result: np.ndarray = K.reshape(-1, 2, 3, 2, 3)
-    return result

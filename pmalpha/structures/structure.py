@@ -20,6 +20,8 @@ from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..reduction.fixed_dofs import Reduction, reduce
+from .absorbing import AbsorbingBoundary, boundary
+from .attached import Attached, moved_masses, not_negative, placed_springs
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
 from .pyvista_grid import grid_of
@@ -57,6 +59,11 @@ class Structure:
     recipe : callable or None
         Makes M, K and forces of some of the elements, for `pmalpha.cut`; None where the elements of
         the matrices are not known.
+    C : (n, n) csr_array or None
+        Damping of what is attached, `with_damper` and `with_damping`; None without.
+    attached : Attached or None
+        What `with_mass`, `with_spring`, `with_damper`, `with_damping` and `lump` have added to M, C
+        and K, for `pmalpha.cut`.
     groups, sets : dict
         Numbers of elements, counted through all kinds in the order of `elements`, and numbers of
         nodes, by the names of a mesh file (`from_mesh`).
@@ -85,6 +92,8 @@ class Structure:
     recipe: Recipe | None = None
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+    C: Any = None
+    attached: Attached | None = None
 
     @classmethod
     def _of(
@@ -104,6 +113,7 @@ class Structure:
         n = len(self.points) * len(self.components)
         object.__setattr__(self, "internal", tuple(self.internal))
         rows_of = [("M", self.M.shape[0]), ("K", self.K.shape[0])]
+        rows_of += [] if self.C is None else [("C", self.C.shape[0])]
         for force in self.internal:
             if not isinstance(force, ElementForce):
                 raise TypeError(f"internal must hold forces of elements, got {force!r}")
@@ -121,7 +131,8 @@ class Structure:
         counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
         points, dofs = counted(len(self.points), "point"), counted(self.n, "dof")
         forces = f", {counted(len(self.internal), 'internal force')}" if self.internal else ""
-        return f"<Structure {points}, {counts}, {dofs}{forces}{self._separate()}>"
+        damped = ", dampers" if self.C is not None else ""
+        return f"<Structure {points}, {counts}, {dofs}{forces}{damped}{self._separate()}>"
 
     def _separate(self) -> str:
         """What a mesh that should be one body must not have, or nothing."""
@@ -380,6 +391,253 @@ class Structure:
         """
         return replace(self, internal=(*self.internal, *forces))
 
+    def with_mass(self, nodes: Any, mass: Any, *, inertia: Any = 0.0) -> Structure:
+        """The same structure with point masses.
+
+        Parameters
+        ----------
+        nodes : int, (k,) array of int, or str
+            As for `dofs`.
+        mass : float or (k,) array_like
+            Added to every displacement of the nodes, at least 0.
+        inertia : float or (k,) array_like, default 0
+            Added to their rotation "rz", at least 0.
+
+        Returns
+        -------
+        Structure
+            A new one.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `dofs`; for negative masses, and an inertia of nodes without rotation.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> beam = structures.beam_frame([[0, 0], [2, 0]], [[0, 1]], EA=1.0, EI=1.0, rhoA=0.5,
+        ...                              divisions=2, mass="lumped")
+        >>> beam.with_mass(2, 10.0).M.diagonal()[beam.dofs(2)].round(4).tolist()
+        [10.5, 10.5, 0.0128]
+        """
+        moving = [name for name in self.components if name.startswith("u")]
+        dofs = self.dofs(nodes, moving).reshape(-1, len(moving))
+        masses = not_negative(mass, "mass", len(dofs))
+        turning = not_negative(inertia, "inertia", len(dofs))
+        added = np.zeros(self.n)
+        added[dofs] = masses[:, None]
+        if turning.any():
+            if "rz" not in self.components:
+                raise ValueError(f"inertia needs nodes with 'rz', got {self.components}")
+            added[self.dofs(nodes, "rz")] = turning
+        return self._with(self._attached()._replace(mass=self._attached().mass + added))
+
+    def with_spring(self, dofs: Any, k: Any, c: Any = 0.0) -> Structure:
+        """The same structure with linear springs, and dampers parallel to them.
+
+        Parameters
+        ----------
+        dofs : int, str, (m,) or (m, 2) array of them
+            As for `CubicSpring`: ``["uy 3"]`` is a spring to the ground, ``[("uy 3", "uy 7")]`` one
+            between two dofs.
+        k, c : float or (m,) array_like
+            Stiffness and viscous damping, at least 0.
+
+        Returns
+        -------
+        Structure
+            A new one. `subdomain` and `cut` take its C; a cut needs both ends of a spring at one
+            of its elements, or in one subdomain.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `CubicSpring`.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> bar = structures.rod(2, 1.0, EA=1.0, rhoA=1.0).with_spring(["ux 0"], k=3.0, c=0.5)
+        >>> bar.K.diagonal().tolist(), bar.C.diagonal().tolist()
+        ([5.0, 4.0, 2.0], [0.5, 0.0, 0.0])
+        """
+        pairs, before = placed_springs(dofs, self.n, self.dof_names), self._attached()
+        stiffness, damping = (not_negative(x, name, len(pairs)) for x, name in ((k, "k"), (c, "c")))
+        return self._with(
+            before._replace(
+                dofs=np.concatenate([before.dofs, pairs]),
+                k=np.concatenate([before.k, stiffness]),
+                c=np.concatenate([before.c, damping]),
+            )
+        )
+
+    def with_damper(self, dofs: Any, c: Any) -> Structure:
+        """The same structure with viscous dampers: `with_spring` of the stiffness 0.
+
+        Parameters
+        ----------
+        dofs : int, str, (m,) or (m, 2) array of them
+            As for `with_spring`.
+        c : float or (m,) array_like
+            Force per velocity, at least 0.
+
+        Returns
+        -------
+        Structure
+            A new one.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `with_spring`.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> structures.chain(2, 1.0, [4.0]).with_damper([(0, 1)], 0.5).C.toarray().tolist()
+        [[0.5, -0.5], [-0.5, 0.5]]
+        """
+        return self.with_spring(dofs, 0.0, c)
+
+    def with_damping(self, C: Any) -> Structure:
+        """The same structure with a damping matrix between the dofs of each node.
+
+        Parameters
+        ----------
+        C : (n, n) sparse
+            Such as of `absorbing`, without entries between different nodes.
+
+        Returns
+        -------
+        Structure
+            A new one.
+
+        Raises
+        ------
+        ValueError
+            For another shape, and entries between two nodes.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> soil = structures.plate(1, 1, 1.0, E=2.0, nu=0.0, rho=1.0)
+        >>> soil.with_damping(soil.absorbing(soil.nodes_at(y=0.0)).C)
+        <Structure 4 points, 1 quad, 8 dofs, dampers>
+        """
+        if np.shape(C) != (self.n, self.n):
+            raise ValueError(f"C must have shape ({self.n}, {self.n}), got {np.shape(C)}")
+        A, d, before = sp.coo_array(C), self.dofs_per_node, self._attached()
+        apart = (A.row // d != A.col // d) & (A.data != 0.0)
+        if apart.any():
+            raise ValueError(
+                f"C must have no entries between two nodes, got one of dofs {A.row[apart][0]} and "
+                f"{A.col[apart][0]}; give such a matrix to the Subdomain"
+            )
+        return self._with(before._replace(dashpots=sp.csr_array(before.dashpots + A)))
+
+    def absorbing(
+        self,
+        nodes: Any,
+        *,
+        rho: float | None = None,
+        c_p: float | None = None,
+        c_s: float | None = None,
+    ) -> AbsorbingBoundary:
+        """Dashpots that let plane waves leave through a boundary (Lysmer and Kuhlemeyer 1969).
+
+        They absorb what arrives perpendicular to the boundary, and reflect a part of what arrives
+        at another angle.
+
+        Parameters
+        ----------
+        nodes : int, (k,) array of int, or str
+            As for `dofs`: all nodes of the sides of elements that are meant.
+        rho, c_p, c_s : float, optional
+            Density, and speeds of pressure and shear waves, of what continues beyond the boundary.
+            Default: those of the elements there.
+
+        Returns
+        -------
+        AbsorbingBoundary
+            With the matrix ``C``, for `with_damping`, and ``incident(velocity, direction)``, the
+            load of a wave that comes in.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For structures other than of linear plates and solids, solids with middle nodes, nodes
+            without a side of an element, and numbers that are not positive.
+
+        Examples
+        --------
+        A column of soil on rock whose waves are twice as fast:
+
+        >>> from pmalpha import structures
+        >>> soil = structures.plate(1, 3, 1.0, E=2.0, nu=0.0, rho=1.0, plane="strain")
+        >>> soil.absorbing(soil.nodes_at(y=0.0), c_p=2.8, c_s=2.0).C.diagonal()[:2].tolist()
+        [1.0, 1.4]
+        """
+        places = np.unique(self.dofs(nodes) // self.dofs_per_node)
+        return boundary(self, places, rho, c_p, c_s)
+
+    def lump(self, *, away_from: Any, left: float = 0.01) -> Structure:
+        """The same structure with the mass of some nodes at their neighbours, for contact.
+
+        What a contact without restitution takes is the energy of the mass at its nodes. With little
+        mass there it takes little. Take an implicit scheme: an explicit step would have to resolve
+        the light nodes.
+
+        Parameters
+        ----------
+        away_from : int, (k,) array of int, or str
+            Nodes as for `dofs`. Their mass goes to the other nodes of their elements, in equal
+            shares.
+        left : float, default 0.01
+            The share that they keep, above 0 and below 1, which contact needs.
+
+        Returns
+        -------
+        Structure
+            A new one.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For a mass matrix that is not lumped, nodes all of whose neighbours are among them, and
+            a share out of range.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> bar = structures.rod(3, 3.0, EA=1.0, rhoA=1.0, mass="lumped")
+        >>> bar.lump(away_from=0).M.diagonal().round(6).tolist()
+        [0.005, 1.495, 1.0, 0.5]
+        """
+        share = real_number(left, "left", low=0.0)
+        if not 0.0 < share < 1.0:
+            raise ValueError(f"left must be above 0 and below 1, got {share:g}")
+        d = self.dofs_per_node
+        light = np.zeros(len(self.points), dtype=bool)
+        light[self.dofs(away_from) // d] = True
+        moved = moved_masses(self.M, self.elements, light, d, 1.0 - share)
+        return self._with(self._attached()._replace(mass=self._attached().mass + moved))
+
+    def _attached(self) -> Attached:
+        return Attached.none(self.n) if self.attached is None else self.attached
+
+    def _with(self, attached: Attached) -> Structure:
+        """The same structure with other attachments, whose difference is added to the matrices."""
+        before = self._attached()
+        new = sp.diags_array(attached.mass - before.mass)
+        M = sp.csr_array(self.M + new)
+        K = sp.csr_array(self.K + (attached.K - before.K))
+        C = None if self.C is None else sp.csr_array(self.C - before.C)
+        C = attached.C if C is None else sp.csr_array(C + attached.C)
+        if not C.nnz or not np.any(C.data):
+            C = None
+        return replace(self, M=M, K=K, C=C, attached=attached)
+
     def tangent(self, u: Any = None) -> Any:
         """K plus the tangents of the internal forces.
 
@@ -480,7 +738,7 @@ class Structure:
                 f"{sorted(self.elements)} with {self.components}"
             )
         return line_forces(
-            sp.csr_array(self.K), self.points, self.elements["line"], self.components
+            self._element_stiffness(), self.points, self.elements["line"], self.components
         )
 
     def element_stresses(self) -> sp.csr_array:
@@ -689,6 +947,14 @@ class Structure:
         self._require_linear("base_shear")
         return base_shear(self, nodes, component)
 
+    def _element_stiffness(self) -> sp.csr_array:
+        """K without what is attached."""
+        if self.attached is None or self.recipe is None:
+            return sp.csr_array(self.K)
+        everything = dict.fromkeys(self.elements, slice(None))
+        elements = self.recipe(Selected(everything, self.elements, len(self.points)))
+        return sp.csr_array(elements[1])
+
     def _require_linear(self, what: str) -> None:
         if self.internal:
             raise ValueError(f"{what} needs a linear structure, got one with internal forces")
@@ -739,11 +1005,26 @@ class Structure:
             forces = [force.reduced(reduced.free) for force in self.internal]
             options["internal"] = [*(forces if reduced.fixed.size else self.internal), *further]
         M, K = (reduced.M, reduced.K) if reduced.fixed.size else (self.M, self.K)
+        if self.C is not None:
+            C = sp.csr_array(self.C)[reduced.free][:, reduced.free]
+            options["C"] = _damping_sum(options.get("C"), C)
         options |= {x: _of_free(options[x], reduced) for x in ("u0", "v0") if x in options}
         if "force" in options:
             options["force"] = load_of_free(options["force"], reduced, self.M)
         options.setdefault("dof_names", reduced.dof_names)
         return Subdomain(M, K, scheme=scheme, **options)
+
+
+def _damping_sum(matrix: Any, C: sp.csr_array) -> Any:
+    """C plus the damping matrix of a user: a diagonal, dense or sparse."""
+    if matrix is None:
+        return C
+    A = matrix if sp.issparse(matrix) else plain_array(matrix, "C")
+    if A.ndim == 1:
+        A = sparse_diagonal(A)
+    if A.shape != C.shape:
+        raise ValueError(f"C must have shape {C.shape}, got {A.shape}")
+    return A + C
 
 
 def _of_free(value: Any, reduced: Reduction) -> Any:

@@ -1,0 +1,210 @@
+"""Viscous boundaries of plates and solids, and the load of a wave that comes in through them.
+
+Equations (V1) and (V2) of docs/method/loads.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import counted, positive_number, vector
+from ..meshes.kinds import KINDS
+from ..problem.forces import SampledForce
+from ..problem.record import Record
+
+__all__ = ["AbsorbingBoundary"]
+
+# Parts of a side at its nodes, in the order of its kind; others would have negative ones.
+SHARES = {
+    "line": (1 / 2, 1 / 2),
+    "line3": (1 / 6, 1 / 6, 2 / 3),
+    "triangle": (1 / 3,) * 3,
+    "quad": (1 / 4,) * 4,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class AbsorbingBoundary:
+    """Dashpots on a boundary, from `Structure.absorbing`.
+
+    Attributes
+    ----------
+    C : (n, n) csr_array
+        Their damping matrix, between the dofs of each node alone: for `Structure.with_damping`.
+    nodes : (k,) ndarray of int
+        The nodes that have one.
+    """
+
+    C: sp.csr_array
+    nodes: np.ndarray
+    _components: int
+
+    def __repr__(self) -> str:
+        return f"<AbsorbingBoundary of {counted(self.nodes.size, 'node')}>"
+
+    def incident(self, velocity: Any, direction: Any, *, dt: float | None = None) -> SampledForce:
+        """The load of a plane wave that comes in through the boundary, perpendicular to it.
+
+        Parameters
+        ----------
+        velocity : (m,) array_like or Record
+            Velocity of the particles in the incident wave alone, at the boundary: half of what a
+            free surface of the same ground has in the same wave.
+        direction : (dim,) array_like
+            Of the particles, of any length above 0: along the normal for a pressure wave, across
+            it for a shear wave.
+        dt : float, optional
+            Step of the samples; a Record has it.
+
+        Returns
+        -------
+        SampledForce
+            2 C v, equation (V2), on the n dofs of the structure: for `force` of
+            `Structure.subdomain` or `cut`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For a direction of another length, and as `SampledForce`.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> soil = structures.plate(1, 2, 1.0, E=2.0, nu=0.0, rho=1.0, plane="strain")
+        >>> base = soil.absorbing(soil.nodes_at(y=0.0))
+        >>> load = base.incident([0.0, 1.0, 0.0], [1.0, 0.0], dt=0.1)
+        >>> load(0.1)[soil.dofs(soil.nodes_at(y=0.0), "ux")].tolist()  # 2 rho c_s v / 2 at each
+        [1.0, 1.0]
+        """
+        samples = velocity if isinstance(velocity, Record) else np.asarray(velocity)
+        along = vector(direction, self._components, "direction")
+        size = float(np.linalg.norm(along))
+        if not size > 0.0:
+            raise ValueError(f"direction must not be zero, got {along.tolist()}")
+        motion = np.tile(along / size, self.C.shape[0] // self._components)
+        shape = (2.0 * (self.C @ motion))[:, None]
+        if isinstance(samples, Record):
+            return SampledForce(samples.values, samples.dt if dt is None else dt, shape=shape)
+        if dt is None:
+            raise TypeError("dt must be given with samples that are no Record")
+        return SampledForce(samples, dt, shape=shape)
+
+
+def boundary(structure: Any, nodes: Any, rho: Any, c_p: Any, c_s: Any) -> AbsorbingBoundary:
+    """Of `Structure.absorbing`."""
+    if not structure.moduli or set(structure.moduli) != set(structure.elements):
+        raise ValueError(
+            "absorbing needs linear plates or solids, got elements "
+            f"{', '.join(map(repr, structure.elements)) or 'of no kind'}; on others a dashpot "
+            "rho c A is one of with_damper"
+        )
+    chosen = np.zeros(len(structure.points), dtype=bool)
+    chosen[nodes] = True
+    beyond = {
+        name: None if x is None else positive_number(x, name)
+        for name, x in (("rho", rho), ("c_p", c_p), ("c_s", c_s))
+    }
+    pairs = [
+        (sides, _impedances(structure, kind, sides, elements, beyond))
+        for kind, sides, elements in _sides(structure, chosen)
+    ]
+    if not pairs:
+        raise ValueError(
+            "nodes must be those of a boundary, all nodes of a side of an element at least, got "
+            f"{counted(int(chosen.sum()), 'node')} without"
+        )
+    where = np.concatenate([sides.ravel() for sides, _ in pairs])
+    values = np.concatenate([Z.reshape(-1, *Z.shape[2:]) for _, Z in pairs])
+    n, d, dim = structure.n, structure.dofs_per_node, structure.points.shape[1]
+    rows = np.broadcast_to(d * where[:, None, None] + np.arange(dim)[:, None], values.shape)
+    columns = np.swapaxes(rows, 1, 2)
+    C = sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n))
+    return AbsorbingBoundary(C, np.unique(where), d)
+
+
+def _impedances(
+    structure: Any,
+    kind: str,
+    sides: np.ndarray,
+    elements: np.ndarray,
+    beyond: dict[str, float | None],
+) -> np.ndarray:
+    """(s, a, dim, dim) at the nodes of sides: A (rho c_p n n^T + rho c_s (1 - n n^T))      (V1)"""
+    dim = structure.points.shape[1]
+    area, normal = _measured(structure.points[sides], dim)
+    m = {name: _of(x, elements) for name, x in structure.moduli[kind]._asdict().items()}
+    of_elements = {
+        "rho": m["density"],
+        "c_p": np.sqrt((m["lam"] + 2.0 * m["mu"]) / m["density"]),
+        "c_s": np.sqrt(m["mu"] / m["density"]),
+    }
+    rho, c_p, c_s = (
+        of_elements[x] if beyond[x] is None else np.full(len(sides), beyond[x]) for x in of_elements
+    )
+    area = area * m["thickness"]
+    along = normal[:, :, None] * normal[:, None, :]
+    Z = (area * rho * c_p)[:, None, None] * along
+    Z += (area * rho * c_s)[:, None, None] * (np.eye(dim) - along)
+    shares = np.array(SHARES[_name(sides.shape[1], dim)])
+    result: np.ndarray = shares[:, None, None] * Z[:, None]
+    return result
+
+
+def _of(values: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    values = np.atleast_1d(np.asarray(values, dtype=float))
+    return np.broadcast_to(values, elements.shape) if len(values) == 1 else values[elements]
+
+
+def _name(nodes: int, dim: int) -> str:
+    return {2: "line", 3: "line3"}[nodes] if dim == 2 else {3: "triangle", 4: "quad"}[nodes]
+
+
+def _sides(structure: Any, chosen: np.ndarray) -> Any:
+    """Kind, nodes (s, a) and elements (s,) of the outer sides all of whose nodes are chosen."""
+    for kind, elements in structure.elements.items():
+        local = _local_sides(kind)
+        sides = np.concatenate([elements[:, list(x)] for x in local if len(x) == len(local[0])])
+        owners = np.tile(np.arange(len(elements)), len(local))
+        inside = chosen[sides].all(axis=1)
+        sides, owners = sides[inside], owners[inside]
+        # a side of two elements is inside of the body
+        _, first, count = np.unique(
+            np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        outer = first[count == 1]
+        if outer.size:
+            yield kind, sides[outer], owners[outer]
+
+
+def _local_sides(kind: str) -> list[tuple[int, ...]]:
+    """Node numbers in the element of its sides, all of one number of nodes."""
+    shape = KINDS[kind]
+    if shape.dimension == 2:
+        corners = len(shape.edges)
+        if shape.nodes == corners:
+            return [tuple(edge) for edge in shape.edges]
+        return [(*edge, corners + i) for i, edge in enumerate(shape.edges)]
+    kinds = {name for name, _ in shape.faces}
+    if len(kinds) > 1 or not kinds <= SHARES.keys():
+        raise ValueError(
+            "absorbing takes solids of 'tetra' and 'hexahedron', and all kinds of plates, got "
+            f"{kind!r}"
+        )
+    return [tuple(face) for _, face in shape.faces]
+
+
+def _measured(corners: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Length or area (s,) and unit normal (s, dim) of sides with these corners (s, a, dim)."""
+    if dim == 2:
+        along = corners[:, 1] - corners[:, 0]
+        across = np.column_stack([along[:, 1], -along[:, 0]])
+    elif corners.shape[1] == 3:
+        across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    else:
+        across = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    size = np.linalg.norm(across, axis=1)
+    return size, across / size[:, None]
