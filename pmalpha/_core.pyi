@@ -6,6 +6,8 @@ from typing import Any, Literal, final
 import numpy as np
 
 from .problem import forms
+from .results.core_record import CoreRecord
+from .setup.core_failure import FailedElsewhere, Failure, Limited
 
 SPRING_LAWS: dict[str, int]  # number of each law of springs
 MOST_SWEEPS: int  # over contacts with friction
@@ -15,12 +17,6 @@ LANES: int  # vectors side by side: unit responses of one pass, load cases
 _Matrix = np.ndarray | forms.Band | forms.Compressed | forms.Strips | None
 _Schedule = Literal["fine", "iterated", "macro", "shooting", "mean", "mean shooting", "contact"]
 _Load = forms.Load | tuple[forms.Load, ...]  # whose sum acts
-# position, u, v, w, and optionally (spring, deformation, force), (output, of_u, of_v, of_w) with
-# (start, position, weight) of each
-_Selection = tuple[Any, ...] | None
-# begin, every, selections, multipliers, velocity and displacement jumps, optionally energy, and
-# impulses and gaps of contacts
-_Record = tuple[Any, ...]
 
 @final
 class Subdomain:
@@ -35,7 +31,7 @@ class Subdomain:
     def force(self, t: float, /) -> np.ndarray | int: ...
     def restoring(
         self, t: float, u: np.ndarray, v: np.ndarray, /
-    ) -> np.ndarray | int | tuple[int, str, int, float, float, float, bool]: ...
+    ) -> np.ndarray | int | Limited: ...
     def springs(self) -> np.ndarray: ...
     def levels(self) -> dict[str, np.ndarray]: ...
     def set_levels(self, levels: dict[str, np.ndarray], /) -> None: ...
@@ -83,38 +79,12 @@ class Coupler:
     def set_origin(self, number: int, t: float, /) -> None: ...
     def set_motion(self, i: int, load: _Load, /) -> None: ...
     def advance(
-        self, steps: int, record: _Record | None, report: Callable[[int], Any] | None = None, /
-    ) -> (
-        int
-        | tuple[int]
-        | tuple[int, int, str]
-        | tuple[int, float | None, int | None, int, int, bool]
-        | tuple[int, float]
-        | tuple[int, str, int, float, float, float, bool]
-        | tuple[()]
-        | tuple[str, int]
-        | None
-    ): ...
+        self, steps: int, record: CoreRecord | None, report: Callable[[int], Any] | None = None, /
+    ) -> Failure | None: ...
     def set_ring(self, steps: np.ndarray | None, /) -> None: ...
     def ring(self, read: int, /) -> tuple[int, int]: ...
-    def set_pace(
-        self,
-        # period, stops, signals, state, times and shifts; positions and last values by subdomain,
-        # all values; what is called when a signal arrives
-        pace: tuple[
-            float,
-            bool,
-            int,
-            np.ndarray,
-            np.ndarray,
-            tuple[tuple[np.ndarray, np.ndarray] | None, ...],
-            np.ndarray,
-            Callable[[], object],
-        ]
-        | None,
-        /,
-    ) -> None: ...
-    def record_present(self, record: _Record, /) -> tuple[int] | None: ...
+    def set_pace(self, pace: forms.CorePace | None, /) -> None: ...
+    def record_present(self, record: CoreRecord, /) -> FailedElsewhere | None: ...
     def in_lanes(self, subdomains: tuple[Subdomain, ...], /) -> Coupler: ...
     def numbers(self) -> dict[str, np.ndarray]: ...
     def set_numbers(self, numbers: dict[str, np.ndarray], /) -> None: ...

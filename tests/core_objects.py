@@ -9,6 +9,7 @@ from scipy.linalg import cython_blas
 from pmalpha import _core
 from pmalpha.problem import forms
 from pmalpha.problem.step_constants import StepConstants
+from pmalpha.results.core_record import CoreRecord, CoreSelection
 
 
 def i64(*x):
@@ -117,17 +118,16 @@ def started(motions=(), subdomains=None, **of_subdomain):
 
 
 def record(rows=11, *, macro_rows=None, begin=0, every=0, parts=1, p=1, position=(0, 1), **others):
-    """(begin, every, nodes, multipliers, velocity jump, displacement jump)"""
     columns = len(position)
 
     def nodes():
-        given = {x: np.zeros((rows, columns)) for x in "uvw"} | {"position": i64(*position)}
-        given |= others
-        return tuple(given[x] for x in ("position", "u", "v", "w"))
+        arrays = {x: np.zeros((rows, columns)) for x in "uva"} | {"position": i64(*position)}
+        arrays |= others
+        return CoreSelection(**arrays, springs=None, outputs=None, internal=None)
 
     macro = rows if macro_rows is None else macro_rows
     jumps = np.zeros((rows, p)), np.zeros((rows, p)), np.zeros((macro, p))
-    return (begin, every, tuple(nodes() for _ in range(parts)), *jumps)
+    return CoreRecord(begin, every, tuple(nodes() for _ in range(parts)), *jumps)
 
 
 def in_a_process(code):

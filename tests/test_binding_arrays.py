@@ -450,15 +450,16 @@ def test_missing_motions_are_refused():
 BAD_RECORDS = {
     "number": 5,
     "list": list(record()),
-    "Nones": (None,) * 6,
-    "three parts": (0, 0, ()),
+    "plain tuple": tuple(record()),
+    "no fields": {},
+    "three fields": {"begin": 0, "every": 0, "selections": ()},
     "too short": record(rows=10),
     "no rows": record(rows=0),
     "u shorter than the others": record(u=np.zeros((10, 2))),
-    "w longer than the others": record(w=np.zeros((12, 2))),
+    "a longer than the others": record(a=np.zeros((12, 2))),
     "read-only": record(v=read_only(11, 2)),
     "three columns": record(v=np.zeros((11, 3))),
-    "one column": record(w=np.zeros((11, 1))),
+    "one column": record(a=np.zeros((11, 1))),
     "float32": record(u=np.zeros((11, 2), np.float32)),
     "Fortran order": record(u=np.asfortranarray(np.zeros((11, 2)))),
     "one axis": record(u=np.zeros(22)),
@@ -467,19 +468,19 @@ BAD_RECORDS = {
     "positions as int32": record(position=(), **{"u": np.zeros((11, 2))}),
     "of two subdomains": record(parts=2),
     "of no subdomain": record(parts=0),
-    "nodes as list": (0, 0, [None], *record()[3:]),
-    "number for nodes": (0, 0, (5,), *record()[3:]),
-    "short nodes": (0, 0, ((i64(0),),), *record()[3:]),
+    "nodes as list": record()._replace(selections=[None]),
+    "number for nodes": record()._replace(selections=(5,)),
+    "short nodes": record()._replace(selections=({"position": i64(0)},)),
     "two constraints": record(p=2),
     "no constraints": record(p=0),
     "rows of macro steps too short": record(macro_rows=10),
     "no rows of macro steps": record(macro_rows=0),
     "begins tomorrow": record(begin=1),
     "begins before zero": record(begin=-1),
-    "begins beyond": (2**70, *record()[1:]),
+    "begins beyond": record(begin=2**70),
     "negative every": record(every=-1),
     "every third and too short": record(rows=3, every=3),
-    "read-only jump": (*record()[:4], read_only(11, 1), np.zeros((11, 1))),
+    "read-only jump": record()._replace(velocity_jump=read_only(11, 1)),
 }
 
 
@@ -501,7 +502,7 @@ def test_records_that_do_not_fit_the_present_time_are_refused():
 def test_energies_are_recorded_only_where_works_are_summed_up():
     c, s = started()
     room = np.zeros((11, 1, 7))
-    check_refused(lambda: c.advance(10, (*record(), room)))  # not begun
+    check_refused(lambda: c.advance(10, record()._replace(energy=room)))  # not begun
     mass, two, one = np.ones(2), np.zeros(2), np.zeros(1)
     for bad in (
         (np.ones(3), None, two, one),
@@ -527,19 +528,19 @@ def test_energies_are_recorded_only_where_works_are_summed_up():
         locked,
         3,
     ):
-        check_refused(lambda bad=bad: c.advance(10, (*record(), bad)))
-    c.record_present((*record(), room))
-    assert c.advance(10, (*record(), room)) is None
+        check_refused(lambda bad=bad: c.advance(10, record()._replace(energy=bad)))
+    c.record_present(record()._replace(energy=room))
+    assert c.advance(10, record()._replace(energy=room)) is None
     u, v, _ = s.state()
     assert room[10, 0, 0] == 0.5 * (v[0] * v[0] + v[1] * v[1]) and room[10, 0, 1] > 0.0
     s.end_energy()
     s.end_energy()
-    check_refused(lambda: c.advance(1, (*record(begin=10), room)))
+    check_refused(lambda: c.advance(1, record(begin=10)._replace(energy=room)))
 
 
 def test_a_record_of_nothing_is_a_record():
     c, _ = started()
-    assert c.advance(10, (0, 0, (None,), *record()[3:])) is None
+    assert c.advance(10, record()._replace(selections=(None,))) is None
     assert c.advance(2**10, record(rows=1 + (10 + 2**10) // 1000, every=1000)) is None
 
 

@@ -9,6 +9,13 @@ from pairwise import pairwise
 from problems import random_problem
 
 import pmalpha as pm
+from pmalpha.results.core_record import (
+    Combination,
+    CoreRecord,
+    CoreSelection,
+    OutputRows,
+    SpringRows,
+)
 
 EPS = np.finfo(float).eps
 
@@ -306,40 +313,48 @@ BAD_COMBINATIONS = {
 }
 
 
+def combination(parts):
+    """A form of so many parts, or what is none."""
+    return dict(zip(Combination._fields, parts)) if isinstance(parts, tuple) else parts
+
+
 def core_of_one():
     return pm.Coupler([sdof("a", 4.0, 0.0, u0=[1.0])], dt=0.1)._session.core
 
 
 def record_of(outputs, springs=None):
     none = np.zeros((3, 0))
-    return (0, 0, ((i64(), none, none, none, springs, outputs),), none, none, none)
+    selection = CoreSelection(i64(), none, none, none, springs, outputs, None)
+    return CoreRecord(0, 0, (selection,), none, none, none)
 
 
 @pytest.mark.parametrize("kind", BAD_COMBINATIONS)
 def test_the_core_is_not_entered_with_weights_that_do_not_fit(kind):
     core, y = core_of_one(), np.zeros((3, 1))
     for place in range(3):
-        combinations = [GOOD, None, None]
-        combinations[place] = BAD_COMBINATIONS[kind]
+        combinations = [Combination(*GOOD), None, None]
+        combinations[place] = combination(BAD_COMBINATIONS[kind])
         with pytest.raises((TypeError, ValueError)):
-            core.advance(2, record_of((y, *combinations)))
-    core.advance(2, record_of((y, GOOD, None, None)))
+            core.advance(2, record_of(OutputRows(y, *combinations)))
+    core.advance(2, record_of(OutputRows(y, Combination(*GOOD), None, None)))
     assert np.all(y[1:] != 0.0)
 
 
 BAD_OUTPUTS = {
     "number": 5,
-    "no combinations": (np.zeros((3, 1)),),
-    "too few rows": (np.zeros((2, 1)), GOOD, None, None),
-    "one axis": (np.zeros(3), GOOD, None, None),
-    "float32": (np.zeros((3, 1), np.float32), GOOD, None, None),
-    "two columns": (np.zeros((3, 2)), GOOD, None, None),
+    "plain tuple": (np.zeros((3, 1)), Combination(*GOOD), None, None),
+    "too few rows": OutputRows(np.zeros((2, 1)), Combination(*GOOD), None, None),
+    "one axis": OutputRows(np.zeros(3), Combination(*GOOD), None, None),
+    "float32": OutputRows(np.zeros((3, 1), np.float32), Combination(*GOOD), None, None),
+    "two columns": OutputRows(np.zeros((3, 2)), Combination(*GOOD), None, None),
 }
 
 
 BAD_RECORDS = {name: record_of(outputs) for name, outputs in BAD_OUTPUTS.items()} | {
     f"springs {i}": record_of(None, springs)
-    for i, springs in enumerate([5, (i64(),), (i64(0), np.zeros((3, 1)), np.zeros((3, 1)))])
+    for i, springs in enumerate(
+        [5, {"number": i64()}, SpringRows(i64(0), np.zeros((3, 1)), np.zeros((3, 1)))]
+    )
 }
 
 
@@ -352,4 +367,6 @@ def test_the_core_is_not_entered_with_outputs_and_springs_that_do_not_fit(kind):
 def test_outputs_that_decrease_are_refused_by_the_core():
     falls = i64(0, 2, 1), i64(0), np.ones(1)
     with pytest.raises(ValueError, match="start must rise"):
-        core_of_one().advance(2, record_of((np.zeros((3, 2)), falls, None, None)))
+        core_of_one().advance(
+            2, record_of(OutputRows(np.zeros((3, 2)), Combination(*falls), None, None))
+        )

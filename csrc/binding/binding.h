@@ -52,7 +52,7 @@ typedef struct {
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     PyObject *obstacle;       /* list: the arrays of obstacles of contacts, or NULL */
     pma_processes *processes; /* the others, or NULL */
-    PyObject *pace;           /* tuple as set_pace describes, or NULL */
+    PyObject *pace;           /* as set_pace describes it, or NULL */
     pma_ring ring;            /* of the record, if `slots` is set */
     PyObject *slots;          /* its array, or NULL */
     atomic_bool busy;
@@ -152,11 +152,18 @@ typedef struct {
     PyObject *woken;            /* called without arguments when anything arrived, or NULL */
 } pma_watch;
 
+/* A pace with its clock; zeroed but for the clock where none was set. */
+typedef struct {
+    pma_pace pace;
+    int64_t *state;  /* 3: origin, done and shift of the pace, written when it is released */
+    int signals;     /* a file to which signals are written, or -1 */
+    PyObject *woken; /* called when anything was written there, or NULL */
+} pma_paced_run;
+
 /* The pace of the coupler and its subdomains for `steps` macro steps, if one was set, until it is
- * released, which writes origin and done. Both with the coupler claimed. *signals: a file to which
- * signals are written, or -1. */
-int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals);
-void pma_release_pace(CouplerObject *self, pma_pace *pace);
+ * released, also after an error. Both with the coupler claimed. */
+int pma_take_pace(CouplerObject *self, long long steps, PyObject *arrays, pma_paced_run *run);
+void pma_release_pace(CouplerObject *self, pma_paced_run *run);
 
 long long pma_watch_milliseconds(void); /* of a monotonic clock */
 
@@ -190,15 +197,11 @@ PyObject *pma_raise(pma_status status, const char *what);
 #define pma_check(status, what) ((status) == PMA_OK ? 0 : (pma_raise(status, what), -1))
 #define pma_refuse(...) (PyErr_Format(__VA_ARGS__), -1)
 
-/* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
- * failed); the index of the subdomain that became unstable, (index, time, corrections, position,
- * spoiled, finite) of one that did not converge, (index, code, what) if its function returned a
- * code, (index, time) of a tangent that is not symmetric, ("contact", row) without impulses,
- * (index, what, position, value, limit, time, by_clock) of a specimen, an empty tuple from a paced
- * run that is late; NULL with the exception of any other status. */
+/* {kind, ...} of what ended an advance, for Python to raise: see core_failure.py; NULL with the
+ * exception of any other status. */
 PyObject *pma_failure(CouplerObject *self, pma_status status);
 
-/* (i, quantity, position, value, limit, t, by_clock): the limit that subdomain i exceeded last */
+/* ... of the limit that subdomain i exceeded last */
 PyObject *pma_breach_of(const pma_subdomain *s, size_t i);
 
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */
@@ -281,10 +284,11 @@ void *pma_address_of(PyObject *obj, void **user);
 /* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
 
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None,
- * contacts=None) with all rows up to macro step `end`; record->selections is the caller's to
- * free */
-int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
+/* {begin, every, selections, multipliers, velocity_jump, displacement_jump, energy, contacts} with
+ * all rows up to macro step `end`; selections has for each subdomain None or {position, u, v, a,
+ * springs, outputs, internal}, in lanes a tuple of them. It points into what is in `arrays`. */
+int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, PyObject *arrays,
+                    pma_record *record);
 
 /* None, or {rank, remotes, first, all, counts, starts, gather}: remotes has None for the subdomains
  * of this process, else {nb, substeps, h, doubled, continues, shoots, link, rows}; first (ranks + 1)

@@ -100,8 +100,6 @@ static void coupler_dealloc(CouplerObject *self)
 
 /* ---- stepping ------------------------------------------------------------------------------- */
 
-/* The item of a pace that is called when anything was written to its file of signals. */
-enum { PACE_WOKEN = 7 };
 /* Matrix entries that the core reads between two checks for signals. */
 enum { POLL_ENTRIES = 20000 };
 
@@ -151,25 +149,27 @@ static pma_status meet(CouplerObject *self, pma_status status)
     return status;
 }
 
-/* advance(steps, record, report=None): None, or the result of pma_failure() */
+/* None, or the result of pma_failure() */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
     long long steps;
     PyObject *obj, *report = Py_None, *result = NULL;
     pma_record record = {0};
-    pma_pace pace = {0};
-    int signals = -1;
+    pma_paced_run run = {.state = NULL};
     pma_status status = PMA_OK;
     if (!PyArg_ParseTuple(args, "LO|O", &steps, &obj, &report))
         return NULL;
     if (report != Py_None && !PyCallable_Check(report))
         return PyErr_Format(PyExc_TypeError, "report must be None or a callable, got %R", report);
-    if (pma_coupler_claim(self) < 0)
+    PyObject *arrays = PyList_New(0);
+    if (!arrays || pma_coupler_claim(self) < 0) {
+        Py_XDECREF(arrays);
         return NULL;
+    }
     if (check_steps(self, steps) < 0 || check_tables(self, steps) < 0 ||
-        (obj != Py_None &&
-         pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0) ||
-        pma_take_pace(self, steps, &pace, &signals) < 0) {
+        (obj != Py_None && pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps,
+                                           arrays, &record) < 0) ||
+        pma_take_pace(self, steps, arrays, &run) < 0) {
         if (self->processes && steps > 0)
             meet(self, PMA_NO_MEMORY);
         goto done;
@@ -179,8 +179,8 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
                        .report = report == Py_None ? NULL : report,
                        .coupler = self->core,
                        .quiet = self->pace != NULL,
-                       .signals = signals,
-                       .woken = self->pace ? PyTuple_GetItem(self->pace, PACE_WOKEN) : NULL};
+                       .signals = run.signals,
+                       .woken = run.woken};
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
     pma_caller before = pma_gil_release();
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
@@ -188,20 +188,24 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 
     result = status == PMA_OK ? Py_NewRef(Py_None) : pma_failure(self, status);
 done:
-    pma_release_pace(self, &pace);
-    PyMem_Free(record.selections);
+    pma_release_pace(self, &run);
     pma_coupler_release(self);
+    Py_DECREF(arrays);
     return result;
 }
 
-/* None, or (rank,) as above */
+/* The same. */
 static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
 {
     pma_record record = {0};
     PyObject *result = NULL;
-    if (pma_coupler_claim(self) < 0)
+    PyObject *arrays = PyList_New(0);
+    if (!arrays || pma_coupler_claim(self) < 0) {
+        Py_XDECREF(arrays);
         return NULL;
-    const bool taken = pma_take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0;
+    }
+    const bool taken =
+        pma_take_record(self, obj, pma_coupler_step_count(self->core), arrays, &record) == 0;
     const bool met = !self->processes || meet(self, taken ? PMA_OK : PMA_NO_MEMORY) == PMA_OK;
     if (taken && met) {
         pma_coupler_record_present(self->core, &record);
@@ -209,8 +213,8 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
     } else if (taken) {
         result = pma_failure(self, PMA_ELSEWHERE);
     }
-    PyMem_Free(record.selections);
     pma_coupler_release(self);
+    Py_DECREF(arrays);
     return result;
 }
 
@@ -322,19 +326,15 @@ static PyMethodDef coupler_methods[] = {
     {"set_motion", (PyCFunction)pma_coupler_object_set_motion, METH_VARARGS,
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
-     "advance(steps, record, report=None) -> None, (rank,) of another process, the index of the "
-     "subdomain that became "
-     "unstable, or (index, code, what) if its function returned a code; report(step_count) is "
-     "called about every 50 ms"},
+     "advance(steps, record, report=None) -> None, or {kind, ...} of what ended it; "
+     "report(step_count) is called about every 50 ms"},
     {"set_pace", (PyCFunction)pma_coupler_object_set_pace, METH_O,
-     "set_pace(None | (period, stops, signals, state, times, monitored, values, woken)): fine "
-     "steps of "
-     "later "
-     "advances begin "
-     "every `period` ns; state (3,) has their beginning, number and shift in ns, times (5, rows) "
-     "when they began, commanded, received and ended, and their shifts in s; signals is a file to "
-     "which those are written, or -1: then woken() is called, which may raise; "
-     "monitored has (positions, last) or None by subdomain, values their commands and forces"},
+     "set_pace(None | {period, stops, signals, woken, state, times, monitored, values}): fine "
+     "steps of later advances begin every `period` ns; state (3,) has their beginning, number and "
+     "shift in ns, times (5, rows) when they began, commanded, received and ended, and their "
+     "shifts in s; signals is a file to which those are written, or -1: then woken() is called, "
+     "which may raise; monitored has {positions, last} or None by subdomain, values their commands "
+     "and forces"},
     {"set_ring", (PyCFunction)pma_coupler_object_set_ring, METH_O,
      "set_ring(None | steps): records have rows for steps.size recorded macro steps, used in turn; "
      "steps, of int64, begins with -1"},
@@ -342,7 +342,7 @@ static PyMethodDef coupler_methods[] = {
      "ring(read) -> (written, lost): `read` recorded macro steps were read; all are written or "
      "lost up to step `written`, and `lost` were lost. From any thread"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
-     "record_present(record) -> None or (rank,): writes the present time level into row 0"},
+     "record_present(record) -> None or {kind, rank}: writes the present time level into row 0"},
     {"in_lanes", (PyCFunction)pma_coupler_in_lanes, METH_O,
      "in_lanes(subdomains): the same problem PMA_LANES times, with the subdomains in lanes"},
     {"numbers", (PyCFunction)pma_coupler_object_numbers, METH_NOARGS,

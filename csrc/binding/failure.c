@@ -36,26 +36,27 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
            !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
-/* A position in elimination order for Python, -1 where there is none */
-static Py_ssize_t position(bool known, size_t dof)
+/* A position in elimination order, None where there is none. */
+static PyObject *position(bool known, size_t dof)
 {
-    return known && dof != SIZE_MAX ? (Py_ssize_t)dof : -1;
+    return known && dof != SIZE_MAX ? PyLong_FromSize_t(dof) : Py_NewRef(Py_None);
 }
 
-/* (index, t, corrections, position, spoiled, finite): of the subdomain that did not converge, or of
- * the interface (None for the rest); positions of the dofs where its tangent is singular, and where
- * the force of its functions is not finite, or -1; whether all values were finite */
+/* The positions of the dofs where its tangent is singular, and where the force of its functions is
+ * not finite; whether all values were finite. Of the interface only whether H is singular. */
 static PyObject *iteration_failure(CouplerObject *self, size_t i, pma_status status)
 {
-    const bool singular = status == PMA_SINGULAR, finite = status != PMA_NOT_FINITE;
-    PyObject *is_finite = finite ? Py_True : Py_False;
+    const bool singular = status == PMA_SINGULAR;
+    PyObject *is_finite = status != PMA_NOT_FINITE ? Py_True : Py_False;
     if (i == PMA_INTERFACE)
-        return Py_BuildValue("(nOOnnO)", count_all(self), Py_None, Py_None, position(singular, 0),
-                             (Py_ssize_t)-1, is_finite);
+        return Py_BuildValue("{sssO}", "kind", "interface", "singular",
+                             singular ? Py_True : Py_False);
     const pma_iterate_failure at =
         pma_iterate_failed(pma_subdomain_iterate(own_subdomain(self, i)->core));
-    return Py_BuildValue("(ndnnnO)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,
-                         position(singular, at.dof), position(true, at.spoiled), is_finite);
+    return Py_BuildValue("{sssnsdsnsNsNsO}", "kind", "iteration", "subdomain", (Py_ssize_t)i, "t",
+                         at.t, "corrections", (Py_ssize_t)at.iterations, "singular",
+                         position(singular, at.dof), "spoiled", position(true, at.spoiled),
+                         "finite", is_finite);
 }
 
 PyObject *pma_breach_of(const pma_subdomain *s, size_t i)
@@ -63,17 +64,29 @@ PyObject *pma_breach_of(const pma_subdomain *s, size_t i)
     static const char *const names[] = {"displacement", "velocity", "acceleration", "force",
                                         "energy"};
     const pma_breach b = pma_subdomain_breach(s);
-    return Py_BuildValue("(nsndddO)", (Py_ssize_t)i, names[b.what], (Py_ssize_t)b.position, b.value,
-                         b.limit, b.t, b.by_clock ? Py_True : Py_False);
+    return Py_BuildValue("{sssnsssnsdsdsdsO}", "kind", "limit", "subdomain", (Py_ssize_t)i, "what",
+                         names[b.what], "position", (Py_ssize_t)b.position, "value", b.value,
+                         "limit", b.limit, "t", b.t, "by_clock", b.by_clock ? Py_True : Py_False);
 }
 
-/* What a function that returned a code is to a subdomain; NULL for any other status. */
+/* What a function that returned a code is to a subdomain. */
 static const char *what_failed(pma_status status)
 {
     return status == PMA_FORCE_FAILED       ? "force"
            : status == PMA_RESTORING_FAILED ? "restoring force"
-           : status == PMA_INTERNAL_FAILED  ? "internal force"
-                                            : NULL;
+                                            : "internal force";
+}
+
+/* Of one subdomain of this process. */
+static PyObject *failure_of(pma_subdomain *s, size_t i, pma_status status)
+{
+    if (status == PMA_LIMITED)
+        return pma_breach_of(s, i);
+    if (status == PMA_UNSYMMETRIC)
+        return Py_BuildValue("{sssnsd}", "kind", "unsymmetric", "subdomain", (Py_ssize_t)i, "t",
+                             pma_iterate_failed(pma_subdomain_iterate(s)).t);
+    return Py_BuildValue("{sssnsiss}", "kind", "function", "subdomain", (Py_ssize_t)i, "code",
+                         pma_subdomain_code(s), "what", what_failed(status));
 }
 
 PyObject *pma_failure(CouplerObject *self, pma_status status)
@@ -84,26 +97,30 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
             return NULL;
         PyErr_Clear();
     }
-    if (status == PMA_NOT_FINITE && is_iterated(self, i))
+    switch (status) {
+    case PMA_NOT_FINITE:
+    case PMA_UNBOUNDED:
+        if (status == PMA_NOT_FINITE && is_iterated(self, i))
+            return iteration_failure(self, i, status);
+        return Py_BuildValue("{sssn}", "kind", "unstable", "subdomain",
+                             i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
+    case PMA_NOT_CONVERGED:
+    case PMA_SINGULAR:
         return iteration_failure(self, i, status);
-    if (status == PMA_NOT_FINITE || status == PMA_UNBOUNDED)
-        return PyLong_FromSsize_t(i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
-    if (status == PMA_NO_IMPULSES)
-        return Py_BuildValue("(sn)", "contact", (Py_ssize_t)i);
-    if (status == PMA_ELSEWHERE)
-        return Py_BuildValue("(n)", (Py_ssize_t)pma_coupler_failed_rank(self->core));
-    if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)
-        return iteration_failure(self, i, status);
-    if (status == PMA_UNSYMMETRIC) {
-        pma_subdomain *s = own_subdomain(self, i)->core;
-        return Py_BuildValue("(nd)", (Py_ssize_t)i, pma_iterate_failed(pma_subdomain_iterate(s)).t);
-    }
-    if (status == PMA_LATE)
-        return PyTuple_New(0);
-    if (status == PMA_LIMITED)
-        return pma_breach_of(own_subdomain(self, i)->core, i);
-    if (!what_failed(status))
+    case PMA_NO_IMPULSES:
+        return Py_BuildValue("{sssn}", "kind", "contact", "row", (Py_ssize_t)i);
+    case PMA_ELSEWHERE:
+        return Py_BuildValue("{sssn}", "kind", "elsewhere", "rank",
+                             (Py_ssize_t)pma_coupler_failed_rank(self->core));
+    case PMA_LATE:
+        return Py_BuildValue("{ss}", "kind", "late");
+    case PMA_LIMITED:
+    case PMA_UNSYMMETRIC:
+    case PMA_FORCE_FAILED:
+    case PMA_RESTORING_FAILED:
+    case PMA_INTERNAL_FAILED:
+        return failure_of(own_subdomain(self, i)->core, i, status);
+    default:
         return pma_raise(status, "advance");
-    const int code = pma_subdomain_code(own_subdomain(self, i)->core);
-    return Py_BuildValue("(nis)", (Py_ssize_t)i, code, what_failed(status));
+    }
 }

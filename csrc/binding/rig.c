@@ -2,22 +2,22 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
+#include <limits.h>
+
 /* ---- pace ------------------------------------------------------------------------------- */
 
-/* (origin, done, shift), times (5, rows) as in pma_pace */
-static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
+/* state (3,): origin, done, shift; times (5, rows) as in pma_pace */
+static pma_status take_times(const pma_field *f, pma_pace *pace, int64_t **state)
 {
-    PyArrayObject *counts, *rows;
-    const npy_intp three = 3, shape[2] = {5, -1};
-    if (pma_take_array(state, NPY_INT64, 1, &three, "state", NULL, &counts) < 0 ||
-        pma_take_array(times, NPY_DOUBLE, 2, shape, "times", NULL, &rows) < 0)
-        return -1;
-    const int64_t *count = PyArray_DATA(counts);
-    if (!PyArray_ISWRITEABLE(rows) || !PyArray_ISWRITEABLE(counts) || count[1] < 0 ||
-        !(pace->period > 0.0))
-        return pma_refuse(PyExc_ValueError, "a pace needs writeable arrays and a positive period");
-    double *const data = PyArray_DATA(rows);
-    pace->rows = (size_t)PyArray_DIM(rows, 1);
+    const pma_field counts = pma_field_at(f, "state"), times = pma_field_at(f, "times");
+    int64_t shape[2] = {5, -1};
+    const int64_t *count = NULL;
+    double *data = NULL;
+    PMA_TRY(pma_field_longs(&counts, 3, &count));
+    PMA_TRY(pma_field_output(&times, 2, shape, &data));
+    if (count[1] < 0 || !counts.node->is_writeable)
+        return pma_field_refuse(&counts, "must be writeable, with a number of steps");
+    pace->rows = (size_t)shape[1];
     pace->begun = data;
     pace->commanded = data + pace->rows;
     pace->returned = data + 2 * pace->rows;
@@ -26,23 +26,26 @@ static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
     pace->origin = count[0];
     pace->done = (size_t)count[1];
     pace->shift = count[2];
-    return 0;
+    *state = (int64_t *)(uintptr_t)count;
+    return PMA_OK;
 }
 
-/* The commands and forces of a subdomain at `positions`, in `last` (2, count). */
-static int take_monitored(PyObject *positions, PyObject *last, const pma_subdomain *s,
-                          pma_stamp *stamp)
+/* {positions, last}: the commands and forces of a subdomain there, in `last` (2, count). */
+static pma_status take_monitored(const pma_field *f, size_t n, pma_stamp *stamp)
 {
-    PyArrayObject *rows;
-    if (pma_take_positions(positions, pma_subdomain_parts(s)->n, "positions", NULL, &stamp->count,
-                           &stamp->position) < 0)
-        return -1;
-    const npy_intp shape[2] = {2, (npy_intp)stamp->count};
-    if (pma_take_array(last, NPY_DOUBLE, 2, shape, "last", NULL, &rows) < 0)
-        return -1;
-    stamp->command = PyArray_DATA(rows);
+    const pma_field positions = pma_field_at(f, "positions"), last = pma_field_at(f, "last");
+    const void *data = NULL;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_vector(&positions, PMA_INT64S, &stamp->count, &data));
+    stamp->position = data;
+    for (size_t i = 0; i < stamp->count; i++) {
+        if (stamp->position[i] < 0 || (size_t)stamp->position[i] >= n)
+            return pma_field_refuse(&positions, "has a position that is out of range");
+    }
+    int64_t shape[2] = {2, (int64_t)stamp->count};
+    PMA_TRY(pma_field_output(&last, 2, shape, &stamp->command));
     stamp->force = stamp->command + stamp->count;
-    return 0;
+    return PMA_OK;
 }
 
 /* The clock of the commands of a subdomain. */
@@ -54,48 +57,61 @@ static pma_limits_clock clock_of(CouplerObject *self, Py_ssize_t i, const pma_pa
         .now = pace->clock.now, .ctx = pace->clock.ctx, .period = pace->period * (fine / substeps)};
 }
 
-/* Every subdomain with a restoring function has a stamp. `monitored`: for each subdomain None or
- * (positions, last) */
-static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values, pma_pace *pace)
+/* Every subdomain with a restoring function has a stamp. monitored: None or {positions, last} of
+ * each subdomain */
+static pma_status add_stamps(CouplerObject *self, const pma_field *f, pma_pace *pace)
 {
-    const Py_ssize_t count = PyTuple_Size(self->subdomains);
-    if (PyTuple_Size(monitored) != count)
-        return pma_refuse(PyExc_ValueError, "monitored must have an entry for each subdomain");
-    pace->stamps = PyMem_Calloc((size_t)count + 1, sizeof *pace->stamps);
-    if (!pace->stamps)
-        return pma_check(PMA_NO_MEMORY, NULL);
-    for (Py_ssize_t i = 0; i < count; i++) {
-        pma_subdomain *s = pma_subdomain_of(self, i)->core;
-        const pma_limits_clock clock = clock_of(self, i, pace);
-        if (pma_check(pma_subdomain_time(s, NULL, &clock), NULL) < 0)
-            return -1;
-        if (!pma_subdomain_parts(s)->restoring.function)
+    const pma_field monitored = pma_field_at(f, "monitored"), values = pma_field_at(f, "values");
+    const size_t own = (size_t)PyTuple_Size(self->subdomains);
+    size_t count;
+    PMA_TRY(pma_field_tuple(&monitored, &count));
+    if (count != own)
+        return pma_field_refuse(&monitored, "must have an entry for each subdomain");
+    PMA_TRY(pma_field_allocate(f, count, sizeof *pace->stamps, (void *)&pace->stamps));
+    for (size_t i = 0; i < count; i++) {
+        pma_subdomain *s = pma_subdomain_of(self, (Py_ssize_t)i)->core;
+        const pma_parts *parts = pma_subdomain_parts(s);
+        const pma_limits_clock clock = clock_of(self, (Py_ssize_t)i, pace);
+        PMA_TRY(pma_subdomain_time(s, NULL, &clock));
+        if (!parts->restoring.function)
             continue;
         pma_stamp *stamp = &pace->stamps[pace->stamp_count++];
         *stamp = (pma_stamp){.now = pace->clock.now, .ctx = pace->clock.ctx};
-        PyObject *own = PyTuple_GetItem(monitored, i), *positions, *last;
-        if (own != Py_None && (!PyArg_ParseTuple(own, "OO", &positions, &last) ||
-                               take_monitored(positions, last, s, stamp) < 0))
-            return -1;
+        const pma_field item = pma_field_item(&monitored, i);
+        if (!pma_field_is_none(&item))
+            PMA_TRY(take_monitored(&item, parts->n, stamp));
         pace->columns += 2 * stamp->count;
-        if (pma_check(pma_subdomain_time(s, stamp, &clock), NULL) < 0)
-            return -1;
+        PMA_TRY(pma_subdomain_time(s, stamp, &clock));
     }
-    PyArrayObject *array;
-    const npy_intp shape[2] = {(npy_intp)pace->rows, (npy_intp)pace->columns};
-    if (pma_take_array(values, NPY_DOUBLE, 2, shape, "values", NULL, &array) < 0)
-        return -1;
-    pace->values = PyArray_DATA(array);
-    return 0;
+    int64_t shape[2] = {(int64_t)pace->rows, (int64_t)pace->columns};
+    return pma_field_output(&values, 2, shape, &pace->values);
+}
+
+static pma_status take_pace(CouplerObject *self, const pma_field *f, long long steps,
+                            pma_paced_run *run)
+{
+    const pma_field period = pma_field_at(f, "period"), stops = pma_field_at(f, "stops");
+    const pma_field signals = pma_field_at(f, "signals"), woken = pma_field_at(f, "woken");
+    pma_pace *pace = &run->pace;
+    int64_t file;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_real(&period, &pace->period));
+    PMA_TRY(pma_field_flag(&stops, &pace->stops));
+    PMA_TRY(pma_field_integer(&signals, -1, &file));
+    PMA_TRY(pma_field_find(&woken, PMA_OBJECT_ROLE, (void *)&run->woken));
+    if (!(pace->period > 0.0) || file > INT_MAX)
+        return pma_field_refuse(&period, "must be positive, and signals a file");
+    run->signals = (int)file;
+    PMA_TRY(take_times(f, pace, &run->state));
+    const size_t fine = pma_coupler_instants(self->core), left = pace->rows - pace->done;
+    if (self->processes || pace->done > pace->rows || left / fine < (size_t)steps)
+        return pma_field_refuse(f, "does not fit the coupler");
+    return add_stamps(self, f, pace);
 }
 
 PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj)
 {
     PyObject *pace = obj == Py_None ? NULL : Py_NewRef(obj);
-    if (pace && !PyTuple_Check(pace)) {
-        Py_DECREF(pace);
-        return PyErr_Format(PyExc_TypeError, "a pace must be None or a tuple");
-    }
     if (pma_coupler_claim(self) < 0) {
         Py_XDECREF(pace);
         return NULL;
@@ -106,39 +122,29 @@ PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj)
     Py_RETURN_NONE;
 }
 
-int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals)
+int pma_take_pace(CouplerObject *self, long long steps, PyObject *arrays, pma_paced_run *run)
 {
-    PyObject *state, *times, *monitored, *values, *woken;
-    int stops;
+    pma_argument arg;
+    *run = (pma_paced_run){.pace = {.clock = pma_pace_system_clock}, .signals = -1};
     if (!self->pace)
         return 0;
-    *pace = (pma_pace){.clock = pma_pace_system_clock};
-    if (!PyArg_ParseTuple(self->pace, "dpiOOO!OO", &pace->period, &stops, signals, &state, &times,
-                          &PyTuple_Type, &monitored, &values, &woken) ||
-        take_times(state, times, pace) < 0)
+    const pma_field root = pma_read(&arg, self->pace, "pace", arrays);
+    if (pma_end(&arg, take_pace(self, &root, steps, run)) < 0)
         return -1;
-    pace->stops = stops;
-    const size_t fine = pma_coupler_instants(self->core), left = pace->rows - pace->done;
-    if (self->processes || pace->done > pace->rows || left / fine < (size_t)steps)
-        return pma_refuse(PyExc_ValueError, "the pace does not fit the coupler");
-    if (add_stamps(self, monitored, values, pace) < 0)
-        return -1;
-    pma_coupler_set_pace(self->core, pace);
+    pma_coupler_set_pace(self->core, &run->pace);
     return 0;
 }
 
-void pma_release_pace(CouplerObject *self, pma_pace *pace)
+void pma_release_pace(CouplerObject *self, pma_paced_run *run)
 {
-    if (!pace->stamps)
+    if (!run->state)
         return;
     pma_coupler_set_pace(self->core, NULL);
     for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++)
         (void)pma_subdomain_time(pma_subdomain_of(self, i)->core, NULL, NULL);
-    int64_t *count = PyArray_DATA((PyArrayObject *)PyTuple_GetItem(self->pace, 3));
-    count[0] = pace->origin;
-    count[1] = (int64_t)pace->done;
-    count[2] = pace->shift;
-    PyMem_Free(pace->stamps);
+    run->state[0] = run->pace.origin;
+    run->state[1] = (int64_t)run->pace.done;
+    run->state[2] = run->pace.shift;
 }
 
 /* ---- a ring of records ---------------------------------------------------------------------- */

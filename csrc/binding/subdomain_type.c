@@ -335,8 +335,8 @@ static PyMethodDef subdomain_methods[] = {
     {"force", (PyCFunction)subdomain_force, METH_VARARGS,
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
     {"restoring", (PyCFunction)subdomain_restoring, METH_VARARGS,
-     "restoring(t, u, v) -> r(u, v, t), the code that the function returned, or\n"
-     "(0, quantity, position, value, limit, t, by_clock) for a force beyond the limits"},
+     "restoring(t, u, v) -> r(u, v, t), the code that the function returned, or {kind, ...} of a "
+     "force beyond the limits"},
     {"levels", (PyCFunction)pma_subdomain_object_levels, METH_NOARGS,
      "levels() -> {u, v, w, a, vf, springs, history} of the present time level, and if double "
      "{previous_u, ...} of the one before; copies"},

@@ -311,6 +311,27 @@ class Processes(NamedTuple):
     gather: Callable[[], None] | Allgatherv
 
 
+class Monitored(NamedTuple):
+    """Commands and forces of a subdomain at these positions, (2, count)."""
+
+    positions: np.ndarray
+    last: np.ndarray
+
+
+class CorePace(NamedTuple):
+    """How fine steps are paced: ns between two, whether a late one ends the run, the file to which
+    signals are written and what is then called, and the arrays of `Times` and `Watched`."""
+
+    period: float
+    stops: bool
+    signals: int
+    woken: Callable[[], object]
+    state: np.ndarray
+    times: np.ndarray
+    monitored: tuple[Monitored | None, ...]
+    values: np.ndarray
+
+
 class Side(NamedTuple):
     """A subdomain of contacts, and their rows on it."""
 

@@ -10,6 +10,45 @@ import numpy as np
 OF_CONSTRAINTS = ("multipliers", "velocity_jump", "displacement_jump")
 
 
+class SpringRows(NamedTuple):
+    """Springs, and rows with a column for each."""
+
+    number: np.ndarray
+    deformation: np.ndarray
+    force: np.ndarray
+
+
+class Combination(NamedTuple):
+    """Weights of dofs by rows: the first of each row, and one more."""
+
+    start: np.ndarray
+    position: np.ndarray
+    weight: np.ndarray
+
+
+class OutputRows(NamedTuple):
+    """Rows with a column for each output, and the matrices that act on u, v and a."""
+
+    values: np.ndarray
+    of_u: Combination | None
+    of_v: Combination | None
+    of_a: Combination | None
+
+
+class InternalRows(NamedTuple):
+    """Numbers of iterations, and histories of internal forces."""
+
+    iterations: np.ndarray | None
+    q: np.ndarray | None
+
+
+class ContactRows(NamedTuple):
+    """Rows with a column for each row of contacts, and for each contact."""
+
+    impulse: np.ndarray
+    gap: np.ndarray
+
+
 class CoreSelection(NamedTuple):
     """What is recorded of a subdomain; rows of arrays are its time levels."""
 
@@ -17,9 +56,9 @@ class CoreSelection(NamedTuple):
     u: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    springs: tuple[np.ndarray, ...] | None  # numbers, deformation, force
-    outputs: tuple[Any, ...] | None  # values, the matrices on u, v and a
-    internal: tuple[np.ndarray | None, np.ndarray | None]  # iterations, q
+    springs: SpringRows | None
+    outputs: OutputRows | None
+    internal: InternalRows
 
 
 class CoreRecord(NamedTuple):
@@ -32,7 +71,7 @@ class CoreRecord(NamedTuple):
     velocity_jump: np.ndarray
     displacement_jump: np.ndarray
     energy: np.ndarray | None = None
-    contacts: tuple[np.ndarray, np.ndarray] | None = None  # impulses, gaps
+    contacts: ContactRows | None = None
 
     @property
     def interface(self) -> tuple[np.ndarray, ...]:

@@ -15,6 +15,7 @@ from ..problem.constraints import selection
 from ..problem.dofs import NodeNames, dof_list, has_names
 from ..problem.matrices import rectangular
 from ..problem.subdomain import Subdomain
+from .core_record import Combination
 from .keys import by_index
 from .quantities import OF_SUBDOMAIN
 
@@ -45,12 +46,14 @@ class Outputs:
         ends = np.cumsum(list(self.sizes.values()))[:-1]
         return dict(zip(self.sizes, np.split(values, ends, axis=1)))
 
-    def in_order(self, position: np.ndarray) -> tuple[tuple[np.ndarray, ...] | None, ...]:
+    def in_order(self, position: np.ndarray) -> tuple[Combination | None, ...]:
         """The weights in the form of the core; `position` is that of each dof in its order."""
         return tuple(
             None
             if W is None
-            else (W.indptr.astype(np.int64), position[W.indices].astype(np.int64), W.data)
+            else Combination(
+                W.indptr.astype(np.int64), position[W.indices].astype(np.int64), W.data
+            )
             for W in self.weights
         )
 

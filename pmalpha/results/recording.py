@@ -25,7 +25,15 @@ from . import not_recorded
 from .base_motion import Loads, added, check_ground
 from .clock import Clock
 from .contact_history import layouts
-from .core_record import OF_CONSTRAINTS, CoreRecord, CoreSelection
+from .core_record import (
+    OF_CONSTRAINTS,
+    ContactRows,
+    CoreRecord,
+    CoreSelection,
+    InternalRows,
+    OutputRows,
+    SpringRows,
+)
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, output_array, row_count
@@ -265,13 +273,13 @@ class Recording:
                     a=arrays["a"],
                     springs=None
                     if springs is None
-                    else (springs, arrays["deformation"], arrays["force"]),
-                    outputs=None if outputs is None else (outputs, *of.weights[i]),
-                    internal=(arrays.get("iterations"), arrays.get("q")),
+                    else SpringRows(springs, arrays["deformation"], arrays["force"]),
+                    outputs=None if outputs is None else OutputRows(outputs, *of.weights[i]),
+                    internal=InternalRows(arrays.get("iterations"), arrays.get("q")),
                 )
         contacts = None
         if of.contacts is not None:
-            contacts = interface["contact_impulses"], interface["contact_gaps"]
+            contacts = ContactRows(interface["contact_impulses"], interface["contact_gaps"])
         of_constraints: dict[str, Any] = {name: interface[name] for name in OF_CONSTRAINTS}
         return CoreRecord(
             self.begin,

@@ -15,7 +15,6 @@ from ..errors import (
     CallbackError,
     ConvergenceError,
     InstabilityError,
-    LimitError,
     PacingError,
 )
 from ..problem.matrices import ADMITTED
@@ -23,14 +22,16 @@ from ..problem.restoring import devices_of
 from ..problem.schemes import require_generalized_alpha
 from ..problem.tangents import SYMMETRY
 from ..results.clock import Clock
+from ..results.core_record import CoreRecord
 from ..results.keys import by_index
 from ..results.recording import Recording
 from ..setup.assembly import Assembly
+from ..setup.core_failure import Failure, NotConverged
 from ..setup.member import Member
 from ..setup.ranks import Elsewhere, Ranks, joined
 from .checkpoint import damaged
 from .gains import cause_of
-from .loads import Loads, warn_of_skipped
+from .loads import Loads, limit_error, warn_of_skipped
 from .progress import Report
 from .session import Session, check_call, layout_of, take, together
 from .transfer import Steps, follow_energies, moves, take_over
@@ -47,7 +48,7 @@ def advance(
     core: _core.Coupler,
     loads: Loads,
     end: int,
-    record: tuple[Any, ...] | None = None,
+    record: CoreRecord | None = None,
     report: Report | None = None,
     ranks: Ranks | None = None,
 ) -> None:
@@ -61,7 +62,7 @@ def _advance(
     core: _core.Coupler,
     loads: Loads,
     end: int,
-    record: tuple[Any, ...] | None,
+    record: CoreRecord | None,
     report: Report | None,
     ranks: Ranks | None,
 ) -> None:
@@ -101,75 +102,64 @@ def _chunks(core: _core.Coupler, loads: Loads, end: int) -> Iterator[int]:
         yield min(end, core.step_count + steps)
 
 
-def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
+def _error(failed: Failure, step: int, loads: Loads, first: int) -> Exception:
     """The exception for a macro step that the core did not complete; `first` is the number of the
     first subdomain of this process."""
-    names, t = [*loads.names, "interface"], loads.clock.time(step)
-    if failed == ():
+    names, t, end = [*loads.names, "interface"], loads.clock.time(step), loads.clock.time(step + 1)
+    if failed["kind"] == "late":
         return PacingError(step, t)
-    if isinstance(failed, tuple) and len(failed) == 7:
-        index, what, position, value, limit, end, by_clock = failed
-        member = loads.members[index - first]
-        dof = None if what == "energy" else int(member.order[position])
-        return LimitError(member.name, what, dof, value, limit, end, by_clock)
-    if isinstance(failed, tuple) and len(failed) == 1:
-        return Elsewhere(f"rank {failed[0]} has failed")
-    if isinstance(failed, tuple) and failed[:1] == ("contact",):
+    if failed["kind"] == "elsewhere":
+        return Elsewhere(f"rank {failed['rank']} has failed")
+    if failed["kind"] == "contact":
         assert loads.obstacles is not None
-        row = loads.obstacles.contacts.name_of_core_row(failed[1])
+        row = loads.obstacles.contacts.name_of_core_row(failed["row"])
         cause = f"the impulses of contacts do not come to an end, furthest in {row}"
-        return ConvergenceError("interface", loads.clock.time(step + 1), MOST_SWEEPS, cause)
-    if isinstance(failed, tuple) and len(failed) == 6:
-        return _convergence_error(failed, names, step, loads, first)
-    if isinstance(failed, tuple) and len(failed) == 2:
-        index, end = failed
+        return ConvergenceError("interface", end, MOST_SWEEPS, cause)
+    if failed["kind"] == "interface":
+        cause = "the interface matrix of the tangents is singular" if failed["singular"] else ""
+        return ConvergenceError("interface", end, loads.newton.iterations, cause)
+    i = failed["subdomain"]
+    if failed["kind"] == "unsymmetric":
         return ValueError(
-            f"the tangents of internal of subdomain {names[index]!r} must be symmetric to "
-            f"{SYMMETRY:g} of their largest entry, got one at t = {end:g} that is not; {ADMITTED}"
+            f"the tangents of internal of subdomain {names[i]!r} must be symmetric to "
+            f"{SYMMETRY:g} of their largest entry, got one at t = {failed['t']:g} that is not; "
+            f"{ADMITTED}"
         )
-    if isinstance(failed, tuple):
-        index, code, what = failed
-        return CallbackError(code, what, step, t, names[index])
-    i = failed - first
-    if not 0 <= i < len(loads.members):
-        return InstabilityError(step, t, names[failed])
-    return InstabilityError(step, t, names[failed], cause_of(loads.members[i]))
+    if failed["kind"] == "function":
+        return CallbackError(failed["code"], failed["what"], step, t, names[i])
+    if not 0 <= i - first < len(loads.members):
+        return InstabilityError(step, t, names[i])
+    member = loads.members[i - first]
+    if failed["kind"] == "limit":
+        return limit_error(member, failed)
+    if failed["kind"] == "iteration":
+        return _convergence_error(member, failed)
+    return InstabilityError(step, t, names[i], cause_of(member))
 
 
-def _convergence_error(
-    failed: tuple[int, float | None, int | None, int, int, bool],
-    names: list[str],
-    step: int,
-    loads: Loads,
-    first: int,
-) -> ConvergenceError:
-    index, t, iterations, position, spoiled, finite = failed
-    if t is None or iterations is None:  # the interface, at the end of the macro step
-        end = loads.clock.time(step + 1)
-        cause = "" if position < 0 else "the interface matrix of the tangents is singular"
-        return ConvergenceError(names[index], end, loads.newton.iterations, cause)
-    member = loads.members[index - first]
-    cause = _value_not_finite(member, t, spoiled, finite)
-    if position >= 0:
-        dof = member.order[position]
+def _convergence_error(member: Member, failed: NotConverged) -> ConvergenceError:
+    t = failed["t"]
+    cause = _value_not_finite(member, t, failed["spoiled"], failed["finite"])
+    if failed["singular"] is not None:
+        dof = member.order[failed["singular"]]
         cause = (
             f"its tangent Mbar is singular but for rounding, first seen at dof {dof}, as at a "
             "load that buckles it, or after an iterate far away: take other steps"
         )
-    return ConvergenceError(names[index], t, iterations, cause)
+    return ConvergenceError(member.name, t, failed["corrections"], cause)
 
 
-def _value_not_finite(member: Member, t: float, spoiled: int, finite: bool) -> str:
+def _value_not_finite(member: Member, t: float, spoiled: int | None, finite: bool) -> str:
     """What is known of a value that is not finite in the last evaluation at t, or empty.
 
-    Of Python functions the value; of compiled ones the dof, whose position is `spoiled`, or -1.
+    Of Python functions the value; of compiled ones the dof, whose position is `spoiled`, or None.
     """
     functions = () if member.internal is None else member.internal.functions
     for function, *_ in functions:
         record = getattr(function, "not_finite", None)
         if record is not None and record[0] == t:
             return str(record[1])
-    if spoiled >= 0:
+    if spoiled is not None:
         dof, force = member.order[spoiled], "the force that its compiled functions returned"
         return f"{force} for dof {dof} at t = {t:g} is not finite"
     return "" if finite else f"a value at t = {t:g} is not finite"

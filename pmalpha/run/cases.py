@@ -23,7 +23,7 @@ from ..memory import require
 from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
 from ..results.base_motion import Loads
-from ..results.core_record import OF_CONSTRAINTS, CoreSelection
+from ..results.core_record import OF_CONSTRAINTS, CoreSelection, OutputRows
 from ..results.history import History
 from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
@@ -231,12 +231,11 @@ def _in_lane(selection: CoreSelection | None, lane: int) -> CoreSelection | None
         return None
     springs, outputs = selection.springs, selection.outputs
     if springs is not None:
-        springs = (springs[0] * LANES + lane, *springs[1:])
+        springs = springs._replace(number=springs.number * LANES + lane)
     if outputs is not None:
-        combinations = (
-            None if x is None else (x[0], x[1] * LANES + lane, x[2]) for x in outputs[1:]
-        )
-        outputs = (outputs[0], *combinations)
+        values, *combinations = outputs
+        moved = (x and x._replace(position=x.position * LANES + lane) for x in combinations)
+        outputs = OutputRows(values, *moved)
     position = selection.position * LANES + lane
     return selection._replace(position=position, springs=springs, outputs=outputs)
 

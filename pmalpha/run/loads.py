@@ -29,6 +29,7 @@ from ..problem.limits import check_first_command
 from ..problem.matrices import product
 from ..problem.newton import Newton
 from ..results.clock import Clock
+from ..setup.core_failure import Limited
 from ..setup.member import Member
 from .means import Begin, Means, is_averaged
 from .motion import CallbackLoad, Motion, Obstacles, all_known
@@ -406,10 +407,15 @@ class Loads:
 def first_answer(member: Member, u: np.ndarray, v: np.ndarray) -> np.ndarray | int:
     """r(u, v, 0), or the code that a function returned; LimitError for a force beyond its limit."""
     r = member.core.restoring(0.0, u, v)
-    if isinstance(r, tuple):
-        _, what, position, value, limit, t, by_clock = r
-        raise LimitError(member.name, what, int(member.order[position]), value, limit, t, by_clock)
+    if isinstance(r, dict):
+        raise limit_error(member, r)
     return r
+
+
+def limit_error(member: Member, failed: Limited) -> LimitError:
+    dof = None if failed["what"] == "energy" else int(member.order[failed["position"]])
+    numbers = failed["value"], failed["limit"], failed["t"]
+    return LimitError(member.name, failed["what"], dof, *numbers, failed["by_clock"])
 
 
 def force_at(force: Force, member: Member, t: float) -> np.ndarray:

@@ -20,6 +20,7 @@ from .. import _core
 from .._checks import check_word, flag, positive_number, whole_number
 from ..errors import warn
 from ..files import checked_path
+from ..problem import forms
 from ..problem.dofs import dof_list
 from ..results.history import History
 from ..results.keys import by_index
@@ -179,7 +180,7 @@ class Watched:
         chosen: Monitor | None = session.monitor
         dofs = {} if chosen is None else chosen.dofs
         self.monitored = tuple(
-            (member.position[dofs[i]].astype(np.int64), np.zeros((2, len(dofs[i]))))
+            forms.Monitored(member.position[dofs[i]].astype(np.int64), np.zeros((2, len(dofs[i]))))
             if i in dofs
             else None
             for i, member in enumerate(session.members)
@@ -344,9 +345,9 @@ class Times:
         ):
             if isinstance(recording, RingRecording):
                 recording.wake = partial(_wake, write)
-            arguments = (self.period, stops, signals, self.state, self.times)
             woken = partial(_raise_failure, recording)
-            session.core.set_pace((*arguments, watched.monitored, watched.values, woken))
+            arrays = self.state, self.times, watched.monitored, watched.values
+            session.core.set_pace(forms.CorePace(self.period, stops, signals, woken, *arrays))
             try:
                 yield
             finally:

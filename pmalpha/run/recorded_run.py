@@ -220,7 +220,7 @@ def record_present(session: Session, recording: Recording) -> None:
     if recording.continues:  # this row is no row of the file: impulses are summed on
         session.core.set_numbers(numbers)
     if elsewhere is not None:
-        raise Elsewhere(*elsewhere)
+        raise Elsewhere(elsewhere["rank"])
 
 
 def own_record(session: Session, path: Any, append: bool, overwrite: bool) -> Any:

@@ -24,6 +24,7 @@ from ..problem import forms
 from ..problem.forces import SampledForce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from .core_failure import Failure
 from .member import Member
 
 T = TypeVar("T")
@@ -286,18 +287,19 @@ def _received(rank: int, sent: tuple[bytes, str]) -> PmalphaError:
 
 
 def check_stable(
-    failure: object,
+    failure: Failure | None,
     members: Sequence[Member],
     ranks: Ranks | None = None,
     step: int = 0,
     t: float = 0.0,
 ) -> None:
     """InstabilityError for a value that the core has found not to be finite, or `Elsewhere`."""
-    if isinstance(failure, tuple):
-        raise Elsewhere(*failure)
-    if isinstance(failure, int):
-        names = joined(ranks, [member.name for member in members])
-        raise InstabilityError(step, t, [*names, "interface"][failure])
+    if failure is None:
+        return
+    if failure["kind"] != "unstable":
+        raise Elsewhere(failure)
+    names = joined(ranks, [member.name for member in members])
+    raise InstabilityError(step, t, [*names, "interface"][failure["subdomain"]])
 
 
 def _remote(parts: Mapping[str, Any]) -> forms.Remote:
