@@ -54,7 +54,7 @@ FORMS = {
     "restoring": {3: forms.Restoring},
     "internal": {3: forms.Internal},
     "iterate": {7: forms.Iterate},
-    "struck": {4: forms.Struck},
+    "impulse": {4: forms.Impulse},
     "H": {2: forms.Factor},
     "H_start": {2: forms.Factor},
     "R": FACTORS,

@@ -205,7 +205,7 @@ def test_a_single_step_is_closed_as_it_would_respond(monkeypatch, how, consisten
     M = np.diag([2.0, 1.0, 3.0]) + 0.3 * consistent * (np.eye(3, k=1) + np.eye(3, k=-1))
     C = damping * np.diag([3.0, 1.0, 2.0]) if damping else None
 
-    def histories(defers):
+    def histories(deferred):
         a, b = (
             pm.Subdomain(
                 M if consistent else np.diag(M), stiffness * K, C, scheme=scheme, name=name,
@@ -215,11 +215,11 @@ def test_a_single_step_is_closed_as_it_would_respond(monkeypatch, how, consisten
             for name, stiffness in (("a", 1.0), ("b", 3.0))
         )  # fmt: skip
         coupler = pm.Coupler([a, b], pm.tie(a, [0, 2], b, [2, 0]), dt=0.3, coupling="mean")
-        assert {part.defers for part in coupler._session.members} == {defers}
+        assert {part.deferred for part in coupler._session.members} == {deferred}
         return coupler.run(steps=40, energy=True)
 
     closed = histories(True)
-    monkeypatch.setattr("pmalpha.setup.member.Member.defers", property(lambda part: False))
+    monkeypatch.setattr("pmalpha.setup.member.Member.deferred", property(lambda part: False))
     responded = histories(False)
     for name in "ab":
         for x in "uva":
@@ -239,7 +239,7 @@ def test_damping_is_of_no_account_to_a_step_that_is_deferred_for_the_trapezoidal
         a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], **values)
         b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
         coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
-        assert coupler._session.members[0].defers is (not change), change
+        assert coupler._session.members[0].deferred is (not change), change
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")

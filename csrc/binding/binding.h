@@ -291,7 +291,7 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, PyObject *a
                     pma_record *record);
 
 /* None, or {rank, remotes, first, all, counts, starts, gather}: remotes has None for the subdomains
- * of this process, else {nb, substeps, h, doubled, continues, shoots, link, rows}; first (ranks + 1)
+ * of this process, else {nb, substeps, h, doubled, continues, has_internal, link, rows}; first (ranks + 1)
  * the subdomains of each rank; all, counts and starts as in pma_exchange_parts; gather a callable
  * that fills `all`, or {address, type, communicator} of MPI_Allgatherv. *out is the caller's to
  * release, also after an error. */

@@ -15,7 +15,7 @@ struct pma_processes {
     PyObject *callable; /* gathers, unless there is an address */
     allgatherv address;
     intptr_t type, communicator;
-    double *sent;
+    double *buffer;
     size_t size; /* of `all` */
 };
 
@@ -43,8 +43,9 @@ static bool gather_by_address(void *ctx, double *all, const int *counts, const i
 {
     const pma_processes *x = ctx;
     const int count = counts[x->parts.rank];
-    memcpy(x->sent, all + starts[x->parts.rank], (size_t)count * sizeof(double));
-    return x->address(x->sent, count, x->type, all, counts, starts, x->type, x->communicator) == 0;
+    memcpy(x->buffer, all + starts[x->parts.rank], (size_t)count * sizeof(double));
+    return x->address(x->buffer, count, x->type, all, counts, starts, x->type, x->communicator) ==
+           0;
 }
 
 /* ---- its fields ----------------------------------------------------------------------------- */
@@ -53,7 +54,8 @@ static pma_status take_remote(const pma_field *f, pma_remote **out)
 {
     const pma_field nb = pma_field_at(f, "nb"), substeps = pma_field_at(f, "substeps");
     const pma_field h = pma_field_at(f, "h"), doubled = pma_field_at(f, "doubled");
-    const pma_field continues = pma_field_at(f, "continues"), shoots = pma_field_at(f, "shoots");
+    const pma_field continues = pma_field_at(f, "continues"),
+                    has_internal = pma_field_at(f, "has_internal");
     const pma_field link = pma_field_at(f, "link"), rows = pma_field_at(f, "rows");
     pma_remote_parts parts = {.iterates = !pma_field_is_none(&rows)};
     const void *data = NULL;
@@ -64,7 +66,7 @@ static pma_status take_remote(const pma_field *f, pma_remote **out)
     PMA_TRY(pma_field_real(&h, &parts.h));
     PMA_TRY(pma_field_flag(&doubled, &parts.doubled));
     PMA_TRY(pma_field_flag(&continues, &parts.continues));
-    PMA_TRY(pma_field_flag(&shoots, &parts.shoots));
+    PMA_TRY(pma_field_flag(&has_internal, &parts.has_internal));
     PMA_TRY(pma_parts_link(&link, dofs, &parts.link));
     if (parts.iterates)
         PMA_TRY(pma_field_vector(&rows, PMA_INT64S, &parts.count, &data));
@@ -103,7 +105,7 @@ static pma_status take_gather(const pma_field *f, pma_processes *x)
     PMA_TRY(pma_field_integer(&address, INTPTR_MIN, &values[0]));
     PMA_TRY(pma_field_integer(&type, INTPTR_MIN, &values[1]));
     PMA_TRY(pma_field_integer(&communicator, INTPTR_MIN, &values[2]));
-    PMA_TRY(pma_field_allocate(f, x->size, sizeof *x->sent, (void *)&x->sent));
+    PMA_TRY(pma_field_allocate(f, x->size, sizeof *x->buffer, (void *)&x->buffer));
     const intptr_t function = (intptr_t)values[0];
     memcpy(&x->address, &function, sizeof function);
     x->type = (intptr_t)values[1];

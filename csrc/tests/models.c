@@ -225,7 +225,7 @@ static pma_member make_member(model *m, size_t i)
     x->h = m->dt / (double)x->substeps;
     x->has_responses = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
     x->mean = m->mean;
-    x->defers = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
+    x->deferred = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
     make_subdomain(x);
     if (m->stored && x->has_responses)
         store_response(m, i);

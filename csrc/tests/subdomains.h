@@ -48,7 +48,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
 struct subdomain {
     size_t n, nb, p, substeps;
     bool implicit, doubled, has_responses;
-    bool mean, defers; /* as those of pma_parts */
+    bool mean, deferred; /* as those of pma_parts */
     pma_scheme scheme;
     double h;
     double M[MOST * MOST], C[MOST * MOST], K[MOST * MOST]; /* n*n by rows */

@@ -318,7 +318,7 @@ static void make_masses(masses *x, double speed, const double *force)
     parts.single.step = pma_step_make(CENTRAL_DIFFERENCE, H);
     parts.single.factor =
         (pma_factor){.form = PMA_DIAGONAL, .n = 2, .nb = 2, .inverse = x->inverse};
-    parts.struck.inverse = x->inverse;
+    parts.impulse.inverse = x->inverse;
     CHECK_STATUS(pma_subdomain_create(&parts, &x->core), PMA_OK);
     pma_subdomain_set_load(x->core,
                            (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 2, .values = x->force});

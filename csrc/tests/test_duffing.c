@@ -440,7 +440,7 @@ static void subdomains_that_cannot_be_iterated_are_refused(void)
     const pma_iterate_parts sound = *good.iterate;
     CHECK_STATUS(subdomain_status(&good), PMA_OK);
     pma_parts bad = good;
-    bad.shoots = false;
+    bad.has_internal = false;
     CHECK_STATUS(subdomain_status(&bad), PMA_BAD_SIZE);
     bad = good;
     bad.M.n = 2;

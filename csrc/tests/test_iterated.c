@@ -303,7 +303,9 @@ static double measured(double scale)
     x.load = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 2, .values = load};
     make_subdomain(&x);
     pma_subdomain_start(x.core, u0, none, none, none);
-    CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(x.core), scale, NULL, false), PMA_OK);
+    CHECK_STATUS(
+        pma_iterate_restore(pma_subdomain_iterate(x.core), (pma_kept_iteration){.scale = scale}),
+        PMA_OK);
     const pma_member member = pma_subdomain_member(x.core);
     CHECK_STATUS(member.iterated.table->begin(member.self, &first, none), PMA_OK);
     CHECK_STATUS(member.iterated.table->evaluate(member.self, true, &measure), PMA_OK);
@@ -348,7 +350,9 @@ static void an_iterate_that_was_not_accepted_sets_no_scale(void)
     x.load = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 1, .values = &load};
     make_subdomain(&x);
     pma_subdomain_start(x.core, &none, &none, &none, &none);
-    CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(x.core), -1.0, NULL, false), PMA_OK);
+    CHECK_STATUS(
+        pma_iterate_restore(pma_subdomain_iterate(x.core), (pma_kept_iteration){.scale = -1.0}),
+        PMA_OK);
     const pma_member member = pma_subdomain_member(x.core);
     const pma_iterated_table *table = member.iterated.table;
     CHECK_STATUS(table->begin(member.self, &first, &none), PMA_OK);

@@ -203,7 +203,7 @@ static void internal_forces_are_refused_by_a_schedule_that_does_not_shoot(void)
     build_chain(&m, &ESTIMATED);
     const pma_coupler_parts parts = describe_coupler(&m);
     CHECK_STATUS(coupler_status(&parts), PMA_OK);
-    m.members[2].shoots = true;
+    m.members[2].has_internal = true;
     CHECK_STATUS(coupler_status(&parts), PMA_BAD_SIZE);
     destroy_model(&m);
 }

@@ -36,9 +36,9 @@ static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)
     bad[9].doubled = true, bad[9].twice.factor.nb = 0;
     bad[10].nb = 0;
     bad[11].continues = true; /* without double steps */
-    bad[12].defers = true;    /* without mean coupling */
+    bad[12].deferred = true;  /* without mean coupling */
     bad[13].mean = true, bad[13].has_responses = true, bad[13].mass = good.single.factor;
-    bad[13].defers = true, bad[13].substeps = 2;
+    bad[13].deferred = true, bad[13].substeps = 2;
     for (size_t i = 0; i < 14; i++) {
         CHECK_STATUS(subdomain_status(&bad[i]), PMA_BAD_SIZE);
     }

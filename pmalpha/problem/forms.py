@@ -239,7 +239,7 @@ class Iterate(NamedTuple):
     threads: int
 
 
-class Struck(NamedTuple):
+class Impulse(NamedTuple):
     """What impulses meet (U4)."""
 
     inverse: np.ndarray
@@ -285,7 +285,7 @@ class Remote(NamedTuple):
     h: float
     doubled: bool
     continues: bool
-    shoots: bool
+    has_internal: bool
     link: Columns
     rows: np.ndarray | None
 

@@ -298,7 +298,7 @@ def prepare_mean(members: Sequence[Member]) -> None:
 def mean_blocks(member: Member) -> dict[bool, Block]:
     """The blocks of H of a subdomain, of the single and the double step; stores the responses."""
     rows = member.L.rows
-    stored = not member.defers and not member.double and rows.size > 0 and is_stored(member)
+    stored = not member.deferred and not member.double and rows.size > 0 and is_stored(member)
     single, _, states = unit_responses(member, rows, stored=stored)
     blocks = {False: response_block(member, rows, single)}
     if member.double:

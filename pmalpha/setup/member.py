@@ -187,7 +187,7 @@ class Member:
         return self.subdomain.has_symmetric_steps
 
     @property
-    def defers(self) -> bool:
+    def deferred(self) -> bool:
         """Whether its single steps under mean coupling wait for the multipliers (K7)."""
         explicit = self.subdomain.scheme.explicit
         if not self.mean or self.substeps > 1 or explicit or self.internal is not None:
@@ -467,8 +467,8 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
         springs=core_springs(member.subdomain.springs, member.position),
         **_internal(member, threads),
         mass=mass,
-        defers=member.defers,
-        struck=struck(member),
+        deferred=member.deferred,
+        impulse=impulse_parts(member),
         limits=_limits(member),
         watch=_watch(member),
     )
@@ -511,7 +511,7 @@ def _internal(member: Member, threads: int) -> dict[str, Any]:
 # ---- impulses of contacts ----------------------------------------------------------------------
 
 
-def struck(member: Member) -> forms.Struck | None:
+def impulse_parts(member: Member) -> forms.Impulse | None:
     """What impulses meet in a subdomain, for the core: equation (U4)."""
     if member.N is None:
         return None
@@ -524,10 +524,10 @@ def struck(member: Member) -> forms.Struck | None:
     if rates is not None and not s.scheme.explicit:
         a0, a1 = rates
         alpha = (a1 + 0.5 * member.h) / (al1 + al2 * a1)
-        return forms.Struck(inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None)
+        return forms.Impulse(inverse, alpha, a0 - alpha * (1.0 + al2 * a0), None)
     stiffness = combination([(1.0, member.K), (1.0, member.K_r)])
     B = combination([(1.0, member.damping), (0.5 * member.h, stiffness)])
-    return forms.Struck(inverse, 0.0, 0.0, Link.of(_columns(B, member.n)).core(begin))
+    return forms.Impulse(inverse, 0.0, 0.0, Link.of(_columns(B, member.n)).core(begin))
 
 
 def _columns(A: Matrix | None, n: int) -> sp.csc_array:

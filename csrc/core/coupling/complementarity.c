@@ -29,7 +29,7 @@ struct pma_complementarity {
     size_t *wanted;       /* rows: that are to push */
     size_t *active;       /* rows: of the closed contacts */
     size_t *top, *bottom; /* rows of the factor: where its columns begin and end */
-    bool *pushes;         /* rows */
+    bool *pushing;        /* rows */
     bool *follows;        /* rows of the factor: it follows from those before */
     double *y, *z;        /* rows */
     pma_cone *cone;
@@ -48,7 +48,7 @@ pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
                                 PMA_ARRAY(pma_complementarity, active, rows),
                                 PMA_ARRAY(pma_complementarity, top, rows),
                                 PMA_ARRAY(pma_complementarity, bottom, rows),
-                                PMA_ARRAY(pma_complementarity, pushes, rows),
+                                PMA_ARRAY(pma_complementarity, pushing, rows),
                                 PMA_ARRAY(pma_complementarity, follows, rows),
                                 PMA_ARRAY(pma_complementarity, y, rows),
                                 PMA_ARRAY(pma_complementarity, z, rows),
@@ -224,7 +224,7 @@ static void solve_pushing(pma_complementarity *x, size_t count, const double *b,
 {
     size_t n = 0;
     for (size_t i = 0; i < count; i++) {
-        if (x->pushes[x->active[i]])
+        if (x->pushing[x->active[i]])
             x->wanted[n++] = x->active[i];
     }
     if (n != x->factor_rows || memcmp(x->in, x->wanted, n * sizeof *x->in) != 0) {
@@ -240,7 +240,7 @@ static void solve_pushing(pma_complementarity *x, size_t count, const double *b,
         const size_t k = x->active[i];
         P[k] = 0.0;
         x->y[k] = b[k];
-        if (!x->pushes[k])
+        if (!x->pushing[k])
             x->wanted[rest++] = k;
     }
     for (size_t j = 0; j < n; j++) {
@@ -254,7 +254,7 @@ static void solve_pushing(pma_complementarity *x, size_t count, const double *b,
 static bool is_wrong(const pma_complementarity *x, size_t k, const double *P, double size)
 {
     const double root = sqrt(entry(x, k, k));
-    return x->pushes[k] ? P[k] < -ROUNDING * size / root : x->y[k] < -ROUNDING * size * root;
+    return x->pushing[k] ? P[k] < -ROUNDING * size / root : x->y[k] < -ROUNDING * size * root;
 }
 
 static bool any_follows(const pma_complementarity *x)
@@ -291,7 +291,7 @@ static bool pivot(pma_complementarity *x, size_t count, const double *b, double 
             break; /* one at a time ends for regular W alone */
         /* all at once; or, as Murty, always the last of them alone */
         for (size_t i = patience > 0 || wrong == 0 ? 0 : wrong - 1; i < wrong; i++)
-            x->pushes[x->wanted[i]] = !x->pushes[x->wanted[i]];
+            x->pushing[x->wanted[i]] = !x->pushing[x->wanted[i]];
     }
     for (size_t i = 0; i < count; i++)
         P[x->active[i]] = fmax(P[x->active[i]], 0.0);
@@ -372,12 +372,12 @@ pma_status pma_complementarity_solve(pma_complementarity *x, size_t count, const
     for (size_t i = 0; i < count; i++)
         rough = rough || is_rough(x, closed[i]);
     /* what pushed and is closed */
-    memset(x->pushes, 0, x->rows * sizeof *x->pushes);
+    memset(x->pushing, 0, x->rows * sizeof *x->pushing);
     for (size_t i = 0; i < rows; i++)
-        x->pushes[x->active[i]] = true;
+        x->pushing[x->active[i]] = true;
     for (size_t k = 0; k < x->rows; k++) {
-        P[k] = x->pushes[k] ? P[k] : 0.0;
-        x->pushes[k] = x->pushes[k] && P[k] > 0.0;
+        P[k] = x->pushing[k] ? P[k] : 0.0;
+        x->pushing[k] = x->pushing[k] && P[k] > 0.0;
     }
     if (!rough && pivot(x, activate(x, count, closed, false), b, P))
         return PMA_OK;

@@ -23,7 +23,7 @@ typedef struct {
     double *u;  /* nb: displacement that is expected */
     double *v;  /* nb: the same of the velocity */
     double *v0; /* nb: velocity at the beginning */
-    bool struck;
+    bool has_impulse;
 } side;
 
 /* What goes on from one fine step to the next. */
@@ -75,7 +75,7 @@ pma_status pma_contact_check(const pma_contact_parts *parts, size_t count)
     return PMA_OK;
 }
 
-/* All members of a contact are at the finest step, take single steps and can be struck. */
+/* All members of a contact are at the finest step, take single steps and take impulses. */
 static pma_status check(const pma_coupler_parts *parts)
 {
     const size_t fine = pma_fine_instants(parts);
@@ -84,7 +84,7 @@ static pma_status check(const pma_coupler_parts *parts)
     for (size_t i = 0; i < parts->contact->sides; i++) {
         const pma_contact_side *own = &parts->contact->side[i];
         const pma_member *m = &parts->members[own->member];
-        if (m->substeps != fine || m->doubling != PMA_SINGLE || !m->struck ||
+        if (m->substeps != fine || m->doubling != PMA_SINGLE || !m->impulse ||
             m->link->nb != own->N.nb)
             return PMA_BAD_SIZE;
     }
@@ -163,7 +163,7 @@ static void find_column(pma_coupler *c, pma_contact *x, const pma_interface *H, 
         side *s = &x->sides[i];
         const pma_member *m = member_of(c, s);
         pma_link_load(&s->of.N, P, s->f);
-        m->struck->recoil(m->self, s->f, s->v);
+        m->impulse->recoil(m->self, s->f, s->v);
         pma_link_gather(m->link, -1.0, s->v, lam);
         pma_link_gather(&s->of.N, 1.0, s->v, y);
     }
@@ -291,7 +291,7 @@ static void begin(pma_coupler *c, pma_contact *x)
         const double *v = m->table->values(m->self, PMA_VELOCITY, j, false, NULL);
         memcpy(s->v0, v, s->of.N.nb * sizeof(double));
         pma_link_gather(&s->of.N, 1.0, v, x->y0);
-        s->struck = false;
+        s->has_impulse = false;
     }
     subtract_obstacle(x, x->y0);
     if (x->parts.obstacle.kind == PMA_LOAD_NONE)
@@ -318,7 +318,7 @@ static void approach(pma_coupler *c, pma_contact *x)
     for (size_t i = 0; i < x->parts.sides; i++) {
         const side *s = &x->sides[i];
         const pma_coupled *m = &c->coupled[s->of.member];
-        m->member.struck->approach(m->member.self, &m->step, lam, s->u, s->v);
+        m->member.impulse->approach(m->member.self, &m->step, lam, s->u, s->v);
         pma_link_gather(&s->of.N, 1.0, s->u, x->y);
         pma_link_gather(&s->of.N, 1.0, s->v, x->b);
     }
@@ -443,10 +443,10 @@ static pma_status strike(pma_coupler *c, pma_contact *x)
         side *s = &x->sides[i];
         const pma_coupled *m = &c->coupled[s->of.member];
         pma_link_load(&s->of.N, x->now.P, s->f);
-        s->struck = is_any_nonzero(s->of.N.nb, s->f);
-        if (s->struck)
-            m->member.struck->strike(m->member.self, &m->step, s->f);
-        any = any || s->struck;
+        s->has_impulse = is_any_nonzero(s->of.N.nb, s->f);
+        if (s->has_impulse)
+            m->member.impulse->strike(m->member.self, &m->step, s->f);
+        any = any || s->has_impulse;
     }
     return any && x->tied ? pma_fine_solve(c) : PMA_OK;
 }
@@ -454,9 +454,9 @@ static pma_status strike(pma_coupler *c, pma_contact *x)
 static pma_status end_substep(pma_coupler *c, pma_coupled *m)
 {
     const side *s = c->contact->of[m - c->coupled];
-    if (!s || !s->struck)
+    if (!s || !s->has_impulse)
         return pma_fine_close(c, m);
-    return m->member.struck->close(m->member.self, &m->step, c->working.lam);
+    return m->member.impulse->close(m->member.self, &m->step, c->working.lam);
 }
 
 /* (U10)  N^T P . (v0 + v1) / 2 of each side */
@@ -465,14 +465,14 @@ static void add_works(pma_coupler *c, const pma_contact *x)
     for (size_t i = 0; i < x->parts.sides; i++) {
         const side *s = &x->sides[i];
         const pma_coupled *m = &c->coupled[s->of.member];
-        if (!s->struck || !pma_member_is_observed(&m->member))
+        if (!s->has_impulse || !pma_member_is_observed(&m->member))
             continue;
         const double *v = m->member.table->values(m->member.self, PMA_VELOCITY, m->now.j + 1, false,
                                                   c->working.lam);
         double work = 0.0;
         for (size_t k = 0; k < s->of.N.nb; k++)
             work += 0.5 * s->f[k] * (s->v0[k] + v[k]);
-        m->member.struck->add_work(m->member.self, m->now.j + 1, work);
+        m->member.impulse->add_work(m->member.self, m->now.j + 1, work);
     }
 }
 
@@ -558,4 +558,4 @@ const pma_schedule pma_contact_schedule = {.check = check,
                                            .fine_step = fine_step,
                                            .prepare = create,
                                            .record_present = record_present,
-                                           .shoots = true};
+                                           .internal = true};

@@ -23,7 +23,7 @@ static bool has_step(const pma_member *member, double dt)
 /* Does it what the schedule calls? */
 static bool fits(const pma_member *member, const pma_schedule *schedule)
 {
-    return (schedule->shoots || !member->shoots) &&
+    return (schedule->internal || !member->has_internal) &&
            (schedule->iterates || !member->iterated.table) &&
            (member->elsewhere || schedule->ties_displacements == (member->table->push != NULL));
 }

@@ -500,14 +500,14 @@ static pma_interface_kind tied_kind(const pma_coupler *c)
 static size_t run_size(const pma_coupler *c, const pma_coupled *m)
 {
     (void)c;
-    return m->member.shoots ? 3 + m->member.link->nb : 0;
+    return m->member.has_internal ? 3 + m->member.link->nb : 0;
 }
 
 static void write_run(const pma_coupler *c, const pma_coupled *m, double *to)
 {
     const pma_member *member = &m->member;
     const pma_iteration_member *own = member_in(c, m);
-    if (!member->shoots)
+    if (!member->has_internal)
         return;
     const double *end =
         member->table->values(member->self, tied_kind(c), member->substeps, false, NULL);
@@ -520,7 +520,7 @@ static void write_run(const pma_coupler *c, const pma_coupled *m, double *to)
 static void read_run(pma_coupler *c, const pma_coupled *m, const double *from)
 {
     pma_iteration_member *theirs = member_in(c, m);
-    if (!m->member.shoots)
+    if (!m->member.has_internal)
         return;
     theirs->kinetic_before = *from++;
     theirs->kinetic = *from++;

@@ -211,4 +211,4 @@ const pma_schedule pma_fine_schedule = {.check = pma_fine_check,
                                         .interface_pieces = interface_pieces,
                                         .move_to = pma_coupler_move_to,
                                         .rebases = true,
-                                        .shoots = true};
+                                        .internal = true};

@@ -308,4 +308,4 @@ const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,
                                             .move_to = pma_coupler_move_to,
                                             .rebases = true,
                                             .iterates = true,
-                                            .shoots = true};
+                                            .internal = true};

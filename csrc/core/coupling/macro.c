@@ -16,7 +16,7 @@ pma_status pma_macro_check(const pma_coupler_parts *parts)
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         const bool has_responses = member->elsewhere || member->table->advance_response;
-        if (member->shoots)
+        if (member->has_internal)
             continue;
         if (member->substeps > 1 && (member->doubling != PMA_SINGLE || !has_responses))
             return PMA_BAD_SIZE;
@@ -34,8 +34,8 @@ size_t pma_macro_instants(const pma_coupler_parts *parts)
  * where it has internal forces: about as often as it runs. */
 pma_duty pma_macro_duty(const pma_member *member)
 {
-    const bool repeats =
-        member->shoots || (member->substeps > 1 && member->table->repeats(member->self, false) > 0);
+    const bool repeats = member->has_internal ||
+                         (member->substeps > 1 && member->table->repeats(member->self, false) > 0);
     return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
                       .substeps = 1,
                       .by_caller = member->forces == PMA_BY_CALLER};
@@ -90,11 +90,11 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
     const pma_member *member = &m->member;
     const bool is_mean = c->parts.schedule->ties_displacements;
     const double *lam = is_mean ? m->lam : c->present.lam;
-    const bool defers = is_mean ? member->defers : member->substeps == 1;
+    const bool deferred = is_mean ? member->deferred : member->substeps == 1;
     pma_substep step = pma_substep_of(c, m, j);
     step.is_free_run = true;
     PMA_TRY(member->table->advance(member->self, NULL, &step, lam, NULL));
-    return defers ? PMA_OK : member->table->advance(member->self, &step, NULL, lam, NULL);
+    return deferred ? PMA_OK : member->table->advance(member->self, &step, NULL, lam, NULL);
 }
 
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)

@@ -16,7 +16,7 @@ pma_status pma_mean_check(const pma_coupler_parts *parts)
         const pma_member *member = &parts->members[i];
         const pma_member_table *table = member->table;
         const bool has_responses =
-            (table->advance_response || member->shoots) && table->hold_energy;
+            (table->advance_response || member->has_internal) && table->hold_energy;
         if (!(has_responses || member->elsewhere) ||
             (member->substeps > 1 && member->doubling != PMA_SINGLE))
             return PMA_BAD_SIZE;
@@ -90,7 +90,7 @@ void pma_mean_right_side(pma_coupler *c, double *right)
     memset(c->sums, 0, p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (!member->shoots)
+        if (!member->has_internal)
             pma_member_gather(member, PMA_DISPLACEMENT, member->substeps, 1.0, c->sums);
     }
     for (size_t row = 0; row < p; row++)
@@ -155,7 +155,7 @@ static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t 
 pma_status pma_mean_link_response(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
-    if (member->defers)
+    if (member->deferred)
         return close_waiting(c, m);
     member->table->begin_response(member->self, m->step.twice, multipliers_of(c, m));
     member->table->hold_energy(member->self, m->step.twice, held_multipliers(c, m));

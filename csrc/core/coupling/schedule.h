@@ -139,7 +139,7 @@ struct pma_schedule {
     /* In place of velocities, at the end of a macro step? */
     bool ties_displacements;
     /* May members have steps that are iterated, or in macro steps internal forces at all? */
-    bool iterates, shoots;
+    bool iterates, internal;
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */

@@ -22,9 +22,9 @@
 /* Residuals are exact up to this many units in the last place of their terms. */
 #define ROUNDING (100.0 * DBL_EPSILON)
 
-static bool shoots(const pma_coupled *m)
+static bool has_internal(const pma_coupled *m)
 {
-    return m->member.shoots;
+    return m->member.has_internal;
 }
 
 /* ---- a run ---------------------------------------------------------------------------------- */
@@ -120,7 +120,7 @@ static void known_part(pma_coupler *c, double *known)
     for (size_t row = 0; row < c->parts.p; row++)
         known[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (!shoots(&c->coupled[i]))
+        if (!has_internal(&c->coupled[i]))
             pma_macro_free_velocity(&c->coupled[i], known);
     }
 }
@@ -160,7 +160,7 @@ static void residual(const pma_coupler *c, const double *known, double *r)
         r[row] = -r[row];
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (!member->shoots)
+        if (!member->has_internal)
             continue;
         memset(own, 0, p * sizeof(double));
         pma_member_gather(member, is_mean(c) ? PMA_DISPLACEMENT : PMA_VELOCITY, member->substeps,
@@ -179,7 +179,7 @@ static void measure(const pma_coupler *c, bool first)
     for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
         const pma_member *member = &m->member;
         pma_iteration_member *own = &c->iteration->members[m - c->coupled];
-        if (!member->shoots)
+        if (!member->has_internal)
             continue;
         if (first)
             own->kinetic_before = member->table->kinetic(member->self, 0);
@@ -259,7 +259,7 @@ static void correct(pma_coupler *c, bool first)
 /* The runs of all members under the multipliers as they are. */
 static pma_status run_members(pma_coupler *c, bool first)
 {
-    pma_status status = pma_share(c, run, shoots);
+    pma_status status = pma_share(c, run, has_internal);
     if (atomic_load(&c->stopped))
         status = PMA_STOPPED;
     if (status == PMA_OK)
@@ -312,7 +312,7 @@ static void take_multipliers(pma_coupler *c)
 /* Members without internal forces, and at the end what of the others no state has */
 static pma_status run_free(pma_coupler *c, pma_coupled *m)
 {
-    if (shoots(m))
+    if (has_internal(m))
         return PMA_OK;
     return is_mean(c) ? pma_mean_free_run(c, m) : pma_macro_free_run(c, m);
 }
@@ -320,8 +320,8 @@ static pma_status run_free(pma_coupler *c, pma_coupled *m)
 static pma_status link_response(pma_coupler *c, pma_coupled *m)
 {
     if (!is_mean(c))
-        return shoots(m) ? PMA_OK : pma_macro_link_response(c, m);
-    return shoots(m) ? pma_mean_accelerate(c, m) : pma_mean_link_response(c, m);
+        return has_internal(m) ? PMA_OK : pma_macro_link_response(c, m);
+    return has_internal(m) ? pma_mean_accelerate(c, m) : pma_mean_link_response(c, m);
 }
 
 static pma_status solve(pma_coupler *c)
@@ -355,13 +355,13 @@ static pma_status macro_step(pma_coupler *c)
 static size_t macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
                            pma_piece *pieces)
 {
-    return shoots(m) ? 0 : pma_macro_pieces(c, m, round, pieces);
+    return has_internal(m) ? 0 : pma_macro_pieces(c, m, round, pieces);
 }
 
 static size_t mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
                           pma_piece *pieces)
 {
-    if (!shoots(m))
+    if (!has_internal(m))
         return pma_mean_pieces(c, m, round, pieces);
     pieces[0] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = 0};
     return c->parts.motion_count > 0 ? 1 : 0;
@@ -375,7 +375,7 @@ const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
                                             .interface_pieces = macro_pieces,
                                             .move_to = pma_macro_move_to,
                                             .iterates = true,
-                                            .shoots = true};
+                                            .internal = true};
 
 const pma_schedule pma_mean_shooting_schedule = {.ties_displacements = true,
                                                  .check = pma_mean_check,
@@ -387,4 +387,4 @@ const pma_schedule pma_mean_shooting_schedule = {.ties_displacements = true,
                                                  .move_to = pma_macro_move_to,
                                                  .record_present = pma_mean_record_present,
                                                  .iterates = true,
-                                                 .shoots = true};
+                                                 .internal = true};

@@ -10,7 +10,7 @@
 bool pma_cases_are_possible(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
-    return !p->restoring.function && p->internal.count == 0 && !p->shoots;
+    return !p->restoring.function && p->internal.count == 0 && !p->has_internal;
 }
 
 /* ---- springs -------------------------------------------------------------------------------- */

@@ -128,7 +128,7 @@ typedef struct {
 
     /* Work of impulses, summed up with the energy of time level j, if there is one. */
     void (*add_work)(void *self, size_t j, double work);
-} pma_struck_table;
+} pma_impulse_table;
 
 /* Double steps: none, from the second macro step on, or from the first one on, from a time level
  * before the present. */
@@ -153,10 +153,10 @@ typedef struct {
     size_t alone;    /* ... by one worker while others wait: all of them, if they cannot share */
     pma_doubling doubling;
     pma_evaluation forces;
-    bool defers;    /* under mean coupling: the closing of its single steps (K7) */
-    bool shoots;    /* has internal forces: macro coupling repeats its macro step (shooting.c) */
-    bool elsewhere; /* is in another process (remote.h): has nothing but `values` */
-    const pma_struck_table *struck; /* with contacts, else NULL */
+    bool deferred;     /* under mean coupling: the closing of its single steps (K7) */
+    bool has_internal; /* forces: macro coupling repeats its macro step (shooting.c) */
+    bool elsewhere;    /* is in another process (remote.h): has nothing but `values` */
+    const pma_impulse_table *impulse; /* with contacts, else NULL */
     pma_iterated iterated; /* with a table where its steps are iterated: it does not advance */
 } pma_member;
 

@@ -222,7 +222,7 @@ pma_member_table pma_subdomain_table(const pma_subdomain *s)
                               .energy = energy,
                               .hold_energy = s->parts.mean ? hold_energy : NULL,
                               .push = s->parts.mean ? push : NULL,
-                              .kinetic = s->parts.shoots ? kinetic : NULL};
+                              .kinetic = s->parts.has_internal ? kinetic : NULL};
     if (s->iterate)
         return table;
     table.advance = advance;
@@ -278,10 +278,10 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .alone = entries_alone(s),
                          .doubling = pma_doubling_of(p->doubled, p->continues),
                          .forces = forces_of(p),
-                         .defers = p->defers,
-                         .shoots = p->shoots,
-                         .struck =
-                             p->struck.inverse && !s->iterate ? &pma_struck_operations : NULL};
+                         .deferred = p->deferred,
+                         .has_internal = p->has_internal,
+                         .impulse =
+                             p->impulse.inverse && !s->iterate ? &pma_impulse_operations : NULL};
     if (s->iterate)
         member.iterated = pma_iterated_substep_member(s->iterate);
     return member;

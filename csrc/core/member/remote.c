@@ -87,7 +87,7 @@ pma_member pma_remote_member(pma_remote *r)
         .h = p->h,
         .entries = 1,
         .doubling = pma_doubling_of(p->doubled, p->continues),
-        .shoots = p->shoots,
+        .has_internal = p->has_internal,
         .elsewhere = true,
         .iterated = {.table = p->iterates ? &ITERATED : NULL, .count = p->count, .rows = p->rows}};
 }

@@ -15,8 +15,8 @@ typedef struct {
     size_t substeps;
     double h;
     bool doubled, continues;
-    bool shoots;   /* has internal forces */
-    bool iterates; /* ... its steps, with the interface; then its constraints, ascending */
+    bool has_internal; /* forces */
+    bool iterates;     /* ... its steps, with the interface; then its constraints, ascending */
     size_t count;
     const int64_t *rows;
 } pma_remote_parts;

@@ -31,11 +31,11 @@ static pma_status check_sizes(const pma_parts *p)
         return PMA_BAD_SIZE;
     if (p->K.n != p->n || p->C.n != p->n || p->link.nb != p->nb)
         return PMA_BAD_SIZE;
-    if ((p->defers && !(p->mean && p->substeps == 1)) || (p->continues && !p->doubled))
+    if ((p->deferred && !(p->mean && p->substeps == 1)) || (p->continues && !p->doubled))
         return PMA_BAD_SIZE;
     if (p->restoring.function && p->restoring.n != p->n)
         return PMA_BAD_SIZE;
-    if ((p->shoots && p->M.n != p->n) || (p->iterate && !p->shoots))
+    if ((p->has_internal && p->M.n != p->n) || (p->iterate && !p->has_internal))
         return PMA_BAD_SIZE;
     return has_size(&p->D_r, p->n) && has_size(&p->K_r, p->n) ? PMA_OK : PMA_BAD_SIZE;
 }
@@ -45,7 +45,7 @@ static pma_status check_internal(const pma_parts *parts)
     const pma_iterate_parts *iterate = parts->iterate;
     if (parts->internal.count > 0 && parts->internal.n != parts->n)
         return PMA_BAD_SIZE;
-    if (parts->shoots)
+    if (parts->has_internal)
         PMA_TRY(pma_matrix_check(&parts->M));
     return pma_internal_check(&parts->internal,
                               iterate ? (size_t)iterate->tangent.ptr[parts->n] : SIZE_MAX);
@@ -55,7 +55,7 @@ static pma_status check_mass(const pma_parts *parts)
 {
     if (!parts->mean)
         return PMA_OK;
-    if (parts->mass.n != parts->n || !(parts->has_responses || parts->shoots))
+    if (parts->mass.n != parts->n || !(parts->has_responses || parts->has_internal))
         return PMA_BAD_SIZE;
     return pma_factor_check(&parts->mass);
 }
@@ -72,7 +72,7 @@ static pma_status check_parts(const pma_parts *parts)
     PMA_TRY(pma_matrix_check(&parts->K_r));
     PMA_TRY(pma_link_check(&parts->link));
     PMA_TRY(check_mass(parts));
-    PMA_TRY(pma_struck_check(&parts->struck, parts->n, parts->nb));
+    PMA_TRY(pma_impulse_check(&parts->impulse, parts->n, parts->nb));
     PMA_TRY(check_operator(parts, &parts->single));
     if (!parts->doubled)
         return PMA_OK;
@@ -96,7 +96,7 @@ static pma_status lay_out(pma_subdomain *s)
     const size_t n = p->n, nb = p->nb, history = p->internal.history;
     const size_t scratch = pma_parts_scratch(p);
     const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
-                                PMA_ARRAY(pma_subdomain, product, p->shoots ? n : 0),
+                                PMA_ARRAY(pma_subdomain, product, p->has_internal ? n : 0),
                                 PMA_ARRAY(pma_subdomain, closing, nb),
                                 PMA_ARRAY(pma_subdomain, link, nb),
                                 PMA_ARRAY(pma_subdomain, work, scratch),
@@ -144,7 +144,7 @@ static pma_status create_features(pma_subdomain *s)
         PMA_TRY(create_internal(p, &s->internal));
     if (p->mean)
         PMA_TRY(create_mean(p, &s->mean));
-    if (p->struck.inverse)
+    if (p->impulse.inverse)
         PMA_TRY(pma_impulse_create(p, &s->impulse));
     return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
 }

@@ -13,6 +13,7 @@
 #include "algebra/matrix.h"
 #include "member/balance.h"
 #include "member/energy.h"
+#include "member/impulse.h"
 #include "member/internal.h"
 #include "member/iterate.h"
 #include "member/levels.h"
@@ -24,7 +25,6 @@
 #include "member/scheme.h"
 #include "member/springs.h"
 #include "member/state.h"
-#include "member/struck.h"
 #include "status.h"
 
 /* What one step length needs: constants and the factor of Mbar. */
@@ -45,9 +45,9 @@ typedef struct {
     bool has_responses; /* has a link response (M3): substeps under macro coupling */
     bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
     pma_factor mass; /* of M, under mean coupling */
-    bool defers;     /* ... with single steps, closed once the multipliers are known (K7) */
-    bool shoots;     /* has internal forces, iterated or not: M */
-    pma_matrix M;    /* of a subdomain that shoots */
+    bool deferred;   /* ... with single steps, closed once the multipliers are known (K7) */
+    bool has_internal; /* forces, iterated or not: M */
+    pma_matrix M;      /* of a subdomain with internal forces */
     pma_matrix K, C;
     pma_restoring restoring;
     pma_springs springs; /* beside the restoring force, or iterated */
@@ -60,7 +60,8 @@ typedef struct {
     pma_operator twice; /* of the double step, 2 h or, over a change of the step, the time from the
                             level before to the next one; read only if doubled */
     pma_link link;
-    pma_struck struck; /* contacts: masses of the interface dofs that they reach; else zeroed */
+    pma_impulse_parts
+        impulse; /* contacts: masses of the interface dofs that they reach; else zeroed */
 } pma_parts;
 
 /* Checks the parts and allocates all that stepping needs, zeroed. PMA_BAD_STEP when the operator of

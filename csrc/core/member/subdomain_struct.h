@@ -1,6 +1,6 @@
 /* subdomain_struct.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, struck.c
+ * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, impulse.c
  * one with impulses, division.c one by several workers, response.c what macro coupling adds, rig.c
  * what is around the restoring forces of a specimen. */
 #ifndef PMA_SUBDOMAIN_STRUCT_H
@@ -70,7 +70,7 @@ struct pma_subdomain {
     bool evaluates;           /* it has springs, or a force that depends on that velocity (R3) */
     double *vs;               /* n: extrapolated velocity, if there is one */
     double *remembered;       /* by the restoring function, at the next start */
-    double *product;          /* n: scratch, if it shoots */
+    double *product;          /* n: scratch, if it has internal forces */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */
@@ -182,9 +182,9 @@ pma_status pma_division_close(pma_subdomain *s, const pma_substep *step, const d
 
 pma_member_table pma_subdomain_table(const pma_subdomain *s);
 
-/* ---- impulses: struck.c --------------------------------------------------------------------- */
+/* ---- impulses: impulse.c --------------------------------------------------------------------- */
 
-extern const pma_struck_table pma_struck_operations;
+extern const pma_impulse_table pma_impulse_operations;
 
 pma_status pma_impulse_create(const pma_parts *parts, pma_impulse **out);
 

@@ -211,7 +211,7 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     PMA_TRY(pma_substep_load(s, step));
     PMA_TRY(solve_free(s, step, op, to, vf));
     find_free_velocity(s, step, op, to, vf);
-    if (s->parts.defers)
+    if (s->parts.deferred)
         s->mean->open = op;
     return PMA_OK;
 }

@@ -103,10 +103,10 @@ static pma_status take_iteration(const pma_field *f, pma_coupler_taken *out)
     const pma_field tolerance = pma_field_at(f, "tolerance"), reuse = pma_field_at(f, "reuse");
     const pma_field iterations = pma_field_at(f, "iterations");
     const pma_schedule *schedule = out->parts.schedule;
-    const bool shoots =
+    const bool shooting =
         schedule == &pma_shooting_schedule || schedule == &pma_mean_shooting_schedule;
     pma_iteration_parts *it = &out->iteration;
-    if (pma_field_is_none(f) == (shoots || schedule == &pma_iterated_schedule))
+    if (pma_field_is_none(f) == (shooting || schedule == &pma_iterated_schedule))
         return pma_field_refuse(f, "must be given to a schedule that iterates, and no other");
     if (pma_field_is_none(f))
         return PMA_OK;
@@ -117,7 +117,7 @@ static pma_status take_iteration(const pma_field *f, pma_coupler_taken *out)
     if (!(it->newton.tolerance > 0.0))
         return pma_field_refuse(&tolerance, "must be positive");
     out->parts.iteration = it;
-    return shoots ? take_responses(f, out->parts.p, it) : take_constant_part(f, out->parts.p, it);
+    return shooting ? take_responses(f, out->parts.p, it) : take_constant_part(f, out->parts.p, it);
 }
 
 /* ---- contacts ------------------------------------------------------------------------------- */

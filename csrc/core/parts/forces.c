@@ -151,12 +151,12 @@ pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out)
 
 /* ---- impulses ------------------------------------------------------------------------------- */
 
-pma_status pma_parts_struck(const pma_field *f, size_t nb, pma_struck *out)
+pma_status pma_parts_impulse(const pma_field *f, size_t nb, pma_impulse_parts *out)
 {
     const pma_field inverse = pma_field_at(f, "inverse"), B = pma_field_at(f, "B");
     const pma_field alpha = pma_field_at(f, "alpha"), beta = pma_field_at(f, "beta");
     pma_link columns;
-    *out = (pma_struck){.inverse = NULL};
+    *out = (pma_impulse_parts){.inverse = NULL};
     if (pma_field_is_none(f))
         return PMA_OK;
     PMA_TRY(pma_field_dict(f));

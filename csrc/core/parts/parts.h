@@ -16,13 +16,13 @@
 #include "coupling/coupler.h"
 #include "coupling/iteration.h"
 #include "fields/field.h"
+#include "member/impulse.h"
 #include "member/internal.h"
 #include "member/iterate.h"
 #include "member/response.h"
 #include "member/restoring.h"
 #include "member/specimen.h"
 #include "member/springs.h"
-#include "member/struck.h"
 #include "member/subdomain.h"
 
 /* ---- matrices (matrices.c) ------------------------------------------------------------------ */
@@ -71,7 +71,7 @@ pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, 
 pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out);
 
 /* None, or {inverse, alpha, beta, B}: what impulses meet */
-pma_status pma_parts_struck(const pma_field *f, size_t nb, pma_struck *out);
+pma_status pma_parts_impulse(const pma_field *f, size_t nb, pma_impulse_parts *out);
 
 /* {order}: the user's dof at each position */
 pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out);
@@ -102,8 +102,8 @@ typedef struct {
     pma_load load;
 } pma_subdomain_taken;
 
-/* {n, nb, substeps, single, twice, link, K, C, M, K_r, D_r, lagged, has_responses, defers,
- * continues, mass, restoring, springs, internal, iterate, struck, limits, watch, responses, load};
+/* {n, nb, substeps, single, twice, link, K, C, M, K_r, D_r, lagged, has_responses, deferred,
+ * continues, mass, restoring, springs, internal, iterate, impulse, limits, watch, responses, load};
  * single and twice are {step, inverse, R}, limits {displacement, velocity, acceleration, force,
  * energy}, (n,) each or None, and watch {M, K_r}: energy that evaluated forces add. */
 pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out);

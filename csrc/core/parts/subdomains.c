@@ -48,10 +48,11 @@ static pma_status take_sizes(const pma_field *f, pma_parts *parts)
 static pma_status take_flags(const pma_field *f, pma_parts *parts)
 {
     const pma_field lagged = pma_field_at(f, "lagged"), responds = pma_field_at(f, "has_responses");
-    const pma_field defers = pma_field_at(f, "defers"), continues = pma_field_at(f, "continues");
+    const pma_field deferred = pma_field_at(f, "deferred"),
+                    continues = pma_field_at(f, "continues");
     PMA_TRY(pma_field_flag(&lagged, &parts->lagged));
     PMA_TRY(pma_field_flag(&responds, &parts->has_responses));
-    PMA_TRY(pma_field_flag(&defers, &parts->defers));
+    PMA_TRY(pma_field_flag(&deferred, &parts->deferred));
     return pma_field_flag(&continues, &parts->continues);
 }
 
@@ -178,21 +179,21 @@ pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out)
     const pma_field twice = pma_field_at(f, "twice"), link = pma_field_at(f, "link");
     const pma_field restoring = pma_field_at(f, "restoring"), springs = pma_field_at(f, "springs");
     const pma_field internal = pma_field_at(f, "internal"), iterate = pma_field_at(f, "iterate");
-    const pma_field mass = pma_field_at(f, "mass"), struck = pma_field_at(f, "struck");
+    const pma_field mass = pma_field_at(f, "mass"), impulse = pma_field_at(f, "impulse");
     pma_parts *parts = &out->parts;
     *out = (pma_subdomain_taken){.threads = 1};
     PMA_TRY(pma_field_dict(f));
     PMA_TRY(take_sizes(f, parts));
     PMA_TRY(take_flags(f, parts));
     parts->doubled = !pma_field_is_none(&twice);
-    parts->shoots = pma_field_has(f, "M");
+    parts->has_internal = pma_field_has(f, "M");
     parts->mean = !pma_field_is_none(&mass);
     PMA_TRY(take_matrices(f, parts));
     PMA_TRY(pma_parts_link(&link, parts->nb, &parts->link));
     PMA_TRY(pma_parts_restoring(&restoring, parts->n, &parts->restoring));
     PMA_TRY(pma_parts_springs(&springs, &parts->springs));
     PMA_TRY(pma_parts_internal(&internal, parts->n, &parts->internal));
-    PMA_TRY(pma_parts_struck(&struck, parts->nb, &parts->struck));
+    PMA_TRY(pma_parts_impulse(&impulse, parts->nb, &parts->impulse));
     if (!pma_field_is_none(&iterate)) {
         PMA_TRY(take_iterate(&iterate, out));
         parts->iterate = &out->iterate;

@@ -1,7 +1,7 @@
-/* struck.h - what impulses on the interface of a subdomain meet: its masses, and its forces.
+/* impulse.h - what impulses on the interface of a subdomain meet: its masses, and its forces.
  * (U4) */
-#ifndef PMA_STRUCK_H
-#define PMA_STRUCK_H
+#ifndef PMA_IMPULSE_H
+#define PMA_IMPULSE_H
 
 #include <stddef.h>
 #include <stdint.h>
@@ -17,9 +17,9 @@ typedef struct {
     const int64_t *ptr;   /* nb+1 starts of the columns of B; NULL: by alpha and beta */
     const int32_t *index; /* row of each entry */
     const double *values;
-} pma_struck;
+} pma_impulse_parts;
 
 /* PMA_BAD_INDEX unless every row lies in 0..n-1, PMA_BAD_SIZE for masses that are not finite. */
-pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb);
+pma_status pma_impulse_check(const pma_impulse_parts *parts, size_t n, size_t nb);
 
 #endif

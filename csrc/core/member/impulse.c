@@ -1,8 +1,8 @@
-/* struck.c - a substep with impulses on the interface at its end.
+/* impulse.c - a substep with impulses on the interface at its end.
  *
  * To be read with (U3) and (U4) of docs/method/contact.md. The impulses go into predictors and
  * right-hand side of the open substep, which is then closed like any other. */
-#include "member/struck.h"
+#include "member/impulse.h"
 
 #include <math.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #include "member/subdomain_struct.h"
 #include "object.h"
 
-pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb)
+pma_status pma_impulse_check(const pma_impulse_parts *parts, size_t n, size_t nb)
 {
     if (!parts->inverse)
         return PMA_OK;
@@ -29,7 +29,7 @@ pma_status pma_struck_check(const pma_struck *parts, size_t n, size_t nb)
 
 pma_status pma_impulse_create(const pma_parts *parts, pma_impulse **out)
 {
-    const bool sweeps = parts->struck.ptr && parts->single.factor.form != PMA_DIAGONAL;
+    const bool sweeps = parts->impulse.ptr && parts->single.factor.form != PMA_DIAGONAL;
     const pma_array arrays[] = {PMA_ARRAY(pma_impulse, J, parts->nb),
                                 PMA_ARRAY(pma_impulse, force, parts->nb),
                                 PMA_ARRAY(pma_impulse, sweep, sweeps ? parts->n : 0),
@@ -42,11 +42,11 @@ pma_status pma_impulse_create(const pma_parts *parts, pma_impulse **out)
 static void find_jump(const pma_subdomain *s, const double *f, double *J)
 {
     for (size_t i = 0; i < s->parts.nb; i++)
-        J[i] = s->parts.struck.inverse[i] * f[i];
+        J[i] = s->parts.impulse.inverse[i] * f[i];
 }
 
 /* z -= B J, in the rows from `first` on */
-static void resist(const pma_struck *p, size_t nb, const double *J, size_t first, double *z)
+static void resist(const pma_impulse_parts *p, size_t nb, const double *J, size_t first, double *z)
 {
     for (size_t i = 0; i < nb; i++) {
         for (int64_t k = p->ptr[i]; k < p->ptr[i + 1] && J[i] != 0.0; k++) {
@@ -66,7 +66,7 @@ static bool is_diagonal(const pma_operator *op)
 static void find_link(pma_subdomain *s, const pma_operator *op, const double *f, const double *J,
                       double *w_b)
 {
-    const pma_struck *p = &s->parts.struck;
+    const pma_impulse_parts *p = &s->parts.impulse;
     const size_t nb = s->parts.nb;
     if (!p->ptr) {
         for (size_t i = 0; i < nb; i++)
@@ -88,7 +88,7 @@ static void recoil(void *self, const double *f, double *v)
 {
     pma_subdomain *s = self;
     const pma_operator *op = &s->parts.single;
-    const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
+    const double alpha = s->parts.impulse.ptr ? 0.0 : s->parts.impulse.alpha;
     double *J = s->impulse->J;
     find_jump(s, f, J);
     find_link(s, op, f, J, v);
@@ -101,7 +101,7 @@ static void recoil(void *self, const double *f, double *v)
 static void strike(void *self, const pma_substep *step, const double *f)
 {
     pma_subdomain *s = self;
-    const pma_struck *p = &s->parts.struck;
+    const pma_impulse_parts *p = &s->parts.impulse;
     const pma_operator *op = &s->parts.single;
     const pma_step *c = &op->step;
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
@@ -130,7 +130,7 @@ static pma_status close(void *self, const pma_substep *step, const double *lam)
 {
     pma_subdomain *s = self;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    const double alpha = s->parts.struck.ptr ? 0.0 : s->parts.struck.alpha;
+    const double alpha = s->parts.impulse.ptr ? 0.0 : s->parts.impulse.alpha;
     const double *J = s->impulse->J, *force = s->impulse->force;
     double *w = pma_interface_of(s, x->w);
     pma_substep_load_interface(s, lam);
@@ -169,5 +169,5 @@ static void add_work(void *self, size_t j, double work)
         pma_energy_add_work(s->energy, j, work);
 }
 
-const pma_struck_table pma_struck_operations = {
+const pma_impulse_table pma_impulse_operations = {
     .strike = strike, .close = close, .approach = approach, .recoil = recoil, .add_work = add_work};
