@@ -1,8 +1,8 @@
 """Damaged frozen models, which the C library opens or refuses, under the sanitizers.
 
 Bytes, words, parts of the tree and ends are changed by frozen_fuzz.c; it prints how many copies it
-could open, and how many of these stepped. A report of a sanitizer, a crash or a copy that takes more
-than 120 s ends it with the seed.
+could open, and how many of these stepped. A report of a sanitizer, a crash or a copy that takes
+more than 120 s ends it with the seed.
 """
 
 import subprocess
