@@ -31,7 +31,7 @@ JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 # BLAS alone: its threads would wait for each other by spinning while another test has the processor
 PYTEST    = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal
 
-.PHONY: demo test older-kernel others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
+.PHONY: install-c demo test older-kernel others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
 	notebooks docs wheels release-files free-threaded benchmarks clean
 
 demo: $(VENV)/.plot,fast
@@ -259,7 +259,7 @@ define BUILD
 build/$(1)/%.o: %.c $(HEADERS) $(filter %.h,$(TESTS))
 	@mkdir -p $$(@D)
 	$$(CC) -std=c11 $$(FLAGS_$(1)) $$(if $$(filter csrc/tests/%,$$<),$$(OF_TESTS)) \
-		-ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra -Icsrc/core -c $$< -o $$@
+		-ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra -Icsrc/core -Icsrc -c $$< -o $$@
 
 build/test_core_$(1): $(call OBJECTS,$(1),$(TESTS) $(CORE))
 	$$(CC) $$(FLAGS_$(1)) -pthread $$^ -lm -o $$@
@@ -292,6 +292,43 @@ build/sanitized/_core.abi3.so build/races/_core.abi3.so build/covered/_core.abi3
 		-Icsrc/core $$($(VENV)/bin/python -c "import numpy, sysconfig; \
 			print('-I', numpy.get_include(), '-I', sysconfig.get_path('include'))") \
 		$(filter %.c %.o,$^) -lm -o $@
+
+# The C library by a compiler and make alone: make install-c PREFIX=/usr/local. THREADS=none leaves
+# threads out, for systems that have none; CFLAGS come last.
+PREFIX      ?= /usr/local
+OF_THREADS  := csrc/core/workers/thread.c
+C_LIBRARY   := $(filter-out $(OF_THREADS),$(CORE)) $(wildcard csrc/library/*.c) \
+	$(if $(filter none,$(THREADS)),csrc/library/none/thread.c,$(OF_THREADS))
+C_BUILD     := build/c$(if $(filter none,$(THREADS)),-none)
+C_OBJECTS   := $(C_LIBRARY:%.c=$(C_BUILD)/%.o)
+PTHREAD     := $(if $(filter none,$(THREADS)),,-pthread)
+C_VERSION    = $(shell sed -n 's/^version = "\([^"]*\)".*/\1/p' pyproject.toml)
+
+$(C_BUILD)/%.o: %.c $(HEADERS) $(wildcard csrc/library/*.h)
+	@mkdir -p $(@D)
+	$(CC) -std=c11 -O2 -DNDEBUG -fPIC -fvisibility=hidden -fno-trapping-math -fopenmp-simd $(PTHREAD) \
+		-Wall -Wextra -Icsrc/core -Icsrc $(CFLAGS) -ffp-contract=off -c $< -o $@
+
+$(C_BUILD)/libpmalpha.a: $(C_OBJECTS)
+	rm -f $@
+	$(AR) rcs $@ $^
+
+$(C_BUILD)/libpmalpha.so: $(C_OBJECTS)
+	$(CC) -shared $(PTHREAD) $(LDFLAGS) $^ -lm -o $@
+
+# what opens damaged models under the sanitizers: tests/campaign_frozen.py
+build/frozen_fuzz: tests/frozen_fuzz.c $(call OBJECTS,asan,$(CORE) $(wildcard csrc/library/*.c))
+	$(CC) $(filter-out $(WRAPPED),$(FLAGS_asan)) -std=gnu11 -Wall -Wextra -Icsrc/core -Icsrc -pthread $^ -lm -o $@
+
+install-c: $(C_BUILD)/libpmalpha.a $(C_BUILD)/libpmalpha.so
+	mkdir -p $(PREFIX)/include $(PREFIX)/lib/pkgconfig $(PREFIX)/lib/cmake/pmalpha
+	cp csrc/library/pmalpha.h $(PREFIX)/include
+	cp $^ $(PREFIX)/lib
+	sed 's|@PREFIX@|$(abspath $(PREFIX))|; s|@VERSION@|$(C_VERSION)|; s|@PTHREAD@|$(PTHREAD)|' \
+		csrc/library/pmalpha.pc.in >$(PREFIX)/lib/pkgconfig/pmalpha.pc
+	cp csrc/library/pmalpha-config.cmake $(PREFIX)/lib/cmake/pmalpha
+	sed 's|@VERSION@|$(C_VERSION)|' csrc/library/pmalpha-config-version.cmake.in \
+		>$(PREFIX)/lib/cmake/pmalpha/pmalpha-config-version.cmake
 
 build/example: csrc/example.c $(CORE) $(HEADERS)
 	mkdir -p build

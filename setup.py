@@ -3,6 +3,7 @@
 import os
 import sys
 import sysconfig
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from glob import glob
 from importlib.util import module_from_spec, spec_from_file_location
@@ -27,7 +28,16 @@ OPTIONS = {
 }
 
 
+SHARED = {"win32": "pmalpha.dll", "darwin": "libpmalpha.dylib"}.get(sys.platform, "libpmalpha.so")
 WITHOUT_A_COMPILER = "a C compiler is needed; without one, see docs/install.md#without-a-compiler"
+
+
+# The C library, of the objects of the extension: header, archive, shared library, licence.
+LIBRARY = sorted(glob("csrc/library/*.c"))
+FMU = ["csrc/fmu/fmu.c", "csrc/fmu/resource.c"]
+OF_FMU = {"fmu2": "csrc/fmu/fmu2.c", "fmu3": "csrc/fmu/fmu3.c"}
+IN_PACKAGE = Path("pmalpha", "c")
+WITH_LIBRARY = ["csrc/library/pmalpha.h", "LICENSE"]
 
 
 class Build(build_ext):
@@ -38,19 +48,57 @@ class Build(build_ext):
 
     def build_extension(self, ext):
         compiler = self.compiler.compile
+        core = []
 
         def together(sources, **options):
             with ThreadPoolExecutor(os.cpu_count()) as pool:
-                return sum(pool.map(lambda source: compiler([source], **options), sources), [])
+                objects = list(pool.map(lambda source: compiler([source], **options), sources))
+            of_core = [x.startswith(("csrc/core", "csrc\\core")) for x in sources]
+            core.extend(x[0] for x, is_one in zip(objects, of_core) if is_one)
+            if not core_options:
+                core_options.update(options)
+            return sum(objects, [])
 
+        core_options = {}
         self.compiler.compile = together
         super().build_extension(ext)
+        library = core + together(LIBRARY, **core_options)
+        fmu = together([*FMU, *OF_FMU.values()], **core_options)
+        self.build_library(library, fmu)
+
+    def build_library(self, objects, fmu):
+        """`pmalpha.c_library()` beside the extension, and what FMUs are made of."""
+        folder = Path(self.build_lib, IN_PACKAGE)
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in WITH_LIBRARY:
+            self.copy_file(path, str(folder))
+        self.compiler.create_static_lib(objects, "pmalpha", output_dir=str(folder))
+        small = ["-Wl,--strip-debug"] if sys.platform == "linux" else []
+        link = {"libraries": ["m"], "extra_postargs": ["-pthread", *small]}
+        self.compiler.link_shared_object(objects, str(folder / SHARED), **link)
+        for name, version in zip(OF_FMU, fmu[len(FMU) :]):
+            path = folder / Path(name).with_suffix(Path(SHARED).suffix)
+            self.compiler.link_shared_object(
+                [*objects, *fmu[: len(FMU)], version], str(path), **link
+            )
+        with zipfile.ZipFile(folder / "sources.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in sorted(Path("csrc").glob("**/*.[ch]")):
+                top, *rest = path.relative_to("csrc").parts
+                if top in ("core", "library", "fmu") and "none" not in rest:
+                    name = "/".join(rest if top == "core" else [top, *rest])
+                    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the same in each build
+                    info.compress_type = zipfile.ZIP_DEFLATED
+                    archive.writestr(info, path.read_bytes())
 
     def run(self):
         try:
             super().run()
         except CCompilerError as error:
             raise CCompilerError(f"{error}\n{WITHOUT_A_COMPILER}") from None
+        if self.inplace:
+            for path in sorted(Path(self.build_lib, IN_PACKAGE).iterdir()):
+                IN_PACKAGE.mkdir(exist_ok=True)
+                self.copy_file(str(path), str(IN_PACKAGE))
         if self.inplace and STABLE:
             for path in Path("pmalpha").glob("_core.cpython-*"):
                 path.unlink()
@@ -66,7 +114,7 @@ setup(
             "pmalpha._core",
             sources=sorted(glob("csrc/core/**/*.c", recursive=True) + glob("csrc/binding/*.c")),
             depends=sorted(glob("csrc/core/**/*.h", recursive=True) + glob("csrc/binding/*.h")),
-            include_dirs=["csrc/core", numpy.get_include()],
+            include_dirs=["csrc/core", "csrc", numpy.get_include()],
             define_macros=[
                 ("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION"),
                 ("NPY_TARGET_VERSION", "NPY_1_23_API_VERSION"),

@@ -53,6 +53,7 @@ if _TYPE_CHECKING:
     from .cutting.element_factors import element_parameters
     from .cutting.elements import Elements
     from .cutting.result import Cut
+    from .frozen.library import c_library
     from .gradients.misfit import Misfit
     from .gradients.parameters import Parameters
     from .run.study import Study
@@ -102,6 +103,7 @@ __all__ = [
     "SubdomainHistory",
     "SupportMotion",
     "analysis",
+    "c_library",
     "contact",
     "contact_coincident",
     "cut",
@@ -121,6 +123,7 @@ __all__ = [
 
 # The modules of what is loaded when it is first used, for a third of the time of the import.
 _LATER = {
+    "c_library": "frozen.library",
     "cut": "cutting.cut",
     "element_parameters": "cutting.element_factors",
     "Elements": "cutting.elements",

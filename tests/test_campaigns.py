@@ -6,6 +6,7 @@ import sysconfig
 
 import campaign_disk
 import campaign_files
+import campaign_frozen
 import campaign_input
 import campaign_memory
 import campaign_modes
@@ -43,6 +44,14 @@ def test_files_that_others_write_replace_or_cut_off_mix_and_lose_nothing():
     assert campaign_disk.faults(counts) == {}
     assert counts["replaced_while_loaded: loaded"] == 200
     assert counts["interrupted_save: KeyboardInterrupt"] > 10
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="compiled with the sanitizers of gcc")
+def test_damaged_frozen_models_are_opened_or_refused_without_a_fault():
+    counts = campaign_frozen.campaign(range(1), copies=100)
+    assert counts["models"] == 18 and counts["copies"] == 1800
+    # a change of a number of the data is no damage; a quarter has a check sum that is wrong
+    assert 100 < counts["stepped"] <= counts["opened"] < 900
 
 
 def test_strangers_on_a_connection_end_it_in_time():

@@ -29,6 +29,7 @@ LAYERS = (
     ("setup",),
     ("results",),
     ("gradients",),
+    ("frozen",),
     ("run",),
     ("readers",),
     ("structures",),

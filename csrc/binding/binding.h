@@ -133,6 +133,7 @@ extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_matrix_functions[];
 extern PyMethodDef pma_spring_functions[];
 extern PyMethodDef pma_specimen_functions[];
+extern PyMethodDef pma_frozen_functions[];
 PyObject *pma_spring_laws(void);
 extern PyMethodDef pma_estimate_functions[];
 extern PyMethodDef pma_case_functions[];

@@ -28,6 +28,7 @@ static int module_exec(PyObject *module)
     if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_matrix_functions) < 0 ||
         PyModule_AddFunctions(module, pma_spring_functions) < 0 ||
         PyModule_AddFunctions(module, pma_specimen_functions) < 0 ||
+        PyModule_AddFunctions(module, pma_frozen_functions) < 0 ||
         PyModule_AddFunctions(module, pma_estimate_functions) < 0 ||
         PyModule_AddFunctions(module, pma_case_functions) < 0 ||
         PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0 ||

@@ -114,6 +114,7 @@ class CheckedRestoring:
         feedback: Feedback | None = None,
     ):
         self.functions, self.n, self.feedback = functions, n, feedback
+        self.last = np.zeros(n)  # what they returned last
         # a function may change its arguments, the core's copies
         self.copies = len(functions) + (feedback is not None) > 1
 
@@ -125,6 +126,7 @@ class CheckedRestoring:
             for function, what in self.functions
         ]
         r = sum(values[1:], values[0]) if values else np.zeros(self.n)
+        self.last = r
         if self.feedback is None:
             return r
         f = self.feedback(*self._motion(u, v), t)

@@ -24,6 +24,7 @@ from ..setup.ranks import Ranks
 from ..setup.schedule import Options
 from . import advance, recorded_run, session, whole_structure
 from . import cases as load_cases
+from . import freeze as frozen
 from . import snapshot as snapshots
 from . import state as present
 from . import tolerance as tolerance_run
@@ -981,6 +982,106 @@ class Coupler:
             transfer a state between those. The coupler is then unchanged.
         """
         snapshots.restore(self._session, snapshot)
+
+    def freeze(
+        self,
+        path: str | PathLike[str],
+        inputs: Mapping[str, tuple[Any, ...]] | None = None,
+        outputs: Mapping[str, tuple[Any, ...]] | None = None,
+    ) -> None:
+        """Write this coupler, from its present on, as a model for the C library `pmalpha.h`.
+
+        The library steps it without Python, bitwise as `run` does, in one thread. The file has
+        matrices, factors, loads, springs and the present; docs/embedded.md shows the loop. Written
+        atomically; the same coupler frozen twice gives equal files.
+
+        Parameters
+        ----------
+        path : str or path
+            Used as given; no suffix is added.
+        inputs : dict, optional
+            What the loop sets, by name, in place of Python functions: ``("specimen", subdomain,
+            dof)``, the force of a specimen at its last command, in place of a restoring function;
+            ``("force", subdomain, dof)``, an external force, in place of a function or beside
+            samples; ``("velocity", k)``, the velocity of constraint k. Names are identifiers, with
+            dots between them. A function that is replaced may act on no other dof.
+        outputs : dict, optional
+            What the loop reads, by name, as a run records it: ``("u", subdomain, dof)``, "v" or
+            "a"; ``("multiplier", row)``; ``("deformation", subdomain, spring)`` or
+            "spring force".
+
+        Raises
+        ------
+        ValueError
+            For functions that no input replaces, with the subdomain; loads of t, u and v; internal
+            forces that are functions; moving obstacles; a specimen of several substeps under
+            "macro" or "mean"; adaptive compensators; a coupler with `comm`; the macro step across a
+            change of steps; names that are no identifiers or not unique; what does not exist. No
+            file is written then.
+        OSError
+            For a file that cannot be written.
+
+        See Also
+        --------
+        save : The present alone, to go on in Python.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="pm")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "oscillator.pma")
+        ...     coupler.freeze(path, {"push": ("force", "A", 0)}, {"u": ("u", "B", 0)})
+        ...     path.read_bytes()[:7]
+        b'pmalpha'
+        """
+        frozen.freeze(self._session, path, inputs, outputs)
+
+    def export_fmu(
+        self,
+        path: str | PathLike[str],
+        inputs: Mapping[str, tuple[Any, ...]] | None = None,
+        outputs: Mapping[str, tuple[Any, ...]] | None = None,
+        *,
+        fmi: str = "2.0",
+        license: str | None = None,
+    ) -> None:
+        """Write this coupler, from its present on, as an FMU for co-simulation.
+
+        It contains the model of `freeze`, the binary of this system, and all sources, which compile
+        with C11 and no other header; no compiler is needed here, and no Python there. Each
+        specimen has, beside its input, the next command as outputs ``name.u``, ``.v`` and ``.a``.
+        Communication steps are whole numbers of fine steps; states can be saved and restored. A
+        force that hardware returns between two steps answers the command before, one sample late:
+        docs/embedded.md.
+
+        Parameters
+        ----------
+        path : str or path
+            Such as "tower.fmu"; its name makes the model identifier.
+        inputs, outputs : dict, optional
+            As for `freeze`.
+        fmi : {"2.0", "3.0"}, default "2.0"
+            The version of the standard.
+        license : str, optional
+            The licence of the model, a text, beside that of this package.
+
+        Raises
+        ------
+        TypeError, ValueError, OSError
+            As `freeze`.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib, zipfile
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="pm")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "oscillator.fmu")
+        ...     coupler.export_fmu(path, {"push": ("force", "A", 0)}, {"u": ("u", "B", 0)})
+        ...     "modelDescription.xml" in zipfile.ZipFile(path).namelist()
+        True
+        """
+        frozen.export_fmu(self._session, path, inputs, outputs, fmi, license)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the present state to a file; a run continues from it bitwise identically.

@@ -73,6 +73,7 @@ class Assembly:
         Member, ...
     ]  # the subdomains in elimination order, each with its object of the core
     core: _core.Coupler
+    parts: dict[str, Any]  # what that is made of, by the names of csrc/core/parts/parts.h
     first: int = 0  # the number of the first of these subdomains among those of all processes
 
 
@@ -205,9 +206,10 @@ class Assemblies:
         parts = {"p": p, "H_start": H_start, "H": H, "motions": self.motions}
         parts |= {"schedule": schedule, "iteration": iteration}
         parts |= {"options": self.options.of_core(layout.dt, *self.threads)}
+        parts |= self._of_the_schedule(members)
         core = _core.Coupler(
             tuple(member.core for member in members),
-            parts | self._of_the_schedule(members),
+            parts,
             processes(self.ranks, [member.parts for member in members]),
         )
         if self.contacts is not None:
@@ -221,7 +223,7 @@ class Assemblies:
         warn_of_light(new)
         pairs = enumerate(members, self.first_own)
         self._known.update({(i, *layout.of(i)): member for i, member in pairs})
-        return Assembly(members, core, self.first_own)
+        return Assembly(members, core, parts, self.first_own)
 
     def _warn_of_growth(
         self, layout: Layout, members: Sequence[Member], core: _core.Coupler

@@ -418,3 +418,53 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     pma_denormals_restore(before);
     return status;
 }
+
+/* ---- a loop outside ------------------------------------------------------------------------- */
+
+static pma_status take(pma_coupler *c)
+{
+    if (!c->parts.schedule->fine_step)
+        return advance(c, 1, NULL, NULL);
+    if (!c->started)
+        return PMA_NOT_READY;
+    if (c->k == 0)
+        begin(c, 1, NULL, NULL);
+    const pma_status status = pma_fine_take(c);
+    if (status != PMA_OK)
+        abandon(c);
+    else if (c->k == c->fine)
+        reach(c);
+    return status;
+}
+
+pma_status pma_coupler_take(pma_coupler *c)
+{
+    assert(!c->team && !c->exchange && !pma_look_ahead_is_used(c));
+    const pma_denormals before = pma_denormals_flush();
+    const pma_status status = take(c);
+    pma_denormals_restore(before);
+    return status;
+}
+
+void pma_coupler_discard(pma_coupler *c)
+{
+    abandon(c);
+}
+
+size_t pma_coupler_fine_done(const pma_coupler *c)
+{
+    return c->k;
+}
+
+double pma_coupler_time(const pma_coupler *c)
+{
+    return pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
+}
+
+bool pma_coupler_coming(const pma_coupler *c, size_t i, pma_substep *out)
+{
+    const pma_coupled *m = &c->coupled[i];
+    const pma_moment next = pma_clock_moment(c->k + 1, m->ratio);
+    *out = pma_substep_of(c, m, next.j);
+    return next.phase == 1;
+}

@@ -129,6 +129,26 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
 /* Writes the present into row 0 of every array of the record. */
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 
+/* ---- a loop outside, which takes one fine step after the other ------------------------------- */
+
+/* A fine step; under macro and mean coupling a macro step. Bitwise those of pma_coupler_advance, of
+ * a coupler with one thread, in this process alone. After a failure the present is that of the last
+ * macro step. Does not allocate. */
+pma_status pma_coupler_take(pma_coupler *c);
+
+/* What is open of the macro step at hand is given up. */
+void pma_coupler_discard(pma_coupler *c);
+
+/* The number of fine steps since the present, and the time after them. */
+size_t pma_coupler_fine_done(const pma_coupler *c);
+double pma_coupler_time(const pma_coupler *c);
+
+/* The substep of member i that the next of these steps is in; true if it begins with it. */
+bool pma_coupler_coming(const pma_coupler *c, size_t i, pma_substep *out);
+
+/* What closed with the last of these steps, into row 0 of the record, which may have no jumps. */
+void pma_coupler_record_taken(const pma_coupler *c, const pma_record *record);
+
 #define PMA_ALL_WORKERS SIZE_MAX
 
 /* Interface problems in a macro step: the largest number of substeps; one in macro coupling. */

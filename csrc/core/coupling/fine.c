@@ -176,21 +176,46 @@ __attribute__((noinline)) static pma_status take_paced(pma_coupler *c)
     return pma_pace_end(c->pace);
 }
 
+static inline void move(pma_coupler *c, bool is_first)
+{
+    if (is_first)
+        pma_coupler_move_to(c, c->k + 1);
+    else
+        pma_coupler_move_on(c);
+}
+
+static inline void finish(pma_coupler *c)
+{
+    if (c->present.number == 0 && c->parts.rebased)
+        rebase(c);
+}
+
 pma_status pma_fine_steps(pma_coupler *c)
 {
     for (size_t i = 0; i < c->fine; i++) {
-        if (i == 0)
-            pma_coupler_move_to(c, c->k + 1);
-        else
-            pma_coupler_move_on(c);
+        move(c, i == 0);
         if (pma_coupler_is_stopped(c))
             return PMA_STOPPED;
         PMA_TRY(c->pace ? take_paced(c) : c->parts.schedule->fine_step(c));
         if (c->record)
             pma_recorder_write(c);
     }
-    if (c->present.number == 0 && c->parts.rebased)
-        rebase(c);
+    finish(c);
+    return PMA_OK;
+}
+
+pma_status pma_fine_take(pma_coupler *c)
+{
+    const pma_schedule *schedule = c->parts.schedule;
+    if (c->k == 0 && schedule->begin)
+        schedule->begin(c);
+    move(c, c->k == 0);
+    PMA_TRY(schedule->fine_step(c));
+    if (c->k < c->fine)
+        return PMA_OK;
+    finish(c);
+    if (schedule->end)
+        schedule->end(c);
     return PMA_OK;
 }
 

@@ -126,7 +126,7 @@ void pma_iteration_start(pma_iteration *it)
     it->following = -1;
 }
 
-pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c))
+void pma_iteration_begin(pma_coupler *c)
 {
     pma_iteration *it = c->iteration;
     memcpy(it->working, it->present, it->size * sizeof(double));
@@ -135,9 +135,20 @@ pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c)
     for (size_t i = 0; i < c->parts.count; i++)
         it->members[i].known = it->members[i].known && follows;
     it->following = -1;
-    PMA_TRY(step(c));
+}
+
+void pma_iteration_end(pma_coupler *c)
+{
+    pma_iteration *it = c->iteration;
     it->following = c->present.number + 1;
     memcpy(it->present, it->working, it->size * sizeof(double));
+}
+
+pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c))
+{
+    pma_iteration_begin(c);
+    PMA_TRY(step(c));
+    pma_iteration_end(c);
     return PMA_OK;
 }
 

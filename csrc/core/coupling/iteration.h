@@ -94,7 +94,10 @@ void pma_iteration_start(pma_iteration *it);
 /* What the present keeps, by its name in files. */
 pma_state_array pma_iteration_array(pma_iteration *it);
 
-/* A macro step, from what the present keeps; what it leaves is kept if all went well. */
+/* A macro step, from what the present keeps; what it leaves is kept if all went well. And what is
+ * done before and after its fine steps. */
+void pma_iteration_begin(pma_coupler *c);
+void pma_iteration_end(pma_coupler *c);
 pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c));
 
 /* H as the blocks are now, factored. PMA_SINGULAR. */

@@ -30,7 +30,7 @@ typedef struct {
     int64_t every;             /* 0: every time level; else macro ones whose number it divides */
     pma_selection *selections; /* one for each subdomain */
     double *multipliers;       /* rows x p */
-    double *velocity_jump;     /* rows x p */
+    double *velocity_jump;     /* rows x p; of one row, NULL: neither of both */
     double *displacement_jump; /* rows x p, of macro time levels */
     double *contact_impulse;   /* rows x rows of contacts: summed since the row before; or NULL */
     double *contact_gap;       /* rows x contacts; or NULL */

@@ -57,6 +57,8 @@ static void macro_jumps(const pma_coupler *c, const pma_record *to, size_t macro
                         size_t row, size_t macro_row)
 {
     const size_t p = c->parts.p;
+    if (!to->velocity_jump)
+        return;
     double *velocity = to->velocity_jump + row * p;
     double *displacement = to->displacement_jump + macro_row * p;
     for (size_t k = 0; k < p; k++)
@@ -179,5 +181,27 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 {
     const pma_denormals before = pma_denormals_flush();
     record_present(c, record);
+    pma_denormals_restore(before);
+}
+
+/* Of a fine step inside a macro step. */
+static void record_inside(const pma_coupler *c, const pma_record *record)
+{
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_selection *selection = &record->selections[m - c->coupled];
+        if (pma_is_ending(m) && !pma_selection_is_empty(selection))
+            m->member.table->record(m->member.self, PMA_MOTION, m->now.j + 1, NULL, selection, 0);
+    }
+    memcpy(record->multipliers, c->working.lam, c->parts.p * sizeof(double));
+}
+
+void pma_coupler_record_taken(const pma_coupler *c, const pma_record *record)
+{
+    if (c->k == 0) {
+        pma_coupler_record_present(c, record);
+        return;
+    }
+    const pma_denormals before = pma_denormals_flush();
+    record_inside(c, record);
     pma_denormals_restore(before);
 }

@@ -125,6 +125,9 @@ struct pma_schedule {
     pma_status (*step)(pma_coupler *c);
     /* ... of fine steps (pma_fine_steps): one of them, before it is recorded */
     pma_status (*fine_step)(pma_coupler *c);
+    /* ... what is done before the first and after the last of them; NULL if nothing */
+    void (*begin)(pma_coupler *c);
+    void (*end)(pma_coupler *c);
     /* What it needs more, to iterate say; NULL if nothing. */
     pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
     /* Records the accelerations that no state has, of the present; NULL if there are none. */
@@ -387,6 +390,9 @@ pma_duty pma_fine_duty(const pma_member *member);
 
 /* A macro step of fine steps, as the schedule has them. */
 pma_status pma_fine_steps(pma_coupler *c);
+
+/* The next fine step of a macro step alone, of a coupler without a team. */
+pma_status pma_fine_take(pma_coupler *c);
 
 /* ---- recorder.c ----------------------------------------------------------------------------- */
 

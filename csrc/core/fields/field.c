@@ -247,7 +247,7 @@ pma_status pma_field_output(const pma_field *f, uint32_t axes, int64_t *extent, 
 pma_status pma_field_find(const pma_field *f, pma_role role, void *out)
 {
     pma_fields *t = f->fields;
-    if (f->node->kind != PMA_FOREIGN)
+    if (f->node->kind != (t->named ? PMA_WORD : PMA_FOREIGN))
         return refuse_type(f, "a function");
     return t->find ? t->find(t, f->node, role, out)
                    : pma_field_refuse(f, "is a function, which no file has");

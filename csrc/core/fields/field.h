@@ -61,7 +61,9 @@ struct pma_fields {
     const pma_node *nodes;
     uintptr_t base;
     pma_store *store; /* what is taken points into it, and into the arrays */
-    /* Fills `out` by the role; NULL: foreign nodes are refused. */
+    /* Fills `out` by the role, of a foreign node or, where functions are `named`, of a word; NULL:
+     * these are refused. */
+    bool named;
     pma_status (*find)(pma_fields *fields, const pma_node *node, pma_role role, void *out);
     void *ctx;
     size_t room;     /* bytes that numbers may ask for which stand for no array; 0: any */

@@ -108,6 +108,11 @@ pma_status pma_rig_command(pma_rig *rig, const pma_substep *step, const pma_stat
     return PMA_OK;
 }
 
+bool pma_rig_admits(pma_rig *rig, const pma_substep *step, const double *u, const double *v)
+{
+    return !rig->commands || is_within(rig, rig->commands, step, u, v);
+}
+
 static void read_stamp(const pma_restoring *restoring, pma_stamp *stamp)
 {
     stamp->returned = stamp->now(stamp->ctx);

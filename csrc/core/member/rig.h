@@ -14,6 +14,9 @@ void pma_rig_destroy(pma_rig *rig); /* NULL is allowed */
 pma_status pma_rig_command(pma_rig *rig, const pma_substep *step, const pma_state *to);
 pma_status pma_rig_reply(pma_rig *rig, const pma_state *to);
 
+/* Is the command u, v (n each) of that substep within the limits, before it is given? */
+bool pma_rig_admits(pma_rig *rig, const pma_substep *step, const double *u, const double *v);
+
 /* The same of the initial values, u (n) at t, which no limit of a command concerns. */
 void pma_rig_command_first(pma_rig *rig);
 pma_status pma_rig_reply_first(pma_rig *rig, double t, const double *u);

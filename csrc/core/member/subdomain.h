@@ -102,6 +102,18 @@ const pma_state *pma_subdomain_present(const pma_subdomain *s);
  * is open is discarded. */
 size_t pma_subdomain_arrays(pma_subdomain *s, pma_state_array out[PMA_LEVEL_ARRAYS]);
 
+/* The same to be read, which leaves what is open. */
+size_t pma_subdomain_kept(const pma_subdomain *s, pma_state_array out[PMA_LEVEL_ARRAYS]);
+
+/* c (3) := displacement (5), extrapolated velocity (R1) and acceleration at which the restoring
+ * force of a substep is evaluated, at position i, before that substep is opened. */
+void pma_subdomain_command(const pma_subdomain *s, const pma_substep *step, size_t i, double *c);
+
+/* u, v (n) := the first two at all positions; u has 4 n numbers, which are scratch. PMA_LIMITED
+ * where the rig of the specimen would refuse that command. */
+pma_status pma_subdomain_admit(const pma_subdomain *s, const pma_substep *step, double *u,
+                               double *v);
+
 /* ---- what set-up evaluates ------------------------------------------------------------------ */
 
 /* F (n) := the functions among the loads at t, as `open` evaluates them */

@@ -1,0 +1,51 @@
+/* fmu.h - what the FMUs of both versions of the standard are made of: a model and its variables.
+ *
+ * fmu2.c and fmu3.c are the functions of FMI 2.0 and 3.0. The bytes of the model are either in the
+ * program (model.c, written by export_fmu) or in the resources of the FMU (resource.c): the linker
+ * takes one of the two. */
+#ifndef PMALPHA_FMU_H
+#define PMALPHA_FMU_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "library/pmalpha.h"
+
+/* Variables by their reference: four for each input, which are the input and, of a specimen,
+ * displacement, velocity and acceleration of its command; then the outputs. */
+enum { FMU_EACH_INPUT = 4 };
+
+typedef struct {
+    pmalpha_model *model;
+    void *owned; /* bytes of the model, or NULL */
+    char message[PMALPHA_MESSAGE];
+} fmu;
+
+/* The bytes of the model, at a multiple of 8: `resources` is the folder of the FMU's resources, its
+ * path ends with a separator. *owned is to be freed, if it is not NULL. NULL: there is none. */
+const void *fmu_bytes(const char *resources, size_t *size, void **owned);
+
+/* The model, for the token (check sum and size) of the description. False with a message. */
+bool fmu_open(fmu *f, const char *token, const char *resources);
+void fmu_close(fmu *f);
+
+/* A variable; false where there is none, or it cannot be set. */
+bool fmu_get(const fmu *f, uint32_t reference, double *value);
+bool fmu_set(fmu *f, uint32_t reference, double value);
+
+/* As many fine steps as a communication step has; false with a message, nothing changed where the
+ * length is no whole number of them. */
+bool fmu_step(fmu *f, double length);
+
+/* A copy of the state, in a block with its size; NULL where memory does not suffice. */
+typedef struct {
+    size_t size;
+    uint64_t bytes[];
+} fmu_state;
+
+size_t fmu_state_size(const fmu *f);
+fmu_state *fmu_save(fmu *f, fmu_state *into);
+bool fmu_restore(fmu *f, const void *bytes, size_t size);
+
+#endif

@@ -1,0 +1,98 @@
+/* model.h - a frozen model from inside: what the files of the library share.
+ *
+ * open.c makes it of the tree of a file, pmalpha.c steps it, states.c saves and restores it. */
+#ifndef PMALPHA_MODEL_H
+#define PMALPHA_MODEL_H
+
+#include <stdbool.h>
+
+#include "coupling/coupler.h"
+#include "fields/file.h"
+#include "library/pmalpha.h"
+#include "member/subdomain.h"
+#include "parts/parts.h"
+
+typedef struct {
+    const char *name;
+    pmalpha_kind kind;
+    size_t member;        /* SPECIMEN, FORCE: the subdomain */
+    size_t dof, position; /* ... the user's dof, and where it is in elimination order */
+    size_t motion;        /* VELOCITY */
+    double scale;         /* ... divides what is set */
+    double scaled;        /* ... that */
+    double value;         /* as set, or returned last */
+    double command[3];    /* SPECIMEN */
+    bool is_new;          /* ... of the coming step */
+    pmalpha_specimen f;   /* ... attached, or NULL */
+    void *user;
+} pmalpha_input;
+
+typedef struct {
+    const char *name;
+    const double *at; /* where the record has it */
+    double scale;
+} pmalpha_output;
+
+/* A subdomain, with what its inputs need. */
+typedef struct {
+    pmalpha_model *model;
+    size_t number;
+    pma_subdomain *core;
+    size_t specimens, forces; /* how many inputs of these kinds it has */
+    bool is_limited;
+    double *u, *v;     /* 4 n, n: scratch of commands, if it is limited */
+    pma_load loads[1]; /* what its inputs are called by */
+    const pma_field *fields;
+} pmalpha_member;
+
+struct pmalpha_model {
+    void *file;        /* that was read, or NULL */
+    const void *bytes; /* of the frozen model */
+    pma_fields fields;
+    pma_store store;
+    size_t members;
+    pmalpha_member *member;
+    pma_interface H_start, H;
+    pma_coupler *core;
+    size_t inputs, outputs;
+    pmalpha_input *input;
+    pmalpha_output *output;
+    pma_record record;
+    int64_t origin; /* macro step from which they are counted, at time t0 */
+    double t0;
+    pmalpha_status state; /* OK, LIMITED, FAILED: may it advance? */
+    bool replays;         /* steps are taken again: attached functions are not called */
+    double *log;          /* fine x inputs: inputs of the fine steps since the present */
+    double *start;        /* the state that was frozen */
+    int64_t (*now)(void *user);
+    void *clock;
+    int64_t longest;
+    char message[PMALPHA_MESSAGE];
+};
+
+/* ---- open.c --------------------------------------------------------------------------------- */
+
+/* All of it but the state at hand. PMA_REFUSED with a reason in m->fields.refusal. */
+pma_status pmalpha_take(pmalpha_model *m);
+void pmalpha_release(pmalpha_model *m);
+
+/* ---- states.c ------------------------------------------------------------------------------- */
+
+/* The state that the file has, and room for others. */
+pma_status pmalpha_take_state(pmalpha_model *m);
+
+/* The subdomains and the coupler go on from there, and the fine steps since are taken again. */
+pmalpha_status pmalpha_return(pmalpha_model *m, const double *block);
+
+/* ---- pmalpha.c ------------------------------------------------------------------------------ */
+
+/* A fine step, recorded, with the command that follows. */
+pmalpha_status pmalpha_step(pmalpha_model *m);
+
+/* Outputs and commands of the present. */
+pmalpha_status pmalpha_show(pmalpha_model *m);
+
+/* This status with a message. */
+pmalpha_status pmalpha_say(pmalpha_model *m, pmalpha_status status, const char *text);
+
+#endif

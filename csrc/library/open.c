@@ -1,0 +1,377 @@
+/* open.c - a model from the tree of its file. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "algebra/blas.h"
+#include "library/model.h"
+#include "workers/denormals.h"
+
+/* ---- inputs, as the core calls them ---------------------------------------------------------- */
+
+/* The forces of the specimens of a subdomain: what was set, or a function returns. */
+static int call_specimens(double t, intptr_t n, double *u, double *v, double *r, void *user)
+{
+    const pmalpha_member *x = user;
+    pmalpha_model *m = x->model;
+    (void)n, (void)u, (void)v;
+    for (size_t i = 0; i < m->inputs; i++) {
+        pmalpha_input *in = &m->input[i];
+        if (in->kind != PMALPHA_SPECIMEN || in->member != x->number)
+            continue;
+        if (in->f && !m->replays) {
+            const int code = in->f(t, in->command, &in->value, in->user);
+            if (code != 0)
+                return code;
+        }
+        r[in->dof] = in->value;
+    }
+    return 0;
+}
+
+/* The external forces that were set. */
+static int call_forces(double t, intptr_t n, double *f, void *user)
+{
+    const pmalpha_member *x = user;
+    const pmalpha_model *m = x->model;
+    (void)t, (void)n;
+    for (size_t i = 0; i < m->inputs; i++) {
+        if (m->input[i].kind == PMALPHA_FORCE && m->input[i].member == x->number)
+            f[m->input[i].dof] += m->input[i].value;
+    }
+    return 0;
+}
+
+/* What a word of the file stands for: the inputs of the subdomain that is being taken, or the
+ * loops that stand in for BLAS. */
+static pma_status find(pma_fields *fields, const pma_node *node, pma_role role, void *out)
+{
+    pmalpha_member *x = fields->ctx;
+    const char *word = (const char *)(fields->base + (uintptr_t)node->is.at);
+    if (role == PMA_RESTORING_ROLE && x && strcmp(word, "inputs") == 0)
+        *(pma_function *)out = (pma_function){.function = call_specimens, .user = x};
+    else if (role == PMA_DGEMM_ROLE && strcmp(word, "loops") == 0)
+        ((pma_blas *)out)->dgemm = pma_blas_gemm;
+    else if (role == PMA_DTRSM_ROLE && strcmp(word, "loops") == 0)
+        ((pma_blas *)out)->dtrsm = pma_blas_trsm;
+    else
+        return PMA_REFUSED;
+    return PMA_OK;
+}
+
+/* ---- words and numbers ---------------------------------------------------------------------- */
+
+static pma_status take_word(const pma_field *of, const char *key, const char **out)
+{
+    const pma_field f = pma_field_at(of, key);
+    if (f.node->kind != PMA_WORD)
+        return pma_field_refuse(&f, "must be a word");
+    *out = (const char *)(f.fields->base + (uintptr_t)f.node->is.at);
+    return PMA_OK;
+}
+
+/* A count below `most`. */
+static pma_status take_below(const pma_field *of, const char *key, size_t most, size_t *out)
+{
+    const pma_field f = pma_field_at(of, key);
+    PMA_TRY(pma_field_count(&f, 0, out));
+    return *out < most ? PMA_OK : pma_field_refuse(&f, "is out of range");
+}
+
+static pma_status take_real(const pma_field *of, const char *key, double *out)
+{
+    const pma_field f = pma_field_at(of, key);
+    return pma_field_real(&f, out);
+}
+
+/* One of these words, as its number. */
+static pma_status take_choice(const pma_field *of, const char *key, const char *const *words,
+                              size_t count, size_t *out)
+{
+    const pma_field f = pma_field_at(of, key);
+    for (size_t i = 0; i < count; i++) {
+        if (pma_field_is_word(&f, words[i])) {
+            *out = i;
+            return PMA_OK;
+        }
+    }
+    return pma_field_refuse(&f, "is not known");
+}
+
+/* ---- inputs --------------------------------------------------------------------------------- */
+
+/* The subdomain of a field, with the sizes it has said it has. */
+static pma_status take_sizes(const pma_field *of, size_t members, size_t *member, size_t *n)
+{
+    PMA_TRY(take_below(of, "subdomain", members, member));
+    const pma_field root = pma_field_root(of->fields, NULL);
+    const pma_field list = pma_field_at(&root, "subdomains");
+    const pma_field own = pma_field_item(&list, *member), parts = pma_field_at(&own, "parts");
+    const pma_field size = pma_field_at(&parts, "n");
+    return pma_field_count(&size, 1, n);
+}
+
+static pma_status take_input(const pma_field *f, pmalpha_model *m, pmalpha_input *out)
+{
+    static const char *const KINDS[] = {"specimen", "force", "velocity"};
+    size_t kind, n;
+    out->scale = 1.0;
+    PMA_TRY(take_word(f, "name", &out->name));
+    PMA_TRY(take_choice(f, "kind", KINDS, 3, &kind));
+    PMA_TRY(take_real(f, "value", &out->value));
+    out->kind = (pmalpha_kind)kind;
+    if (out->kind == PMALPHA_VELOCITY) {
+        const pma_field motion = pma_field_at(f, "motion");
+        PMA_TRY(take_real(f, "scale", &out->scale));
+        return pma_field_count(&motion, 0, &out->motion); /* its range: when there is a coupler */
+    }
+    PMA_TRY(take_sizes(f, m->members, &out->member, &n));
+    PMA_TRY(take_below(f, "dof", n, &out->dof));
+    PMA_TRY(take_below(f, "position", n, &out->position));
+    m->member[out->member].specimens += out->kind == PMALPHA_SPECIMEN;
+    m->member[out->member].forces += out->kind == PMALPHA_FORCE;
+    return PMA_OK;
+}
+
+static pma_status take_inputs(const pma_field *root, pmalpha_model *m)
+{
+    const pma_field list = pma_field_at(root, "inputs");
+    PMA_TRY(pma_field_tuple(&list, &m->inputs));
+    PMA_TRY(pma_field_allocate(&list, m->inputs, sizeof *m->input, (void *)&m->input));
+    for (size_t i = 0; i < m->inputs; i++) {
+        const pma_field f = pma_field_item(&list, i);
+        PMA_TRY(take_input(&f, m, &m->input[i]));
+    }
+    return PMA_OK;
+}
+
+/* ---- subdomains ----------------------------------------------------------------------------- */
+
+/* The load of the file and after it what is set, as one. */
+static pma_status add_forces(const pma_field *f, pmalpha_member *x, const pma_parts *parts,
+                             pma_load *load)
+{
+    const pma_field order = pma_field_at(f, "order");
+    const bool sums = load->kind == PMA_LOAD_SUM;
+    const size_t before = sums ? load->count : 1;
+    pma_load *each;
+    PMA_TRY(pma_field_allocate(f, before + 1, sizeof *each, (void *)&each));
+    memcpy(each, sums ? load->each : load, before * sizeof *each);
+    pma_load *own = &each[before];
+    *own = (pma_load){.kind = PMA_LOAD_CALLED, .n = parts->n, .function = call_forces, .user = x};
+    PMA_TRY(pma_parts_order(f, parts->n, &own->order));
+    PMA_TRY(pma_field_allocate(&order, parts->n, sizeof *own->work, (void *)&own->work));
+    *load = (pma_load){.kind = PMA_LOAD_SUM, .n = parts->n, .each = each, .count = before + 1};
+    return PMA_OK;
+}
+
+static pma_status take_member(const pma_field *f, pmalpha_member *x)
+{
+    const pma_field fields = pma_field_at(f, "parts");
+    pma_subdomain_taken *taken;
+    /* its iterate is pointed to */
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *taken, (void *)&taken));
+    f->fields->ctx = x;
+    PMA_TRY(pma_parts_subdomain(&fields, taken));
+    f->fields->ctx = NULL;
+    const size_t n = taken->parts.n;
+    if (x->specimens > 0 && !taken->parts.restoring.function)
+        return pma_field_refuse(&fields, "must have a restoring force for its inputs");
+    if (x->forces > 0)
+        PMA_TRY(add_forces(f, x, &taken->parts, &taken->load));
+    PMA_TRY(pma_parts_make_subdomain(taken, &x->core));
+    x->is_limited = taken->is_limited && x->specimens > 0;
+    if (x->is_limited) {
+        PMA_TRY(pma_field_allocate(f, 4 * n, sizeof(double), (void *)&x->u));
+        PMA_TRY(pma_field_allocate(f, n, sizeof(double), (void *)&x->v));
+    }
+    return PMA_OK;
+}
+
+static pma_status take_members(const pma_field *root, pmalpha_model *m)
+{
+    const pma_field list = pma_field_at(root, "subdomains");
+    PMA_TRY(pma_field_tuple(&list, &m->members));
+    if (m->members == 0)
+        return pma_field_refuse(&list, "must not be empty");
+    PMA_TRY(pma_field_allocate(&list, m->members, sizeof *m->member, (void *)&m->member));
+    for (size_t i = 0; i < m->members; i++) {
+        m->member[i].model = m;
+        m->member[i].number = i;
+    }
+    PMA_TRY(take_inputs(root, m));
+    for (size_t i = 0; i < m->members; i++) {
+        const pma_field f = pma_field_item(&list, i);
+        PMA_TRY(take_member(&f, &m->member[i]));
+    }
+    return PMA_OK;
+}
+
+/* ---- the coupler ---------------------------------------------------------------------------- */
+
+static size_t nb_of(const void *of, size_t member)
+{
+    const pmalpha_model *m = of;
+    return pma_subdomain_parts(m->member[member].core)->nb;
+}
+
+static pma_status make_coupler(const pma_field *f, pmalpha_model *m, pma_coupler_taken *taken)
+{
+    pma_member *members;
+    PMA_TRY(pma_interface_create(&taken->H_start, &m->H_start));
+    PMA_TRY(pma_interface_create(&taken->H, &m->H));
+    PMA_TRY(pma_field_allocate(f, m->members, sizeof *members, (void *)&members));
+    for (size_t i = 0; i < m->members; i++)
+        members[i] = pma_subdomain_member(m->member[i].core);
+    pma_coupler_parts *parts = &taken->parts;
+    parts->H_start = m->H_start;
+    parts->H = m->H;
+    parts->count = m->members;
+    parts->members = members;
+    parts->threads = 1;
+    parts->worthwhile = false;
+    return pma_coupler_create(parts, &m->core);
+}
+
+/* A load on fine steps: tables are of no use. */
+static pma_status take_moving(const pma_field *f, size_t n, pma_load *out)
+{
+    PMA_TRY(pma_parts_load(f, n, out));
+    return pma_load_has(out, PMA_LOAD_TABLE) || pma_load_has(out, PMA_LOAD_CALLED)
+               ? pma_field_refuse(f, "must be constant or sampled")
+               : PMA_OK;
+}
+
+static pma_status take_motions(const pma_field *root, pmalpha_model *m)
+{
+    const pma_field list = pma_field_at(root, "motions"), fixed = pma_field_at(root, "obstacle");
+    const pma_coupler_parts *parts = pma_coupler_get_parts(m->core);
+    const pma_load *obstacle = pma_coupler_obstacle(m->core);
+    size_t count;
+    pma_load load;
+    PMA_TRY(pma_field_tuple(&list, &count));
+    if (count != parts->motion_count)
+        return pma_field_refuse(&list, "must be as many as the coupler has");
+    for (size_t i = 0; i < count; i++) {
+        const pma_field f = pma_field_item(&list, i);
+        PMA_TRY(take_moving(&f, parts->motions[i].load.n, &load));
+        pma_coupler_set_motion(m->core, i, load);
+    }
+    if (obstacle) {
+        PMA_TRY(take_moving(&fixed, 2 * pma_coupler_contacts(m->core), &load));
+        pma_coupler_set_obstacle(m->core, load);
+    }
+    for (size_t i = 0; i < m->inputs; i++) {
+        pmalpha_input *in = &m->input[i];
+        if (in->kind != PMALPHA_VELOCITY)
+            continue;
+        if (in->motion >= count || parts->motions[in->motion].load.n != 1)
+            return pma_field_refuse(&list, "must have one row where a velocity is set");
+        load = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 1, .values = &in->scaled};
+        pma_coupler_set_motion(m->core, in->motion, load);
+    }
+    return PMA_OK;
+}
+
+static pma_status take_coupler(const pma_field *root, pmalpha_model *m)
+{
+    const pma_field f = pma_field_at(root, "coupler");
+    const pma_members members = {.count = m->members, .nb = nb_of, .of = m};
+    pma_coupler_taken *taken;
+    PMA_TRY(pma_field_allocate(&f, 1, sizeof *taken, (void *)&taken));
+    PMA_TRY(pma_parts_coupler(&f, &members, taken));
+    PMA_TRY(make_coupler(&f, m, taken));
+    return take_motions(root, m);
+}
+
+/* ---- outputs -------------------------------------------------------------------------------- */
+
+enum { OF_U, OF_V, OF_A, OF_DEFORMATION, OF_FORCE, OF_MULTIPLIER, QUANTITIES };
+static const char *const WORDS[QUANTITIES] = {"u",         "v", "a", "deformation", "spring force",
+                                              "multiplier"};
+
+static pma_status take_output(const pma_field *f, pmalpha_model *m, pmalpha_output *out)
+{
+    size_t what, member, at;
+    PMA_TRY(take_word(f, "name", &out->name));
+    PMA_TRY(take_choice(f, "what", WORDS, QUANTITIES, &what));
+    PMA_TRY(take_real(f, "scale", &out->scale));
+    if (what == OF_MULTIPLIER) {
+        PMA_TRY(take_below(f, "position", pma_coupler_get_parts(m->core)->p, &at));
+        out->at = m->record.multipliers + at;
+        return PMA_OK;
+    }
+    PMA_TRY(take_below(f, "subdomain", m->members, &member));
+    pma_selection *s = &m->record.selections[member];
+    const pma_parts *parts = pma_subdomain_parts(m->member[member].core);
+    const bool of_spring = what == OF_DEFORMATION || what == OF_FORCE;
+    PMA_TRY(take_below(f, "position", of_spring ? parts->springs.total : parts->n, &at));
+    if (of_spring) {
+        ((int64_t *)(uintptr_t)s->spring)[s->springs] = (int64_t)at;
+        out->at = (what == OF_FORCE ? s->force : s->deformation) + s->springs++;
+    } else {
+        ((int64_t *)(uintptr_t)s->position)[s->count] = (int64_t)at;
+        out->at = (what == OF_U ? s->u : what == OF_V ? s->v : s->w) + s->count++;
+    }
+    return PMA_OK;
+}
+
+/* One row for each subdomain, long enough for all outputs. */
+static pma_status make_record(const pma_field *list, pmalpha_model *m)
+{
+    const size_t p = pma_coupler_get_parts(m->core)->p, count = m->outputs;
+    PMA_TRY(pma_field_allocate(list, p, sizeof(double), (void *)&m->record.multipliers));
+    PMA_TRY(pma_field_allocate(list, m->members, sizeof *m->record.selections,
+                               (void *)&m->record.selections));
+    for (size_t i = 0; i < m->members; i++) {
+        pma_selection *s = &m->record.selections[i];
+        s->of_springs = pma_subdomain_parts(m->member[i].core)->springs.total;
+        double **const numbers[] = {&s->u, &s->v, &s->w, &s->deformation, &s->force};
+        for (size_t k = 0; k < sizeof numbers / sizeof *numbers; k++)
+            PMA_TRY(pma_field_allocate(list, count, sizeof(double), (void *)numbers[k]));
+        PMA_TRY(pma_field_allocate(list, count, sizeof(int64_t), (void *)&s->position));
+        PMA_TRY(pma_field_allocate(list, count, sizeof(int64_t), (void *)&s->spring));
+    }
+    return PMA_OK;
+}
+
+static pma_status take_outputs(const pma_field *root, pmalpha_model *m)
+{
+    const pma_field list = pma_field_at(root, "outputs");
+    PMA_TRY(pma_field_tuple(&list, &m->outputs));
+    PMA_TRY(pma_field_room(&list, m->outputs, 8 * m->members * sizeof(double)));
+    PMA_TRY(pma_field_allocate(&list, m->outputs, sizeof *m->output, (void *)&m->output));
+    PMA_TRY(make_record(&list, m));
+    for (size_t i = 0; i < m->outputs; i++) {
+        const pma_field f = pma_field_item(&list, i);
+        PMA_TRY(take_output(&f, m, &m->output[i]));
+    }
+    return PMA_OK;
+}
+
+/* ---- all of it ------------------------------------------------------------------------------ */
+
+pma_status pmalpha_take(pmalpha_model *m)
+{
+    m->fields.store = &m->store;
+    m->fields.find = find;
+    const pma_field root = pma_field_root(&m->fields, NULL);
+    const pma_field format = pma_field_at(&root, "format");
+    if (!pma_field_is_word(&format, "pmalpha"))
+        return pma_field_refuse(&format, "must be that of a frozen model");
+    PMA_TRY(take_members(&root, m));
+    PMA_TRY(take_coupler(&root, m));
+    return take_outputs(&root, m);
+}
+
+void pmalpha_release(pmalpha_model *m)
+{
+    pma_coupler_destroy(m->core);
+    pma_interface_destroy(&m->H_start);
+    pma_interface_destroy(&m->H);
+    for (size_t i = 0; i < m->members && m->member; i++)
+        pma_subdomain_destroy(m->member[i].core);
+    pma_store_release(&m->store);
+    free(m->file);
+    free(m);
+}

@@ -1,0 +1,336 @@
+#include "library/pmalpha.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "library/model.h"
+#include "library/version.h"
+#include "workers/denormals.h"
+
+int pmalpha_abi(void)
+{
+    return PMALPHA_ABI;
+}
+
+const char *pmalpha_version(void)
+{
+    return PMALPHA_VERSION;
+}
+
+/* ---- messages ------------------------------------------------------------------------------- */
+
+pmalpha_status pmalpha_say(pmalpha_model *m, pmalpha_status status, const char *text)
+{
+    snprintf(m->message, sizeof m->message, "%s", text);
+    return status;
+}
+
+const char *pmalpha_message(const pmalpha_model *m)
+{
+    return m->message;
+}
+
+/* The name of a subdomain in the file. */
+static const char *name_of(const pmalpha_model *m, size_t member)
+{
+    const pma_field root = pma_field_root((pma_fields *)(uintptr_t)&m->fields, NULL);
+    const pma_field list = pma_field_at(&root, "subdomains"), f = pma_field_item(&list, member);
+    const pma_field name = pma_field_at(&f, "name");
+    return name.node->kind == PMA_WORD
+               ? (const char *)(m->fields.base + (uintptr_t)name.node->is.at)
+               : "";
+}
+
+static pmalpha_status say_limit(pmalpha_model *m, pmalpha_status status, size_t member)
+{
+    static const char *const WORDS[] = {"displacement", "velocity", "acceleration", "force",
+                                        "energy"};
+    const pma_breach x = pma_subdomain_breach(m->member[member].core);
+    snprintf(m->message, sizeof m->message,
+             "%s %.9g of subdomain %.60s at t = %.9g exceeds its limit %.9g", WORDS[x.what],
+             x.value, name_of(m, member), x.t, x.limit);
+    m->state = status;
+    return status;
+}
+
+static pmalpha_status say_failure(pmalpha_model *m, pma_status status)
+{
+    const size_t member = pma_coupler_failed(m->core);
+    m->state = PMALPHA_FAILED;
+    if (member >= m->members)
+        return pmalpha_say(m, PMALPHA_FAILED, pma_status_text(status));
+    if (status == PMA_LIMITED)
+        return say_limit(m, PMALPHA_FAILED, member);
+    snprintf(m->message, sizeof m->message, "%s, in subdomain %.100s after t = %.9g",
+             pma_status_text(status), name_of(m, member), pmalpha_time(m));
+    return PMALPHA_FAILED;
+}
+
+/* ---- opening -------------------------------------------------------------------------------- */
+
+/* Memory that numbers of a file may ask for which stand for none of its arrays. */
+enum { ROOM = 1 << 26, ROOM_FOR_EACH = 64 };
+
+static pmalpha_status open_bytes(pmalpha_model *m, const void *bytes, size_t size)
+{
+    pma_status status = pma_file_read(bytes, size, &m->fields);
+    m->bytes = bytes;
+    m->fields.room =
+        size > (SIZE_MAX - ROOM) / ROOM_FOR_EACH ? SIZE_MAX : ROOM + ROOM_FOR_EACH * size;
+    if (status == PMA_OK)
+        status = pmalpha_take(m);
+    if (status == PMA_OK)
+        status = pmalpha_take_state(m);
+    if (status == PMA_NO_MEMORY)
+        return pmalpha_say(m, PMALPHA_NO_MEMORY, pma_status_text(status));
+    if (status != PMA_OK)
+        return pmalpha_say(m, PMALPHA_BAD_FILE,
+                           m->fields.refusal[0] ? m->fields.refusal : pma_status_text(status));
+    pmalpha_reset(m);
+    return m->state == PMALPHA_FAILED ? PMALPHA_BAD_FILE : PMALPHA_OK;
+}
+
+/* *out and `message` of an opening with this status; the model is released if it failed. */
+static pmalpha_status end_opening(pmalpha_model *m, pmalpha_status status, char *message,
+                                  pmalpha_model **out)
+{
+    *out = NULL;
+    if (message)
+        snprintf(message, PMALPHA_MESSAGE, "%s",
+                 status == PMALPHA_OK ? ""
+                 : m                  ? m->message
+                                      : pma_status_text(PMA_NO_MEMORY));
+    if (status == PMALPHA_OK)
+        *out = m;
+    else if (m)
+        pmalpha_release(m);
+    return status;
+}
+
+pmalpha_status pmalpha_open_memory(const void *bytes, size_t size, char *message,
+                                   pmalpha_model **out)
+{
+    pmalpha_model *m = calloc(1, sizeof *m);
+    return end_opening(m, m ? open_bytes(m, bytes, size) : PMALPHA_NO_MEMORY, message, out);
+}
+
+/* The bytes of a file, which the model releases. */
+static pmalpha_status read_file(pmalpha_model *m, FILE *file, size_t *size)
+{
+    const long length = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
+    if (length < 0 || fseek(file, 0, SEEK_SET) != 0)
+        return pmalpha_say(m, PMALPHA_BAD_FILE, "the file cannot be read");
+    m->file = malloc((size_t)length + 1);
+    if (!m->file)
+        return pmalpha_say(m, PMALPHA_NO_MEMORY, pma_status_text(PMA_NO_MEMORY));
+    *size = (size_t)length;
+    return fread(m->file, 1, *size, file) == *size
+               ? PMALPHA_OK
+               : pmalpha_say(m, PMALPHA_BAD_FILE, "the file cannot be read");
+}
+
+pmalpha_status pmalpha_open(const char *path, char *message, pmalpha_model **out)
+{
+    pmalpha_model *m = calloc(1, sizeof *m);
+    FILE *file = m ? fopen(path, "rb") : NULL;
+    size_t size = 0;
+    pmalpha_status status = PMALPHA_NO_MEMORY;
+    if (m)
+        status = file ? read_file(m, file, &size)
+                      : pmalpha_say(m, PMALPHA_BAD_FILE, "the file cannot be opened");
+    if (file)
+        fclose(file);
+    if (status == PMALPHA_OK)
+        status = open_bytes(m, m->file, size);
+    return end_opening(m, status, message, out);
+}
+
+void pmalpha_close(pmalpha_model *m)
+{
+    if (m)
+        pmalpha_release(m);
+}
+
+/* ---- time ----------------------------------------------------------------------------------- */
+
+double pmalpha_step_size(const pmalpha_model *m)
+{
+    return pma_coupler_get_parts(m->core)->dt / (double)pmalpha_substeps(m);
+}
+
+size_t pmalpha_substeps(const pmalpha_model *m)
+{
+    return pma_coupler_instants(m->core);
+}
+
+int64_t pmalpha_count(const pmalpha_model *m)
+{
+    return pma_coupler_step_count(m->core) * (int64_t)pmalpha_substeps(m) +
+           (int64_t)pma_coupler_fine_done(m->core);
+}
+
+double pmalpha_time(const pmalpha_model *m)
+{
+    return pma_coupler_time(m->core);
+}
+
+/* ---- inputs and outputs --------------------------------------------------------------------- */
+
+size_t pmalpha_inputs(const pmalpha_model *m)
+{
+    return m->inputs;
+}
+
+size_t pmalpha_outputs(const pmalpha_model *m)
+{
+    return m->outputs;
+}
+
+const char *pmalpha_input_name(const pmalpha_model *m, size_t i)
+{
+    return i < m->inputs ? m->input[i].name : NULL;
+}
+
+const char *pmalpha_output_name(const pmalpha_model *m, size_t i)
+{
+    return i < m->outputs ? m->output[i].name : NULL;
+}
+
+int pmalpha_find_input(const pmalpha_model *m, const char *name)
+{
+    for (size_t i = 0; i < m->inputs; i++) {
+        if (strcmp(m->input[i].name, name) == 0)
+            return (int)i;
+    }
+    return -1;
+}
+
+int pmalpha_find_output(const pmalpha_model *m, const char *name)
+{
+    for (size_t i = 0; i < m->outputs; i++) {
+        if (strcmp(m->output[i].name, name) == 0)
+            return (int)i;
+    }
+    return -1;
+}
+
+pmalpha_kind pmalpha_input_kind(const pmalpha_model *m, size_t i)
+{
+    return i < m->inputs ? m->input[i].kind : PMALPHA_FORCE;
+}
+
+int pmalpha_command(const pmalpha_model *m, size_t i, double c[3])
+{
+    memset(c, 0, 3 * sizeof *c);
+    if (i >= m->inputs)
+        return 0;
+    memcpy(c, m->input[i].command, 3 * sizeof *c);
+    return m->input[i].is_new;
+}
+
+void pmalpha_set(pmalpha_model *m, size_t i, double value)
+{
+    if (i >= m->inputs)
+        return;
+    m->input[i].value = value;
+    m->input[i].scaled = value / m->input[i].scale;
+}
+
+double pmalpha_given(const pmalpha_model *m, size_t i)
+{
+    return i < m->inputs ? m->input[i].value : (double)NAN;
+}
+
+double pmalpha_get(const pmalpha_model *m, size_t i)
+{
+    return i < m->outputs ? *m->output[i].at / m->output[i].scale : (double)NAN;
+}
+
+void pmalpha_attach(pmalpha_model *m, size_t i, pmalpha_specimen f, void *user)
+{
+    if (i >= m->inputs || m->input[i].kind != PMALPHA_SPECIMEN)
+        return;
+    m->input[i].f = f;
+    m->input[i].user = user;
+}
+
+/* ---- steps ---------------------------------------------------------------------------------- */
+
+/* What the specimens of a subdomain are commanded in the coming step. */
+static pma_status find_command(pmalpha_model *m, const pmalpha_member *x)
+{
+    pma_substep step;
+    const bool is_new = pma_coupler_coming(m->core, x->number, &step);
+    const pma_status status =
+        is_new && x->is_limited ? pma_subdomain_admit(x->core, &step, x->u, x->v) : PMA_OK;
+    for (size_t i = 0; i < m->inputs; i++) {
+        pmalpha_input *in = &m->input[i];
+        if (in->kind != PMALPHA_SPECIMEN || in->member != x->number)
+            continue;
+        in->is_new = is_new && status == PMA_OK;
+        if (in->is_new)
+            pma_subdomain_command(x->core, &step, in->position, in->command);
+    }
+    return status;
+}
+
+pmalpha_status pmalpha_show(pmalpha_model *m)
+{
+    size_t limited = m->members;
+    pma_coupler_record_taken(m->core, &m->record);
+    const pma_denormals before = pma_denormals_flush();
+    for (size_t i = 0; i < m->members; i++) {
+        const pmalpha_member *x = &m->member[i];
+        if (x->specimens > 0 && find_command(m, x) != PMA_OK && limited == m->members)
+            limited = i;
+    }
+    pma_denormals_restore(before);
+    return limited < m->members ? say_limit(m, PMALPHA_LIMITED, limited) : PMALPHA_OK;
+}
+
+pmalpha_status pmalpha_step(pmalpha_model *m)
+{
+    double *log = m->log + pma_coupler_fine_done(m->core) * m->inputs;
+    const pma_status status = pma_coupler_take(m->core);
+    if (status != PMA_OK)
+        return say_failure(m, status);
+    for (size_t i = 0; i < m->inputs; i++)
+        log[i] = m->input[i].value;
+    return pmalpha_show(m);
+}
+
+static pmalpha_status timed_step(pmalpha_model *m)
+{
+    const int64_t begin = m->now(m->clock);
+    const pmalpha_status status = pmalpha_step(m);
+    const int64_t taken = m->now(m->clock) - begin;
+    m->longest = taken > m->longest ? taken : m->longest;
+    return status;
+}
+
+pmalpha_status pmalpha_advance(pmalpha_model *m, size_t steps)
+{
+    pmalpha_status status = PMALPHA_OK;
+    for (size_t k = 0; k < steps && status == PMALPHA_OK; k++) {
+        if (m->state != PMALPHA_OK) {
+            m->state = PMALPHA_FAILED;
+            return PMALPHA_FAILED; /* the message is that of what ended it */
+        }
+        status = m->now ? timed_step(m) : pmalpha_step(m);
+    }
+    return status;
+}
+
+void pmalpha_clock(pmalpha_model *m, int64_t (*now)(void *user), void *user)
+{
+    m->now = now;
+    m->clock = user;
+    m->longest = 0;
+}
+
+int64_t pmalpha_longest(const pmalpha_model *m)
+{
+    return m->longest;
+}

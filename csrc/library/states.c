@@ -1,0 +1,258 @@
+/* states.c - what the next steps of a model depend on, in a block of numbers.
+ *
+ * That is the present of the last macro step, and the inputs of the fine steps since: restoring
+ * takes these once more, so that nothing of what is open has to be described. */
+#include <string.h>
+
+#include "library/model.h"
+
+/* In front: check sum of the file, fine steps since the present, macro steps; at the end the check
+ * sum of all. */
+enum { SUM, FINE, STEP, HEAD, TAIL = 1 };
+
+/* ---- what is of the present ----------------------------------------------------------------- */
+
+static double *append(double *to, const double *x, size_t count)
+{
+    if (count > 0)
+        memcpy(to, x, count * sizeof *x);
+    return to + count;
+}
+
+static size_t numbers_of(const pma_state_array *arrays, size_t count)
+{
+    size_t total = 0;
+    for (size_t i = 0; i < count; i++)
+        total += arrays[i].count;
+    return total;
+}
+
+static double *save_arrays(const pma_state_array *arrays, size_t count, double *to)
+{
+    for (size_t i = 0; i < count; i++)
+        to = append(to, arrays[i].values, arrays[i].count);
+    return to;
+}
+
+static const double *restore_arrays(const pma_state_array *arrays, size_t count, const double *from)
+{
+    for (size_t i = 0; i < count; from += arrays[i++].count)
+        append(arrays[i].values, from, arrays[i].count);
+    return from;
+}
+
+/* Of an iteration: scale, whether there are entries and whether of the double step, the entries. */
+enum { KEPT = 3 };
+
+static size_t size_of_member(const pmalpha_member *x)
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    const pma_iterate *it = pma_subdomain_iterate(x->core);
+    return numbers_of(arrays, pma_subdomain_kept(x->core, arrays)) +
+           (it ? KEPT + pma_iterate_entries(it) : 0);
+}
+
+static double *save_member(const pmalpha_member *x, double *to)
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    to = save_arrays(arrays, pma_subdomain_kept(x->core, arrays), to);
+    const pma_iterate *it = pma_subdomain_iterate(x->core);
+    if (!it)
+        return to;
+    const pma_kept_iteration kept = pma_iterate_kept(it);
+    const size_t entries = pma_iterate_entries(it);
+    to[0] = kept.scale;
+    to[1] = kept.entries != NULL;
+    to[2] = kept.twice;
+    append(to + KEPT, kept.entries, kept.entries ? entries : 0);
+    return to + KEPT + entries;
+}
+
+static const double *restore_member(const pmalpha_member *x, const double *from, pma_status *status)
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    from = restore_arrays(arrays, pma_subdomain_arrays(x->core, arrays), from);
+    pma_subdomain_watch_again(x->core);
+    pma_iterate *it = pma_subdomain_iterate(x->core);
+    if (!it)
+        return from;
+    const pma_kept_iteration kept = {
+        .scale = from[0], .entries = from[1] != 0.0 ? from + KEPT : NULL, .twice = from[2] != 0.0};
+    const pma_status restored = pma_iterate_restore(it, kept);
+    *status = *status == PMA_OK ? restored : *status;
+    return from + KEPT + pma_iterate_entries(it);
+}
+
+/* ---- a block -------------------------------------------------------------------------------- */
+
+static size_t log_size(const pmalpha_model *m)
+{
+    return (pma_coupler_instants(m->core) + 1) * m->inputs;
+}
+
+static size_t size_of(const pmalpha_model *m)
+{
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    size_t total = HEAD + TAIL + log_size(m);
+    total += numbers_of(arrays, pma_coupler_arrays(m->core, arrays));
+    for (size_t i = 0; i < m->members; i++)
+        total += size_of_member(&m->member[i]);
+    return total;
+}
+
+static void put(double *at, uint64_t number)
+{
+    memcpy(at, &number, sizeof number);
+}
+
+static uint64_t number_at(const double *at)
+{
+    uint64_t number;
+    memcpy(&number, at, sizeof number);
+    return number;
+}
+
+static void save(const pmalpha_model *m, double *block, size_t total)
+{
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    const size_t done = pma_coupler_fine_done(m->core);
+    double *to = block + HEAD;
+    memset(block, 0, total * sizeof *block);
+    put(block + SUM, pma_file_sum_of(m->bytes));
+    put(block + FINE, done);
+    put(block + STEP, (uint64_t)pma_coupler_step_count(m->core));
+    for (size_t i = 0; i < m->members; i++)
+        to = save_member(&m->member[i], to);
+    to = save_arrays(arrays, pma_coupler_arrays(m->core, arrays), to);
+    for (size_t i = 0; i < m->inputs; i++)
+        *to++ = m->input[i].value;
+    append(to, m->log, done * m->inputs);
+    put(block + total - TAIL, pma_file_sum(block, (total - TAIL) * sizeof *block));
+}
+
+/* ---- restoring ------------------------------------------------------------------------------ */
+
+static void set_all(pmalpha_model *m, const double *values)
+{
+    for (size_t i = 0; i < m->inputs; i++)
+        pmalpha_set(m, i, values[i]);
+}
+
+/* The fine steps of the log once more; attached functions have returned what is in it. */
+static pmalpha_status repeat(pmalpha_model *m, const double *log, size_t steps)
+{
+    pmalpha_status status = pmalpha_show(m);
+    m->replays = true;
+    for (size_t k = 0; k < steps && status == PMALPHA_OK; k++) {
+        set_all(m, log + k * m->inputs);
+        status = pmalpha_step(m);
+    }
+    m->replays = false;
+    return status;
+}
+
+pmalpha_status pmalpha_return(pmalpha_model *m, const double *block)
+{
+    const size_t p = pma_coupler_get_parts(m->core)->p;
+    const double *from = block + HEAD;
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    pma_status status = PMA_OK;
+    m->state = PMALPHA_OK;
+    for (size_t i = 0; i < m->members; i++)
+        from = restore_member(&m->member[i], from, &status);
+    pma_coupler_set_origin(m->core, m->origin, m->t0);
+    pma_coupler_discard(m->core);
+    pma_coupler_start(m->core, (int64_t)number_at(block + STEP), from, from + p);
+    from = restore_arrays(arrays, pma_coupler_arrays(m->core, arrays), from);
+    if (status != PMA_OK) {
+        m->state = PMALPHA_FAILED;
+        return pmalpha_say(m, PMALPHA_FAILED, "a kept tangent is singular");
+    }
+    set_all(m, from);
+    const pmalpha_status repeated = repeat(m, from + m->inputs, number_at(block + FINE));
+    set_all(m, from);
+    return repeated;
+}
+
+size_t pmalpha_state_size(const pmalpha_model *m)
+{
+    return size_of(m) * sizeof(double);
+}
+
+pmalpha_status pmalpha_save(const pmalpha_model *m, void *block, size_t size)
+{
+    const size_t total = size_of(m);
+    if (!block || size < total * sizeof(double) || (uintptr_t)block % sizeof(double) != 0 ||
+        m->state == PMALPHA_FAILED)
+        return PMALPHA_BAD_ARGUMENT;
+    save(m, block, total);
+    return PMALPHA_OK;
+}
+
+pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size)
+{
+    const size_t total = size_of(m), bytes = total * sizeof(double);
+    const double *x = block;
+    if (!block || size < bytes || (uintptr_t)block % sizeof(double) != 0)
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "a state of this model has more bytes");
+    if (number_at(x + SUM) != pma_file_sum_of(m->bytes))
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is of another model");
+    if (number_at(x + total - TAIL) != pma_file_sum(x, bytes - TAIL * sizeof(double)) ||
+        number_at(x + FINE) >= pma_coupler_instants(m->core))
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is damaged");
+    return pmalpha_return(m, x);
+}
+
+void pmalpha_reset(pmalpha_model *m)
+{
+    pmalpha_return(m, m->start);
+}
+
+/* ---- the state of the file ------------------------------------------------------------------ */
+
+static pma_status take_member(const pma_field *f, const pmalpha_member *x)
+{
+    const pma_field levels = pma_field_at(f, "levels"), iteration = pma_field_at(f, "iteration");
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    pma_iterate *it = pma_subdomain_iterate(x->core);
+    pma_kept_iteration kept;
+    PMA_TRY(pma_parts_arrays(&levels, arrays, pma_subdomain_arrays(x->core, arrays)));
+    if (!it)
+        return PMA_OK;
+    PMA_TRY(pma_parts_kept(&iteration, it, &kept));
+    return pma_iterate_restore(it, kept);
+}
+
+static pma_status take_clock(const pma_field *f, pmalpha_model *m)
+{
+    const pma_field number = pma_field_at(f, "step"), origin = pma_field_at(f, "origin");
+    const pma_field t0 = pma_field_at(f, "t0");
+    int64_t step;
+    PMA_TRY(pma_field_integer(&origin, 0, &m->origin));
+    PMA_TRY(pma_field_integer(&number, m->origin, &step));
+    PMA_TRY(pma_field_real(&t0, &m->t0));
+    if (m->origin >= pma_coupler_most_steps(m->core) || step >= pma_coupler_most_steps(m->core))
+        return pma_field_refuse(&number, "is too large");
+    pma_coupler_set_origin(m->core, m->origin, m->t0);
+    /* zeros, which the arrays replace */
+    pma_coupler_start(m->core, step, m->record.multipliers, m->record.multipliers);
+    return PMA_OK;
+}
+
+pma_status pmalpha_take_state(pmalpha_model *m)
+{
+    const pma_field root = pma_field_root(&m->fields, NULL), f = pma_field_at(&root, "state");
+    const pma_field list = pma_field_at(&root, "subdomains"), numbers = pma_field_at(&f, "arrays");
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    PMA_TRY(pma_field_room(&f, log_size(m), 2 * sizeof(double)));
+    PMA_TRY(pma_field_allocate(&f, log_size(m), sizeof(double), (void *)&m->log));
+    PMA_TRY(pma_field_allocate(&f, size_of(m), sizeof(double), (void *)&m->start));
+    for (size_t i = 0; i < m->members; i++) {
+        const pma_field own = pma_field_item(&list, i);
+        PMA_TRY(take_member(&own, &m->member[i]));
+    }
+    PMA_TRY(take_clock(&f, m));
+    PMA_TRY(pma_parts_arrays(&numbers, arrays, pma_coupler_arrays(m->core, arrays)));
+    save(m, m->start, size_of(m));
+    return PMA_OK;
+}

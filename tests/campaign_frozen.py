@@ -1,0 +1,81 @@
+"""Damaged frozen models, which the C library opens or refuses, under the sanitizers.
+
+Bytes, words, parts of the tree and ends are changed by frozen_fuzz.c; it prints how many copies it
+could open, and how many of these stepped. A report of a sanitizer, a crash or a copy that takes
+more than 120 s ends it with the seed.
+"""
+
+import subprocess
+import tempfile
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from campaign import arguments, seeds
+from frozen_couplers import COUPLINGS, SPRINGS, all_outputs, bouncing, frame, iterated
+
+import pmalpha as pm
+
+ROOT = Path(__file__).parent.parent
+PROGRAM = ROOT / "build" / "frozen_fuzz"
+COPIES = 200
+
+
+def hybrid():
+    return frame(
+        "pm",
+        "cubic",
+        restoring=lambda u, v, t: 0.0 * u,
+        force=lambda t: np.zeros(3),
+        velocity=lambda t: 0.0,
+        limits=pm.rig.Limits(displacement=1.0, velocity=50.0),
+    )
+
+
+def models(folder):
+    """The files of models of every kind."""
+    made = {
+        f"{c} {s}": frame(c, s) for c in COUPLINGS for s in SPRINGS if c != "mean" or s == "none"
+    }
+    made |= {"contact": bouncing(), "iterated": iterated("gc"), "shooting": iterated("macro")}
+    load = pm.SampledForce(np.ones((9, 1)), 0.01, np.array([1.0, 2.0, 3.0]))
+    made["loads"] = frame("gc", force=[load, np.ones(3)])
+    inputs = {"column": ("specimen", "a", 1), "wind": ("force", "a", 2), "table": ("velocity", 1)}
+    for name, coupler in made.items():
+        coupler.freeze(folder / f"{name}.pma", outputs=all_outputs(coupler))
+        yield folder / f"{name}.pma"
+    coupler = hybrid()
+    coupler.freeze(folder / "hybrid.pma", inputs, all_outputs(coupler))
+    yield folder / "hybrid.pma"
+
+
+def built():
+    subprocess.run(["make", "-s", "-C", ROOT, "build/frozen_fuzz"], check=True)
+
+
+def attempt(path, seed, copies, counts):
+    words = [str(PROGRAM), str(path), str(seed), str(copies)]
+    run = subprocess.run(words, capture_output=True, text=True)
+    if run.returncode != 0:
+        raise AssertionError(f"{path.stem}: {run.stderr[-3000:]}")
+    opened, stepped = map(int, run.stdout.split())
+    counts.update(copies=copies, opened=opened, stepped=stepped)
+
+
+def campaign(numbers, copies=COPIES):
+    counts = Counter()
+    built()
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        paths = list(models(Path(folder)))
+        counts["models"] = len(paths)
+        for k in numbers:
+            for path in paths:
+                attempt(path, k * copies, copies, counts)
+    return counts
+
+
+if __name__ == "__main__":
+    words = arguments(__doc__)
+    print(dict(campaign(seeds(words.seed, words.seconds))))

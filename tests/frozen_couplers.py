@@ -1,0 +1,111 @@
+"""Couplers that are frozen, by name: each coupling, with and without springs."""
+
+import numpy as np
+import scipy.sparse as sp
+
+import pmalpha as pm
+
+COUPLINGS = ("gc", "pm", "macro", "mean")
+SPRINGS = {
+    "none": None,
+    "bilinear": lambda: pm.Bilinear([(0, 1), (-1, 2)], k=40.0, fy=2.0, hardening=0.1),
+    "cubic": lambda: pm.CubicSpring([0, 2], k=10.0, k3=500.0),
+    "gap": lambda: pm.Gap([(-1, 1), (1, 2)], k=300.0, gap=0.02),
+}
+
+
+def chain(n, k):
+    return (
+        sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1]) * k
+    )
+
+
+def plate(n):
+    """A square of masses with springs between neighbours, n of them, sparse."""
+    side = round(n**0.5)
+    one, K = sp.eye_array(side), chain(side, 300.0)
+    return sp.csr_array(sp.kron(one, K) + sp.kron(K, one))
+
+
+def frame(coupling, springs="none", *, force=None, restoring=None, velocity=None, dt=0.02, **rest):
+    """A frame of three masses, "a", and a shaft of two, "b", which takes more substeps.
+
+    force: of "a"; restoring: a further function of "a"; velocity: of its first dof, prescribed.
+    """
+    K = chain(3, 200.0).toarray()
+    forces = [SPRINGS[springs]()] if SPRINGS[springs] else []
+    a = pm.Subdomain(
+        np.array([1.0, 2.0, 1.5]),
+        K,
+        0.002 * K,
+        scheme=pm.GeneralizedAlpha(1.0 if coupling == "mean" else 0.8),
+        u0=[0.05 if velocity is None else 0.0, -0.02, 0.03],
+        v0=[0.0, 1.0, -0.5],
+        restoring=[*forces, *([] if restoring is None else [restoring])] or None,
+        force=force,
+        substeps=rest.pop("substeps", 1),
+        name="a",
+        **rest,
+    )
+    b = pm.Subdomain(
+        np.array([0.5, 0.7]),
+        chain(2, 900.0).toarray(),
+        scheme=pm.GeneralizedAlpha(0.9, explicit=coupling in ("gc", "pm")),
+        u0=[0.03, 0.0],
+        v0=[-0.5, 0.2],
+        substeps=3,
+        name="b",
+    )
+    constraints = [pm.tie(a, [2], b, [0])]
+    if velocity is not None:
+        constraints.append(pm.Constraint({a: [[1.0, 0.0, 0.0]]}, velocity=velocity))
+    return pm.Coupler([a, b], constraints, dt=dt, coupling=coupling)
+
+
+def bouncing():
+    """A mass that falls on a stop, and comes back with half of its velocity."""
+    a = pm.Subdomain([1.0], [40.0], scheme=pm.GeneralizedAlpha(0.8), u0=[0.1], name="a")
+    return pm.Coupler([a], pm.contact(a, 0, gap=0.02, restitution=0.5), dt=0.01)
+
+
+def iterated(coupling, n=3, substeps=1):
+    """A chain with yielding springs that Newton's method solves for, tied to a mass."""
+    K = chain(n, 60.0)
+    springs = pm.Bilinear(np.arange(0, n, 2), k=40.0, fy=0.1)
+    a = pm.Subdomain(
+        np.ones(n),
+        K.toarray() if n < 20 else plate(n),
+        scheme=pm.GeneralizedAlpha(0.8),
+        internal=springs,
+        v0=np.cos(np.arange(n)),
+        substeps=substeps,
+        name="a",
+    )
+    b = pm.Subdomain([1.0], [30.0], scheme=pm.GeneralizedAlpha(0.8), v0=a.v0[-1:], name="b")
+    return pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.04, coupling=coupling)
+
+
+def all_outputs(coupler):
+    """u, v, a of all dofs, and the multipliers, in the order of `recorded`."""
+    ports = {}
+    for name, s in coupler._session.keys:
+        for what in "uva":
+            ports |= {f"{name}.{what}.d{i}": (what, name, i) for i in range(s.n)}
+    ports |= {f"multiplier{i}": ("multiplier", i) for i in range(coupler._session.rows.p)}
+    return ports
+
+
+def recorded(coupler, history, fine):
+    """What a run has recorded at fine steps, in the order of `all_outputs`, held in between."""
+    columns = []
+    for name, _ in coupler._session.keys:
+        for what in "uva":
+            columns.append(held(getattr(history[name], what), fine))
+    columns.append(held(history.multipliers, fine))
+    return np.concatenate(columns, axis=1)
+
+
+def held(levels, fine):
+    """Values of time levels at `fine` steps: of the last level, if these are fewer, or of each."""
+    count = len(levels) - 1
+    return levels[np.arange(fine + 1) * count // fine]

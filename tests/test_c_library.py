@@ -1,0 +1,216 @@
+"""The C library of frozen models as a C program finds it."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from c_models import OK, Library
+from frozen_couplers import frame
+
+import pmalpha as pm
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = ROOT / "examples" / "c"
+pytestmark = [
+    pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),
+    pytest.mark.skipif(sys.platform != "linux", reason="needs the tools of Linux"),
+    # the drift of the tie is that of all programs
+    pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning"),
+]
+STEPS = 240
+# Counts what is allocated after a model is open.
+COUNTING = """
+#include <pmalpha.h>
+#include <stdio.h>
+#include <stdlib.h>
+static long made;
+void *__real_malloc(size_t n);
+void *__real_calloc(size_t k, size_t n);
+void *__real_realloc(void *p, size_t n);
+void *__wrap_malloc(size_t n) { made++; return __real_malloc(n); }
+void *__wrap_calloc(size_t k, size_t n) { made++; return __real_calloc(k, n); }
+void *__wrap_realloc(void *p, size_t n) { made++; return __real_realloc(p, n); }
+int main(int count, char **words)
+{
+    pmalpha_model *m;
+    (void)count;
+    if (pmalpha_open(words[1], NULL, &m)) return 1;
+    long opened = made;
+    static uint64_t block[4096];
+    if (pmalpha_state_size(m) > sizeof block) return 1;
+    for (int k = 0; k < 240; k++) {
+        double c[3];
+        pmalpha_command(m, 0, c);
+        pmalpha_set(m, 0, 300.0 * c[0]);
+        if (pmalpha_advance(m, 1)) return 1;
+    }
+    if (pmalpha_save(m, block, sizeof block) || pmalpha_restore(m, block, sizeof block)) return 1;
+    pmalpha_reset(m);
+    printf("%ld %ld\\n", opened, made - opened);
+    pmalpha_close(m);
+    return 0;
+}
+"""
+
+
+def run(*words, **options):
+    made = subprocess.run(list(map(str, words)), capture_output=True, text=True, **options)
+    assert made.returncode == 0, made.stderr
+    return made.stdout
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """A frozen model with a specimen, which is a spring of 300, and what its run records."""
+    coupler = frame("pm", "bilinear", restoring=lambda u, v, t: np.array([0.0, 300.0 * u[1], 0.0]))
+    path = tmp_path_factory.mktemp("model") / "model.pma"
+    coupler.freeze(path, {"column": ("specimen", "a", 1)}, {"u": ("u", "a", 1)})
+    history = coupler.run(steps=STEPS // 3)
+    return path, history["a"].u[-1, 1]
+
+
+# ---- header and symbols --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("compiler", ["cc -x c -std=c99", "c++ -x c++ -std=c++11"])
+def test_the_header_compiles_in_c99_and_cxx11(tmp_path, compiler):
+    if shutil.which(compiler.split()[0]) is None:
+        pytest.skip("needs the compiler")
+    (tmp_path / "x.h").write_text("#include <pmalpha.h>\n#include <pmalpha.h>\n")
+    flags = ["-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-I", pm.c_library()]
+    run(*compiler.split(), *flags, tmp_path / "x.h")
+
+
+def test_the_shared_library_exports_what_the_header_declares():
+    library = pm.c_library() / "libpmalpha.so"
+    lines = run("nm", "-D", "--defined-only", library).splitlines()
+    names = {line.split()[-1] for line in lines}
+    header = (pm.c_library() / "pmalpha.h").read_text()
+    assert names == set(re.findall(r"\b(pmalpha_\w+)\(", header)) - {"pmalpha_specimen"}
+    needed = run("objdump", "-p", library)
+    assert "python" not in needed.lower()
+    assert set(re.findall(r"NEEDED\s+(\S+?)\.so", needed)) <= {"libc", "libm", "libpthread"}
+
+
+# ---- programs ------------------------------------------------------------------------------------
+
+
+def compiled(source, tmp_path, *options):
+    """A program with the archive of the package."""
+    program = tmp_path / "program"
+    compiler = "c++" if str(source).endswith(".cpp") else "cc"
+    folder = pm.c_library()
+    run(
+        compiler,
+        "-O1",
+        "-Wall",
+        "-I",
+        folder,
+        source,
+        *options,
+        folder / "libpmalpha.a",
+        "-lm",
+        "-pthread",
+        "-o",
+        program,
+    )
+    return program
+
+
+def test_nothing_is_allocated_between_open_and_close(model, tmp_path):
+    (tmp_path / "count.c").write_text(COUNTING)
+    wrapped = "-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc"
+    program = compiled(tmp_path / "count.c", tmp_path, wrapped)
+    opened, later = map(int, run(program, model[0]).split())
+    assert opened > 10
+    assert later == 0
+
+
+@pytest.mark.parametrize("source", ["loop.c", "loop.cpp"])
+def test_examples_print_the_figure_of_the_run(model, tmp_path, source):
+    if shutil.which("c++" if source.endswith("pp") else "cc") is None:
+        pytest.skip("needs the compiler")
+    program = compiled(EXAMPLES / source, tmp_path)
+    assert float(run(program, model[0], STEPS)) == model[1]
+
+
+def test_the_example_of_ctypes_prints_the_figure_of_the_run(model):
+    library = pm.c_library() / "libpmalpha.so"
+    script = EXAMPLES / "ctypes_loop.py"
+    assert float(run(sys.executable, "-I", "-S", script, library, model[0], STEPS)) == model[1]
+
+
+def test_the_example_of_julia_prints_the_figure_of_the_run(model):
+    if shutil.which("julia") is None:
+        pytest.skip("needs Julia")
+    library = pm.c_library() / "libpmalpha.so"
+    assert float(run("julia", EXAMPLES / "loop.jl", library, model[0], STEPS)) == model[1]
+
+
+def test_the_example_of_fortran_prints_the_figure_of_the_run(model, tmp_path):
+    if shutil.which("gfortran") is None:
+        pytest.skip("needs gfortran")
+    folder = pm.c_library()
+    program = tmp_path / "program"
+    run(
+        "gfortran", EXAMPLES / "loop.f90", folder / "libpmalpha.a", "-lm", "-pthread", "-o", program
+    )
+    assert float(run(program, model[0], STEPS)) == model[1]
+
+
+# ---- installation --------------------------------------------------------------------------------
+
+
+def installed(folder, *options):
+    """The library, installed by make and a compiler alone; seconds of processor time."""
+    before = os.times()
+    run("make", "-s", "-C", ROOT, "install-c", f"PREFIX={folder}", *options)
+    after = os.times()
+    return (
+        after.children_user + after.children_system - before.children_user - before.children_system
+    )
+
+
+@pytest.mark.gate
+def test_make_installs_what_pkg_config_and_cmake_find(model, tmp_path):
+    prefix = tmp_path / "usr"
+    assert installed(prefix) < 120.0  # a minute on a processor that is not shared
+    source, program = EXAMPLES / "loop.cpp", tmp_path / "loop"
+    environment = dict(
+        os.environ,
+        PKG_CONFIG_PATH=str(prefix / "lib" / "pkgconfig"),
+        LD_LIBRARY_PATH=str(prefix / "lib"),
+    )
+    flags = run("pkg-config", "--cflags", "--libs", "pmalpha", env=environment).split()
+    run("c++", source, *flags, "-o", program)
+    assert float(run(program, model[0], STEPS, env=environment)) == model[1]
+    version = run("pkg-config", "--modversion", "pmalpha", env=environment).strip()
+    assert version == pm.__version__
+    if shutil.which("cmake") is None:
+        pytest.skip("needs CMake for the rest")
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.10)\nproject(x CXX)\nfind_package(pmalpha REQUIRED)\n"
+        f"add_executable(x {source})\ntarget_link_libraries(x pmalpha::pmalpha)\n"
+    )
+    run("cmake", "-S", tmp_path, "-B", tmp_path / "made", f"-DCMAKE_PREFIX_PATH={prefix}")
+    run("cmake", "--build", tmp_path / "made")
+    assert float(run(tmp_path / "made" / "x", model[0], STEPS, env=environment)) == model[1]
+
+
+@pytest.mark.gate
+def test_without_threads_it_needs_libc_and_libm_and_gives_the_same_numbers(model, tmp_path):
+    installed(tmp_path, "THREADS=none")
+    library = tmp_path / "lib" / "libpmalpha.so"
+    needed = re.findall(r"NEEDED\s+(\S+?)\.so", run("objdump", "-p", library))
+    assert set(needed) <= {"libc", "libm"}
+    assert "pthread_create" not in run("nm", "-D", library)
+    one = Library(library).model(model[0])
+    for _ in range(STEPS):
+        one.set(0, 300.0 * one.command_of(0)[1][0])
+        assert one.advance(1) == OK
+    assert one.get(0) == model[1]

@@ -1,0 +1,474 @@
+"""Frozen couplers, stepped by the C library, do what `run` does, bitwise."""
+
+import numpy as np
+import pytest
+from c_models import BAD_ARGUMENT, FAILED, LIMITED, OK, Library, Refused, words
+from frozen_couplers import (
+    COUPLINGS,
+    SPRINGS,
+    all_outputs,
+    bouncing,
+    frame,
+    iterated,
+    plate,
+    recorded,
+)
+
+import pmalpha as pm
+
+# the drift of the tie is that of both, and long steps show it
+pytestmark = pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning")
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def library():
+    return Library(pm.c_library() / "libpmalpha.so")
+
+
+def frozen(coupler, library, tmp_path, inputs=None, outputs=None):
+    """The model of a coupler, and that of its outputs."""
+    path = tmp_path / "model.pma"
+    coupler.freeze(path, inputs, all_outputs(coupler) if outputs is None else outputs)
+    return library.model(path)
+
+
+def assert_equal_motion(model, coupler, steps=STEPS):
+    """The model goes on as the coupler does, in all outputs at all fine steps."""
+    fine = steps * model.substeps()
+    rows = model.rows(fine)
+    history = coupler.run(steps=steps)
+    assert np.array_equal(rows, recorded(coupler, history, fine))
+    assert np.ptp(rows[:, 0]) > 0.0
+    return history
+
+
+# ---- the motion --------------------------------------------------------------------------------
+
+
+# mean coupling has no restoring forces
+CASES = [(c, s) for c in COUPLINGS for s in SPRINGS if c != "mean" or s == "none"]
+
+
+@pytest.mark.parametrize("coupling, springs", CASES)
+def test_a_frozen_coupler_moves_as_a_run(library, tmp_path, coupling, springs):
+    coupler = frame(coupling, springs)
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler)
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_model_frozen_in_a_run_goes_on_as_it(library, tmp_path, coupling):
+    coupler = frame(coupling, "none" if coupling == "mean" else "bilinear")
+    coupler.run(0.5)
+    model = frozen(coupler, library, tmp_path)
+    assert model.time() == 0.5
+    assert model.count() == 25 * model.substeps()
+    assert_equal_motion(model, coupler)
+
+
+def test_a_coupler_frozen_twice_gives_equal_bytes_and_is_not_changed(tmp_path):
+    coupler, other = frame("pm", "bilinear"), frame("pm", "bilinear")
+    coupler.step(3)
+    other.step(3)
+    outputs = all_outputs(coupler)
+    coupler.freeze(tmp_path / "a.pma", outputs=outputs)
+    coupler.freeze(tmp_path / "b.pma", outputs=outputs)
+    assert (tmp_path / "a.pma").read_bytes() == (tmp_path / "b.pma").read_bytes()
+    assert np.array_equal(coupler.run(steps=5)["a"].u, other.run(steps=5)["a"].u)
+
+
+def test_steps_that_were_changed_are_frozen(library, tmp_path):
+    coupler = frame("gc", "bilinear")
+    coupler.step(4)
+    coupler.change_steps(dt=0.01)
+    coupler.step(1)
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler)
+
+
+def test_a_sparse_structure_in_panels_moves_as_a_run(library, tmp_path):
+    n, K = 17, plate(17**2)
+    u0 = np.sin(np.arange(n * n)) * 0.01
+    a = pm.Subdomain(np.ones(n * n), K, 0.001 * K, scheme=pm.GeneralizedAlpha(0.7), u0=u0, name="a")
+    b = pm.Subdomain(
+        [0.5],
+        [100.0],
+        scheme=pm.GeneralizedAlpha(0.7, explicit=True),
+        substeps=4,
+        u0=u0[:1],
+        name="b",
+    )
+    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.02, coupling="pm")
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 20)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
+def test_iterated_springs_move_as_in_a_run(library, tmp_path, coupling, substeps):
+    coupler = iterated(coupling, substeps=substeps)
+    model = frozen(coupler, library, tmp_path)
+    assert_equal_motion(model, coupler)
+    model.reset()
+    model.rows(17)
+    state, rest = model.state(), model.rows(20)
+    assert model.restore(state.ctypes.data, state.nbytes) == OK
+    assert np.array_equal(model.rows(20), rest)
+
+
+def test_tangents_in_panels_are_factored_without_blas(library, tmp_path):
+    coupler = iterated("gc", n=196)
+    assert coupler._session.members[0].parts["iterate"].pattern.structure is not None
+    model = frozen(coupler, library, tmp_path)
+    rows = model.rows(40)
+    expected = recorded(coupler, coupler.run(steps=40), 40)
+    # sums of products in another order than those of BLAS: 1e-16 of the terms, over 40 steps
+    assert np.allclose(rows, expected, rtol=0.0, atol=1e-10 * np.max(np.abs(expected)))
+
+
+def test_impulses_of_contacts_are_those_of_a_run(library, tmp_path):
+    coupler = bouncing()
+    coupler.step(5)
+    history = assert_equal_motion(frozen(coupler, library, tmp_path), coupler)
+    assert np.any(np.abs(np.diff(history["a"].v[:, 0])) > 0.3)
+
+
+@pytest.mark.parametrize("average", [False, True])
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_sampled_loads_go_along(library, tmp_path, coupling, average):
+    samples = np.random.default_rng(1).normal(size=(150, 1))
+    load = pm.SampledForce(samples, 0.007, np.array([1.0, 0.0, -2.0]), average=average)
+    coupler = frame(coupling, force=[load, np.array([1.0, 2.0, 3.0])])
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler)
+
+
+# ---- specimens ---------------------------------------------------------------------------------
+
+
+def specimen(d, v):
+    return 300.0 * d + 50.0 * d**3 + 0.1 * v
+
+
+def hybrid(coupling, substeps=1, limits=None, device=None):
+    """The frame with a specimen at its second dof."""
+
+    def restoring(u, v, t):
+        return np.array([0.0, specimen(u[1], v[1]), 0.0])
+
+    return frame(
+        coupling,
+        restoring=restoring if device is None else device(restoring),
+        substeps=substeps,
+        restoring_stiffness=np.diag([0.0, 300.0, 0.0]),
+        **({} if limits is None else {"limits": limits}),
+    )
+
+
+PORT = {"column": ("specimen", "a", 1)}
+
+
+@pytest.mark.parametrize("coupling, substeps", [("gc", 1), ("pm", 1), ("gc", 3), ("macro", 1)])
+def test_forces_that_are_set_between_steps_are_those_of_a_function(
+    library, tmp_path, coupling, substeps
+):
+    coupler = hybrid(coupling, substeps)
+    model = frozen(coupler, library, tmp_path, PORT)
+    fine, news = STEPS * model.substeps(), 0
+    rows = [model.values]
+    for _ in range(fine):
+        new, (d, v, _) = model.command_of(0)
+        news += new
+        if new:
+            model.set(0, specimen(d, v))
+        assert model.advance(1) == OK
+        rows.append(model.values)
+    assert np.array_equal(rows, recorded(coupler, coupler.run(steps=STEPS), fine))
+    assert news == (STEPS if substeps == 1 else fine)
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+def test_an_attached_function_is_called_with_the_command(library, tmp_path, coupling):
+    coupler = hybrid(coupling)
+    model = frozen(coupler, library, tmp_path, PORT)
+    times = []
+
+    def force(t, c):
+        assert c == model.command_of(0)[1]
+        times.append(t)
+        return specimen(c[0], c[1])
+
+    model.attach_function(0, force)
+    history = assert_equal_motion(model, coupler)
+    assert np.array_equal(times, history["a"].t[1:])
+
+
+def test_the_command_is_the_displacement_at_which_a_run_evaluates(library, tmp_path):
+    commands = []
+
+    def restoring(u, v, t):
+        commands.append((u[1], v[1]))
+        return np.array([0.0, specimen(u[1], v[1]), 0.0])
+
+    coupler = frame("pm", restoring=restoring)
+    coupler.step(1)
+    model = frozen(coupler, library, tmp_path, PORT)
+    coupler.step(1)
+    assert model.command_of(0)[1][:2] == list(commands[-1])
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_forces_and_velocities_that_are_set_are_those_of_functions(library, tmp_path, coupling):
+    def force(t):
+        return np.array([0.0, 0.0, 5.0 * np.sin(9.0 * t)])
+
+    def velocity(t):
+        return 0.3 * np.sin(7.0 * t)
+
+    coupler = frame(coupling, force=force, velocity=velocity)
+    inputs = {"wind": ("force", "a", 2), "table": ("velocity", 1)}
+    model = frozen(coupler, library, tmp_path, inputs)
+    fine = STEPS * model.substeps()
+    assert [model.given(0), model.given(1)] == [0.0, 0.0]
+    rows, opened = [model.values], 0
+    for k in range(fine):
+        t = coupler.dt * ((k + 1) / model.substeps())
+        if k % model.substeps() == 0:
+            model.set(0, force(coupler.dt * (k // model.substeps() + 1))[2])
+        model.set(1, velocity(t))
+        assert model.advance(1) == OK
+        rows.append(model.values)
+        opened += 1
+    assert np.array_equal(rows, recorded(coupler, coupler.run(steps=STEPS), fine))
+
+
+def test_a_simulated_actuator_is_part_of_the_specimen(library, tmp_path):
+    from pmalpha import rig
+
+    def device(_):
+        spring = pm.CubicSpring(1, k=300.0, k3=50.0)
+        actuator = rig.SimulatedActuator(spring, delay=0.02, noise=1e-5, seed=3)
+        return rig.Compensated(actuator, 0.02)
+
+    coupler = hybrid("gc", device=device)
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler)
+
+
+# ---- states ------------------------------------------------------------------------------------
+
+
+def driven(model, k):
+    """A fine step with a force of its number, and a specimen or one of the present motion."""
+    u = model.command_of(0)[1][0] if model.inputs() == 2 else model.get(1)
+    model.set(0, (200.0 if model.inputs() == 2 else -200.0) * u + np.sin(0.1 * k))
+    model.set(model.inputs() - 1, np.sin(0.1 * k))
+    assert model.advance(1) == OK
+    return model.values
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+@pytest.mark.parametrize("where", [30, 31, 32])
+def test_a_state_goes_on_bitwise_in_the_same_and_in_another_model(
+    library, tmp_path, coupling, where
+):
+    if coupling == "mean":
+        coupler, inputs = frame(coupling), {}
+    else:
+        coupler, inputs = frame(coupling, "bilinear", restoring=lambda u, v, t: 0.0 * u), PORT
+    model = frozen(coupler, library, tmp_path, inputs | {"push": ("force", "b", 1)})
+    other = library.model(tmp_path / "model.pma")
+    begin = [driven(model, k) for k in range(where)]
+    state, time = model.state(), model.time()
+    rest = [driven(model, k) for k in range(where, 60)]
+    for one in (model, other):
+        assert one.restore(state.ctypes.data, state.nbytes) == OK
+        assert one.time() == time
+        assert one.values == begin[-1]
+        assert [driven(one, k) for k in range(where, 60)] == rest
+    model.reset()
+    assert [driven(model, k) for k in range(60)] == begin + rest
+
+
+def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(library, tmp_path):
+    model = frozen(frame("gc"), library, tmp_path)
+    state = model.state()
+    model.advance(5)
+    before = model.state()
+    damaged, foreign = state.copy(), frozen(frame("gc", "gap"), library, tmp_path).state()
+    damaged[7] += 1.0
+    for block, size in (
+        (state, state.nbytes - 8),
+        (damaged, state.nbytes),
+        (foreign, foreign.nbytes),
+    ):
+        assert model.restore(block.ctypes.data, size) == BAD_ARGUMENT
+        assert model.why
+        assert np.array_equal(model.state().view(np.int64), before.view(np.int64))
+
+
+def test_a_specimen_that_fails_ends_the_step_and_reset_leads_back(library, tmp_path):
+    model = frozen(hybrid("pm"), library, tmp_path, PORT)
+    model.attach_function(0, lambda t, c: None if t > 0.1 else specimen(c[0], c[1]))
+    first = model.rows(9)
+    assert model.advance(100) == FAILED
+    assert "restoring" in model.why and "'a'" not in model.why and " a " in model.why
+    assert model.advance(1) == FAILED
+    model.reset()
+    assert np.array_equal(model.rows(9), first)
+
+
+def test_models_of_the_same_bytes_do_not_meet(library, tmp_path):
+    coupler = frame("pm", "bilinear")
+    alone = frozen(coupler, library, tmp_path).rows(60)
+    content = words(tmp_path / "model.pma")
+    content.flags.writeable = False
+    pair = [library.model(content), library.model(content)]
+    rows = [[model.values for model in pair]]
+    for _ in range(60):
+        for model in pair:
+            assert model.advance(1) == OK
+        rows.append([model.values for model in pair])
+    assert np.array_equal(np.array(rows)[:, 0], alone)
+    assert np.array_equal(np.array(rows)[:, 1], alone)
+
+
+# ---- limits ------------------------------------------------------------------------------------
+
+
+def commands_of(restoring):
+    """A function, and the list of the displacements and velocities at which it is evaluated."""
+    commands = []
+
+    def function(u, v, t):
+        commands.append((u[1], v[1]))
+        return restoring(u, v, t)
+
+    return function, commands
+
+
+@pytest.mark.parametrize("what", ["displacement", "velocity", "acceleration"])
+def test_a_command_beyond_the_limits_is_never_given(library, tmp_path, what):
+    from pmalpha import rig
+
+    def restoring(u, v, t):
+        return np.array([0.0, specimen(u[1], v[1]), 0.0])
+
+    t = 0.01 * np.arange(1000)
+    load = pm.SampledForce(30.0 * t * np.sin(12.0 * t), 0.01, np.array([0.0, 1.0, 0.0]))
+    function, commands = commands_of(restoring)
+    frame("gc", force=load, restoring=function).run(1.0)
+    d, v = np.array(commands).T
+    first = {"displacement": d, "velocity": v, "acceleration": np.diff(d, 2) / 0.02**2}[what]
+    limits = rig.Limits(**{what: 1.05 * np.max(np.abs(first))})
+    coupler = frame("gc", force=load, restoring=restoring, limits=limits)
+    model = frozen(coupler, library, tmp_path, PORT)
+    with pytest.raises(pm.LimitError) as caught:
+        coupler.run(10.0)
+    status, last = OK, None
+    while status == OK:
+        last = model.command_of(0)[1]
+        model.set(0, specimen(*last[:2]))
+        status = model.advance(1)
+    assert status == LIMITED
+    assert model.time() > 0.0
+    assert abs(model.time() + coupler.dt - caught.value.time) < 1e-9
+    assert model.command_of(0) == (0, last)
+    assert f"{what} " in model.why and f"t = {caught.value.time:.9g}" in model.why
+    assert model.advance(1) == FAILED
+    model.reset()
+    assert model.advance(1) == OK
+
+
+# ---- what cannot be frozen -----------------------------------------------------------------------
+
+
+def test_what_no_file_can_have_is_refused_by_name_and_leaves_no_file(tmp_path):
+    def function(u, v, t):
+        return 0.0 * u
+
+    moving = frame("gc", restoring=function)
+    beyond = frame("gc", force=lambda t: np.zeros(3), velocity=lambda t: 0.0)
+    both = {"x": ("force", "a", 0), "y": ("velocity", 1)}
+    with pytest.warns(pm.StabilityWarning):
+        macro = frame("macro", restoring=function, substeps=2)
+    stepped = frame("pm")
+    stepped.step(1)
+    stepped.change_steps(dt=0.01)
+    plain = frame("gc", "bilinear")
+    cases = [
+        (moving, {}, {}, r"restoring of subdomain 'a' .*\"specimen\", 'a'"),
+        (beyond, {"y": both["y"]}, {}, r"force of subdomain 'a' is a function"),
+        (beyond, {"x": both["x"]}, {}, r"velocity of constraint 1 is a function"),
+        (beyond, both | {"z": ("velocity", 0)}, {}, r"input 'z' needs constraint 0"),
+        (macro, {"x": ("specimen", "a", 1)}, {}, r"'a' must have one substep under 'macro'"),
+        (plain, {"x": ("specimen", "a", 1)}, {}, r"'a' to have one restoring function"),
+        (plain, {"x": ("force", "c", 1)}, {}, r"inputs\['x'\].*'c'"),
+        (plain, {"x": ("force", "a", 3)}, {}, r"inputs\['x'\].*3"),
+        (plain, {"x": ("pull", "a", 0)}, {}, r"inputs\['x'\].*'pull'"),
+        (plain, {"x": ("force", "a", 0), "y": ("force", "a", 0)}, {}, r"different dofs.*'x'"),
+        (plain, {"x y": ("force", "a", 0)}, {}, r"identifiers.*'x y'"),
+        (plain, {"x": ("force", "a", 0)}, {"x": ("u", "a", 0)}, r"different names.*'x'"),
+        (plain, {}, {"x": ("w", "a", 0)}, r"outputs\['x'\].*'w'"),
+        (plain, {}, {"x": ("multiplier", 1)}, r"outputs\['x'\].*1 rows, got 1"),
+        (plain, {}, {"x": ("spring force", "a", 2)}, r"2 springs of subdomain 'a', got 2"),
+        (stepped, {}, {}, r"across a change of steps"),
+    ]
+    for coupler, inputs, outputs, message in cases:
+        with pytest.raises(ValueError, match=message):
+            coupler.freeze(tmp_path / "x.pma", inputs, outputs)
+        assert not list(tmp_path.iterdir())
+
+
+def test_internal_forces_and_loads_of_the_motion_are_refused_by_name(tmp_path):
+    def load(t, u, v):
+        return -u
+
+    scheme = pm.GeneralizedAlpha(0.8)
+    s = pm.Subdomain([1.0], [4.0], scheme=scheme, force=load, name="fed")
+    with pytest.raises(ValueError, match=r"force of subdomain 'fed' depends on the motion"):
+        pm.Coupler([s], dt=0.1).freeze(tmp_path / "x.pma")
+    force = pm.InternalForce(lambda u, v, t, q: (u**3, np.diag(3.0 * u**2)))
+    s = pm.Subdomain([1.0], [4.0], scheme=scheme, internal=force, name="bent")
+    with pytest.raises(ValueError, match=r"internal of subdomain 'bent' has functions"):
+        pm.Coupler([s], dt=0.1).freeze(tmp_path / "x.pma")
+    assert not list(tmp_path.iterdir())
+
+
+# ---- files ---------------------------------------------------------------------------------------
+
+
+def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):
+    frame("gc").freeze(tmp_path / "model.pma")
+    good = (tmp_path / "model.pma").read_bytes()
+    later = good[:8] + (9).to_bytes(4, "little") + good[12:]
+    damaged = good[:2000] + bytes([good[2000] ^ 1]) + good[2001:]
+    cases = [
+        (b"", "not a frozen model"),
+        (b"a text of some length " * 9, "not a frozen model"),
+        (b"PK\x03\x04" + bytes(200), "not a frozen model"),
+        (good[:-8], "not whole"),
+        (later, "format 9, this library reads format 1"),
+        (damaged, "check sum"),
+    ]
+    for content, message in cases:
+        (tmp_path / "x.pma").write_bytes(content)
+        with pytest.raises(Refused, match=message):
+            library.model(tmp_path / "x.pma")
+    with pytest.raises(Refused, match="cannot be opened"):
+        library.model(tmp_path / "none.pma")
+
+
+def test_the_version_of_the_library_is_that_of_the_package(library):
+    assert library.version().decode() == pm.__version__
+    assert library.abi() == 1
+    text = (pm.c_library() / "pmalpha.h").read_text()
+    assert "#define PMALPHA_ABI 1\n" in text
+    assert len(text.splitlines()) < 200
+
+
+def test_steps_are_timed_by_a_clock_of_the_caller(library, tmp_path):
+    import ctypes
+
+    model = frozen(frame("gc"), library, tmp_path)
+    times = iter([0, 7, 7, 12, 20, 45, 50, 60])
+    clock = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(lambda _: next(times))
+    model.clock(clock, None)
+    assert model.advance(4) == OK
+    assert model.longest() == 25
