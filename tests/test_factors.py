@@ -13,11 +13,9 @@ from problems import random_problem
 from scipy.linalg import cython_blas
 
 import pmalpha as pm
-from pmalpha import _core, structures
-from pmalpha.problem import forms, ordering
-from pmalpha.problem.matrices import core_sparse, permuted
-from pmalpha.problem.ordering import _nested_dissection as dissection
-from pmalpha.problem.ordering import (
+from pmalpha import _core, ordering, structures
+from pmalpha.ordering import _nested_dissection as dissection
+from pmalpha.ordering import (
     elimination_order,
     fill,
     graph_of,
@@ -25,6 +23,8 @@ from pmalpha.problem.ordering import (
     node_size,
     with_full_nodes,
 )
+from pmalpha.problem import forms
+from pmalpha.problem.matrices import core_sparse, permuted
 from pmalpha.problem.step_constants import StepConstants
 from pmalpha.setup import factors
 from pmalpha.setup.inertia import inertia

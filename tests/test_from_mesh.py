@@ -450,7 +450,13 @@ BAR = {"EA": 1.0, "rhoA": 1.0}
 @pytest.mark.parametrize(
     "mesh, material, options, error, message",
     [
-        (3, STEEL, {}, TypeError, "mesh must be a path or a mesh of meshlane or meshio, got 3"),
+        (
+            3,
+            STEEL,
+            {},
+            TypeError,
+            "mesh must be a path or a mesh of meshlane, meshio or scikit-fem, got 3",
+        ),
         ("nowhere.msh", STEEL, {}, FileNotFoundError, "mesh must be a file, got 'nowhere.msh'"),
         (PLATE, 7.0, {}, TypeError, "material must be a dict, got 7.0"),
         (PLATE, {}, {}, TypeError, "material must be a dict"),

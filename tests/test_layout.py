@@ -24,6 +24,7 @@ LAYERS = (
     ("_cached", "_checks", "_tables", "blas", "errors", "memory", "stale"),
     ("files",),
     ("problem",),
+    ("ordering",),
     ("reduction",),
     ("meshes",),
     ("setup",),

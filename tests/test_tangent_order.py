@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pmalpha.problem.ordering import elimination_order, graph_of
+from pmalpha.ordering import elimination_order, graph_of
 from pmalpha.problem.tangents import symmetric_union
 from pmalpha.setup.internal_forces import narrow_order, tangent_pattern
 

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing, whole_number
 from ..gradients.parameters import labelled
-from ..problem.ordering import has_nested_dissection
+from ..ordering import has_nested_dissection
 from ..problem.schemes import GeneralizedAlpha, Scheme
 from ..setup.stability import critical_product
 from .whole import Blocks, Whole

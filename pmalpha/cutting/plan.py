@@ -11,8 +11,8 @@ import scipy.sparse as sp
 
 from .._checks import counted
 from .._tables import text_table
+from ..ordering import graph_of
 from ..problem.matrices import Matrix, sparse
-from ..problem.ordering import graph_of
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..setup.factors import elimination

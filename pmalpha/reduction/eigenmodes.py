@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import whole_number
 from ..errors import warn
+from ..ordering import elimination_order, graph_of
 from ..problem.dofs import dof_list
 from ..problem.matrices import (
     EXPORTED,
@@ -23,7 +24,6 @@ from ..problem.matrices import (
     product,
     sparse,
 )
-from ..problem.ordering import elimination_order, graph_of
 
 __all__ = ["modes"]
 

@@ -13,6 +13,7 @@ from scipy import LowLevelCallable
 from .. import _core
 from ..blas import gemm_and_trsm
 from ..memory import require
+from ..ordering import Graph, elimination_order, graph_of, rows_of
 from ..problem import forms
 from ..problem.evaluation import CheckedInternal, first_tangent, histories
 from ..problem.forms import Numeric, Supernodes
@@ -27,7 +28,6 @@ from ..problem.matrices import (
     row_of_entries,
     sparse,
 )
-from ..problem.ordering import Graph, elimination_order, graph_of, rows_of
 from ..problem.springs import assembled, core_springs, stiffness
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union

@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from .. import _core
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
+from ..ordering import graph_of, has_nested_dissection
 from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.limits import limits_of_dofs
@@ -26,7 +27,6 @@ from ..problem.matrices import (
     permuted,
     sparse,
 )
-from ..problem.ordering import graph_of, has_nested_dissection
 from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
