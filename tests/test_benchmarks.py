@@ -31,6 +31,7 @@ SCRIPTS = [
     "pacing",
     "plate",
     "recorded",
+    "setting_up",
     "subcycling",
     "threads",
     "uncoupled",

@@ -380,9 +380,9 @@ def test_a_history_of_a_file_makes_the_dataset_of_the_one_that_was_saved(tmp_pat
     if ending == ".h5":
         pytest.importorskip("h5py")
     spring = pm.Bilinear([0], k=4.0, fy=0.1)
-    a = oscillator(name="a", restoring=spring, v0=[1.0, 0.0])
+    a = oscillator(name="a", restoring=spring)
     b = oscillator(name="b", substeps=2, internal=spring)
-    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1, coupling="gc")
+    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.1, coupling="gc")
     record = {"record_springs": {"a": None}, "outputs": {"b": {"drift": [[1.0, -1.0]]}}}
     before = coupler.run(steps=5, energy=True, **record)
     before.save(tmp_path / f"run{ending}")

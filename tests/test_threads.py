@@ -1,9 +1,9 @@
 """Threads change only the duration of a run, and end with their coupler."""
 
-import faulthandler
 import gc
 import mmap
 import os
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -546,7 +546,7 @@ def test_a_process_forked_off_while_a_thread_computes_a_property_computes_such_o
         assert inside.wait(waits.LIMIT)
         child = os.fork()
         if child == 0:  # a lock of the property would be taken by a thread that is not here
-            faulthandler.dump_traceback_later(waits.LIMIT, exit=True)
+            signal.alarm(int(waits.LIMIT))  # which ends it
             os._exit(Measured(lambda: 7).size)
         over.set()
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import numbered
-from ..setup.schedule import looked_up
+from ..setup.schedule import Lookup
 from .keys import position
 
 FIELDS = ("contact", "gap", "contact impulse", "contact force", "slip")
@@ -79,7 +79,8 @@ def _dofs(structure: Any, motion: Any, reduced: Any) -> np.ndarray:
 
 def _matrices(history: Any, matrices: Any, name: str) -> dict[int, sp.csr_array]:
     subdomains = [s for _, s in history.keys]
-    return looked_up(matrices, subdomains, [x for x, _ in history.keys], f"contact {name!r}")
+    lookup = Lookup(subdomains, [x for x, _ in history.keys])
+    return lookup.matrices(matrices, f"contact {name!r}")
 
 
 def _rows_at(t: np.ndarray, times: np.ndarray, what: str) -> np.ndarray:

@@ -220,31 +220,30 @@ class ConstraintRows:
         self.starts = np.cumsum([0] + [c.p for c in constraints])
         self.p = int(self.starts[-1])
         begins = np.cumsum([0] + [s.n for s in subdomains])
-        L = self._stacked(constraints, begins)
-        by_rows = sp.csr_array(L)
-        self._sizes = row_sizes(by_rows)
+        stacked = self._stacked(constraints, begins)
+        self._sizes = np.zeros(self.p)
+        np.maximum.at(self._sizes, stacked.index, np.abs(stacked.values))
         if constraints:
             require_sizes(self._sizes, self.name)
-            require_independent(by_rows, self.name)
+            if stacked.shares_dofs:
+                require_independent(sp.csr_array(stacked.matrix), self.name)
         self.scale = np.ldexp(1.0, np.frexp(self._sizes)[1] - 1)  # powers of two at or below them
-        stacked = Link.of(L)
         self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][part]
         self.links = [link.with_rows_divided(self.scale) for link in self._given]
 
-    def _stacked(self, constraints: Sequence[Rows], begins: np.ndarray) -> sp.csc_array:
+    def _stacked(self, constraints: Sequence[Rows], begins: np.ndarray) -> Link:
         """(L_1, L_2, ...), whose columns begin at `begins`."""
         pieces = [
             (L, first, begins[i])
             for c, first in zip(constraints, self.starts)
             for i, L in c.matrices.items()
         ]
-        shape = (self.p, int(begins[-1]))
         if not pieces:
-            return sp.csc_array(shape)
+            return Link.empty(int(begins[-1]))
         values = np.concatenate([L.data for L, _, _ in pieces])
         rows = np.concatenate([_rows(L) + first for L, first, _ in pieces])
         columns = np.concatenate([L.indices + begin for L, _, begin in pieces])
-        return sp.csc_array((values, (rows, columns)), shape=shape)
+        return Link.of_entries(self.p, int(begins[-1]), values, rows, columns)
 
     @cached_property
     def matrices(self) -> list[sp.csc_array]:
@@ -338,7 +337,7 @@ class ConstraintRows:
         terms = joined(
             self.ranks,
             [
-                (link.matrix @ x, abs(link.matrix) @ np.abs(x), float(np.max(np.abs(x))))
+                (link.product(x), link.product_of_sizes(x), float(np.max(np.abs(x))))
                 for link, x in zip(self._given, values)
                 if x.any()
             ],

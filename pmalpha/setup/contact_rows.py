@@ -20,7 +20,7 @@ from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from .link import Link
 from .member import Member
-from .schedule import MACRO, Options, looked_up
+from .schedule import MACRO, Lookup, Options
 
 # Rows with tangents: W is dense.
 MOST_ROWS = 4000
@@ -99,12 +99,12 @@ class Contacts:
     ) -> dict[int, sp.csc_array]:
         """N of each subdomain, with normal and tangential rows where `first` says."""
         entries: dict[int, list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+        lookup = Lookup(subdomains, names)
         for k, c in enumerate(self.contacts):
             begin = self.first[self.starts[k] : self.starts[k] + c.rows]
             for offset, matrices in enumerate((c.matrices, *c.tangents)):
                 what = f"contact {self.names[k]!r}"
-                known = looked_up(matrices, subdomains, names, what)
-                for i, A in known.items():
+                for i, A in lookup.matrices(matrices, what).items():
                     A = sp.coo_array(A)
                     blocks = entries.setdefault(i, [])
                     blocks.append((A.data, begin[A.coords[0]] + offset, A.coords[1]))

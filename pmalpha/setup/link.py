@@ -34,6 +34,15 @@ class Link:
         return cls(L.shape[0], *core_sparse(L))
 
     @classmethod
+    def of_entries(
+        cls, p: int, n: int, values: np.ndarray, rows: np.ndarray, columns: np.ndarray
+    ) -> Link:
+        """The matrix (p, n) with these entries, of which no two are at one place."""
+        order = np.lexsort((rows, columns))
+        ptr = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=n))])
+        return cls(p, ptr.astype(np.int64), rows[order].astype(np.int32), values[order])
+
+    @classmethod
     def empty(cls, n: int) -> Link:
         """No constraints of n dofs."""
         return cls(0, np.zeros(n + 1, np.int64), np.empty(0, np.int32), np.empty(0))
@@ -71,6 +80,20 @@ class Link:
     def pattern(self) -> Link:
         """The same with ones as entries."""
         return replace(self, values=np.ones(self.values.size))
+
+    @property
+    def shares_dofs(self) -> bool:
+        """Whether two constraints have a dof in common; those that have none are independent."""
+        return bool(np.any(np.diff(self.ptr) > 1))
+
+    def product(self, x: np.ndarray) -> np.ndarray:
+        """L x, (p,), of (n,) values."""
+        terms = self.values * x[self.columns]
+        return np.bincount(self.index, terms, minlength=self.p).astype(float)
+
+    def product_of_sizes(self, x: np.ndarray) -> np.ndarray:
+        """|L| |x|, (p,), with the sizes of all numbers."""
+        return replace(self, values=np.abs(self.values)).product(np.abs(x))
 
     @cached_property
     def matrix(self) -> sp.csc_array:

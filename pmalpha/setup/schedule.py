@@ -115,10 +115,11 @@ def checked_constraints(
     coupling: str,
 ) -> tuple[Rows, ...]:
     """The constraints of a user, with names looked up and numbers of dofs compared."""
-    rows = []
-    for k, c in enumerate(constraints):
-        matrices = looked_up(c.matrices, subdomains, names, f"constraint {k}")
-        rows.append(Rows(c.p, matrices, c.velocity))
+    lookup = Lookup(subdomains, names)
+    rows = [
+        Rows(c.p, lookup.matrices(c.matrices, f"constraint {k}"), c.velocity)
+        for k, c in enumerate(constraints)
+    ]
     return _relative_to_start(rows) if coupling == "mean" else tuple(rows)
 
 
@@ -152,29 +153,32 @@ def two_sided_and_contacts(constraints: Any) -> tuple[tuple[Constraint, ...], tu
     return tuple(c for c in constraints if isinstance(c, Constraint)), contacts
 
 
-def looked_up(
-    entries: Mapping[Any, Any], subdomains: Sequence[Subdomain], names: Sequence[str], what: str
-) -> dict[int, sp.csr_array]:
-    """Matrices by subdomain or name, by index of the subdomain."""
-    known: dict[Any, int] = {s: i for i, s in enumerate(subdomains)}
-    known |= {name: i for i, name in enumerate(names)}
-    matrices: dict[int, sp.csr_array] = {}
-    for s, L in entries.items():
-        i = _index(s, known, names, what)
-        if i in matrices:
-            raise ValueError(f"{what} must not hold {names[i]!r} twice")
-        matrices[i] = _rows(L, subdomains[i], s, what)
-    return matrices
+class Lookup:
+    """The subdomains of a coupler, found by themselves or by their names."""
 
+    def __init__(self, subdomains: Sequence[Subdomain], names: Sequence[str]):
+        self.subdomains, self.names = subdomains, names
+        self.numbers: dict[Any, int] = {s: i for i, s in enumerate(subdomains)}
+        self.numbers |= {name: i for i, name in enumerate(names)}
 
-def _index(s: Any, known: dict[Any, int], names: Sequence[str], what: str) -> int:
-    """The index of a subdomain of a constraint."""
-    if s in known:
-        return known[s]
-    if isinstance(s, str):
-        known_names = listing([repr(name) for name in names])
-        raise ValueError(f"{what} must name subdomains of this coupler, {known_names}, got {s!r}")
-    raise ValueError(f"{what} must hold subdomains of this coupler, got [{s!r}]")
+    def matrices(self, entries: Mapping[Any, Any], what: str) -> dict[int, sp.csr_array]:
+        """Matrices by subdomain or name, by index of the subdomain."""
+        matrices: dict[int, sp.csr_array] = {}
+        for s, L in entries.items():
+            i = self._number(s, what)
+            if i in matrices:
+                raise ValueError(f"{what} must not hold {self.names[i]!r} twice")
+            matrices[i] = _rows(L, self.subdomains[i], s, what)
+        return matrices
+
+    def _number(self, s: Any, what: str) -> int:
+        """The index of a subdomain of a constraint."""
+        if s in self.numbers:
+            return self.numbers[s]
+        if isinstance(s, str):
+            known = listing([repr(name) for name in self.names])
+            raise ValueError(f"{what} must name subdomains of this coupler, {known}, got {s!r}")
+        raise ValueError(f"{what} must hold subdomains of this coupler, got [{s!r}]")
 
 
 def _rows(L: Any, subdomain: Any, s: Any, what: str) -> sp.csr_array:

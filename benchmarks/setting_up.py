@@ -1,0 +1,87 @@
+"""Set-up of small problems: two subdomains of two dofs, rows of subdomains of ten, the import.
+
+Each over what one would do oneself or cannot avoid: the factors and the interface matrix by SciPy,
+a row of a tenth of the subdomains, the import of NumPy and scipy.sparse. And a run of one step over
+that step.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from functools import partial
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from timing import in_turn, once, run
+from uncoupled import chain
+
+import pmalpha as pm
+
+SCHEME = pm.GeneralizedAlpha(0.5)
+DT = 0.05
+K = np.array([[2.0, -1.0], [-1.0, 2.0]])
+IMPORTS = ("import numpy, scipy.sparse", "import pmalpha")
+
+
+def pair():
+    """Two tied subdomains, described and set up."""
+    a = pm.Subdomain(np.ones(2), K, scheme=SCHEME, v0=[1.0, 0.0], name="a")
+    b = pm.Subdomain(np.ones(2), K, scheme=SCHEME, substeps=2, name="b")
+    return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=DT, coupling="gc", threads=1)
+
+
+def pair_by_hand():
+    """What their steps need: factors of Mbar, H, and the initial accelerations."""
+    H, L = 0.0, [np.array([[0.0, 1.0]]), np.array([[-1.0, 0.0]])]
+    for h, row in zip((DT, DT / 2.0), L):
+        factor = scipy.linalg.cho_factor(np.eye(2) + 0.25 * h * h * K)
+        H = H + row @ scipy.linalg.cho_solve(factor, row.T)
+        scipy.linalg.cho_solve(scipy.linalg.cho_factor(np.eye(2)), -K @ np.zeros(2))
+    return scipy.linalg.cho_factor(H)
+
+
+def row(count):
+    """Chains of ten dofs, each tied to the next, every second one with two substeps."""
+    A = sp.csr_array(chain(10))
+    subdomains = [
+        pm.Subdomain(np.ones(10), A, scheme=SCHEME, substeps=1 + i % 2, name=f"s{i}")
+        for i in range(count)
+    ]
+    ties = [pm.tie(a, [9], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(subdomains, ties, dt=DT, coupling="gc", threads=1)
+
+
+def imported(statement, times):
+    """Least processor seconds of a statement in interpreters of their own, from compiled files."""
+    code = f"import time; t = time.process_time(); {statement}; print(time.process_time() - t)"
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"PYTHONPYCACHEPREFIX": folder, "PYTHONDONTWRITEBYTECODE": ""}
+        call = partial(subprocess.run, [sys.executable, "-c", code], env=environment)
+        done = [call(capture_output=True, check=True) for _ in range(1 + times)]
+    return min(float(x.stdout) for x in done[1:])
+
+
+def line(what, seconds, over, other):
+    return {"what": what, "ms": 1e3 * seconds, "over": over, "ratio": seconds / other}
+
+
+def rows(quick):
+    seconds, many = (0.0, 20) if quick else (3.0, 2000)
+    own, hand = in_turn(pair, pair_by_hand, seconds=seconds)
+    coupler = pair()
+    one, step = in_turn(lambda: coupler.run(steps=1), coupler.step, seconds=seconds)
+    few, _ = once(lambda: row(many // 10))
+    all_rows, _ = once(lambda: row(many))
+    times = [imported(x, 1 if quick else 5) for x in IMPORTS]
+    return [
+        line("two of 2 dofs", own, "SciPy by hand", hand),
+        line("run(steps=1)", one, "step()", step),
+        line(f"{many} in a row, each", all_rows / many, "each of a tenth", 10.0 * few / many),
+        line("import pmalpha", times[1], "NumPy, scipy.sparse", times[0]),
+    ]
+
+
+if __name__ == "__main__":
+    run("setting_up", rows, about=__doc__)
