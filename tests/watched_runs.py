@@ -134,7 +134,7 @@ def sound(seed):
     ]
     ties = [pm.tie(a, a.n - 1, b, 0) for a, b in zip(made, made[1:])]
     options = {"coupling": coupling, "threads": 1} if len(made) > 1 else {"threads": 1}
-    steps = min(1500, int(rng.uniform(3.0, 8.0) * period / dt))
+    steps = min(300, int(rng.uniform(2.0, 5.0) * period / dt))
     words = f"{coupling} {len(made)} {law} {kind}"
     return Run(lambda: pm.Coupler(made, ties, dt=dt, **options), steps, words)
 
