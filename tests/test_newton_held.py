@@ -243,11 +243,12 @@ def with_last_digits(internal, part):
 
 
 @couplings
-@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7])
+@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7, 9])
 def test_a_force_that_leaps_within_rounding_ends_in_equilibrium_where_constraints_hold_it(
     seed, coupling
 ):
-    # each correction, were it made, would be followed by another force: no run converged
+    # Each correction, were it made, would be followed by another force: no run converged; 9 not
+    # where the residual that stays, of a correction that is not made, was to be balanced too.
     subdomains, L = held(seed, coupling)
     leaping = with_last_digits(subdomains[0].internal, 0.01)
     subdomains[0] = replace(subdomains[0], internal=leaping)
