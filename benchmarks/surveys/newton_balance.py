@@ -11,10 +11,13 @@ strings under prestress, at rest. `iterations`: corrections in a substep, and ev
 chains, contact, oscillators and pendula in all schedules. Balance is in tolerances, each row of the
 residual relative to the sum of its absolute terms. Minutes in all. `--kernels`, with `held` and
 `wrong`: once for each of these kernels of OpenBLAS (Prescott, Nehalem, Haswell, SkylakeX), and the
-runs that do not end alike under all of them.
+runs that do not end alike under all of them. Of these, where forces jump: how the run ends with
+each choice of the side of the jump on which the dofs are that constraints hold on it, a letter
+each, so that no rounding chooses (docs/method/newton.md, "Forces that jump").
 """
 
 import argparse
+import itertools
 import json
 import os
 import subprocess
@@ -33,6 +36,7 @@ from test_newton_held import DT, STEPS, PrestressedString, held, imbalance, with
 import pmalpha as pm
 
 TOL = 1e-8
+BESIDE = 1e-9  # above rounding of held displacements, below the motion of the others
 REFUSED = (pm.ConvergenceError, pm.FactorizationError)
 
 
@@ -42,14 +46,53 @@ def balance(seed, coupling, wrong):
     jump = 0.0
     if wrong:
         subdomains, jump = with_fault(subdomains, seed)
-    newton = pm.Newton(tol=TOL, tangent=("full", "reuse")[seed % 3 > 0])
     try:
-        history = coupler(subdomains, L, DT, coupling, newton=newton).run(steps=STEPS)
+        history = coupler(subdomains, L, DT, coupling, newton=newton_of(seed)).run(steps=STEPS)
     except pm.PmalphaError as error:
         return type(error).__name__
     members = zip(subdomains, L, history, strict=True)
     found = [imbalance(s, Li, x, history.multipliers, jump) for s, Li, x in members if s.internal]
     return max(found) / TOL
+
+
+def held_dofs(L):
+    """For each subdomain, whether constraints alone keep each of its dofs at zero."""
+    matrix = np.hstack(L)
+    free = np.linalg.svd(matrix)[2][np.linalg.matrix_rank(matrix) :]
+    sizes = np.cumsum([Li.shape[1] for Li in L])[:-1]
+    return [abs(part).max(axis=0, initial=0.0) < 1e-12 for part in np.split(free, sizes, axis=1)]
+
+
+def moved(internal, by):
+    """The force, evaluated beside the displacement; with jumps at zero these move to -by."""
+    return lambda u, v, t, q: internal(u + by, v, t, q)
+
+
+def ends_by_sides(seed, coupling):
+    """How a run ends with held dofs on the upper or lower side of the jump of the force, for all
+    choices: A is accepted, C a ConvergenceError."""
+    subdomains, L = held(seed, coupling)
+    subdomains, _ = with_fault(subdomains, seed)
+    sides = [on & (s.internal is not None) for s, on in zip(subdomains, held_dofs(L), strict=True)]
+    ends = ""
+    for choice in itertools.product((1.0, -1.0), repeat=sum(on.sum() for on in sides)):
+        by = np.zeros(sum(on.size for on in sides))
+        by[np.concatenate(sides)] = np.array(choice) * BESIDE
+        parts = np.split(by, np.cumsum([on.size for on in sides])[:-1])
+        jumping = [
+            replace(s, internal=moved(s.internal, x)) if s.internal else s
+            for s, x in zip(subdomains, parts, strict=True)
+        ]
+        try:
+            coupler(jumping, L, DT, coupling, newton=newton_of(seed)).run(steps=STEPS)
+            ends += "A"
+        except pm.PmalphaError as error:
+            ends += type(error).__name__[0]
+    return ends
+
+
+def newton_of(seed):
+    return pm.Newton(tol=TOL, tangent=("full", "reuse")[seed % 3 > 0])
 
 
 def balances(seeds, wrong):
@@ -58,13 +101,16 @@ def balances(seeds, wrong):
     return {f"{seed} {x}": balance(seed, x, wrong) for seed in seeds for x in couplings}
 
 
-def balances_under(kernel, seeds, wrong):
-    """The same in a process that runs with this kernel of OpenBLAS."""
-    what = ["wrong" if wrong else "held", "--json"]
-    first = ["--first", str(seeds.start), "--seeds", str(len(seeds))]
-    command = [sys.executable, __file__, *what, *first]
+def under(kernel, *arguments):
+    """What this script prints in a process that runs with this kernel of OpenBLAS."""
+    command = [sys.executable, __file__, *map(str, arguments)]
     environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
-    return json.loads(subprocess.check_output(command, env=environment))
+    return subprocess.check_output(command, env=environment, text=True)
+
+
+def balances_under(kernel, seeds, wrong):
+    what = ["wrong" if wrong else "held", "--json", "--first", seeds.start, "--seeds", len(seeds)]
+    return json.loads(under(kernel, *what))
 
 
 def verdict(found):
@@ -84,6 +130,8 @@ def compare(kernels, seeds, wrong):
     print(f"not alike: {len(unlike)} of {len(runs)}")
     for run, x in unlike.items():
         print("   ", run, *x)
+        if wrong and int(run.split()[0]) % 2:
+            print("        by sides of the jump:", *(under(k, "--sides", run) for k in kernels))
 
 
 def survey(seeds, wrong):
@@ -184,11 +232,16 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kernels", nargs="*", default=[])
+    parser.add_argument("--sides", metavar="RUN", help='such as "31 gc": ends by sides of jumps')
     parser.add_argument("--json", action="store_true", help="balances only, of one kind")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.seeds)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        if given.sides:
+            seed, coupling = given.sides.split()
+            print(ends_by_sides(int(seed), coupling), end="")
+            sys.exit()
         for what in given.what:
             if given.json:
                 print(json.dumps(balances(seeds, what == "wrong")))

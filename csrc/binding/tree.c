@@ -108,6 +108,8 @@ static int set_named(growing *tree, size_t at, PyObject *obj, int depth)
 {
     PyObject *fields = PyObject_GetAttrString(obj, "_fields");
     if (!fields) {
+        if (!PyErr_ExceptionMatches(PyExc_AttributeError)) /* Ctrl-C in a function of the class */
+            return -1;
         PyErr_Clear();
         return set_children(tree, at, PMA_TUPLE, NULL, obj, depth);
     }

@@ -204,6 +204,12 @@ static double dot(size_t n, const double *x, const double *y)
     return sum;
 }
 
+/* The force has jumped within rounding, and so does what this residual would move.          (N9) */
+static bool is_fixed(const pma_iterate *it, double residual)
+{
+    return it->leapt && residual <= BEGAN;
+}
+
 /* max |R_i| / T_i of the rows in which R is more than rounding                       (N7) (N8) */
 static double largest_part(const pma_iterate *it)
 {
@@ -244,6 +250,8 @@ static void measure_residual(pma_iterate *it)
     it->measure.residual = largest_part(it);
     it->measure.leap = it->tied ? it->measure.residual / fmax(it->left, BEGAN) : 0.0;
     it->leapt = it->leapt || it->measure.leap > PMA_LEAP;
+    if (is_fixed(it, it->measure.residual))
+        it->measure.residual = 0.0;
 }
 
 /* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
@@ -367,7 +375,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
     it->left = largest_part(it);
-    if (it->leapt && it->left <= BEGAN)
+    if (is_fixed(it, it->left))
         memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
     for (size_t i = 0; i < n; i++) {
