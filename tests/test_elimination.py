@@ -6,7 +6,7 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.ordering import graph_of
+from pmalpha.reduction.ordering import graph_of
 from pmalpha.setup import factors
 from pmalpha.setup.factors import Eliminations, elimination
 

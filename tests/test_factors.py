@@ -14,8 +14,11 @@ from scipy.linalg import cython_blas
 
 import pmalpha as pm
 from pmalpha import _core, ordering, structures
-from pmalpha.ordering import _nested_dissection as dissection
-from pmalpha.ordering import (
+from pmalpha.problem import forms
+from pmalpha.problem.matrices import core_sparse, permuted
+from pmalpha.problem.step_constants import StepConstants
+from pmalpha.reduction.ordering import _nested_dissection as dissection
+from pmalpha.reduction.ordering import (
     elimination_order,
     fill,
     graph_of,
@@ -23,9 +26,6 @@ from pmalpha.ordering import (
     node_size,
     with_full_nodes,
 )
-from pmalpha.problem import forms
-from pmalpha.problem.matrices import core_sparse, permuted
-from pmalpha.problem.step_constants import StepConstants
 from pmalpha.setup import factors
 from pmalpha.setup.inertia import inertia
 from pmalpha.setup.link import Link, compliance

@@ -24,7 +24,6 @@ LAYERS = (
     ("_cached", "_checks", "_tables", "blas", "errors", "memory", "stale"),
     ("files",),
     ("problem",),
-    ("ordering",),
     ("reduction",),
     ("meshes",),
     ("setup",),

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
-from pmalpha.ordering import elimination_order, graph_of, rows_of
+from pmalpha.reduction.ordering import elimination_order, graph_of, rows_of
 from pmalpha.setup import member
 from pmalpha.setup.factors import structure_of
 

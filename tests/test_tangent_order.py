@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pmalpha.ordering import elimination_order, graph_of
 from pmalpha.problem.tangents import symmetric_union
+from pmalpha.reduction.ordering import elimination_order, graph_of
 from pmalpha.setup.internal_forces import narrow_order, tangent_pattern
 
 NONE = np.zeros(0, dtype=int)

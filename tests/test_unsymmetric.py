@@ -11,8 +11,8 @@ from test_factors import solve
 from test_macro import check_against_reference
 
 import pmalpha as pm
-from pmalpha.ordering import elimination_order, graph_of
 from pmalpha.problem.matrices import permuted
+from pmalpha.reduction.ordering import elimination_order, graph_of
 from pmalpha.setup import factors
 from pmalpha.setup.link import Link, compliance
 

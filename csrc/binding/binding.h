@@ -291,11 +291,11 @@ bool pma_is_compiled(PyObject *obj);
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, PyObject *arrays,
                     pma_record *record);
 
-/* None, or {rank, remotes, first, all, counts, starts, gather}: remotes has None for the subdomains
- * of this process, else {nb, substeps, h, doubled, continues, has_internal, link, rows}; first (ranks + 1)
- * the subdomains of each rank; all, counts and starts as in pma_exchange_parts; gather a callable
- * that fills `all`, or {address, type, communicator} of MPI_Allgatherv. *out is the caller's to
- * release, also after an error. */
+/* None, or {rank, remotes, first, all, counts, starts, gather}: remotes has None for the
+ * subdomains of this process, else {nb, substeps, h, doubled, continues, has_internal, link,
+ * rows}; first (ranks + 1) the subdomains of each rank; all, counts and starts as in
+ * pma_exchange_parts; gather a callable that fills `all`, or {address, type, communicator} of
+ * MPI_Allgatherv. *out is the caller's to release, also after an error. */
 int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out);
 void pma_release_processes(pma_processes *x); /* NULL is allowed, and means one process below */
 size_t pma_processes_count(const pma_processes *x, size_t own); /* of subdomains in all of them */

@@ -1,4 +1,5 @@
-/* A specimen in a laboratory: the pace of a run, and a ring of records that another thread reads. */
+/* A specimen in a laboratory: the pace of a run, and a ring of records that another thread
+ * reads. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 

@@ -279,11 +279,11 @@ static void histories_and_corrections_are_recorded(void)
     }
 }
 
-/* ---- what a residual is compared with --------------------------------------------------------- */
+/* ---- what a residual is compared with ------------------------------------------------------- */
 
-/* Two dofs that are not coupled, at rest: a spring of 16 that carries a load of 16, so that the terms
- * of its row are 16 + 12 + 4, a quarter of it in K and the rest in functions; and a mass of 4 with
- * the load R alone. al1 = 1/4: D = (1 + 1/4 4 + 1/4 12, 4) = (5, 4). */
+/* Two dofs that are not coupled, at rest: a spring of 16 that carries a load of 16, so that the
+ * terms of its row are 16 + 12 + 4, a quarter of it in K and the rest in functions; and a mass
+ * of 4 with the load R alone. al1 = 1/4: D = (1 + 1/4 4 + 1/4 12, 4) = (5, 4). */
 static const double UNBALANCED = 1e-3, TERMS = 32.0, AL1 = 0.25;
 
 /* max |R| / tau at the first guess, with the energy scale s^2                              (N7) */
@@ -331,9 +331,10 @@ static void what_was_found_to_be_rounding_does_not_count(void)
     CHECK_NEAR(measured(-0.9 * kept * kept), measured(0.0), 0.0);
 }
 
-/* A mass of 1/1000 and f = u^3 under the load 1: the first correction is to u = al1 1000 = 250, with
- * the energy 250^2 / 1000 / al1 = 250, the last one to u^3 + u / 250 = 1, with about 3. Of a state
- * that keeps -1 the former has moved more than ten times as far, the latter has not.      (N9) */
+/* A mass of 1/1000 and f = u^3 under the load 1: the first correction is to u = al1 1000 = 250,
+ * with the energy 250^2 / 1000 / al1 = 250, the last one to u^3 + u / 250 = 1, with about 3. Of
+ * a state that keeps -1 the former has moved more than ten times as far, the latter has not.
+ * (N9) */
 static void an_iterate_that_was_not_accepted_sets_no_scale(void)
 {
     subdomain x = {.n = 1,

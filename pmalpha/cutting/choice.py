@@ -10,8 +10,8 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing, whole_number
 from ..gradients.parameters import labelled
-from ..ordering import has_nested_dissection
 from ..problem.schemes import GeneralizedAlpha, Scheme
+from ..reduction.ordering import has_nested_dissection
 from ..setup.stability import critical_product
 from .whole import Blocks, Whole
 

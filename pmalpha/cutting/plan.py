@@ -11,10 +11,10 @@ import scipy.sparse as sp
 
 from .._checks import counted
 from .._tables import text_table
-from ..ordering import graph_of
 from ..problem.matrices import Matrix, sparse
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from ..reduction.ordering import graph_of
 from ..setup.factors import elimination
 from ..setup.interface import DENSE_SHARE, total
 from ..setup.link import Block, Link, diagonal_compliances

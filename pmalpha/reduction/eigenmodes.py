@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from .._checks import whole_number
 from ..errors import warn
-from ..ordering import elimination_order, graph_of
 from ..problem.dofs import dof_list
 from ..problem.matrices import (
     EXPORTED,
@@ -24,6 +23,7 @@ from ..problem.matrices import (
     product,
     sparse,
 )
+from .ordering import elimination_order, graph_of
 
 __all__ = ["modes"]
 

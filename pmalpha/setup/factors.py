@@ -12,9 +12,9 @@ from .. import _core
 from ..blas import gemm_and_trsm, one_thread
 from ..errors import FactorizationError
 from ..memory import require
-from ..ordering import Graph, elimination_order, rows_of, with_full_nodes
 from ..problem.forms import Band, Compressed, Factor, Panels, Supernodes
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
+from ..reduction.ordering import Graph, elimination_order, rows_of, with_full_nodes
 from .inertia import Inertia, inertia
 
 # A pivot below this fraction of its diagonal entry has lost all digits.

@@ -9,9 +9,9 @@ import scipy.sparse as sp
 
 from .._checks import counted
 from ..memory import require
-from ..ordering import elimination_order, graph_of
 from ..problem.forms import Factor
 from ..problem.matrices import Matrix, dense, row_of_entries
+from ..reduction.ordering import elimination_order, graph_of
 from .factors import Names, factorize
 from .link import Block, diagonal_compliances
 from .member import Member

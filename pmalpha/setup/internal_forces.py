@@ -13,7 +13,6 @@ from scipy import LowLevelCallable
 from .. import _core
 from ..blas import gemm_and_trsm
 from ..memory import require
-from ..ordering import Graph, elimination_order, graph_of, rows_of
 from ..problem import forms
 from ..problem.evaluation import CheckedInternal, first_tangent, histories
 from ..problem.forms import Numeric, Supernodes
@@ -31,6 +30,7 @@ from ..problem.matrices import (
 from ..problem.springs import assembled, core_springs, stiffness
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union
+from ..reduction.ordering import Graph, elimination_order, graph_of, rows_of
 from .factors import Structure, structure_of
 
 # The core factors tangents as a band up to this half width, if that has at most this many times the

@@ -14,7 +14,6 @@ import scipy.sparse as sp
 from .. import _core
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
-from ..ordering import graph_of, has_nested_dissection
 from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.limits import limits_of_dofs
@@ -31,6 +30,7 @@ from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
+from ..reduction.ordering import graph_of, has_nested_dissection
 from .factors import Elimination, Eliminations, Names
 from .internal_forces import (
     InternalForces,

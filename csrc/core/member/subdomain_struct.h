@@ -1,8 +1,8 @@
 /* subdomain_struct.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, impulse.c
- * one with impulses, division.c one by several workers, response.c what macro coupling adds, rig.c
- * what is around the restoring forces of a specimen. */
+ * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep,
+ * impulse.c one with impulses, division.c one by several workers, response.c what macro
+ * coupling adds, rig.c what is around the restoring forces of a specimen. */
 #ifndef PMA_SUBDOMAIN_STRUCT_H
 #define PMA_SUBDOMAIN_STRUCT_H
 

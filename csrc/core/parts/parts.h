@@ -140,12 +140,12 @@ typedef struct {
     pma_contact_parts contact;
 } pma_coupler_taken;
 
-/* {p, H_start, H, motions, options, schedule, iteration, doubled, contact}: motions is a tuple of
- * {rows, velocity}, a load, which may be set later; options those of PMA_COUPLER_OPTIONS; schedule a
- * word; iteration, or None, is {tolerance, iterations, reuse} with {pattern, start, later} or, of schedules that shoot,
- * {response_start, response, H_size}; contact, or None, is {first, gap, restitution, friction,
- * friction_static, sides, dgemm, dtrsm, obstacle} with sides {member, N}; its obstacle may be set
- * later. */
+/* {p, H_start, H, motions, options, schedule, iteration, doubled, contact}: motions is a tuple
+ * of {rows, velocity}, a load, which may be set later; options those of PMA_COUPLER_OPTIONS;
+ * schedule a word; iteration, or None, is {tolerance, iterations, reuse} with {pattern, start,
+ * later} or, of schedules that shoot, {response_start, response, H_size}; contact, or None, is
+ * {first, gap, restitution, friction, friction_static, sides, dgemm, dtrsm, obstacle} with sides
+ * {member, N}; its obstacle may be set later. */
 pma_status pma_parts_coupler(const pma_field *f, const pma_members *members,
                              pma_coupler_taken *out);
 
