@@ -23,13 +23,6 @@ int pma_take_panels(PyObject *obj, PyObject *arrays, pma_panels *out)
     return pma_end(&arg, pma_parts_panels(&root, out));
 }
 
-int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
-{
-    pma_argument arg;
-    const pma_field root = pma_read(&arg, obj, "link", arrays);
-    return pma_end(&arg, pma_parts_link(&root, nb, out));
-}
-
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_springs *out)
 {
     pma_argument arg;

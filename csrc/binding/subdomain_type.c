@@ -209,40 +209,16 @@ static PyObject *subdomain_rebase(SubdomainObject *self, PyObject *args)
     Py_RETURN_NONE;
 }
 
-/* A new tuple of arrays that are not filled yet, of these sizes; or NULL. */
-static PyObject *new_tuple(Py_ssize_t count, const npy_intp *sizes)
-{
-    PyObject *tuple = PyTuple_New(count);
-    for (Py_ssize_t i = 0; tuple && i < count; i++) {
-        PyObject *array = PyArray_SimpleNew(1, &sizes[i], NPY_DOUBLE);
-        if (!array)
-            Py_CLEAR(tuple);
-        else
-            PyTuple_SetItem(tuple, i, array);
-    }
-    return tuple;
-}
-
-static double *item_of(PyObject *tuple, Py_ssize_t i)
-{
-    return PyArray_DATA((PyArrayObject *)PyTuple_GetItem(tuple, i));
-}
-
 static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    const npy_intp sizes[3] = {n, n, n};
-    PyObject *tuple = new_tuple(3, sizes);
-    if (!tuple || !pma_subdomain_claim(self)) {
-        Py_XDECREF(tuple);
+    if (!pma_subdomain_claim(self))
         return NULL;
-    }
     const pma_state *x = pma_subdomain_present(self->core);
-    const double *const fields[3] = {x->u, x->v, x->w};
-    for (Py_ssize_t i = 0; i < 3; i++)
-        memcpy(item_of(tuple, i), fields[i], (size_t)n * sizeof(double));
+    PyObject *arrays[3] = {pma_new_vector(n, x->u), pma_new_vector(n, x->v),
+                           pma_new_vector(n, x->w)};
     pma_subdomain_release(self);
-    return tuple;
+    return pma_pack(3, arrays);
 }
 
 static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
