@@ -82,7 +82,8 @@ PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *obj)
     status = pma_iterate_restore(it, kept);
     pma_gil_acquire(before);
     pma_subdomain_release(self);
-    return pma_end(&arg, status) < 0 ? NULL : Py_NewRef(Py_None);
+    (void)pma_end(&arg, PMA_OK);
+    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "entries");
 }
 
 /* ---- of a coupler --------------------------------------------------------------------------- */
