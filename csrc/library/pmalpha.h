@@ -61,7 +61,7 @@ PMALPHA_API const char *pmalpha_version(void);
 
 /* ---- a model -------------------------------------------------------------------------------- */
 
-/* The model of a file, which is read whole. message (PMALPHA_MESSAGE, or NULL) is why it is refused;
+/* The model of a file, which is read whole. message (PMALPHA_MESSAGE, or NULL): why it is refused;
  * *out is then NULL. */
 PMALPHA_API pmalpha_status pmalpha_open(const char *path, char *message, pmalpha_model **out);
 
