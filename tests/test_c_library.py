@@ -139,6 +139,12 @@ def test_examples_print_the_figure_of_the_run(model, tmp_path, source):
     assert float(run(program, model[0], STEPS)) == model[1]
 
 
+def test_the_s_function_prints_the_figure_of_the_run(model, tmp_path):
+    """With stubs in place of Simulink's headers."""
+    program = compiled(EXAMPLES / "sfunction.c", tmp_path, "-I", ROOT / "tests")
+    assert float(run(program, model[0], STEPS)) == model[1]
+
+
 def test_the_example_of_ctypes_prints_the_figure_of_the_run(model):
     library = pm.c_library() / "libpmalpha.so"
     script = EXAMPLES / "ctypes_loop.py"

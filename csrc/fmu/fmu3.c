@@ -313,7 +313,7 @@ EXPORT status NAMED(fmi3GetOutputDerivatives)(component c, const reference r[], 
     return none(c, count);
 }
 
-/* ---- what an FMU for co-simulation without events has not ------------------------------------ */
+/* ---- what an FMU for co-simulation without events has not ---------------------------------- */
 
 #define ABSENT(name)                       \
     EXPORT status NAMED(name)(component c) \

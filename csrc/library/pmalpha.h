@@ -61,8 +61,8 @@ PMALPHA_API const char *pmalpha_version(void);
 
 /* ---- a model -------------------------------------------------------------------------------- */
 
-/* The model of a file, which is read whole. message (PMALPHA_MESSAGE, or NULL) is why it is
- * refused; *out is then NULL. */
+/* The model of a file, which is read whole. message (PMALPHA_MESSAGE, or NULL): why it is refused;
+ * *out is then NULL. */
 PMALPHA_API pmalpha_status pmalpha_open(const char *path, char *message, pmalpha_model **out);
 
 /* The same of bytes in memory, at a multiple of 8. They are only read, also by several models at a

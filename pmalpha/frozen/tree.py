@@ -63,9 +63,9 @@ def file_of(tree: Any) -> bytearray:
     for i, (kind, axes, extents, content) in enumerate(nodes):
         value = struct.pack("<q", places[content]) if kind in (WORD, *ARRAYS.values()) else content
         struct.pack_into("<II3q8s", result, HEADER + NODE * i, kind, axes, *extents, value)
-    for (_, content), place in zip(data.pieces, places):
+    for (_, content), begin_of in zip(data.pieces, places):
         flat = memoryview(content).cast("B")
-        result[place : place + flat.nbytes] = flat
+        result[begin_of : begin_of + flat.nbytes] = flat
     total = _core.check_sum(memoryview(result)[HEADER:])
     header = b"pmalpha\0", FORMAT, ORDER, len(result), len(nodes), begin, total
     struct.pack_into("<8sIIQQQQ", result, 0, *header)
@@ -107,7 +107,9 @@ def _pairs(item: Any) -> Any:
     return zip(fields, item) if isinstance(item, tuple) and fields is not None else None
 
 
-def _parent(kind: int, family: list[tuple[Any, str]], items: list[tuple[Any, str]]) -> Any:
+def _parent(
+    kind: int, family: list[tuple[Any, str]], items: list[tuple[Any, str]]
+) -> tuple[Any, ...]:
     first = len(items)
     items.extend(family)
     return kind, 0, (len(family), 0, 0), struct.pack("<q", first)
