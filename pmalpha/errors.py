@@ -316,8 +316,9 @@ class AccuracyWarning(UserWarning):
     The reasons: steps skip samples of a record that change the motion; substeps that were chosen by
     a tolerance reached their largest number; an estimate of the stiffness of restoring functions
     above it has acted as more than a tenth of the mass, equation (B13); a `SupportMotion` of
-    displacements begins with a slope, while the structure is at rest. No run estimates its own
-    error: `Coupler.estimate_error` does.
+    displacements begins with a slope, while the structure is at rest; tied displacements have
+    parted in the first steps of a run. No run estimates its own error: `Coupler.estimate_error`
+    does.
     """
 
 

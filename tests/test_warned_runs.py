@@ -1,7 +1,7 @@
 """Sound and realistic runs have no warning of any kind, gains of energy above a tenth have one.
 
-The problems are those of watched_runs.py, of which benchmarks/surveys/warned_runs.py tries 1000
-sound ones, 100 realistic ones and 1000 thrown masses.
+The problems are those of watched_runs.py, of which benchmarks/surveys/warned_runs.py tries any
+number.
 """
 
 import warnings

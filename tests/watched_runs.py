@@ -18,7 +18,7 @@ import pmalpha as pm
 from pmalpha import models, structures
 
 COUPLINGS = ("gc", "pm", "macro", "mean")
-LOADS = ("free", "impact", "step", "pulse", "sine", "record", "earthquake")
+LOADS = ("free", "impact", "ramp", "pulse", "sine", "record", "earthquake")
 
 
 @dataclass
@@ -48,8 +48,8 @@ def load_of(rng, kind, m, dt, period, size):
     a function that returns p and s, or None and samples of a ground acceleration."""
     p = np.zeros(m.size)
     p[int(rng.integers(m.size))] = size
-    if kind == "step":
-        return p, np.ones_like
+    if kind == "ramp":  # a step moves tied displacements apart
+        return p, lambda t: np.minimum(t / (0.2 * period), 1.0)
     if kind == "pulse":
         end = dt * int(rng.integers(8, max(9, int(2.0 * period / dt))))
         return p, lambda t: np.where(t < end, np.sin(np.pi * np.minimum(t, end) / end), 0.0)

@@ -341,8 +341,9 @@ class Coupler:
             (B10).
         AccuracyWarning
             When an estimate of the stiffness above that of the forces has acted as more than a
-            tenth of the mass, equation (B13). With `tolerance`, when substeps reach their largest
-            number.
+            tenth of the mass, equation (B13); when tied displacements have parted in the first
+            steps by more than a tenth of the motion. With `tolerance`, when substeps reach their
+            largest number.
         UserWarning
             For a run to the present time, which computes nothing.
 
