@@ -25,7 +25,8 @@ MACRO = ("macro", "mean")
 COUPLINGS: dict[Coupling, str] = {
     "pm": "test rigs, stiff restoring forces, a large coarse subdomain; double steps of 2 dt; "
     "substeps add up to 0.26 dt / T of critical damping",
-    "gc": "the same and contact, with single steps; explicit levels of a cut mesh; up to 0.52 dt / T",
+    "gc": "the same and contact, with single steps; explicit levels of a cut mesh; substeps add up "
+    "to 0.52 dt / T",
     "macro": "linear subdomains with substeps: order 2, where the first two are of order 1",
     "mean": "no drift, and exact energy without damping; for long runs",
 }
