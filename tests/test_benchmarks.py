@@ -30,6 +30,7 @@ SCRIPTS = [
     "newton",
     "pacing",
     "plate",
+    "subcycled_energy",
     "subcycling",
     "threads",
     "uncoupled",
