@@ -12,7 +12,11 @@ import numpy as np
 from pmalpha.plot import LINES, RC
 
 ROOT = Path(__file__).parent.parent
-PAGES = ROOT / "docs" / "performance.md", ROOT / "benchmarks" / "README.md"
+PAGES = (
+    ROOT / "docs" / "performance.md",
+    ROOT / "benchmarks" / "README.md",
+    ROOT / "docs" / "compared.md",
+)
 RESULTS = ROOT / "benchmarks" / "results"
 PICTURES = ROOT / "docs" / "pictures"
 
@@ -185,7 +189,33 @@ TABLES = {
         "cases", same("problem", "one, us a macro step", "eight, us a macro step", "gain")
     ),
     "newton": lambda: pick("newton", same(*NEWTON)),
+    "subcycled_energy": lambda: subcycled_energy(),
 }
+
+
+METHODS = {
+    "gc": '"gc"',
+    "pm": '"pm"',
+    "macro": '"macro"',
+    "mean": '"mean"',
+    "nodal": "nodal subcycling",
+}
+
+
+def subcycled_energy():
+    """Lowest, highest and last energy of each method, for each ratio of steps."""
+    results = read("subcycled_energy")
+    origin = {x: results[0][x] for x in ORIGIN}
+    ratios = sorted({row["ratio"] for row in results})
+    table = []
+    for column, name in METHODS.items():
+        line = {"": name}
+        for ratio in ratios:
+            energy = [1.0 + row[column] for row in results if row["ratio"] == ratio]
+            extremes = f"{min(energy):.5f}, {max(energy):.5f}, {energy[-1]:.5f}"
+            line[f"ratio {short(ratio)}: lowest, highest, end"] = extremes
+        table.append(line | origin)
+    return table
 
 
 def page(text):
@@ -335,7 +365,22 @@ def draw_step(figure):
     ax.set(xlim=(0.0, 1.0), xlabel="share of the time of a step")
 
 
+def draw_energy(figure):
+    """Energy over time while the pulse crosses, for the larger ratio."""
+    ax = figure.subplots()
+    results = read("subcycled_energy")
+    largest = max(row["ratio"] for row in results)
+    chosen = [row for row in results if row["ratio"] == largest]
+    for i, (column, name) in enumerate(METHODS.items()):
+        share = [100.0 * row[column] for row in chosen]
+        ax.plot([row["t us"] for row in chosen], share, label=name, **LINES[i % len(LINES)])
+    ax.axvspan(24.1, 34.1, color="0.93")  # 125 mm at c, and the pulse of 10 us
+    ax.set(xlabel="time (us)", ylabel="change of the energy (%)")
+    ax.legend()
+
+
 DRAWN = {
+    "energy": (draw_energy, (6.0, 3.2)),
     "plate": (draw_plate, (6.0, 3.0)),
     "coupling": (draw_coupling, (9.0, 3.4)),
     "growth": (draw_growth, (9.0, 7.0)),

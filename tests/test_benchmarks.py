@@ -32,6 +32,7 @@ SCRIPTS = [
     "plate",
     "recorded",
     "setting_up",
+    "subcycled_energy",
     "subcycling",
     "threads",
     "uncoupled",
