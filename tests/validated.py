@@ -366,7 +366,7 @@ def vm79():
 
 def sdll113():
     """A clamped, damped bar under a force at its end, Samtech report 121; Code_Aster V2.02.113."""
-    area, n, dt, t_end = np.pi * (0.1**2 - 0.09**2), 100, 5e-6, 0.0195
+    area, n, dt, t_end = np.pi * (0.1**2 - 0.09**2), 50, 1e-5, 0.0195
     bar = structures.rod(n, 1.0, EA=1e10 * area, rhoA=1e4 * area)
     force = np.zeros(n + 1)
     force[-1] = -100.0
@@ -390,12 +390,12 @@ def sdll135():
     """A tube, wave and natural frequencies, Code_Aster V2.02.135."""
     area = np.pi * (0.16**2 - 0.15**2)
     inertia = np.pi / 4.0 * (0.16**4 - 0.15**4)
-    E, rho, n = 2e11, 7830.0, 400
+    E, rho, n = 2e11, 7830.0, 200
     bar = structures.rod(n, 1.0, EA=E * area, rhoA=rho * area, mass="lumped")
     force = np.zeros(n + 1)
     force[-1] = 1.0
     times, published = [1e-4, 1.5e-4, 2e-4], [2.59473e-10, 3.89210e-10, 5.18946e-10]
-    dt = 2.5e-7
+    dt = 5e-7
     s = bar.subdomain(scheme=CD, fixed=[0], force=force)
     ours = at(pm.solve(s, dt=dt, t_end=2.1e-4), times, -1)
     coupled = {
@@ -578,7 +578,7 @@ def _hexahedra(n, size, thickness):
 def sdnv143():
     """A plastic wave in uniaxial strain, Code_Aster V5.03.143 D."""
     E, nu, rho, yields, pressure = 2.1e11, 0.3, 7500.0, 870e6, 5e9
-    n, h = 200, 8e-7
+    n, h = 120, 1.3e-6
     material = structures.J2Plasticity(E, nu, yields, 0.0)
     strip = structures.nonlinear_solid(n, 1, h, material, rho=rho, plane="strain", mass="lumped")
     across = strip.dofs(np.arange(len(strip.points)), "uy")
@@ -601,7 +601,7 @@ def sdnv143():
     motion = pm.solve(s, dt=dt, steps=steps, every=5)
     names = [f"ux {d // 2}" for d in dofs]
     ours = np.array([motion[name].v[-1] for name in names])
-    cut = pm.cut(strip, (np.arange(n) >= 50).astype(int), scheme=scheme, **options)
+    cut = pm.cut(strip, (np.arange(n) >= 30).astype(int), scheme=scheme, **options)
     coupled = {}
     for coupling in ("gc",):
         v = cut.gather(cut.coupler(dt=dt, coupling=coupling).run(steps=steps)).v[-1]
@@ -690,7 +690,13 @@ def sdnd104():
         # at 1.01 the block slips by 0.3 mm/s for an eighth of the time: with equal steps alone
         coupled = {"gc": power(A, True)} if A > 1.1 else {}
         rows.append(
-            Row(f"mean of N |v| at {A:g} m/s2", published, tolerance, power(A, False), coupled)
+            Row(
+                f"mean power of friction at {A:g} m/s2",
+                published,
+                tolerance,
+                power(A, False),
+                coupled,
+            )
         )
     return rows
 
@@ -1022,7 +1028,7 @@ def shear_column():
 
 def pendulum():
     """A pendulum from the horizontal, IFToMM A01 (multibody benchmark, 2005)."""
-    g, EA, dt, t_end = 9.81, 1e6, 2e-3, 1.0
+    g, EA, dt, t_end = 9.81, 1e6, 2e-3, 0.6
     link = structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=EA, rhoA=1e-9, mass="lumped").with_mass(
         1, 1.0
     )
@@ -1036,7 +1042,7 @@ def pendulum():
     theta = 2.0 * np.arcsin(np.sqrt(m) * sn)
     exact = np.column_stack([np.sin(theta), -np.cos(theta)])
     ours = motion.u + [1.0, 0.0]
-    return [Row("path over 1 s", exact, 1e-3, ours, {})]
+    return [Row("path over 0.6 s", exact, 1e-3, ours, {})]
 
 
 GROUPS = {
@@ -1080,7 +1086,7 @@ GROUPS = {
     "Large rotations": [(pendulum, "IFToMM A01, 2005")],
 }
 CASES = [case for cases in GROUPS.values() for case, _ in cases]
-SLOW = (sdll113, sdll135, sdnv143, pendulum)  # of `make others`
+SLOW = (sdnv143, pendulum)  # of `make others`
 
 # ---- the page -----------------------------------------------------------------------------------
 
