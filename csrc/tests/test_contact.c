@@ -330,6 +330,7 @@ static void make_masses(masses *x, double speed, const double *force)
                                      .gap = x->gap,
                                      .restitution = x->restitution,
                                      .friction = x->friction,
+                                     .friction_static = x->friction,
                                      .sides = 1,
                                      .side = &x->side,
                                      .blas = NAIVE_BLAS};
