@@ -114,7 +114,7 @@ static pma_status take_sizes(const pma_field *of, size_t members, size_t *member
 static pma_status take_input(const pma_field *f, pmalpha_model *m, pmalpha_input *out)
 {
     static const char *const KINDS[] = {"specimen", "force", "velocity"};
-    size_t kind, n;
+    size_t kind = 0, n = 0;
     out->scale = 1.0;
     PMA_TRY(take_word(f, "name", &out->name));
     PMA_TRY(take_choice(f, "kind", KINDS, 3, &kind));
@@ -292,7 +292,7 @@ static const char *const WORDS[QUANTITIES] = {"u",         "v", "a", "deformatio
 
 static pma_status take_output(const pma_field *f, pmalpha_model *m, pmalpha_output *out)
 {
-    size_t what, member, at;
+    size_t what = 0, member = 0, at = 0;
     PMA_TRY(take_word(f, "name", &out->name));
     PMA_TRY(take_choice(f, "what", WORDS, QUANTITIES, &what));
     PMA_TRY(take_real(f, "scale", &out->scale));
