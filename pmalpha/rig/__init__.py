@@ -5,8 +5,10 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 `started` call any function of numbers and arrays in another process, which `serve_calls` serves.
 """
 
-from ..problem.actuators import Compensated, Response, SimulatedActuator
+from ..problem.actuators import Compensated, SimulatedActuator
+from ..problem.device import Response
 from ..problem.limits import Limits
+from ..problem.linear_actuator import LinearActuator, servo_hydraulic
 from ..results.ring import Monitored, read_monitor
 from .calls import Client, RemoteError, started
 from .calls import serve as serve_calls
@@ -21,6 +23,7 @@ __all__ = [
     "Compensated",
     "Connected",
     "Limits",
+    "LinearActuator",
     "Monitored",
     "RemoteError",
     "Response",
@@ -30,6 +33,7 @@ __all__ = [
     "read_monitor",
     "serve",
     "serve_calls",
+    "servo_hydraulic",
     "started",
     "tracking",
 ]

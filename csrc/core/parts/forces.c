@@ -39,8 +39,10 @@ typedef struct {
 static int call_specimen(double t, intptr_t n, double *u, double *v, double *r, void *user)
 {
     const specimen_function *own = user;
+    const pma_cell *cell = own->core->cell;
+    const pma_wanted wanted = {.u = u, .v = v, .a = cell->a, .ahead = cell->ahead};
     (void)n;
-    return pma_specimen_evaluate(own->core, t, u, v, r, own->core->cell->memory + own->offset);
+    return pma_specimen_evaluate(own->core, t, &wanted, r, cell->memory + own->offset);
 }
 
 static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *restoring,
@@ -50,6 +52,8 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
     PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
     PMA_TRY(pma_parts_specimen(f, n, &own->core, &out->by_caller));
     own->core->cell = restoring->cell;
+    if (own->core->h > 0.0 && !restoring->cell->a)
+        PMA_TRY(pma_field_allocate(f, n, sizeof(double), (void *)&restoring->cell->a));
     own->core->number = restoring->compensators;
     restoring->compensators += own->core->compensators > 0;
     own->offset = restoring->memory;
