@@ -10,12 +10,13 @@ static int run_commands(const pma_specimen *own, npy_intp k, const double *t,
     double *memory = PyMem_Calloc(pma_specimen_numbers(own), sizeof *memory);
     if (!memory)
         return pma_check(PMA_NO_MEMORY, NULL);
+    const double *measured = memory + pma_specimen_trace(own).measured;
     int code = 0;
     for (size_t i = 0; i < (size_t)k && code == 0; i++) {
         const pma_wanted wanted = {
             .u = first->u + i * n, .v = first->v + i * n, .a = first->a + i * n};
         code = pma_specimen_evaluate(own, t[i], &wanted, r + i * n, memory);
-        memcpy(x + i * n, pma_specimen_trace(own, memory).measured, n * sizeof(double));
+        memcpy(x + i * n, measured, n * sizeof(double));
     }
     PyMem_Free(memory);
     if (code != 0 && !PyErr_Occurred())

@@ -366,9 +366,15 @@ def _nested(roots: Any, n: int, name: str, ndim: int) -> list[list[np.ndarray]]:
     for x in (x for row in table for x in row):
         if not np.all(np.isfinite(x)):
             raise ValueError(f"{name} must be finite, got {x}")
-        if np.max(np.abs(np.poly(x).imag), initial=0.0) > 1e-9 * np.max(np.abs(np.poly(x))):
+        coefficients = np.atleast_1d(np.poly(x))
+        if np.max(np.abs(coefficients.imag)) > ROUNDING * np.max(np.abs(coefficients)):
             raise ValueError(f"{name} must have complex numbers with their conjugates, got {x}")
     return table
+
+
+def _polynomial(roots: np.ndarray) -> np.ndarray:
+    """Its coefficients, the highest power first."""
+    return np.asarray(np.atleast_1d(np.poly(roots)).real)
 
 
 def _column(
@@ -377,13 +383,13 @@ def _column(
     """A, b and C of one command: of one denominator where all rows have the same poles."""
     if all(np.array_equal(poles[0], p) for p in poles[1:]):
         scale = float(np.max(np.abs(poles[0]))) or 1.0  # of time, so that numbers are alike
-        denominator = np.poly(poles[0] / scale).real
+        denominator = _polynomial(poles[0] / scale)
         s = len(denominator) - 1
         A = np.eye(s, k=1)
         A[-1] = -denominator[:0:-1]
         C = np.zeros((len(gains), s))
         for i, (z, g) in enumerate(zip(zeros, gains)):
-            numerator = g * np.poly(z / scale).real * scale ** (len(z) - s)
+            numerator = g * _polynomial(z / scale) * scale ** (len(z) - s)
             C[i, : len(numerator)] = numerator[::-1]
         return scale * A, scale * np.eye(s)[-1], C
     from scipy.linalg import block_diag

@@ -26,6 +26,13 @@ typedef struct {
     double ahead;
 } pma_cell;
 
+/* Where a specimen behind filters has what was last in an evaluation, `width` numbers each, in what
+ * functions remember: the command of the structure, that which the simulated rig was sent, what was
+ * measured, and the force. */
+typedef struct {
+    size_t width, command, sent, measured, force;
+} pma_trace;
+
 /* The arrays are the caller's and have to outlive it. */
 typedef struct {
     pma_restoring_function function; /* NULL: there is no such force */
@@ -39,6 +46,8 @@ typedef struct {
     size_t memory;        /* numbers that the function remembers from one evaluation to the next */
     size_t compensators;  /* of commands, among the functions */
     pma_cell *cell;       /* NULL without memory and compensators */
+    size_t traces;        /* specimens behind filters among the functions */
+    const pma_trace *trace; /* traces */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */

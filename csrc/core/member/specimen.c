@@ -30,13 +30,11 @@ size_t pma_specimen_numbers(const pma_specimen *s)
     return start_of_trace(s) + s->width * (s->h > 0.0 ? 4 : 3);
 }
 
-pma_trace pma_specimen_trace(const pma_specimen *s, const double *memory)
+pma_trace pma_specimen_trace(const pma_specimen *s)
 {
-    const double *command = memory + start_of_trace(s);
-    return (pma_trace){.command = command,
-                       .sent = command + s->width,
-                       .measured = memory,
-                       .force = command + 2 * s->width};
+    const size_t command = start_of_trace(s), width = s->width;
+    return (pma_trace){
+        .width = width, .command = command, .sent = command + width, .force = command + 2 * width};
 }
 
 /* ---- the way there -------------------------------------------------------------------------- */

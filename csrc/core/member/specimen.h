@@ -42,15 +42,10 @@ typedef struct {
     double ahead;
 } pma_wanted;
 
-/* What was last in an evaluation, width each; in the memory of the specimen. */
-typedef struct {
-    const double *command, *sent, *measured, *force;
-} pma_trace;
-
 /* The numbers it remembers: the measured displacement (width), the filters in turn, the springs or
  * the linear system, the rest of the trace, the last acceleration. */
 size_t pma_specimen_numbers(const pma_specimen *s);
-pma_trace pma_specimen_trace(const pma_specimen *s, const double *memory);
+pma_trace pma_specimen_trace(const pma_specimen *s);
 
 /* r (n) += its forces. Returns what the function returns, or 1 when `cell` refuses what
  * compensators make of the command. Once a step, in the order of time. Does not allocate. */
