@@ -218,10 +218,15 @@ class LinearActuator(Device):
         before = E[:, s : s + n] - after
         if self.hold == "zero":
             before, after = before + after, np.zeros_like(after)
-        rest = -np.linalg.lstsq(self.A, self.B, rcond=None)[0]
+        rest = at_rest(self.A, self.B)
         lag, weight = delayed(self.delay, h)
         return forms.Linear(
-            *(np.ascontiguousarray(x) for x in (E[:, :s], before, after, rest, self.C, self.F)),
+            phi=np.ascontiguousarray(E[:, :s]),
+            before=np.ascontiguousarray(before),
+            after=np.ascontiguousarray(after),
+            rest=np.ascontiguousarray(rest),
+            displacement=self.C,
+            force=self.F,
             lag=lag,
             weight=weight,
             largest=np.inf if self.saturation is None else self.saturation,
@@ -289,6 +294,14 @@ def servo_hydraulic(
     B = [[0.0], [0.0], [0.0], [0.0], [g * a1b0]]
     x, f = [[1.0, 0.0, 0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0, 0.0, 0.0]]
     return LinearActuator(A, B, x, f, **options)
+
+
+def at_rest(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """States of A x + B = 0, (s, n); with a pole at 0 those of least size."""
+    from scipy.linalg import matrix_balance
+
+    balanced, T = matrix_balance(A)
+    return -np.asarray(T @ np.linalg.lstsq(balanced, np.linalg.solve(T, B), rcond=None)[0])
 
 
 def _refuse_valve(valve: Any) -> Any:

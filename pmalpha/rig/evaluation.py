@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import real_array
-from .tracking import tracking
+from .._checks import real_array, time_step
+from .tracking import criteria
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -35,7 +35,7 @@ class Evaluation:
     @property
     def worst(self) -> np.ndarray:
         """The largest of each criterion, (9,)."""
-        return np.max(self.J, axis=0)
+        return np.asarray(np.max(self.J, axis=0))
 
     def __str__(self) -> str:
         """A line for each test, with four digits."""
@@ -79,7 +79,7 @@ def evaluate(tests: Mapping[str, Any], reference: Any, dt: float) -> Evaluation:
                J1       J2       J3       J4       J5       J6       J7       J8       J9
     late       12       12    11.99       12    11.99        0        0        0        0
     """
-    r = real_array(reference, "reference", 2)
+    r, dt = real_array(reference, "reference", 2), time_step(dt, "dt")
     if r.shape[1] != STOREYS:
         raise ValueError(f"reference must have {STOREYS} columns, got shape {r.shape}")
     if not tests:
@@ -94,6 +94,8 @@ def evaluate(tests: Mapping[str, Any], reference: Any, dt: float) -> Evaluation:
                 f"tests[{name!r}] must have command and measured of {len(r)} rows and response of "
                 f"shape {r.shape} as reference, got {d.shape}, {x.shape} and {u.shape}"
             )
-        indicators = tracking(d, x, dt, response=np.column_stack([x, u[:, 1:]]), reference=r)
-        rows.append([getattr(indicators, criterion) for criterion in CRITERIA])
+        if len(d) < 4 or not np.ptp(d) > 0.0:
+            raise ValueError(f"tests[{name!r}] must have a command of at least 4 samples that vary")
+        values = criteria(d, x, dt, np.column_stack([x, u[:, 1:]]), r)
+        rows.append([values[criterion] for criterion in CRITERIA])
     return Evaluation(tuple(tests), np.array(rows))
