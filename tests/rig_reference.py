@@ -104,7 +104,8 @@ def response(case, a):
 def bilinear(numerator, denominator):
     """A, B, C, D of a transfer function by the trapezoidal rule, in a time of milliseconds."""
     scaled = [
-        np.asarray(p) * 1e3 ** np.arange(len(p) - 1, -1, -1) for p in (numerator, denominator)
+        np.trim_zeros(np.asarray(p) * 1e3 ** np.arange(len(p) - 1, -1, -1), "f")
+        for p in (numerator, denominator)
     ]
     system = tf2ss(*scaled)
     return cont2discrete(system, 1e3 * H, "bilinear")[:4]

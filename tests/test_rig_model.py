@@ -175,6 +175,7 @@ def test_extrapolation_by_the_delay_at_the_first_frequency_makes_the_loop_grow()
 
 
 NOMINAL = [(case, Plant()) for case in (1, 2, 3, 4)]
+COMPARED = 8192  # steps of the independent loops, 2 s
 FED_BACK = [(1, Plant()), (1, perturbed(6)), (1, perturbed(7))]
 
 
@@ -183,8 +184,8 @@ def independent():
     """The loops of the reference with the inverse of the nominal model, and with feedback."""
     inverse, feedback = reference.ModelInverse(4), reference.ModelInverse(3, feedback=10.0)
     return (
-        reference.run(*zip(*NOMINAL), GROUND, inverse),
-        reference.run(*zip(*FED_BACK), GROUND, feedback),
+        reference.run(*zip(*NOMINAL), GROUND[:COMPARED], inverse),
+        reference.run(*zip(*FED_BACK), GROUND[:COMPARED], feedback),
     )
 
 
@@ -198,8 +199,8 @@ def test_the_inverse_of_the_model_is_that_of_an_independent_loop(independent, i)
         (history.rig.sent[:, 0], expected.sent[:, i]),
         (history.rig.force[:, 0], expected.f[:, i]),
     ]
-    for value, other in pairs:  # rounding of 25000 steps: 1e-11
-        assert np.abs(value - other).max() < 1e-9 * np.abs(other).max()
+    for value, other in pairs:  # rounding of 8000 steps: 1e-11
+        assert np.abs(value[:COMPARED] - other).max() < 1e-9 * np.abs(other).max()
     J = criteria(case, history)
     assert J[0] == 0.0
     assert np.all(J[[1, 3, 5, 7]] < [0.05, 0.15, 0.15, 0.1])
@@ -277,7 +278,7 @@ def test_least_squares_are_those_of_numpy():
     compensated = rig.Compensated(
         actuator(plant), method="model", model=actuator(), variations=share, sigma=sigma
     )
-    t = H * np.arange(3000)
+    t = H * np.arange(1500)
     d = 0.004 * np.sin(W * 3.6 * t) * (1.0 - np.exp(-3.0 * t)) ** 3
     v = np.gradient(d, H)
     x = compensated.respond(d, H, v, np.gradient(v, H)).measured
@@ -299,7 +300,7 @@ def test_least_squares_are_those_of_numpy():
         extra = W5[-2] * v[k] + W5[-3] * a[k] if k else 0.0
         y = np.array([one(filter, d[k] + extra) for filter in ahead])
         c = y[0] + delta @ y[1:]
-        r = np.array([one(filter, x[k] - x[0]) for filter in back])
+        r = np.array([one(filter, x[k] - d[0]) for filter in back])
         e = one(low, c - (d[0] * D[-1])) - r[0]
         gain = P @ r[1:] / (sigma**2 + r[1:] @ P @ r[1:])
         delta = np.clip(delta + gain * (e - r[1:] @ delta), -3.0, 3.0)

@@ -8,8 +8,8 @@ import numpy as np
 
 from .._checks import check_word, positive_number, real_number, whole_number
 from . import forms
+from .command_filters import adaptive, delayed, extrapolation, held_dynamics, inverse_of_lag
 from .device import DEFAULT_STEPS, Device
-from .filters import adaptive, delayed, extrapolation, held_dynamics, inverse_of_lag
 from .linear_actuator import LinearActuator
 from .model_inverse import ModelInverse
 
@@ -127,8 +127,8 @@ class Compensated(Device):
         (Horiuchi and others 1999), for a delay. "inverse": that of a lag of the first order (Chen
         and Ricles 2009). "adaptive": d + tau d' + tau^2/2 d'' and an amplitude, whose coefficients
         follow from what was measured in the last second (Chae and others 2013); t is in seconds.
-        "model": the inverse of a linear model of the actuator with its specimen, (Y14), with
-        velocity and acceleration of the command as the structure has them.
+        "model": the inverse of a linear model of the actuator with its specimen, equation (Y14),
+        with velocity and acceleration of the command as the structure has them.
     order : int, default 3
         Of the polynomial, 1 to 8.
     max_steps : int, default 100
@@ -140,12 +140,12 @@ class Compensated(Device):
         Of "model": commands are followed up to about this frequency, in cycles per unit of t; at
         most a quarter of 1/h. The noise that they have rises with it.
     feedback : float, default 0.0
-        Of "model": bandwidth of an integral of the error that was measured, (Y15). It lowers what a
+        Of "model": bandwidth of an integral of the measured error, equation (Y15). It lowers what a
         wrong model leaves, and the margin of stability; 0 is none.
     variations : float or list of LinearActuator, optional
         Of "model": how far the model may be wrong, as standard deviations. A list of models, each
         with one quantity one deviation off, or, for one command, a share of every coefficient of
-        the inverse. Recursive least squares then find the inverse, (Y16); t is in seconds.
+        the inverse. Recursive least squares then find the inverse, equation (Y16); t is in seconds.
     sigma : float, optional
         With `variations`: standard deviation of the error of a command, between steps that are
         independent. Not the noise of a sample: that error is correlated over some hundred steps.
@@ -218,8 +218,8 @@ class Compensated(Device):
     def facts(self) -> str:
         """Its parameters, for the comparison of problems."""
         order = f", order={self.order}" if self.method == "polynomial" else ""
-        more = "" if self.inverse is None else f", {self.inverse.facts}"
-        return f"Compensated delay={self.delay!r}, method={self.method!r}{order}{more}"
+        of_model = "" if self.inverse is None else f", {self.inverse.facts}"
+        return f"Compensated delay={self.delay!r}, method={self.method!r}{order}{of_model}"
 
     def _check_width(self, n: int, label: str) -> None:
         if self.inverse is None:

@@ -11,9 +11,9 @@ import numpy as np
 
 from .._checks import check_word, positive_number, real_array, real_number, whole_number
 from . import forms
+from .command_filters import delayed
 from .device import DEFAULT_STEPS, Device
 from .dofs import dof_list
-from .filters import delayed
 
 # Real parts above this share of the largest pole grow; below it they are rounding.
 ROUNDING = 1e-9
@@ -183,7 +183,18 @@ class LinearActuator(Device):
         return (complex(G[0]) if self.n == 1 else G[0]) if f.ndim == 0 else G
 
     def transfer(self, s: complex) -> np.ndarray:
-        """Displacements over commands at s, (n, n), without dead time."""
+        """Displacements over commands at s, (n, n), without dead time.
+
+        Parameters
+        ----------
+        s : complex
+            In radians per unit of t.
+
+        Returns
+        -------
+        (n, n) array
+            Complex.
+        """
         return np.asarray(self.C @ np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B))
 
     @property

@@ -129,8 +129,8 @@ def _variations(
                     f"variations[{i}] must be a LinearActuator of {model.n} commands, got {other!r}"
                 )
         named = enumerate(variations)
-        others = [inverse_of(other, f"variations[{i}]") for i, other in named]
-        changes = tuple(_difference(other, inverse) for other in others)
+        inverses = [inverse_of(other, f"variations[{i}]") for i, other in named]
+        changes = tuple(_difference(other, inverse) for other in inverses)
         return changes, str([other.facts for other in variations])
     share = real_number(variations, "variations")
     if not 0.0 < share < 1.0:

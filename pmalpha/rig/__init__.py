@@ -15,7 +15,7 @@ from ..results.subdomain_history import RigRecord
 from .calls import Client, RemoteError, started
 from .calls import serve as serve_calls
 from .connecting import Connected, connect
-from .evaluation import Evaluation, evaluate
+from .criteria import Evaluation, evaluate
 from .served import Command
 from .serving import serve
 from .tracking import Tracking, tracking

@@ -144,14 +144,14 @@ def _structure(
             K[begin:end, begin:end] += spring_stiffness(spring, member.n)
     L = np.hstack([member.L.matrix[:, member.position].toarray() for member in members])
     Z = null_space(L) if L.size else np.eye(len(K))
-    whole = K.copy()
+    stiffness = K.copy()
     for member, item in rigs:
         actuator, at = item.innermost, first[id(member)] + np.asarray(item.dofs)
-        stiffness = _static_stiffness(actuator)
-        whole[np.ix_(at, at)] += 0.5 * (stiffness + stiffness.T)
+        rig = _static_stiffness(actuator)
+        stiffness[np.ix_(at, at)] += 0.5 * (rig + rig.T)
     try:
         # of M against K: dofs without mass have the value 0
-        values, vectors = eigh(Z.T @ M @ Z, Z.T @ whole @ Z)
+        values, vectors = eigh(Z.T @ M @ Z, Z.T @ stiffness @ Z)
     except LinAlgError:
         return None
     h = rigs[0][0].h
@@ -230,19 +230,19 @@ class Chain:
         """The forces under this command with its rates, and the state after it."""
         blocks = np.split(state, np.cumsum(self.sizes)[:-1])
         after, desired = [], []
-        for own, block in zip(self.specimen.filters, blocks):
+        for part, block in zip(self.specimen.filters, blocks):
             desired.append(command[0])
-            command, block = _send(own, command, block)
+            command, block = _send(part, command, block)
             after.append(block)
         linear = self.specimen.linear
         assert linear is not None
         x, f, end = _move(linear, command[0], blocks[-1])
         for i in reversed(range(len(after))):
-            own = self.specimen.filters[i]
-            if isinstance(own, (forms.LinkageMatrix, forms.LinkageArms)):
-                J = _jacobian(own)
+            part = self.specimen.filters[i]
+            if isinstance(part, (forms.LinkageMatrix, forms.LinkageArms)):
+                J = _jacobian(part)
                 x, f = np.linalg.solve(J, x), J.T @ f
-            elif isinstance(own, forms.Inverse):
+            elif isinstance(part, forms.Inverse):
                 after[i] = np.concatenate([after[i], desired[i] - x])
         return f, np.concatenate([*after, end])
 
@@ -251,86 +251,86 @@ def _ring(lag: np.ndarray) -> int:
     return int(np.max(lag))
 
 
-def _size(own: Any, width: int) -> int:
+def _size(part: Any, width: int) -> int:
     """Numbers of the state of a filter or of the linear system."""
-    if isinstance(own, forms.Linear):
-        return (_ring(own.lag) + 1) * width + len(own.phi)
-    if isinstance(own, forms.Actuator):
-        return (_ring(own.lag) + 1 + len(own.phi)) * width
-    if isinstance(own, forms.Inverse):
-        feedback = 0 if own.feedback is None else len(own.feedback.A)
-        return len(own.command.A) + feedback + 3 * width
+    if isinstance(part, forms.Linear):
+        return (_ring(part.lag) + 1) * width + len(part.phi)
+    if isinstance(part, forms.Actuator):
+        return (_ring(part.lag) + 1 + len(part.phi)) * width
+    if isinstance(part, forms.Inverse):
+        feedback = 0 if part.feedback is None else len(part.feedback.A)
+        return len(part.command.A) + feedback + 3 * width
     return 0
 
 
-def _late(own: Any, u: np.ndarray, ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _late(part: Any, u: np.ndarray, ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The weighted sum (Y1) of commands, the last ones first, and the ring after it."""
     width = len(u)
     all_of_them = np.concatenate([u, ring])
     total = np.zeros_like(u)
-    for lag, weight in zip(own.lag, own.weight):
+    for lag, weight in zip(part.lag, part.weight):
         total = total + weight * all_of_them[lag * width : (lag + 1) * width]
     return total, all_of_them[: len(ring)]
 
 
 def _move(
-    own: forms.Linear, u: np.ndarray, state: np.ndarray
+    part: forms.Linear, u: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displacements, forces and the state after a step."""
     width = len(u)
-    ring, last, z = np.split(state, [_ring(own.lag) * width, (_ring(own.lag) + 1) * width])
-    c, ring = _late(own, u, ring)
-    z = own.phi @ z + own.before @ last + own.after @ c
-    return own.displacement @ z, own.force @ z, np.concatenate([ring, c, z])
+    ring, last, z = np.split(state, [_ring(part.lag) * width, (_ring(part.lag) + 1) * width])
+    c, ring = _late(part, u, ring)
+    z = part.phi @ z + part.before @ last + part.after @ c
+    return part.displacement @ z, part.force @ z, np.concatenate([ring, c, z])
 
 
 def _send(
-    own: Any, command: list[np.ndarray], state: np.ndarray
+    part: Any, command: list[np.ndarray], state: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """What becomes of a command, and the state after it; of an inverse without its error."""
     u, v, a = command
     width = len(u)
-    if isinstance(own, forms.Actuator):
-        ring, last, z = np.split(state, [_ring(own.lag) * width, (_ring(own.lag) + 1) * width])
-        c, ring = _late(own, u, ring)
-        order = len(own.phi)
+    if isinstance(part, forms.Actuator):
+        ring, last, z = np.split(state, [_ring(part.lag) * width, (_ring(part.lag) + 1) * width])
+        c, ring = _late(part, u, ring)
+        order = len(part.phi)
         if order == 0:
             return [c, v, a], np.concatenate([ring, c])
         z = z.reshape(order, width, -1)
-        z = np.tensordot(own.phi, z, 1)
-        z += own.before[:, None, None] * last + own.after[:, None, None] * c
+        z = np.tensordot(part.phi, z, 1)
+        z += part.before[:, None, None] * last + part.after[:, None, None] * c
         return [z[0], v, a], np.concatenate([ring, c, z.reshape(order * width, -1)])
-    if isinstance(own, forms.Inverse):
-        return _invert(own, command, state)
-    J = _jacobian(own)
+    if isinstance(part, forms.Inverse):
+        return _invert(part, command, state)
+    J = _jacobian(part)
     return [J @ x for x in command], state
 
 
 def _invert(
-    own: forms.Inverse, command: list[np.ndarray], state: np.ndarray
+    part: forms.Inverse, command: list[np.ndarray], state: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     u, v, a = command
-    width, n = len(u), len(own.command.A)
-    feedback = 0 if own.feedback is None else len(own.feedback.A)
+    width, n = len(u), len(part.command.A)
+    feedback = 0 if part.feedback is None else len(part.feedback.A)
     sizes = np.cumsum([n, feedback, width, width])
     z, y, last, rate, error = np.split(state, sizes)
-    c, z = _filter(own.command, u + own.rate * v + own.acceleration * a, z)
+    c, z = _filter(part.command, u + part.rate * v + part.acceleration * a, z)
     c = c[:width]
-    if own.feedback is not None:
-        more, y = _filter(own.feedback, error, y)
-        c = c + more
-    now = (c - last) / own.h
-    return [c, now, (now - rate) / own.h], np.concatenate([z, y, c, now])
+    if part.feedback is not None:
+        correction, y = _filter(part.feedback, error, y)
+        c = c + correction
+    now = (c - last) / part.h
+    return [c, now, (now - rate) / part.h], np.concatenate([z, y, c, now])
 
 
-def _filter(own: forms.Modal, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _filter(part: forms.Modal, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     other = z.reshape(-1, 2, z.shape[1])[:, ::-1].reshape(z.shape)
-    return own.C @ z + own.D @ u, own.A[:, :1] * z + own.A[:, 1:] * other + own.B @ u
+    return part.C @ z + part.D @ u, part.A[:, :1] * z + part.A[:, 1:] * other + part.B @ u
 
 
-def _jacobian(own: forms.LinkageMatrix | forms.LinkageArms) -> np.ndarray:
+def _jacobian(part: forms.LinkageMatrix | forms.LinkageArms) -> np.ndarray:
     """At rest."""
-    if isinstance(own, forms.LinkageMatrix):
-        return own.matrix
-    length, angle = own.arms.T
+    if isinstance(part, forms.LinkageMatrix):
+        return part.matrix
+    length, angle = part.arms.T
     return np.column_stack([np.ones(2), length * np.sin(angle)])

@@ -4,10 +4,10 @@
 #include <string.h>
 
 /* What it remembers of `width` commands: the last command d, what was made of it (c) and its
- * velocity, d - x, c and x where the run began, states of the filters, the coefficients of the
+ * velocity, d - x, c and d where the run began, states of the filters, the coefficients of the
  * variations and their covariance (by rows). */
 typedef struct {
-    double *d, *c, *velocity, *error, *begin_c, *begin_x;
+    double *d, *c, *velocity, *error, *begin_c, *begin_d;
     double *command, *feedback, *regressors, *low, *delta, *P;
 } memories;
 
@@ -27,8 +27,8 @@ static memories at(const pma_inverse *p, size_t width, double *memory)
     m.velocity = m.c + width;
     m.error = m.velocity + width;
     m.begin_c = m.error + width;
-    m.begin_x = m.begin_c + width;
-    m.command = m.begin_x + width;
+    m.begin_d = m.begin_c + width;
+    m.command = m.begin_d + width;
     m.feedback = m.command + p->command.states;
     m.regressors = m.feedback + p->feedback.states;
     m.low = m.regressors + p->regressors.states;
@@ -118,11 +118,11 @@ static void receive(const void *of, size_t width, double done, double *x, double
     if (p->variations == 0)
         return;
     if (done == 0.0) {
-        memcpy(m.begin_x, x, width * sizeof(double));
+        memcpy(m.begin_d, m.d, width * sizeof(double)); /* what is measured there has noise */
         memcpy(m.begin_c, m.c, width * sizeof(double));
     }
     for (size_t i = 0; i < width; i++)
-        input[i] = x[i] - m.begin_x[i];
+        input[i] = x[i] - m.begin_d[i];
     pma_modal_filter(&p->regressors, input, m.regressors, y);
     for (size_t i = 0; i < width; i++)
         input[i] = m.c[i] - m.begin_c[i];

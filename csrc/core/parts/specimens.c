@@ -3,25 +3,6 @@
 
 #include "parts/parts.h"
 
-/* Lags: numbers of what is remembered do not overflow. */
-enum { MOST = 1 << 30 };
-
-pma_status pma_parts_delay(const pma_field *f, pma_delay *out)
-{
-    const pma_field lag = pma_field_at(f, "lag"), weight = pma_field_at(f, "weight");
-    const void *data = NULL;
-    PMA_TRY(pma_field_vector(&lag, PMA_INT64S, &out->taps, &data));
-    out->lag = data;
-    PMA_TRY(pma_field_doubles(&weight, out->taps, &out->weight));
-    out->length = 1;
-    for (size_t i = 0; i < out->taps; i++) {
-        if (out->lag[i] < 0 || out->lag[i] >= MOST)
-            return pma_field_refuse(&lag, "is out of range");
-        out->length = (size_t)out->lag[i] + 1 > out->length ? (size_t)out->lag[i] + 1 : out->length;
-    }
-    return PMA_OK;
-}
-
 /* ---- a linear system ------------------------------------------------------------------------ */
 
 static pma_status take_sensors(const pma_field *f, pma_linear *out)

@@ -76,8 +76,8 @@ def evaluate(tests: Mapping[str, Any], reference: Any, dt: float) -> Evaluation:
     >>> d = np.sin(10 * t)
     >>> storeys = np.column_stack([d, 2 * d, 3 * d])
     >>> print(rig.evaluate({"late": (d, np.sin(10 * (t - 0.012)), storeys)}, storeys, 0.001))
-               J1       J2       J3       J4       J5       J6       J7       J8       J9
-    late       12       12    11.99       12    11.99        0        0        0        0
+                J1       J2       J3       J4       J5       J6       J7       J8       J9
+    late        12    11.87    11.99    11.87    11.99        0        0        0        0
     """
     r, dt = real_array(reference, "reference", 2), time_step(dt, "dt")
     if r.shape[1] != STOREYS:
