@@ -4,7 +4,7 @@ import pmalpha
 
 # what classes have for the program's own use, which the reference leaves out
 SPRING = "has_memory initial_tangent largest_tangent law numbers"
-ACTUATOR = "facts innermost springs"
+ACTUATOR = "dofs facts innermost needs_acceleration needs_measured springs width compensates leads"
 INTERNAL = {
     **dict.fromkeys("CubicSpring Gap Bilinear BoucWen RambergOsgood".split(), SPRING),
     "Multilinear": "has_memory initial_tangent largest_tangent numbers",
@@ -16,6 +16,8 @@ INTERNAL = {
     "Misfit": "record",
     "Parameters": "name",
     "rig.Compensated": ACTUATOR,
+    "rig.LinearActuator": f"{ACTUATOR} transfer",
+    "rig.Linkage": ACTUATOR,
     "rig.SimulatedActuator": ACTUATOR,
     "structures.Structure": "recipe",
 }

@@ -14,7 +14,14 @@ import scipy.sparse
 from numpy.typing import ArrayLike
 
 from . import structures
-from ._checks import positive_number, real_array, real_number, require_moderate, vector
+from ._checks import (
+    positive_number,
+    real_array,
+    real_number,
+    require_moderate,
+    vector,
+    whole_number,
+)
 from .memory import require
 from .problem.constraints import Constraint, tie
 from .problem.damping import rayleigh_coefficients
@@ -32,9 +39,22 @@ __all__ = [
     "four_dof",
     "modal_damping",
     "rayleigh",
+    "rths",
     "shear_frame",
     "split_oscillator",
 ]
+
+
+# The benchmark of Silva and others (2020): mass of a storey and modal damping of each case, and the
+# stiffness of all.
+RTHS_CASES = {1: (1000.0, 0.05), 2: (1100.0, 0.04), 3: (1300.0, 0.03), 4: (1000.0, 0.03)}
+RTHS_STIFFNESS = np.array(
+    [
+        [26054883.879603837, -23133938.877108198, 5937035.463339146],
+        [-23133938.877108198, 32560774.186380334, -14419970.777236983],
+        [5937035.463339146, -14419970.777236983, 9267275.506224312],
+    ]
+)
 
 
 def __dir__() -> list[str]:
@@ -520,3 +540,35 @@ def el_centro() -> Record:
     numbers = " ".join(line for line in lines if not line.startswith("#")).split()
     values = 9.81 * np.array([0.0, *map(float, numbers)])
     return Record(values, 0.02, "El Centro 1940, north-south")
+
+
+def rths(case: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """M, C, K of the benchmark of real-time hybrid simulation of Silva and others (2020).
+
+    Three storeys, x relative to the ground: M x'' + C x' + K x = - M 1 a, in kg, N and m. The
+    published specimen is at storey 1, of mass 29.13 kg, stiffness 1.19e6 N/m and damping
+    114.2209 N s/m: the numerical part is what is left of the structure without it, under the load
+    of the whole mass. `rig.servo_hydraulic` is its transfer system.
+
+    Parameters
+    ----------
+    case : {1, 2, 3, 4}, default 1
+        Masses of 1000, 1100, 1300, 1000 kg a storey, modal damping of 5, 4, 3, 3 per cent.
+
+    Returns
+    -------
+    M, C, K : (3, 3) arrays
+        Of the whole structure.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> M, C, K = models.rths()
+    >>> f = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K))) / (2 * np.pi)
+    >>> np.sort(f).round(3).tolist()
+    [3.612, 15.997, 38.086]
+    """
+    mass, damping = RTHS_CASES[whole_number(case, "case", low=1, high=4)]
+    M = mass * np.eye(3)
+    C = np.asarray(modal_damping(M, RTHS_STIFFNESS, damping))
+    return M, C, RTHS_STIFFNESS.copy()

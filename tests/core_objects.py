@@ -66,7 +66,7 @@ FORMS = {
 ITEMS = {
     "springs": {4: forms.Springs},
     "forces": {5: forms.InternalForce},
-    "functions": {4: forms.Specimen},
+    "functions": {8: forms.Specimen},
     "filters": {10: forms.Actuator, 6: forms.Adaptive},
 }
 

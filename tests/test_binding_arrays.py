@@ -251,7 +251,9 @@ def test_filters_that_remember_too_much_are_refused():
     for own, message in ((late, "lag is out of range"), (adaptive, "too large")):
         with pytest.raises(ValueError, match=message):
             _core.follow_specimen(
-                forms.Specimen((own,), (), None, 0), np.zeros(9), *np.zeros((2, 9, 1))
+                forms.Specimen((own,), None, (), None, None, 0, 0, 0.0),
+                np.zeros(9),
+                *np.zeros((3, 9, 1)),
             )
 
 

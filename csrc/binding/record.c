@@ -96,12 +96,27 @@ static pma_status take_internal(const pma_field *f, const pma_parts *parts, int6
     return take_rows(f, "q", rows, out->history, &out->q);
 }
 
-/* None or {position, u, v, a, springs, outputs, internal} */
+/* {command, sent, measured, force} of all specimens behind filters */
+static pma_status take_rig(const pma_field *f, const pma_parts *parts, int64_t *rows,
+                           pma_selection *out)
+{
+    PMA_TRY(pma_field_dict(f));
+    out->of_rig = &parts->restoring;
+    out->rig_begin = pma_springs_numbers(&parts->springs);
+    for (size_t k = 0; k < parts->restoring.traces; k++)
+        out->commands += parts->restoring.trace[k].width;
+    PMA_TRY(take_rows(f, "command", rows, out->commands, &out->command));
+    PMA_TRY(take_rows(f, "sent", rows, out->commands, &out->sent));
+    PMA_TRY(take_rows(f, "measured", rows, out->commands, &out->measured));
+    return take_rows(f, "force", rows, out->commands, &out->rig_force);
+}
+
+/* None or {position, u, v, a, springs, outputs, internal, rig} */
 static pma_status take_selection(const pma_field *f, const pma_parts *parts, size_t last_row,
                                  pma_selection *out)
 {
     const pma_field springs = pma_field_at(f, "springs"), outputs = pma_field_at(f, "outputs");
-    const pma_field internal = pma_field_at(f, "internal");
+    const pma_field internal = pma_field_at(f, "internal"), rig = pma_field_at(f, "rig");
     int64_t rows = -1;
     *out =
         (pma_selection){.of_springs = parts->springs.total, .of_history = parts->internal.history};
@@ -118,6 +133,8 @@ static pma_status take_selection(const pma_field *f, const pma_parts *parts, siz
         PMA_TRY(take_internal(&internal, parts, &rows, out));
     if (!pma_field_is_none(&outputs))
         PMA_TRY(take_outputs(&outputs, parts->n, &rows, out));
+    if (!pma_field_is_none(&rig))
+        PMA_TRY(take_rig(&rig, parts, &rows, out));
     return check_rows(f, rows, last_row);
 }
 

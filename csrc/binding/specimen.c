@@ -3,19 +3,20 @@
 #include "binding.h"
 
 /* r and x (k, n), from their zeros; -1 with an exception set */
-static int run_commands(const pma_specimen *own, npy_intp k, const double *t, const double *u,
-                        const double *v, double *r, double *x)
+static int run_commands(const pma_specimen *own, npy_intp k, const double *t,
+                        const pma_wanted *first, double *r, double *x)
 {
-    const size_t n = own->n, bytes = n * sizeof(double);
-    double *memory = PyMem_Calloc(pma_specimen_numbers(own) + n, sizeof *memory);
+    const size_t n = own->n;
+    double *memory = PyMem_Calloc(pma_specimen_numbers(own), sizeof *memory);
     if (!memory)
         return pma_check(PMA_NO_MEMORY, NULL);
-    double *rate = memory + pma_specimen_numbers(own);
+    const double *measured = memory + pma_specimen_trace(own).measured;
     int code = 0;
-    for (npy_intp i = 0; i < k && code == 0; i++) {
-        memcpy(x + (size_t)i * n, u + (size_t)i * n, bytes);
-        memcpy(rate, v + (size_t)i * n, bytes);
-        code = pma_specimen_evaluate(own, t[i], x + (size_t)i * n, rate, r + (size_t)i * n, memory);
+    for (size_t i = 0; i < (size_t)k && code == 0; i++) {
+        const pma_wanted wanted = {
+            .u = first->u + i * n, .v = first->v + i * n, .a = first->a + i * n};
+        code = pma_specimen_evaluate(own, t[i], &wanted, r + i * n, memory);
+        memcpy(x + i * n, measured, n * sizeof(double));
     }
     PyMem_Free(memory);
     if (code != 0 && !PyErr_Occurred())
@@ -25,27 +26,30 @@ static int run_commands(const pma_specimen *own, npy_intp k, const double *t, co
 
 static PyObject *follow_in(PyObject *args, PyObject *arrays)
 {
-    PyObject *obj, *t_obj, *u_obj, *v_obj;
-    PyArrayObject *u;
+    PyObject *obj, *t_obj, *u_obj, *v_obj, *a_obj;
+    PyArrayObject *u, *v, *a;
     const npy_intp any[2] = {-1, -1};
-    const double *t, *v;
-    if (!PyArg_ParseTuple(args, "OOOO", &obj, &t_obj, &u_obj, &v_obj) ||
+    const double *t;
+    if (!PyArg_ParseTuple(args, "OOOOO", &obj, &t_obj, &u_obj, &v_obj, &a_obj) ||
         pma_take_array(u_obj, NPY_DOUBLE, 2, any, "u", NULL, &u) < 0)
         return NULL;
     const npy_intp *shape = PyArray_DIMS(u);
-    PyArrayObject *rates;
     if (pma_take_doubles(t_obj, shape[0], "t", NULL, &t) < 0 ||
-        pma_take_array(v_obj, NPY_DOUBLE, 2, shape, "v", NULL, &rates) < 0)
+        pma_take_array(v_obj, NPY_DOUBLE, 2, shape, "v", NULL, &v) < 0 ||
+        pma_take_array(a_obj, NPY_DOUBLE, 2, shape, "a", NULL, &a) < 0)
         return NULL;
-    v = PyArray_DATA(rates);
     pma_specimen *own;
     if (pma_take_specimen(obj, shape[1], arrays, &own) < 0)
         return NULL;
+    if (own->dofs) {
+        PyErr_SetString(PyExc_ValueError, "the specimen must have a dof for each command");
+        return NULL;
+    }
     PyObject *results[2] = {PyArray_ZEROS(2, shape, NPY_DOUBLE, 0),
                             PyArray_ZEROS(2, shape, NPY_DOUBLE, 0)};
+    const pma_wanted first = {PyArray_DATA(u), PyArray_DATA(v), PyArray_DATA(a), 0.0};
     if (results[0] && results[1] &&
-        run_commands(own, shape[0], t, PyArray_DATA(u), v,
-                     PyArray_DATA((PyArrayObject *)results[0]),
+        run_commands(own, shape[0], t, &first, PyArray_DATA((PyArrayObject *)results[0]),
                      PyArray_DATA((PyArrayObject *)results[1])) < 0)
         Py_CLEAR(results[1]);
     return pma_pack(2, results);
@@ -61,6 +65,6 @@ static PyObject *follow_specimen(PyObject *Py_UNUSED(module), PyObject *args)
 
 PyMethodDef pma_specimen_functions[] = {
     {"follow_specimen", follow_specimen, METH_VARARGS,
-     "follow_specimen(specimen, t, u, v) -> (r, x): of one that is new, at commands u (k, n)"},
+     "follow_specimen(specimen, t, u, v, a) -> (r, x): of one that is new, at commands u (k, n)"},
     {NULL, NULL, 0, NULL},
 };

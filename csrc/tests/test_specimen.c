@@ -5,6 +5,10 @@
 #include <stdint.h>
 
 #include "check.h"
+#include "member/actuator.h"
+#include "member/adaptive.h"
+#include "member/inverse.h"
+#include "member/linkage.h"
 #include "member/specimen.h"
 #include "tests.h"
 
@@ -22,7 +26,7 @@ static int spring(double t, intptr_t n, double *u, double *v, double *r, void *u
 
 typedef struct {
     size_t calls;
-    double work, memory[MEMORY];
+    double work[4], memory[MEMORY];
     pma_specimen s;
 } rig;
 
@@ -31,11 +35,12 @@ static void set_up(rig *x, size_t count, const pma_filter *filters)
 {
     *x = (rig){0};
     x->s = (pma_specimen){.n = 1,
+                          .width = 1,
                           .count = count,
                           .filters = filters,
                           .function = spring,
                           .user = &x->calls,
-                          .work = &x->work};
+                          .work = x->work};
     CHECK(pma_specimen_numbers(&x->s) <= MEMORY);
 }
 
@@ -43,10 +48,12 @@ static void set_up(rig *x, size_t count, const pma_filter *filters)
 static double follow(rig *x, double u, double v)
 {
     double r = 0.0;
-    CHECK_INT(pma_specimen_evaluate(&x->s, 0.0, &u, &v, &r, x->memory), 0);
-    CHECK(r == 3.0 * u);
-    CHECK(x->memory[0] == u);
-    return u;
+    const pma_wanted wanted = {.u = &u, .v = &v};
+    CHECK_INT(pma_specimen_evaluate(&x->s, 0.0, &wanted, &r, x->memory), 0);
+    const pma_trace trace = pma_specimen_trace(&x->s);
+    CHECK(x->memory[trace.command] == u && x->memory[trace.force] == r);
+    CHECK(r == 3.0 * x->memory[trace.measured]);
+    return x->memory[trace.measured];
 }
 
 static const int64_t TWO_STEPS = 2;
@@ -55,10 +62,7 @@ static const double ONE = 1.0, NO_SLOPE = 0.0;
 /* Follows two steps late, and nothing else. */
 static pma_actuator late(void)
 {
-    return (pma_actuator){.taps = 1,
-                          .length = 3,
-                          .lag = &TWO_STEPS,
-                          .weight = &ONE,
+    return (pma_actuator){.delay = {.taps = 1, .length = 3, .lag = &TWO_STEPS, .weight = &ONE},
                           .largest = INFINITY,
                           .slope = &NO_SLOPE};
 }
@@ -70,7 +74,8 @@ static double command(size_t k)
 
 static void an_actuator_follows_late_and_was_at_rest_before(void)
 {
-    const pma_filter filter = {.actuator = late()};
+    const pma_actuator actuator = late();
+    const pma_filter filter = {&pma_actuator_kind, &actuator};
     rig x;
     set_up(&x, 1, &filter);
     for (size_t k = 0; k < 10; k++)
@@ -80,10 +85,11 @@ static void an_actuator_follows_late_and_was_at_rest_before(void)
 
 static void a_command_is_held_within_the_saturation_and_rounded_to_the_quantum(void)
 {
-    pma_filter filter = {.actuator = late()};
+    pma_actuator actuator = late();
+    const pma_filter filter = {&pma_actuator_kind, &actuator};
     rig x;
-    filter.actuator.largest = 0.7;
-    filter.actuator.quantum = 0.25;
+    actuator.largest = 0.7;
+    actuator.quantum = 0.25;
     set_up(&x, 1, &filter);
     const double commands[5] = {0.3, -2.0, 0.6, 0.0, 0.0},
                  expected[5] = {0.25, 0.25, 0.25, -0.75, 0.5};
@@ -98,16 +104,14 @@ static void a_lag_of_the_first_order_is_exact_on_a_ramp(void)
     const double w = 3.0, h = 0.1, e = exp(-w * h), slope[2] = {-w, w};
     const double after = 1.0 - (1.0 - e) / (w * h), before = 1.0 - e - after;
     const int64_t now = 0;
-    const pma_filter filter = {.actuator = {.taps = 1,
-                                            .length = 1,
-                                            .lag = &now,
-                                            .weight = &ONE,
-                                            .largest = INFINITY,
-                                            .order = 1,
-                                            .phi = &e,
-                                            .before = &before,
-                                            .after = &after,
-                                            .slope = slope}};
+    const pma_actuator actuator = {.delay = {.taps = 1, .length = 1, .lag = &now, .weight = &ONE},
+                                   .largest = INFINITY,
+                                   .order = 1,
+                                   .phi = &e,
+                                   .before = &before,
+                                   .after = &after,
+                                   .slope = slope};
+    const pma_filter filter = {&pma_actuator_kind, &actuator};
     rig x;
     set_up(&x, 1, &filter);
     for (size_t k = 0; k < 20; k++) {
@@ -121,13 +125,13 @@ static void the_extrapolation_of_a_parabola_is_two_steps_ahead(void)
 {
     const int64_t lags[3] = {0, 2, 4};
     const double weights[3] = {3.0, -3.0, 1.0};
-    const pma_filter filters[2] = {{.actuator = {.taps = 3,
-                                                 .length = 5,
-                                                 .lag = lags,
-                                                 .weight = weights,
-                                                 .largest = INFINITY,
-                                                 .slope = &NO_SLOPE}},
-                                   {.actuator = late()}};
+    const pma_actuator actuators[2] = {
+        {.delay = {.taps = 3, .length = 5, .lag = lags, .weight = weights},
+         .largest = INFINITY,
+         .slope = &NO_SLOPE},
+        late()};
+    const pma_filter filters[2] = {{&pma_actuator_kind, &actuators[0]},
+                                   {&pma_actuator_kind, &actuators[1]}};
     rig x;
     set_up(&x, 2, filters);
     x.s.compensators = 1;
@@ -153,7 +157,9 @@ static void an_adaptive_compensation_finds_the_delay(void)
                                    .window = 64,
                                    .sections = 1,
                                    .section = through};
-    const pma_filter filters[2] = {{.adaptive = &adaptive}, {.actuator = late()}};
+    const pma_actuator actuator = late();
+    const pma_filter filters[2] = {{&pma_adaptive_kind, &adaptive},
+                                   {&pma_actuator_kind, &actuator}};
     rig x;
     double error = 0.0;
     set_up(&x, 2, filters);
@@ -175,11 +181,13 @@ typedef struct {
     double largest, seen;
 } gate;
 
-static bool allows(void *self, size_t i, const double *u, const double *v)
+static bool allows(void *self, size_t i, const int64_t *dofs, size_t width, const double *u,
+                   const double *v)
 {
     gate *g = self;
     (void)v;
     CHECK_INT(i, 7);
+    CHECK(!dofs && width == 1);
     g->seen = u[0];
     return fabs(u[0]) <= g->largest;
 }
@@ -188,12 +196,11 @@ static void a_command_that_is_refused_after_the_compensator_does_not_reach_the_s
 {
     const int64_t lags[2] = {0, 1};
     const double weights[2] = {2.0, -1.0};
-    const pma_filter filter = {.actuator = {.taps = 2,
-                                            .length = 2,
-                                            .lag = lags,
-                                            .weight = weights,
-                                            .largest = INFINITY,
-                                            .slope = &NO_SLOPE}};
+    const pma_actuator actuator = {
+        .delay = {.taps = 2, .length = 2, .lag = lags, .weight = weights},
+        .largest = INFINITY,
+        .slope = &NO_SLOPE};
+    const pma_filter filter = {&pma_actuator_kind, &actuator};
     gate g = {.largest = 1.0};
     pma_cell cell = {.allows = allows, .self = &g};
     rig x;
@@ -202,10 +209,102 @@ static void a_command_that_is_refused_after_the_compensator_does_not_reach_the_s
     x.s.cell = &cell;
     x.s.number = 7;
     CHECK(follow(&x, 0.5, 0.0) == 0.5);
-    double u = 0.8, v = 0.0, r = 0.0;
-    CHECK(pma_specimen_evaluate(&x.s, 0.0, &u, &v, &r, x.memory) != 0);
+    const double u = 0.8;
+    const pma_wanted wanted = {.u = &u};
+    double r = 0.0;
+    CHECK(pma_specimen_evaluate(&x.s, 0.0, &wanted, &r, x.memory) != 0);
     CHECK(g.seen == 2.0 * 0.8 - 0.5);
     CHECK(cell.refused && x.calls == 1 && r == 0.0);
+}
+
+/* ---- linear systems ------------------------------------------------------------------------- */
+
+/* x' = w (c - x) of the dof 2 of three, and r = 5 x there. */
+static void a_linear_system_is_commanded_at_its_dofs_and_has_its_forces_there(void)
+{
+    const double w = 3.0, h = 0.1, e = exp(-w * h), five = 5.0;
+    const double after = 1.0 - (1.0 - e) / (w * h), before = 1.0 - e - after;
+    const int64_t now = 0, dof = 2;
+    double work[5], memory[32] = {0.0};
+    const pma_linear linear = {.inputs = 1,
+                               .states = 1,
+                               .phi = &e,
+                               .before = &before,
+                               .after = &after,
+                               .rest = &ONE,
+                               .displacement = &ONE,
+                               .force = &five,
+                               .delay = {.taps = 1, .length = 1, .lag = &now, .weight = &ONE},
+                               .largest = INFINITY,
+                               .work = work + 4};
+    const pma_specimen s = {.n = 3, .width = 1, .dofs = &dof, .linear = &linear, .work = work};
+    CHECK(pma_specimen_numbers(&s) <= 32);
+    for (size_t k = 0; k < 20; k++) {
+        const double t = h * (double)k, u[3] = {7.0, 8.0, 0.5 + t};
+        double r[3] = {1.0, 2.0, 3.0};
+        CHECK_INT(pma_specimen_evaluate(&s, t, &(pma_wanted){.u = u}, r, memory), 0);
+        const double x = 0.5 + t - (1.0 - exp(-w * t)) / w;
+        CHECK(r[0] == 1.0 && r[1] == 2.0);
+        CHECK_NEAR(r[2], 3.0 + 5.0 * x, 1e-13); /* rounding */
+        CHECK_NEAR(memory[pma_specimen_trace(&s).measured], x, 1e-14);
+    }
+}
+
+/* Without states: c = (d + 2 d' + 3 d'') (1 + delta), and what it moves has half the stroke, so
+ * that the least squares of  c = (1 + delta) x  end at delta = 1. */
+static void an_inverse_takes_rates_of_its_command_and_learns_what_it_lacks(void)
+{
+    const double two[2] = {1.0, 1.0}, half = 0.5, one = 1.0;
+    double work[5];
+    const pma_modal both = {.inputs = 1, .outputs = 2, .D = two};
+    const pma_modal low = {.inputs = 1, .outputs = 1, .D = &one};
+    const pma_inverse inverse = {.h = 0.1,
+                                 .rate = 2.0,
+                                 .acceleration = 3.0,
+                                 .command = both,
+                                 .variations = 1,
+                                 .regressors = both,
+                                 .low = low,
+                                 .variance = 1e-12,
+                                 .largest = 3.0,
+                                 .work = work};
+    const pma_filter filter = {&pma_inverse_kind, &inverse};
+    double memory[16] = {0.0}, u, v, a, f = 0.0;
+    CHECK(filter.kind->numbers(filter.of, 1) <= 16);
+    const pma_command command = {&u, &v, &a};
+    for (size_t k = 0; k < 6; k++) {
+        u = (double)k, v = 1.0, a = -0.25;
+        const double sum = u + (k > 0 ? 2.0 * v + 3.0 * a : 0.0);
+        filter.kind->send(filter.of, 1, (double)k, &command, memory);
+        /* k = 0: at rest, k = 1: what is learned comes after the first motion */
+        CHECK_NEAR(u, k < 2 ? sum : 2.0 * sum, 1e-9);
+        double x = half * u;
+        filter.kind->receive(filter.of, 1, (double)k, &x, &f, memory);
+    }
+}
+
+/* Two arms at + and - alpha: theta = asin((x1 - x2) / (2 l sin alpha)), and the work of the forces
+ * is that of the moment and the force. */
+static void arms_turn_and_their_forces_do_the_same_work(void)
+{
+    const double l = 0.3, alpha = 0.45, x = 0.02, theta = -0.03, step = 1e-6;
+    const pma_linkage linkage = {.has_arms = true, .length = {l, l}, .angle = {alpha, -alpha}};
+    const pma_filter filter = {&pma_linkage_kind, &linkage};
+    double at[2][2], f[2] = {5.0, -7.0};
+    for (size_t i = 0; i < 2; i++) {
+        double u[2] = {x, theta + (double)i * step}, v[2] = {0.0}, a[2] = {0.0};
+        const pma_command command = {u, v, a};
+        filter.kind->send(filter.of, 2, 1.0, &command, NULL);
+        at[i][0] = u[0], at[i][1] = u[1];
+    }
+    CHECK_NEAR(at[0][0], x + l * (cos(theta - alpha) - cos(alpha)), 1e-15);
+    CHECK_NEAR(asin((at[0][0] - at[0][1]) / (2.0 * l * sin(alpha))), theta, 1e-14);
+    const double work = 5.0 * (at[1][0] - at[0][0]) - 7.0 * (at[1][1] - at[0][1]);
+    filter.kind->receive(filter.of, 2, 1.0, at[0], f, NULL);
+    CHECK_NEAR(at[0][0], x, 1e-14);
+    CHECK_NEAR(at[0][1], theta, 1e-14);
+    CHECK_NEAR(f[0], -2.0, 1e-15);
+    CHECK_NEAR(f[1], work / step, 1e-5); /* the difference: step times the curvature */
 }
 
 const test SPECIMEN_TESTS[] = {
@@ -215,5 +314,8 @@ const test SPECIMEN_TESTS[] = {
     TEST(the_extrapolation_of_a_parabola_is_two_steps_ahead),
     TEST(an_adaptive_compensation_finds_the_delay),
     TEST(a_command_that_is_refused_after_the_compensator_does_not_reach_the_specimen),
+    TEST(a_linear_system_is_commanded_at_its_dofs_and_has_its_forces_there),
+    TEST(an_inverse_takes_rates_of_its_command_and_learns_what_it_lacks),
+    TEST(arms_turn_and_their_forces_do_the_same_work),
     END_OF_TESTS,
 };

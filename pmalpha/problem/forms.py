@@ -150,13 +150,82 @@ class Adaptive(NamedTuple):
     section: np.ndarray
 
 
-class Specimen(NamedTuple):
-    """Filters, the outermost first, of which the first are compensators, and what follows them."""
+class Modal(NamedTuple):
+    """A linear filter y = C z + D u, z := A z + B u, with its poles in pairs: of A what a state has
+    of itself and of the other one of its pair. rest: z under a constant u."""
 
-    filters: tuple[Actuator | Adaptive, ...]
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    rest: np.ndarray
+
+
+class Inverse(NamedTuple):
+    """A filter that inverts a model, (Y14) to (Y16). rate, acceleration: factors of d' and d''."""
+
+    h: float
+    rate: float
+    acceleration: float
+    command: Modal
+    feedback: Modal | None
+    regressors: Modal | None
+    low: Modal | None
+    sigma: float
+    largest: float
+
+
+class LinkageMatrix(NamedTuple):
+    """A filter of commands J d, forces J^T f."""
+
+    matrix: np.ndarray
+    inverse: np.ndarray
+
+
+class LinkageArms(NamedTuple):
+    """The same by two arms, length and angle of each, (Y17)."""
+
+    arms: np.ndarray
+
+
+Filter: TypeAlias = Actuator | Adaptive | Inverse | LinkageMatrix | LinkageArms
+
+
+class Linear(NamedTuple):
+    """A specimen that is a linear system, (Y13)."""
+
+    phi: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    rest: np.ndarray
+    displacement: np.ndarray
+    force: np.ndarray
+    lag: np.ndarray
+    weight: np.ndarray
+    largest: float
+    noise: float
+    force_noise: float
+    quantum: float
+    seed: int
+
+
+class Specimen(NamedTuple):
+    """Filters, the outermost first, and what follows them: a linear system, or springs and a
+    function.
+
+    dofs: of the commands; None: all. compensators, leading: numbers of the first filters that are
+    compensators, and that are no part of a simulated rig. h: of a step, 0 where no filter needs
+    accelerations.
+    """
+
+    filters: tuple[Filter, ...]
+    linear: Linear | None
     springs: tuple[Springs, ...]
     function: Any
+    dofs: np.ndarray | None
     compensators: int
+    leading: int
+    h: float
 
 
 class InternalForce(NamedTuple):

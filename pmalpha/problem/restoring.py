@@ -10,8 +10,8 @@ from scipy import LowLevelCallable
 
 from .._checks import vector
 from . import forms
-from .actuators import Device, core_specimen, divided
 from .argument_order import OF_RESTORING, check_order
+from .device import Device, core_specimen, divided
 from .lowlevel import check_signature
 from .springs import Spring
 

@@ -31,6 +31,7 @@ COORDINATES = {
     "springs": "spring",
     "constraints": "constraint",
     "subdomains": "subdomain",
+    "commands": "command",
     "contact rows": "contact_row",
     "contacts": "contact",
 }

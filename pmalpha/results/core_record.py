@@ -42,6 +42,15 @@ class InternalRows(NamedTuple):
     q: np.ndarray | None
 
 
+class RigRows(NamedTuple):
+    """Rows with a column for each command of specimens behind filters."""
+
+    command: np.ndarray
+    sent: np.ndarray
+    measured: np.ndarray
+    force: np.ndarray
+
+
 class ContactRows(NamedTuple):
     """Rows with a column for each row of contacts, and for each contact."""
 
@@ -59,6 +68,7 @@ class CoreSelection(NamedTuple):
     springs: SpringRows | None
     outputs: OutputRows | None
     internal: InternalRows
+    rig: RigRows | None = None
 
 
 class CoreRecord(NamedTuple):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..problem.dofs import names_at
+from ..problem.restoring import devices_of
 from ..setup.member import Member
 from . import not_recorded
 
@@ -90,6 +91,10 @@ OF_SUBDOMAIN = {
     "q": Quantity(
         "memory", "history of internal forces, a row for each time level", "any", is_state=True
     ),
+    "rig_command": Quantity("commands", "commands of the structure to its rig", "u"),
+    "rig_sent": Quantity("commands", "what compensation makes of them, as rig_command", "u"),
+    "rig_measured": Quantity("commands", "displacements measured, as rig_command", "u"),
+    "rig_force": Quantity("commands", "forces of the rig, as rig_command", "F"),
 }
 OF_INTERFACE = {
     "multipliers": Quantity(
@@ -156,7 +161,7 @@ OF_INTERFACE = {
 
 
 def column_counts(
-    member: Member, dofs: np.ndarray, springs: np.ndarray | None
+    member: Member, dofs: np.ndarray, springs: np.ndarray | None, rig: bool
 ) -> dict[str, int | None]:
     """Numbers of columns of what the core records of a subdomain, None where it does not."""
     internal = member.internal
@@ -168,7 +173,14 @@ def column_counts(
         "springs": None if springs is None else springs.size,
         "iterated": None if internal is None or member.tangent is None else 1,
         "memory": memory,
+        "commands": commands_of(member) if rig else None,
     }
+
+
+def commands_of(member: Member) -> int | None:
+    """Number of commands to the rigs of a subdomain, None where it has none."""
+    devices = devices_of(member.subdomain.restoring)
+    return sum(member.n if x.width is None else x.width for x in devices) if devices else None
 
 
 # ---- what is made of it --------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from .._checks import MOST, flag, whole_number
 from ..files import Held
 from ..memory import fits, require
 from ..problem.dofs import dof_list, names_at
+from ..problem.restoring import devices_of
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
@@ -32,6 +33,7 @@ from .core_record import (
     CoreSelection,
     InternalRows,
     OutputRows,
+    RigRows,
     SpringRows,
 )
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
@@ -50,6 +52,7 @@ from .stored import EarlierRows, contents_of, fields_of, old_file, target
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
+OF_RIG = tuple(IN_SUBDOMAIN["commands"])
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
 
 
@@ -71,14 +74,19 @@ class Recorded:
         energy: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
+        rig: bool | None = None,
     ):
         self.members, self.keys, self.core_rows, self.fine = members, tuple(keys), rows, fine
         self.contacts = rows.contacts
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
+        has_rig = rig is not None and flag(rig, "rig")
+        if has_rig:
+            self.dofs = with_rigs(self.dofs, self.keys)
         self.columns = [
-            recorded_columns(*arguments) for arguments in zip(members, self.dofs, self.springs)
+            recorded_columns(*arguments, has_rig)
+            for arguments in zip(members, self.dofs, self.springs)
         ]
         self.interface_columns = self._interface_columns()
         self.interface = {
@@ -276,6 +284,7 @@ class Recording:
                     else SpringRows(springs, arrays["deformation"], arrays["force"]),
                     outputs=None if outputs is None else OutputRows(outputs, *of.weights[i]),
                     internal=InternalRows(arrays.get("iterations"), arrays.get("q")),
+                    rig=RigRows(*(arrays[x] for x in OF_RIG)) if OF_RIG[0] in arrays else None,
                 )
         contacts = None
         if of.contacts is not None:
@@ -547,6 +556,22 @@ def chosen_dofs(
     return chosen
 
 
+def with_rigs(
+    dofs: Sequence[np.ndarray | None], keys: Sequence[tuple[str, Subdomain]]
+) -> list[np.ndarray | None]:
+    """The dofs to record with no dof of subdomains that are left out but have a rig.
+
+    ValueError where none has one.
+    """
+    has_rig = [bool(devices_of(s.restoring)) for _, s in keys]
+    if not any(has_rig):
+        raise ValueError(
+            "rig must be False without a specimen behind an actuator or a compensator, got True"
+        )
+    none = np.arange(0)
+    return [none if x is None and has else x for x, has in zip(dofs, has_rig)]
+
+
 def chosen_springs(
     record_springs: Mapping[Any, Any] | None,
     keys: Sequence[tuple[str, Subdomain]],
@@ -566,11 +591,11 @@ def chosen_springs(
 
 
 def recorded_columns(
-    member: Member, dofs: np.ndarray | None, springs: np.ndarray | None
+    member: Member, dofs: np.ndarray | None, springs: np.ndarray | None, rig: bool
 ) -> dict[str, int]:
     """The number of columns of each array that the core records of a subdomain."""
     if dofs is None:
         return {}
-    counts = column_counts(member, dofs, springs)
+    counts = column_counts(member, dofs, springs, rig)
     known = ((x, count) for x, count in counts.items() if count is not None)
     return {name: count for x, count in known for name in IN_SUBDOMAIN[x]}

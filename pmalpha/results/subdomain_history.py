@@ -26,6 +26,31 @@ __all__ = ["SubdomainHistory"]
 
 
 @dataclass(frozen=True)
+class RigRecord:
+    """What a structure and its specimens behind actuators and compensators told each other.
+
+    Of several specimens in one subdomain the columns follow each other.
+
+    Attributes
+    ----------
+    t : (k,) array
+        Times of the time levels.
+    command : (k, n) array
+        The predictor at the dofs of the specimen.
+    sent : (k, n) array
+        What compensators and linkages make of it: the command of the (simulated) actuators.
+    measured, force : (k, n) arrays
+        Displacements that were measured, and forces, at the dofs.
+    """
+
+    t: np.ndarray
+    command: np.ndarray
+    sent: np.ndarray
+    measured: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True)
 class SubdomainHistory:
     """The recorded motion of one subdomain.
 
@@ -54,6 +79,8 @@ class SubdomainHistory:
         of its beginning and its end together, under "macro" those of all passes.
     q : (k, m) array, or None
         The history of the internal forces, where all dofs are recorded.
+    rig_command, rig_sent, rig_measured, rig_force : (k, commands) arrays, or None
+        With ``rig=True``, those of `rig`.
     substep : float or None
         The length h of its substeps; None where it changed in the History, and for one from a file
         of an older version.
@@ -79,8 +106,21 @@ class SubdomainHistory:
     outputs: Mapping[str, np.ndarray] = field(default_factory=dict)
     iterations: np.ndarray | None = None
     q: np.ndarray | None = None
+    rig_command: np.ndarray | None = None
+    rig_sent: np.ndarray | None = None
+    rig_measured: np.ndarray | None = None
+    rig_force: np.ndarray | None = None
     n: int | None = None
     dof_names: Sequence[str] | None = None
+
+    @property
+    def rig(self) -> RigRecord | None:
+        """Commands to the specimen and what came back, with ``run(rig=True)``, else None."""
+        names = "command", "sent", "measured", "force"
+        arrays = {name: getattr(self, f"rig_{name}") for name in names}
+        if any(x is None for x in arrays.values()):
+            return None
+        return RigRecord(self.t, **arrays)
 
     def __getitem__(self, key: int | str) -> DofMotion:
         (j,) = columns_of(key, self.dofs, self.n, self.dof_names, f"dof of {self.name!r}", one=True)

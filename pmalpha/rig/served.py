@@ -10,7 +10,7 @@ from scipy import LowLevelCallable
 
 from .. import _core
 from .._checks import real_array, vector, whole_number
-from ..problem.actuators import divided
+from ..problem.device import divided
 from ..problem.evaluation import evaluated
 from ..problem.internal import InternalForce
 from ..problem.matrices import dense

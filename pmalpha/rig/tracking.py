@@ -112,19 +112,24 @@ def tracking(
     early, late = _aligned(d, x, lag)
     mean = 0.5 * (F[1:] + F[:-1])
     energies = np.concatenate([[0.0], np.cumsum(mean * (np.diff(d) - np.diff(x)))])
-    lags = range(min(SILVA_LAGS, d.size - 2))
-    silva_lag = int(np.argmax([_correlation(*_aligned(d, x, j)) for j in lags]))
     return Tracking(
         delay=delay * dt,
         nrmse=float(np.linalg.norm(error) / np.linalg.norm(d)),
         amplitude=float(late.std() / early.std()),
         energy=float(energies[-1]),
         energies=energies,
-        J1=1e3 * dt * silva_lag,
-        J2=_of_deviation(x, d),
-        J3=_of_largest(x, d),
-        **_of_storeys(response, reference, d.size),
+        **criteria(d, x, dt, response, reference),
     )
+
+
+def criteria(
+    d: np.ndarray, x: np.ndarray, dt: float, response: Any, reference: Any
+) -> dict[str, float]:
+    """J1 to J3 of a command and what was measured, and J4 to J9 with a reference."""
+    lags = range(min(SILVA_LAGS, d.size - 2))
+    lag = int(np.argmax([_correlation(*_aligned(d, x, j)) for j in lags]))
+    of_command = {"J1": 1e3 * dt * lag, "J2": _of_deviation(x, d), "J3": _of_largest(x, d)}
+    return of_command | _of_storeys(response, reference, d.size)
 
 
 def _like(values: Any, shape: tuple[int, ...], name: str) -> np.ndarray:

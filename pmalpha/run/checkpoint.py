@@ -24,7 +24,7 @@ from .. import _core
 from .._checks import MOST, counted, listing
 from ..blas import one_thread
 from ..files import read_npz, write_npz
-from ..problem.actuators import Device
+from ..problem.device import Device
 from ..problem.forces import SampledForce, depends_on_motion
 from ..problem.springs import Spring
 from ..results.clock import Clock

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import without
+from .._checks import flag, without
 from .._core import Guard
 from ..problem.argument_types import Coupling, Start
 from ..problem.constraints import Constraint
@@ -267,6 +267,7 @@ class Coupler:
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
+        rig: bool = False,
         tolerance: float | Mapping[Any, float] | None = None,
         until: Callable[[Instant], bool] | None = None,
         progress: Any = None,
@@ -303,6 +304,9 @@ class Coupler:
             of dofs, or a dict of these by "u", "v" and "a"; in ``history[name].outputs[output]``.
             "absolute u", "absolute v" and "absolute a" add the motion of the ground under a
             `BaseAcceleration`: its exact integrals, from rest.
+        rig : bool, default False
+            Record what specimens behind actuators and compensators are commanded and give back, in
+            ``history[name].rig``, a `RigRecord`.
         tolerance : float or dict of float, optional
             With "gc": choose substeps so that the local error of the displacements per unit of time
             stays below this, by the estimate and the rule of equations (Q5) and (Q6).
@@ -370,7 +374,7 @@ class Coupler:
         """
         s, end, files = self._session, (t_end, steps), (record_to, append, overwrite)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
-        chosen |= dict(record_springs=record_springs, outputs=outputs)
+        chosen |= dict(record_springs=record_springs, outputs=outputs, rig=flag(rig, "rig") or None)
         if tolerance is not None:
             return tolerance_run.run(s, tolerance, end, files, until, progress, **chosen)
         return recorded_run.run(s, end, files, until, progress, **chosen)
@@ -456,6 +460,7 @@ class Coupler:
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
+        rig: bool = False,
         progress: Any = None,
     ) -> History:
         """`run` at the pace of a clock: each fine step begins at its absolute time.
@@ -488,7 +493,7 @@ class Coupler:
             never wait for it: macro steps that find the ring full are NaN in the file, and counted
             in ``pacing.lost``. A file that cannot be written ends the run at once, and
             `last_history` has all of its steps.
-        append, overwrite, record_springs, outputs : optional
+        append, overwrite, record_springs, outputs, rig : optional
             As for `run`.
         progress : True or callable, optional
             As for `run`. It takes the GIL every 50 ms.
@@ -537,7 +542,7 @@ class Coupler:
 
         pace = paced.Pace(rate, on_late, priority, lock_memory)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
-        chosen |= dict(record_springs=record_springs, outputs=outputs)
+        chosen |= dict(record_springs=record_springs, outputs=outputs, rig=flag(rig, "rig") or None)
         files = (record_to, append, overwrite)
         return paced.run_paced(self._session, t_end, pace, files, progress, **chosen)
 

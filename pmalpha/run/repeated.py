@@ -11,7 +11,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import MOST
-from ..problem.actuators import Device
+from ..problem.device import Device
 from ..problem.forces import SampledForce
 from ..problem.restoring import items_of
 from ..problem.springs import Spring

@@ -23,6 +23,7 @@ from .internal_forces import closing_tangent
 from .iteration import iteration_of, prepare_iterated
 from .light import warn_of_light
 from .link import Link
+from .loop import warn_of_loops
 from .macro import (
     check_mean,
     doubled_part,
@@ -220,6 +221,8 @@ class Assemblies:
             closing = closing_tangent(member.subdomain)
             member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
         self._warn_of_growth(layout, members, core)
+        if self.ranks is None:
+            warn_of_loops(members)
         warn_of_light(new)
         pairs = enumerate(members, self.first_own)
         self._known.update({(i, *layout.of(i)): member for i, member in pairs})

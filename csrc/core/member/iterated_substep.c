@@ -124,6 +124,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     /* (R1), (5), (6); v1 = v_n */
     if (s->extrapolates)
         pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
+    pma_restoring_accelerate(&p->restoring, from->w, step->twice ? 2.0 : 1.0);
     s->update->predict(&op->step, 0, p->n, from, to);
     if (s->mean && s->mean->is_pushed)
         pma_substep_push(p->n, op->step.h, s->mean->push, to, s->extrapolates ? s->vs : NULL);

@@ -11,6 +11,16 @@ pma_status pma_restoring_check(const pma_restoring *restoring)
     return PMA_OK;
 }
 
+void pma_restoring_accelerate(const pma_restoring *restoring, const double *w, double ahead)
+{
+    pma_cell *cell = restoring->cell;
+    if (!cell || !cell->a)
+        return;
+    cell->ahead = w ? ahead : 0.0;
+    for (size_t i = 0; i < restoring->n; i++)
+        cell->a[restoring->order[i]] = w ? w[i] : 0.0;
+}
+
 pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
                                   const double *v, const double *from, double *to, double *y,
                                   int *code)

@@ -16,12 +16,22 @@ typedef int (*pma_restoring_function)(double t, intptr_t n, double *u, double *v
 /* What functions share with the subdomain that evaluates them. */
 typedef struct {
     double *memory; /* what they remember, set for each evaluation */
-    /* May compensator i give the command u, v (n each, in the user's order)? NULL: any. One that
-     * may not makes its function return at once. */
-    bool (*allows)(void *self, size_t i, const double *u, const double *v);
+    /* May compensator i give the command u, v (width each) of these dofs of the user (NULL: of all
+     * in turn)? NULL: any. One that may not makes its function return at once. */
+    bool (*allows)(void *self, size_t i, const int64_t *dofs, size_t width, const double *u,
+                   const double *v);
     void *self;
     bool refused; /* has the last evaluation ended so? */
+    double *a;    /* n, in the user's order: see pma_restoring_accelerate; NULL: not needed */
+    double ahead;
 } pma_cell;
+
+/* Where a specimen behind filters has what was last in an evaluation, `width` numbers each, in what
+ * functions remember: the command of the structure, that which the simulated rig was sent, what was
+ * measured, and the force. */
+typedef struct {
+    size_t width, command, sent, measured, force;
+} pma_trace;
 
 /* The arrays are the caller's and have to outlive it. */
 typedef struct {
@@ -36,10 +46,16 @@ typedef struct {
     size_t memory;        /* numbers that the function remembers from one evaluation to the next */
     size_t compensators;  /* of commands, among the functions */
     pma_cell *cell;       /* NULL without memory and compensators */
+    size_t traces;        /* specimens behind filters among the functions */
+    const pma_trace *trace; /* traces */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */
 pma_status pma_restoring_check(const pma_restoring *restoring);
+
+/* w (n, in elimination order; NULL: not known) is the acceleration `ahead` steps before the end of
+ * the substep whose force is evaluated next. */
+void pma_restoring_accelerate(const pma_restoring *restoring, const double *w, double ahead);
 
 /* y (n) -= r(u, v, t), all in elimination order; `to` (memory) is what the function remembers
  * after it, `from` before it, which may be the same. PMA_RESTORING_FAILED when the function returns

@@ -11,6 +11,8 @@ struct pma_rig {
     pma_limits *commands;      /* limits of those of the structure, or NULL */
     pma_limits **compensators; /* the same of what each compensator makes of them, or NULL */
     double *compensation;      /* 2 n: command of one and its velocity */
+    int64_t *position;         /* n: ours of each dof of the user; of compensators */
+    const double *u, *v;       /* n: the last command of the structure, with compensators */
     const pma_limits *breach;  /* which of them was exceeded last */
     const pma_substep *step;   /* whose forces are being evaluated, else NULL */
     pma_stamp *stamp;          /* in a paced run, else NULL */
@@ -43,6 +45,7 @@ static pma_rig *create_rig(const pma_subdomain *s, size_t compensators)
     const pma_array arrays[] = {
         PMA_ARRAY(pma_rig, compensation, compensators > 0 ? 2 * s->parts.n : 0),
         PMA_ARRAY(pma_rig, compensators, compensators),
+        PMA_ARRAY(pma_rig, position, compensators > 0 ? s->parts.n : 0),
         {0}};
     pma_rig *rig = pma_object_create(sizeof *rig, arrays);
     if (!rig)
@@ -50,6 +53,8 @@ static pma_rig *create_rig(const pma_subdomain *s, size_t compensators)
     rig->of = s;
     if (compensators == 0)
         rig->compensators = NULL;
+    for (size_t k = 0; compensators > 0 && k < s->parts.n; k++)
+        rig->position[s->parts.restoring.order[k]] = (int64_t)k;
     return rig;
 }
 
@@ -73,18 +78,22 @@ static bool is_within(pma_rig *rig, pma_limits *limits, const pma_substep *step,
                               from->u, from->v, u, v);
 }
 
-/* May compensator i give this command (n, in the user's order)? The first one, of the initial
- * values, is that of the structure. */
-static bool allows(void *self, size_t i, const double *u, const double *v)
+/* May compensator i give this command of these dofs (width)? Those of the others are the
+ * structure's, and so is the first one, of the initial values. */
+static bool allows(void *self, size_t i, const int64_t *dofs, size_t width, const double *u,
+                   const double *v)
 {
     pma_rig *rig = self;
     if (!rig->step)
         return true;
-    const pma_restoring *restoring = &rig->of->parts.restoring;
-    double *own_u = rig->compensation, *own_v = own_u + restoring->n;
-    for (size_t k = 0; k < restoring->n; k++) {
-        own_u[k] = u[restoring->order[k]];
-        own_v[k] = v[restoring->order[k]];
+    const size_t n = rig->of->parts.n;
+    double *own_u = rig->compensation, *own_v = own_u + n;
+    memcpy(own_u, rig->u, n * sizeof(double));
+    memcpy(own_v, rig->v, n * sizeof(double));
+    for (size_t k = 0; k < width; k++) {
+        const int64_t position = rig->position[dofs ? dofs[k] : (int64_t)k];
+        own_u[position] = u[k];
+        own_v[position] = v[k];
     }
     return is_within(rig, rig->compensators[i], rig->step, own_u, own_v);
 }
@@ -100,6 +109,8 @@ pma_status pma_rig_command(pma_rig *rig, const pma_substep *step, const pma_stat
     if (rig->commands && !is_within(rig, rig->commands, step, to->u, v))
         return PMA_LIMITED;
     rig->step = step;
+    rig->u = to->u;
+    rig->v = v;
     if (!stamp)
         return PMA_OK;
     for (size_t k = 0; k < stamp->count; k++)

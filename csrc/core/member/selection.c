@@ -4,7 +4,9 @@
 
 bool pma_selection_is_empty(const pma_selection *selection)
 {
-    return selection->count + selection->springs + selection->history + selection->outputs == 0 &&
+    return selection->count + selection->springs + selection->history + selection->outputs +
+                   selection->commands ==
+               0 &&
            !selection->corrections;
 }
 
@@ -64,12 +66,30 @@ static void write_history(const pma_selection *selection, const pma_state *state
         selection->corrections[row] = state->history[selection->of_history];
 }
 
+static void write_rig(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    if (selection->commands == 0)
+        return;
+    const double *memory = state->springs + selection->rig_begin;
+    size_t at = row * selection->commands;
+    for (size_t k = 0; k < selection->of_rig->traces; k++) {
+        const pma_trace *trace = &selection->of_rig->trace[k];
+        const size_t bytes = trace->width * sizeof(double);
+        memcpy(selection->command + at, memory + trace->command, bytes);
+        memcpy(selection->sent + at, memory + trace->sent, bytes);
+        memcpy(selection->measured + at, memory + trace->measured, bytes);
+        memcpy(selection->rig_force + at, memory + trace->force, bytes);
+        at += trace->width;
+    }
+}
+
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
 {
     for (; selection; selection = selection->next) {
         take_motion(selection, state, false, row);
         write_springs(selection, state, row);
         write_history(selection, state, row);
+        write_rig(selection, state, row);
     }
 }
 

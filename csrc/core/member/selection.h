@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "member/restoring.h"
 #include "member/state.h"
 
 /* A sparse matrix by rows: columns and weights of row k are at start[k] .. start[k + 1] - 1. */
@@ -26,7 +27,11 @@ typedef struct pma_selection {
     size_t history, of_history;  /* numbers recorded of internal forces, all or none, and of all */
     double *q;                   /* rows x history by rows */
     double *corrections;         /* rows, or NULL: of iterated substeps */
-    size_t outputs;              /* number of outputs y = of_u u + of_v v + of_w w */
+    size_t commands;             /* numbers recorded of each array of rigs, all or none */
+    const pma_restoring *of_rig; /* which has their traces, from number `rig_begin` on */
+    size_t rig_begin;            /* of what springs and the restoring force remember */
+    double *command, *sent, *measured, *rig_force; /* rows x commands by rows */
+    size_t outputs; /* number of outputs y = of_u u + of_v v + of_w w */
     pma_combination of_u, of_v, of_w;
     double *output;                   /* rows x outputs by rows */
     const struct pma_selection *next; /* of another case beside this one, or NULL */

@@ -314,6 +314,7 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
     memset(s->remembered, 0, p->restoring.memory * sizeof(double));
     if (s->rig)
         pma_rig_command_first(s->rig);
+    pma_restoring_accelerate(&p->restoring, NULL, 0.0);
     if (p->restoring.function)
         status = pma_restoring_subtract(&p->restoring, t, u, v, s->remembered, s->remembered, r,
                                         &s->code);

@@ -165,6 +165,7 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
     /* (R1) */
     if (s->extrapolates)
         pma_substep_extrapolate(op->step.h, n, from, s->vs);
+    pma_restoring_accelerate(&s->parts.restoring, from->w, step->twice ? 2.0 : 1.0);
 
     /* (5), (6) */
     s->update->predict(&op->step, 0, n, from, to);

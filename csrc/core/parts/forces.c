@@ -39,20 +39,29 @@ typedef struct {
 static int call_specimen(double t, intptr_t n, double *u, double *v, double *r, void *user)
 {
     const specimen_function *own = user;
+    const pma_cell *cell = own->core->cell;
+    const pma_wanted wanted = {.u = u, .v = v, .a = cell->a, .ahead = cell->ahead};
     (void)n;
-    return pma_specimen_evaluate(own->core, t, u, v, r, own->core->cell->memory + own->offset);
+    return pma_specimen_evaluate(own->core, t, &wanted, r, cell->memory + own->offset);
 }
 
 static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *restoring,
-                                pma_function *out)
+                                pma_trace *trace, pma_function *out)
 {
     specimen_function *own;
     PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
     PMA_TRY(pma_parts_specimen(f, n, &own->core, &out->by_caller));
     own->core->cell = restoring->cell;
+    if (own->core->h > 0.0 && !restoring->cell->a)
+        PMA_TRY(pma_field_allocate(f, n, sizeof(double), (void *)&restoring->cell->a));
     own->core->number = restoring->compensators;
     restoring->compensators += own->core->compensators > 0;
     own->offset = restoring->memory;
+    *trace = pma_specimen_trace(own->core);
+    trace->command += own->offset;
+    trace->sent += own->offset;
+    trace->measured += own->offset;
+    trace->force += own->offset;
     restoring->memory += pma_specimen_numbers(own->core);
     out->function = call_specimen;
     out->user = own;
@@ -62,6 +71,7 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
 static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *out)
 {
     series *all;
+    pma_trace *traces;
     PMA_TRY(pma_field_allocate(f, 1, sizeof *all, (void *)&all));
     PMA_TRY(pma_field_tuple(f, &all->count));
     if (all->count == 0)
@@ -69,10 +79,12 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
     PMA_TRY(pma_field_allocate(f, all->count, sizeof *all->each, (void *)&all->each));
     PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *all->work, (void *)&all->work));
     PMA_TRY(pma_field_allocate(f, 1, sizeof *out->cell, (void *)&out->cell));
+    PMA_TRY(pma_field_allocate(f, all->count, sizeof *traces, (void *)&traces));
+    out->trace = traces;
     for (size_t i = 0; i < all->count; i++) {
         const pma_field function = pma_field_item(f, i);
         PMA_TRY(function.node->kind == PMA_DICT
-                    ? take_specimen(&function, n, out, &all->each[i])
+                    ? take_specimen(&function, n, out, &traces[out->traces++], &all->each[i])
                     : pma_field_find(&function, PMA_RESTORING_ROLE, &all->each[i]));
         out->by_caller = out->by_caller || all->each[i].by_caller;
     }

@@ -47,7 +47,7 @@ pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out);
  * is None of a diagonal, else {first, row_ptr, rows, start, owner (n,)}. Without a crew. */
 pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out);
 
-/* ---- forces (springs.c, specimens.c, forces.c) ---------------------------------------------- */
+/* ---- forces (springs.c, filters.c, specimens.c, forces.c) ----------------------------------- */
 
 /* What stands for a function of the user in the core. */
 typedef struct {
@@ -62,10 +62,19 @@ pma_status pma_parts_springs(const pma_field *f, pma_springs *out);
 /* None, or {functions, order, load}: the sum of functions, each of the user or a specimen */
 pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out);
 
-/* {filters, springs, function, compensators}; each filter is {lag, weight, largest, phi, before,
- * after, slope, noise, quantum, seed}, or one that adapts, {h, limits, threshold, every, window,
- * section}. by_caller is set if it calls such a function. */
+/* {lag, weight} of a delay */
+pma_status pma_parts_delay(const pma_field *f, pma_delay *out);
+
+/* {filters, linear, springs, function, dofs, compensators, leading, h}; linear is None or {states,
+ * phi, before, after, rest, displacement, force, lag, weight, largest, noise, force_noise, quantum,
+ * seed}; dofs are of its commands, None: all. by_caller is set if it calls such a function. */
 pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, bool *by_caller);
+
+/* A filter of `width` commands: {lag, weight, largest, phi, before, after, slope, noise, quantum,
+ * seed}, or one that adapts, {h, limits, threshold, every, window, section}, or an inverse, {h,
+ * rate, acceleration, command, feedback, regressors, low, sigma, largest} of filters in modal form,
+ * {A, B, C, D, rest}, all but the first may be None, or a linkage, {matrix, inverse} or {arms}. */
+pma_status pma_parts_filter(const pma_field *f, size_t width, pma_filter *out);
 
 /* None, or {order, initial, forces}, each force {function, history, where, across, potential} */
 pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out);

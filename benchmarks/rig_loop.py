@@ -1,0 +1,111 @@
+"""A loop with a servo-hydraulic rig at 4096 Hz: what specimen and compensation cost in a step, and
+which numerical parts keep the rate, with "gc" and "pm"."""
+
+import warnings
+
+import numpy as np
+import scipy.sparse as sp
+from timing import in_turn, run
+
+import pmalpha as pm
+from pmalpha import rig
+
+H = 1.0 / 4096.0
+STIFFNESS = 1.19e6
+NOISE = {"noise": 16e-6, "force_noise": 2.18, "seed": 1}
+
+
+def plant(**options):
+    return rig.servo_hydraulic(mass=29.13, stiffness=STIFFNESS, damping=114.2209, **options)
+
+
+def specimens():
+    model = {"method": "model", "model": plant()}
+    return {
+        "spring": pm.CubicSpring([0], k=STIFFNESS, k3=0.0),
+        "plant": plant(),
+        "plant, noise": plant(**NOISE),
+        "model": rig.Compensated(plant(), **model),
+        "model, feedback": rig.Compensated(plant(), **model, feedback=10.0),
+        "model, least squares": rig.Compensated(plant(), **model, variations=0.03, sigma=1e-4),
+    }
+
+
+def three_storeys(specimen):
+    M, C, K = pm.models.rths(1)
+    one = np.diag([1.0, 0.0, 0.0])
+    is_spring = isinstance(specimen, pm.CubicSpring)
+    building = pm.Subdomain(
+        M - 29.13 * one,
+        K - STIFFNESS * one,
+        C - 114.2209 * one,
+        scheme=pm.CentralDifference(),
+        restoring=specimen,
+        restoring_stiffness=None if is_spring else STIFFNESS * one,
+        u0=[1e-3, 1e-3, 1e-3],
+    )
+    return pm.Coupler([building], dt=H)
+
+
+def frame(n, coupling):
+    """A tower of n dofs, implicit with steps of 1/1024 s, whose foot of one dof has the rig.
+
+    The foot takes four substeps. Under "pm" the double steps of the tower run beside them.
+    """
+    width = 10
+    grid = sp.eye_array(n // width), sp.eye_array(width)
+    chain = [
+        sp.diags_array([-np.ones(k - 1), 2.0 * np.ones(k), -np.ones(k - 1)], offsets=[-1, 0, 1])
+        for k in (n // width, width)
+    ]
+    K = sp.csr_array(2e7 * (sp.kron(chain[0], grid[1]) + sp.kron(grid[0], chain[1])))
+    M = np.full(K.shape[0], 1000.0)
+    C = sp.csr_array(1e-4 * K)
+    tower = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.8), name="tower")
+    foot = pm.Subdomain(
+        [970.0],
+        [2e7],
+        [2e3],
+        scheme=pm.CentralDifference(),
+        substeps=4,
+        restoring=rig.Compensated(plant(), method="model"),
+        restoring_stiffness=[STIFFNESS],
+        force=[100.0],
+        name="foot",
+    )
+    return pm.Coupler(
+        [tower, foot], [pm.tie("tower", [0], "foot", [0])], dt=4.0 * H, coupling=coupling
+    )
+
+
+def rows(quick):
+    steps, seconds = (200, 0.0) if quick else (20000, 3.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.StabilityWarning)  # of the plants without compensation
+        couplers = {name: three_storeys(specimen) for name, specimen in specimens().items()}
+    times = in_turn(*(lambda c=c: c.step(steps) for c in couplers.values()), seconds=seconds)
+    table = rows_of([(name, 3) for name in couplers], times, steps)
+    for n in (100,) if quick else (1000, 10_000, 50_000):
+        few = 5 if quick else max(10, 200_000 // n)
+        pair = [frame(n, coupling) for coupling in ("gc", "pm")]
+        times = in_turn(*(lambda c=c, k=few: c.step(k) for c in pair), seconds=seconds)
+        table += rows_of([("tower, gc", n), ("tower, pm", n)], times, 4 * few)
+    return table
+
+
+def rows_of(names, times, steps):
+    return [
+        {
+            "what": name,
+            "dofs": n,
+            "us a fine step": 1e6 * x / steps,
+            "share of 1/4096 s": x / steps / H,
+            "us above the first": 1e6 * (x - times[0]) / steps,
+            "over the first": x / times[0],
+        }
+        for (name, n), x in zip(names, times)
+    ]
+
+
+if __name__ == "__main__":
+    run("rig_loop", rows, about=__doc__)

@@ -1,0 +1,264 @@
+"""What is between the commands of a run and a specimen, and what both are for the core."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import Any
+
+import numpy as np
+from scipy import LowLevelCallable
+
+from .. import _core
+from .._checks import plain_array, real_array, real_number, time_step, vector, whole_number
+from . import forms
+from .argument_order import OF_RESTORING, check_order
+from .lowlevel import check_signature
+from .springs import Spring, core_springs
+
+# Substeps of a delay that needs no further word.
+DEFAULT_STEPS = 100
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a specimen does under given commands.
+
+    Attributes
+    ----------
+    force, measured : array
+        Forces, and displacements that were measured, shaped as the commands.
+    """
+
+    force: np.ndarray
+    measured: np.ndarray
+
+
+class Device:
+    """What is between the commands of a run and a specimen.
+
+    Attributes
+    ----------
+    compensates : bool
+        Whether it changes commands so that the specimen follows in time.
+    leads : bool
+        Whether it is a part of the program that runs a test, and not of a simulated rig.
+    needs_measured : str
+        What needs the measured displacement, in messages; "": nothing does.
+    needs_acceleration : bool
+        Whether it needs the velocity and the acceleration of commands at their own time (Y18).
+    """
+
+    compensates = leads = needs_acceleration = False
+    needs_measured = ""
+
+    def __init__(self, specimen: Any, delay: float, max_steps: int):
+        self.delay = real_number(delay, "delay", low=0.0)
+        self.max_steps = whole_number(max_steps, "max_steps", low=1)
+        self.specimen: Any = specimen
+        if isinstance(specimen, Device):
+            return
+        if isinstance(specimen, LowLevelCallable):
+            check_signature(specimen, "restoring", "specimen")
+            return
+        springs = tuple(specimen) if isinstance(specimen, (list, tuple)) else (specimen,)
+        if springs and all(isinstance(item, Spring) for item in springs):
+            self.specimen = springs
+        elif not callable(specimen):
+            raise TypeError(
+                "specimen must be a callable, a LowLevelCallable, springs, or one of these behind "
+                f"an actuator or a compensator, got {specimen!r}"
+            )
+        else:
+            check_order(specimen, OF_RESTORING, "specimen")
+
+    @property
+    def innermost(self) -> Any:
+        """The springs, a tuple, or the function that the last command reaches."""
+        inner = self.specimen
+        return inner.innermost if isinstance(inner, Device) else inner
+
+    @property
+    def width(self) -> int | None:
+        """Number of commands; None: that of the dofs of the subdomain."""
+        inner = self.specimen
+        return inner.width if isinstance(inner, Device) else None
+
+    @property
+    def dofs(self) -> np.ndarray | None:
+        """The dofs of the commands; None: all dofs of the subdomain."""
+        inner = self.specimen
+        return inner.dofs if isinstance(inner, Device) else None
+
+    @property
+    def springs(self) -> tuple[Spring, ...]:
+        """The springs of the specimen, if it is made of them."""
+        inner = self.innermost
+        return inner if type(inner) is tuple else ()
+
+    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Device:
+        """The same with numbers of dofs in the springs; `label` is that of the argument."""
+        inner = self.specimen
+        if isinstance(inner, Device):
+            moved = copy(self)
+            moved.specimen = inner._placed(n, names, label)
+            moved._check_width(n, label)
+            return moved
+        springs = self.springs
+        placed = tuple(spring._placed(n, names, label) for spring in springs)
+        self._check_width(n, label)
+        if all(one is other for one, other in zip(springs, placed)):
+            return self
+        moved = copy(self)
+        moved.specimen = placed
+        return moved
+
+    def _check_width(self, n: int, label: str) -> None:
+        """ValueError where it is not for the commands of a specimen in a subdomain of n dofs."""
+
+    @property
+    def facts(self) -> str:
+        """Its parameters, for the comparison of problems."""
+        raise NotImplementedError
+
+    def _filter(self, h: float, width: int) -> forms.Filter:
+        """The filter in the form of the core, for steps of length h and this number of commands."""
+        raise NotImplementedError
+
+    def _linear(self, h: float) -> forms.Linear:
+        """The linear system for the core, of one that has no specimen, with steps of length h."""
+        raise NotImplementedError
+
+    def _check_delays(self, h: float, what: str) -> None:
+        """ValueError for a delay of more than `max_steps` steps of length h."""
+        inner = self.specimen
+        if isinstance(inner, Device):
+            inner._check_delays(h, what)
+        if self.delay > self.max_steps * h * (1.0 + 1e-9):
+            raise ValueError(
+                f"delay of {type(self).__name__}, {what}, must be at most max_steps = "
+                f"{self.max_steps} substeps of {h:g}, got {self.delay:g}, {self.delay / h:.3g} "
+                "substeps; it is in the unit of t"
+            )
+
+    def __repr__(self) -> str:
+        return f"<{self.facts}>"
+
+    def respond(
+        self, command: Any, dt: float, velocity: Any = None, acceleration: Any = None
+    ) -> Response:
+        """Forces and measured displacements under given commands, without a structure.
+
+        Parameters
+        ----------
+        command : (k,) or (k, n) array
+            Displacements at t = 0, dt, 2 dt, ...; at rest before.
+        dt : float
+            Time between two commands.
+        velocity, acceleration : like command, optional
+            Default: central differences of the command and of the velocity.
+
+        Returns
+        -------
+        Response
+            Has ``.force`` and ``.measured``, shaped as the command.
+
+        Examples
+        --------
+        >>> late = rig.SimulatedActuator(lambda u, v, t: 2.0 * u, delay=0.02)
+        >>> late.respond([0.0, 1.0, 0.0, 0.0, 0.0], 0.01).force
+        array([0., 0., 0., 2., 0.])
+        """
+        d = real_array(command, "command", (1, 2))
+        dt = time_step(dt, "dt")
+        if d.shape[0] < 2:
+            raise ValueError(f"command must have at least 2 rows, got {d.shape[0]}")
+        v = _rate(d, velocity, "velocity", dt)
+        a = _rate(v, acceleration, "acceleration", dt)
+        shape = d.shape if d.ndim == 2 else (d.size, 1)
+        if self.width not in (None, shape[1]):
+            raise ValueError(f"command must have {self.width} columns, got {shape[1]}")
+        placed = self._placed(shape[1], None, "specimen") if self.width is None else self
+        specimen = core_specimen(placed, shape[1], dt, "the specimen")._replace(dofs=None)
+        t = dt * np.arange(shape[0])
+        flat = (np.ascontiguousarray(x.reshape(shape)) for x in (d, v, a))
+        force, measured = _core.follow_specimen(specimen, t, *flat)
+        return Response(force.reshape(d.shape), measured.reshape(d.shape))
+
+
+def _rate(x: np.ndarray, rate: Any, name: str, dt: float) -> np.ndarray:
+    """The rate of x: given, or by central differences."""
+    if rate is None:
+        return np.asarray(np.gradient(x, dt, axis=0))
+    values = real_array(rate, name, (1, 2))
+    if values.shape != x.shape:
+        raise ValueError(f"{name} must have shape {x.shape}, got {values.shape}")
+    return values
+
+
+class CheckedSpecimen:
+    """A Python specimen for the core: r, or (r, x) with the measured displacement."""
+
+    def __init__(self, function: Any, n: int, what: str, *, needs_measured: str):
+        self.function, self.n, self.what = function, n, what
+        self.needs_measured = needs_measured
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> Any:
+        where = f"{self.what} at t = {t:g}"
+        r, x = divided(self.function(u, v, t), self.n)
+        try:
+            if x is None and self.needs_measured:
+                raise TypeError(
+                    "the specimen must return (r, x), x the measured displacement, for "
+                    f"{self.needs_measured}, got r alone"
+                )
+            force = vector(r, self.n, "its value")
+            return force if x is None else (force, vector(x, self.n, "measured displacement x"))
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{where}: {error}") from None
+
+
+def divided(value: Any, n: int) -> tuple[Any, Any]:
+    """r and x of what a specimen has returned, x None where it is r alone.
+
+    A tuple of two is (r, x), but for a tuple of two numbers in a subdomain with two dofs.
+    """
+    if isinstance(value, tuple) and len(value) == 2:
+        if n != 2 or plain_array(value[0], "r").ndim or plain_array(value[1], "x").ndim:
+            return value
+    return value, None
+
+
+def core_specimen(device: Device, n: int, h: float, what: str) -> forms.Specimen:
+    """A device with its specimen for the core, in a subdomain of n dofs with steps of length h."""
+    devices = [device]
+    while isinstance(devices[-1].specimen, Device):
+        devices.append(devices[-1].specimen)
+    inner, width = device.innermost, n if device.width is None else device.width
+    springs: tuple[forms.Springs, ...] = ()
+    function = linear = None
+    if device.springs:
+        springs = core_springs(inner, np.arange(n))
+    elif isinstance(inner, Device):
+        linear = devices.pop()._linear(h)
+    elif isinstance(inner, LowLevelCallable):
+        function = inner
+    else:
+        function = CheckedSpecimen(inner, n, what, needs_measured=devices[-1].needs_measured)
+    return forms.Specimen(
+        tuple(one._filter(h, width) for one in devices),
+        linear,
+        springs,
+        function,
+        device.dofs,
+        compensators=_count(one.compensates for one in devices),
+        leading=_count(one.leads for one in devices),
+        h=h if any(one.needs_acceleration for one in devices) else 0.0,
+    )
+
+
+def _count(flags: Iterable[bool]) -> int:
+    """The number of flags before the first that is False."""
+    return sum(1 for _ in takewhile(bool, flags))

@@ -1,0 +1,336 @@
+"""The poles of the loop of a structure with simulated rigs, before a run, equation (Y19)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..errors import StabilityWarning, warn
+from ..problem import forms
+from ..problem.actuators import Compensated
+from ..problem.device import Device, core_specimen
+from ..problem.linear_actuator import LinearActuator, at_rest
+from ..problem.restoring import items_of
+from ..problem.springs import Spring
+from ..problem.subdomain import dense_whole
+from .member import Member
+
+# Dofs of the structure, and numbers of the state of the loop, up to which it takes less than a
+# second; modes above 1/h are left out, which explicit schemes do not resolve.
+MOST_DOFS, MOST_STATES, RESOLVED = 200, 500, 1.0
+# A damping ratio below the negative of this is a growth; less is what a compensation leaves.
+NEGLIGIBLE = 1e-4
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Of the fastest pole: growth per unit of t, frequency in cycles, spectral radius of a step."""
+
+    rate: float
+    frequency: float
+    radius: float
+
+
+def warn_of_loops(members: Sequence[Member]) -> None:
+    """StabilityWarning where the loop with linear rigs grows; nothing where that is not known."""
+    rigs = [
+        (member, item)
+        for member in members
+        for item in items_of(member.subdomain.restoring)
+        if isinstance(item, Device) and isinstance(item.innermost, LinearActuator)
+    ]
+    if not rigs:
+        return
+    growth = growth_of(members, rigs)
+    if growth is None:
+        return
+    names = ", ".join(repr(member.name) for member, _ in rigs)
+    means = ", ".join(" before ".join(_methods(item)) or "none" for _, item in rigs)
+    actuator = rigs[0][1].innermost
+    at = actuator.response(growth.frequency)
+    plant = ""
+    if actuator.n == 1:
+        turn = np.degrees(np.angle(at))
+        plant = f", where the actuator has the amplitude {abs(at):.3g} and the phase {turn:.3g} deg"
+    warn(
+        f"the loop of subdomain {names} with its rig grows as exp({growth.rate:.4g} t) at "
+        f"{growth.frequency:.3g} cycles per unit of t{plant}: the spectral radius of a step is "
+        f"{1.0 + float(f'{growth.radius - 1.0:.3g}'):.12g}; compensation: {means}. "
+        'rig.Compensated(..., method="model") follows the commands with the inverse of a model',
+        StabilityWarning,
+    )
+
+
+def _methods(item: Any) -> list[str]:
+    """The methods of the compensators of a device, the outermost first."""
+    methods = []
+    while isinstance(item, Device):
+        if isinstance(item, Compensated):
+            methods.append(item.method)
+        item = item.specimen
+    return methods
+
+
+def growth_of(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) -> Growth | None:
+    """The growth of the loop; None where it does not grow, or where that is not known."""
+    if not _is_known(members, rigs):
+        return None
+    structure = _structure(members, rigs)
+    if structure is None:
+        return None
+    loop = Loop(structure, rigs)
+    if loop.size > MOST_STATES:
+        return None
+    z = np.linalg.eigvals(loop.step(np.eye(loop.size)))
+    z = z[np.abs(z) > 0.5]
+    with np.errstate(divide="ignore"):
+        s = np.log(z) / loop.h
+    growing = s[s.real > NEGLIGIBLE * np.abs(s)]
+    growing = growing[growing.real * loop.h > 1e-9]  # rounding of rigid motions
+    if not growing.size:
+        return None
+    worst = growing[np.argmax(growing.real)]
+    rate = float(worst.real)
+    return Growth(rate, float(abs(worst.imag) / (2.0 * np.pi)), float(np.exp(rate * loop.h)))
+
+
+def _is_known(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) -> bool:
+    """Whether all that is not linear are these rigs, all with one step, and small enough."""
+    devices = [item for _, item in rigs]
+    if any("adaptive" in _methods(item) for item in devices):
+        return False  # it does not stay as it begins
+    steps = {member.h for member, _ in rigs}
+    return (
+        sum(member.n for member in members) <= MOST_DOFS
+        and len(steps) == 1
+        and not any(member.double for member, _ in rigs)
+        and all(member.subdomain.internal is None for member in members)
+        and all(
+            isinstance(item, Spring) or any(item is one for one in devices)
+            for member in members
+            for item in items_of(member.subdomain.restoring)
+        )
+        and not any(x.has_feedback for x in (member.subdomain for member in members))
+    )
+
+
+@dataclass(frozen=True)
+class Structure:
+    """M, C and K of the numerical part in the modes, (n, modes), of the whole structure."""
+
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    modes: np.ndarray
+    first: dict[int, int]  # of each member, by its id, its first dof in `modes`
+
+
+def _structure(
+    members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]
+) -> Structure | None:
+    """The tied structure; None where it is not definite."""
+    from scipy.linalg import LinAlgError, eigh, null_space
+
+    subdomains = [member.subdomain for member in members]
+    M, C, K = (dense_whole(subdomains, name) for name in "MCK")
+    starts = np.concatenate([[0], np.cumsum([s.n for s in subdomains])])
+    first = {id(member): int(at) for member, at in zip(members, starts)}
+    for member, (begin, end) in zip(members, pairwise(starts)):
+        for spring in (x for x in items_of(member.subdomain.restoring) if isinstance(x, Spring)):
+            K[begin:end, begin:end] += spring_stiffness(spring, member.n)
+    L = np.hstack([member.L.matrix[:, member.position].toarray() for member in members])
+    Z = null_space(L) if L.size else np.eye(len(K))
+    stiffness = K.copy()
+    for member, item in rigs:
+        actuator, at = item.innermost, first[id(member)] + np.asarray(item.dofs)
+        rig = _static_stiffness(actuator)
+        stiffness[np.ix_(at, at)] += 0.5 * (rig + rig.T)
+    try:
+        # of M against K: dofs without mass have the value 0
+        values, vectors = eigh(Z.T @ M @ Z, Z.T @ stiffness @ Z)
+    except LinAlgError:
+        return None
+    h = rigs[0][0].h
+    resolved = values > (h / RESOLVED) ** 2
+    modes = Z @ vectors[:, resolved]
+    M, C, K = (modes.T @ A @ modes for A in (M, C, K))
+    return Structure(M, C, K, modes, first)
+
+
+def _static_stiffness(actuator: LinearActuator) -> np.ndarray:
+    """Forces over displacements under a constant command."""
+    rest = at_rest(actuator.A, actuator.B)
+    return np.asarray(actuator.F @ rest @ np.linalg.inv(actuator.C @ rest))
+
+
+def spring_stiffness(spring: Spring, n: int) -> np.ndarray:
+    """The initial stiffness of springs, (n, n)."""
+    K = np.zeros((n + 1, n + 1))  # the last row is the ground
+    for (a, b), k in zip(spring.dofs, spring.initial_tangent):
+        ends = [a, b]
+        K[np.ix_(ends, ends)] += k * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    return K[:n, :n]
+
+
+# ---- one step of the loop ------------------------------------------------------------------------
+
+
+class Loop:
+    """A step of structure and rigs, as a linear map of states (size, columns).
+
+    The structure by central differences, its predictor the command; filters as the core has them,
+    without limits, noise and least squares.
+    """
+
+    def __init__(self, structure: Structure, rigs: Sequence[tuple[Member, Device]]):
+        self.structure, self.h = structure, rigs[0][0].h
+        self.rows, self.rigs = [], []
+        for member, item in rigs:
+            specimen = core_specimen(item, member.n, self.h, member.name)
+            dofs = structure.first[id(member)] + np.asarray(specimen.dofs)
+            self.rows.append(structure.modes[dofs])
+            self.rigs.append(Chain(specimen, len(dofs)))
+        self.n = structure.modes.shape[1]
+        self.size = 4 * self.n + sum(rig.size for rig in self.rigs)
+
+    def step(self, states: np.ndarray) -> np.ndarray:
+        """The states after a step."""
+        s, h, n = self.structure, self.h, self.n
+        u, v, a, last = (states[i * n : (i + 1) * n] for i in range(4))
+        change = a - last
+        u1 = u + h * v + 0.5 * h**2 * a
+        half = v + 0.5 * h * a
+        r = -s.C @ half - s.K @ u1
+        begin, ends = 4 * n, []
+        for row, rig in zip(self.rows, self.rigs):
+            rates = v + h * a + 0.5 * h * change, a + change
+            command = [row @ x for x in (u1, *rates)]
+            force, end = rig.step(command, states[begin : begin + rig.size])
+            r -= row.T @ force
+            ends.append(end)
+            begin += rig.size
+        a1 = np.linalg.solve(s.M + 0.5 * h * s.C, r)
+        return np.concatenate([u1, half + 0.5 * h * a1, a1, a, *ends])
+
+
+class Chain:
+    """Filters and the linear system behind them; its state is a list of blocks of rows."""
+
+    def __init__(self, specimen: forms.Specimen, width: int):
+        assert specimen.linear is not None
+        self.specimen, self.width = specimen, width
+        self.sizes = [_size(x, width) for x in (*specimen.filters, specimen.linear)]
+        self.size = sum(self.sizes)
+
+    def step(self, command: list[np.ndarray], state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The forces under this command with its rates, and the state after it."""
+        blocks = np.split(state, np.cumsum(self.sizes)[:-1])
+        after, desired = [], []
+        for part, block in zip(self.specimen.filters, blocks):
+            desired.append(command[0])
+            command, block = _send(part, command, block)
+            after.append(block)
+        linear = self.specimen.linear
+        assert linear is not None
+        x, f, end = _move(linear, command[0], blocks[-1])
+        for i in reversed(range(len(after))):
+            part = self.specimen.filters[i]
+            if isinstance(part, (forms.LinkageMatrix, forms.LinkageArms)):
+                J = _jacobian(part)
+                x, f = np.linalg.solve(J, x), J.T @ f
+            elif isinstance(part, forms.Inverse):
+                after[i] = np.concatenate([after[i], desired[i] - x])
+        return f, np.concatenate([*after, end])
+
+
+def _ring(lag: np.ndarray) -> int:
+    return int(np.max(lag))
+
+
+def _size(part: Any, width: int) -> int:
+    """Numbers of the state of a filter or of the linear system."""
+    if isinstance(part, forms.Linear):
+        return (_ring(part.lag) + 1) * width + len(part.phi)
+    if isinstance(part, forms.Actuator):
+        return (_ring(part.lag) + 1 + len(part.phi)) * width
+    if isinstance(part, forms.Inverse):
+        feedback = 0 if part.feedback is None else len(part.feedback.A)
+        return len(part.command.A) + feedback + 3 * width
+    return 0
+
+
+def _late(part: Any, u: np.ndarray, ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The weighted sum (Y1) of commands, the last ones first, and the ring after it."""
+    width = len(u)
+    all_of_them = np.concatenate([u, ring])
+    total = np.zeros_like(u)
+    for lag, weight in zip(part.lag, part.weight):
+        total = total + weight * all_of_them[lag * width : (lag + 1) * width]
+    return total, all_of_them[: len(ring)]
+
+
+def _move(
+    part: forms.Linear, u: np.ndarray, state: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Displacements, forces and the state after a step."""
+    width = len(u)
+    ring, last, z = np.split(state, [_ring(part.lag) * width, (_ring(part.lag) + 1) * width])
+    c, ring = _late(part, u, ring)
+    z = part.phi @ z + part.before @ last + part.after @ c
+    return part.displacement @ z, part.force @ z, np.concatenate([ring, c, z])
+
+
+def _send(
+    part: Any, command: list[np.ndarray], state: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """What becomes of a command, and the state after it; of an inverse without its error."""
+    u, v, a = command
+    width = len(u)
+    if isinstance(part, forms.Actuator):
+        ring, last, z = np.split(state, [_ring(part.lag) * width, (_ring(part.lag) + 1) * width])
+        c, ring = _late(part, u, ring)
+        order = len(part.phi)
+        if order == 0:
+            return [c, v, a], np.concatenate([ring, c])
+        z = z.reshape(order, width, -1)
+        z = np.tensordot(part.phi, z, 1)
+        z += part.before[:, None, None] * last + part.after[:, None, None] * c
+        return [z[0], v, a], np.concatenate([ring, c, z.reshape(order * width, -1)])
+    if isinstance(part, forms.Inverse):
+        return _invert(part, command, state)
+    J = _jacobian(part)
+    return [J @ x for x in command], state
+
+
+def _invert(
+    part: forms.Inverse, command: list[np.ndarray], state: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    u, v, a = command
+    width, n = len(u), len(part.command.A)
+    feedback = 0 if part.feedback is None else len(part.feedback.A)
+    sizes = np.cumsum([n, feedback, width, width])
+    z, y, last, rate, error = np.split(state, sizes)
+    c, z = _filter(part.command, u + part.rate * v + part.acceleration * a, z)
+    c = c[:width]
+    if part.feedback is not None:
+        correction, y = _filter(part.feedback, error, y)
+        c = c + correction
+    now = (c - last) / part.h
+    return [c, now, (now - rate) / part.h], np.concatenate([z, y, c, now])
+
+
+def _filter(part: forms.Modal, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    other = z.reshape(-1, 2, z.shape[1])[:, ::-1].reshape(z.shape)
+    return part.C @ z + part.D @ u, part.A[:, :1] * z + part.A[:, 1:] * other + part.B @ u
+
+
+def _jacobian(part: forms.LinkageMatrix | forms.LinkageArms) -> np.ndarray:
+    """At rest."""
+    if isinstance(part, forms.LinkageMatrix):
+        return part.matrix
+    length, angle = part.arms.T
+    return np.column_stack([np.ones(2), length * np.sin(angle)])
