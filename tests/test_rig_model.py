@@ -225,7 +225,7 @@ def test_feedback_is_that_of_an_independent_loop_and_helps_a_wrong_model(indepen
         (history.u, expected.u[:, i]),
         (history.rig.sent[:, 0], expected.sent[:, i]),
     ):
-        assert np.abs(value - other).max() < 1e-9 * np.abs(other).max()
+        assert np.abs(value[:COMPARED] - other).max() < 1e-9 * np.abs(other).max()
     if i == 0:
         assert J_fed[1] < 0.03 and J_fed[3] < 0.05
         return

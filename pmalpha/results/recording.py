@@ -559,10 +559,7 @@ def chosen_dofs(
 def with_rigs(
     dofs: Sequence[np.ndarray | None], keys: Sequence[tuple[str, Subdomain]]
 ) -> list[np.ndarray | None]:
-    """The dofs to record with no dof of subdomains that are left out but have a rig.
-
-    ValueError where none has one.
-    """
+    """The dofs to record, none of a rig that is left out. ValueError where there is no rig."""
     has_rig = [bool(devices_of(s.restoring)) for _, s in keys]
     if not any(has_rig):
         raise ValueError(

@@ -12,7 +12,7 @@ typedef struct {
     const double *weight; /* taps */
 } pma_delay;
 
-/* sum_i w_i d(k - l_i); the last signal, d(k), is at `now` of the ring  (Y1) */
+/* sum_i w_i d(k - l_i); the last signal, d(k), is at `now` of the ring                      (Y1) */
 double pma_delay_sum(const pma_delay *delay, const double *ring, size_t now);
 
 #endif

@@ -45,7 +45,7 @@ static void begin(const pma_inverse *p, const double *d, const memories *m)
         m->P[j * p->variations + j] = 1.0;
 }
 
-/* c (width) := command + sum_j delta_j variation_j, of their outputs y  (Y16) */
+/* c (width) := command + sum_j delta_j variation_j, of their outputs y                     (Y16) */
 static void sum_up(const pma_inverse *p, size_t width, const double *y, const double *delta,
                    double *c)
 {
@@ -84,7 +84,7 @@ static void send(const void *of, size_t width, double done, const pma_command *c
     }
 }
 
-/* One equation  e = r delta + eps  of recursive least squares; r is `stride` apart  (Y16) */
+/* One equation  e = r delta + eps  of recursive least squares; r is `stride` apart         (Y16) */
 static void learn(const pma_inverse *p, double e, const double *r, size_t stride, double *gain,
                   const memories *m)
 {

@@ -24,7 +24,7 @@ static void multiply(size_t n, const double *A, bool transposed, double *work, d
 
 /* ---- two arms ------------------------------------------------------------------------------- */
 
-/* x_i = x + l_i (cos(theta - alpha_i) - cos alpha_i)  (Y17) */
+/* x_i = x + l_i (cos(theta - alpha_i) - cos alpha_i)                                       (Y17) */
 static void send_to_arms(const pma_linkage *p, const pma_command *d)
 {
     const double x = d->u[0], theta = d->u[1], v = d->v[0], rate = d->v[1], a = d->a[0];

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-/* Number `number` of a normal distribution of mean 0 and deviation 1  (Y3) */
+/* Number `number` of a normal distribution of mean 0 and deviation 1                        (Y3) */
 double pma_noise_normal(uint64_t seed, uint64_t number);
 
 #endif

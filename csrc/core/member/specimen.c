@@ -44,7 +44,7 @@ static size_t dof_of(const pma_specimen *s, size_t i)
     return s->dofs ? (size_t)s->dofs[i] : i;
 }
 
-/* Velocity and acceleration of a command that is `ahead` steps after a, linear in time  (Y18) */
+/* Velocity and acceleration of a command that is `ahead` steps after a, linear in time     (Y18) */
 static void extrapolate(const pma_specimen *s, const pma_wanted *wanted, bool is_first,
                         const pma_command *command, double *last)
 {
