@@ -13,10 +13,11 @@ from problems import random_problem
 from scipy.linalg import cython_blas
 
 import pmalpha as pm
-from pmalpha import _core, ordering, structures
+from pmalpha import _core, structures
 from pmalpha.problem import forms
 from pmalpha.problem.matrices import core_sparse, permuted
 from pmalpha.problem.step_constants import StepConstants
+from pmalpha.reduction import ordering
 from pmalpha.reduction.ordering import _nested_dissection as dissection
 from pmalpha.reduction.ordering import (
     elimination_order,

@@ -283,7 +283,7 @@ def test_least_squares_are_those_of_numpy():
     v = np.gradient(d, H)
     x = compensated.respond(d, H, v, np.gradient(v, H)).measured
     D, Z = Plant().inverse, reference.low_pass(6, 20.0)
-    W5 = reference.low_pass(5, 100.0)
+    W_5 = reference.low_pass(5, 100.0)
 
     def rows(denominator):
         """Of D/N and of the change of each coefficient, s^0 first, over a denominator."""
@@ -293,11 +293,11 @@ def test_least_squares_are_those_of_numpy():
     def one(filter, value):
         return filter(np.array([value]))[0]
 
-    ahead, back = rows(W5), rows(Z)
+    ahead, back = rows(W_5), rows(Z)
     low = reference.Filter(reference.bilinear([1.0], Z), 1)
     a, delta, P, sent = np.gradient(v, H), np.zeros(6), np.eye(6), []
     for k in range(t.size):
-        extra = W5[-2] * v[k] + W5[-3] * a[k] if k else 0.0
+        extra = W_5[-2] * v[k] + W_5[-3] * a[k] if k else 0.0
         y = np.array([one(filter, d[k] + extra) for filter in ahead])
         c = y[0] + delta @ y[1:]
         r = np.array([one(filter, x[k] - d[0]) for filter in back])
