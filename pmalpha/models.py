@@ -557,8 +557,12 @@ def rths(case: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Returns
     -------
-    M, C, K : (3, 3) arrays
-        Of the whole structure.
+    M : (3, 3) ndarray
+        Mass of the whole structure.
+    C : (3, 3) ndarray
+        Its damping.
+    K : (3, 3) ndarray
+        Its stiffness.
 
     Examples
     --------

@@ -286,6 +286,7 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     const size_t entries = bends ? pma_iterate_entries(s->iterate) : 0;
     if (internal->count == 0)
         return PMA_OK;
+    assert(s->parts.n > 0);
     double *f = calloc(s->parts.n + 2 * entries, sizeof *f);
     if (!f)
         return PMA_NO_MEMORY;
