@@ -7,6 +7,8 @@
 
 #include "object.h"
 
+#define INLINE __attribute__((always_inline)) static inline
+
 /* Of the largest energy of the motion, from which on what was added is reported; of all work, below
  * which it is an error of the steps that does not grow; of sum |r| |ut|, below which it is
  * rounding; of a kinetic energy, below which it is no larger than the last one. */
@@ -18,12 +20,12 @@
 /* From this multiple of the first kinetic energy on there is no motion any more. */
 #define BROKEN 1e200
 
-/* Up to a time level: the work along the path of the evaluations, that of what acts, and that of
+/* Up to a time level: the work along the path of the evaluations but for what springs store, that
+ * of what acts, and that of
  * what has come to act since the start; the work of the resultant; the sum of the sizes of the
  * works, and the largest force times displacement; of (B13) the numerator and the denominator. */
 typedef struct {
     double path, work, since, resultant, gross, size, excess, inertia;
-    double stored; /* the energy of the springs there */
 } sums;
 
 /* At a time level: where forces were evaluated and what they were, how far from there the state is,
@@ -42,7 +44,7 @@ enum { ARRAYS = 8 }; /* of n numbers in a level */
 
 /* What macro time levels so far have shown, of a lane. */
 typedef struct {
-    double start;          /* kinetic energy where the sums begin, */
+    double start, stored;  /* kinetic energy where the sums begin, and that of the springs, */
     double first, largest; /* ... the first one that is not zero, the largest one, */
     double last;           /* ... and the last one */
     double since;          /* the time from which on the gain has exceeded what is reported */
@@ -62,6 +64,7 @@ struct pma_balance {
     pma_first_forces first;    /* at the next start */
     double *stored, *excess;   /* of the springs of each lane: energy, and in a substep, */
     double bent;               /* ... and of functions */
+    bool has_stored;           /* the energy is that of the level that is judged */
     bool begun;                /* the present is known */
     bool is_passive;           /* the path is not known */
     judgement *judged;         /* of each lane */
@@ -277,11 +280,12 @@ static void add_estimate(pma_balance *b, const level *from, level *to, double al
 
 /* (B8) of a lane, from one level to the next, whose x is known, with r - r_a in the product; the
  * two levels may be the same */
-static void sum_up(pma_balance *b, const level *from, level *to, const double *ut, const double *r,
-                   size_t lane)
+INLINE void sum_up(pma_balance *b, const level *from, level *to, const double *ut, const double *r,
+                   size_t lane, size_t lanes)
 {
     double path = 0.0, work = 0.0, start = 0.0, resultant = 0.0, size = 0.0;
-    for (size_t i = lane; i < b->parts.n; i += b->parts.lanes) {
+#pragma omp simd reduction(+ : path, work, start, resultant, size)
+    for (size_t i = lane; i < b->parts.n; i += lanes) {
         const double acting = r[i] - b->product[i], u = ut[i] + to->x[i], du = u - from->u[i];
         path += 0.5 * (from->r[i] + r[i]) * (ut[i] - from->ut[i]);
         work += 0.5 * (from->acting[i] + acting) * du;
@@ -302,34 +306,27 @@ static void sum_up(pma_balance *b, const level *from, level *to, const double *u
                             .gross = before.gross + fabs(work - start),
                             .size = fmax(before.size, size),
                             .excess = to->sums[lane].excess,
-                            .inertia = to->sums[lane].inertia,
-                            .stored = to->sums[lane].stored};
+                            .inertia = to->sums[lane].inertia};
+}
+
+/* The energy of the springs of each lane */
+static void store(pma_balance *b, const double *springs)
+{
+    memset(b->stored, 0, b->parts.lanes * sizeof(double));
+    pma_springs_add_energy(b->parts.springs, b->parts.lanes, springs, b->stored);
 }
 
 /* The sums begin at this level, the first one whose forces are known. */
-static void begin_sums(pma_balance *b, level *at)
+static void begin_sums(pma_balance *b, level *at, const double *springs)
 {
     memcpy(b->start, at->acting, b->parts.n * sizeof(double));
     multiply(b, &b->parts.M, at->v);
+    store(b, springs);
     for (size_t l = 0; l < b->parts.lanes; l++) {
-        at->sums[l] = (sums){.size = at->sums[l].size, .stored = at->sums[l].stored};
+        at->sums[l] = (sums){.size = at->sums[l].size};
         b->judged[l].start = half_square(b, at->v, l);
+        b->judged[l].stored = b->stored[l];
     }
-}
-
-/* The energy of the springs of each lane at a level, and what it has grown by since the level
- * before beyond their work: what they dissipate, negative, and the error of the work. The two
- * levels may be the same. */
-static void add_excess(pma_balance *b, const level *from, level *to, const double *springs)
-{
-    const size_t lanes = b->parts.lanes;
-    memset(b->stored, 0, lanes * sizeof(double));
-    pma_springs_add_energy(b->parts.springs, lanes, springs, b->stored);
-    for (size_t l = 0; l < lanes; l++) {
-        b->excess[l] = b->stored[l] - from->sums[l].stored;
-        to->sums[l].stored = b->stored[l];
-    }
-    pma_springs_subtract_work(b->parts.springs, lanes, from->springs, springs, b->excess);
 }
 
 /* From level j to the next one, which has x and v, with the acceleration w */
@@ -345,18 +342,22 @@ static void sum_up_lanes(pma_balance *b, size_t j, double al1, const double *ut,
     for (size_t i = 0; i < b->parts.n; i++)
         b->inertia[i] = -b->product[i];
     correct_forces(b, known ? from->vs : to->v, to->v, to->x);
-    add_excess(b, from, to, springs);
+    memset(b->excess, 0, b->parts.lanes * sizeof(double));
+    pma_springs_subtract_work(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
     b->excess[0] += b->bent + work_to_state(b, from, to, ut);
-    for (size_t l = 0; l < b->parts.lanes; l++)
-        sum_up(b, from, to, ut, r, l);
+    if (b->parts.lanes == 1)
+        sum_up(b, from, to, ut, r, 0, 1); /* in vectors */
+    for (size_t l = 0; l < b->parts.lanes && b->parts.lanes > 1; l++)
+        sum_up(b, from, to, ut, r, l, b->parts.lanes);
     if (!known)
-        begin_sums(b, to);
+        begin_sums(b, to, springs);
 }
 
 /* What the next substep evaluates its forces with: v + h w */
 static void add_extrapolated(pma_balance *b, const double *v, const double *w, double *vs)
 {
-    for (size_t i = 0; i < b->parts.n; i++)
+    const size_t n = b->parts.D_r.form == PMA_ZERO ? 0 : b->parts.n;
+    for (size_t i = 0; i < n; i++)
         vs[i] += v[i] + b->parts.h * w[i];
 }
 
@@ -391,13 +392,10 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
     multiply(b, &b->parts.M, x->w);
     for (size_t i = 0; i < n; i++)
         at->inertia[i] = -b->product[i];
-    begin_sums(b, at);
-    memset(b->stored, 0, b->parts.lanes * sizeof(double));
-    pma_springs_add_energy(b->parts.springs, b->parts.lanes, x->springs, b->stored);
+    begin_sums(b, at, x->springs);
     multiply(b, &b->parts.K, x->u);
     for (size_t l = 0; l < b->parts.lanes; l++) {
         judgement *j = &b->judged[l];
-        at->sums[l].stored = b->stored[l];
         j->largest = j->start;
         j->gain.energy = j->start + half_square(b, x->u, l);
     }
@@ -442,13 +440,22 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
         add_extrapolated(b, link->v, link->w, to->vs);
 }
 
-/* (B9)  What the forces have given beyond what they took, less what the scheme dissipates */
-static double added(const pma_balance *b, const sums *now, double kinetic, double start)
+/* (B9)  What the forces have given beyond what they took, less what the scheme dissipates. The
+ * energy of springs can only make it less: it is evaluated where that decides, above `least`. */
+static double added(pma_balance *b, const level *at, size_t lane, double least)
 {
-    const double passive = fmin(-now->since, -now->work), along = now->path - now->work;
-    const double lost = now->resultant - (kinetic - start);
+    const judgement *so_far = &b->judged[lane];
+    const sums *now = &at->sums[lane];
+    const double passive = fmin(-now->since, -now->work);
+    const double lost = now->resultant - (so_far->last - so_far->start);
     const double dissipated = b->parts.is_pushed ? 0.0 : fmax(lost, 0.0);
-    return (b->is_passive ? passive : fmin(passive, along)) - dissipated;
+    if (b->is_passive || passive - dissipated <= least)
+        return passive - dissipated;
+    if (!b->has_stored)
+        store(b, at->springs);
+    b->has_stored = true;
+    const double path = now->path + (b->stored[lane] - so_far->stored);
+    return fmin(passive, path - now->work) - dissipated;
 }
 
 /* (B10)  Does the gain exceed what is reported, where the motion is faster than ever before? */
@@ -461,9 +468,10 @@ static bool exceeds(pma_balance *b, const level *at, size_t lane)
     if (!isfinite(kinetic) || kinetic < (1.0 - EQUAL) * so_far->largest)
         return so_far->exceeds;
     so_far->largest = fmax(so_far->largest, kinetic);
-    const double energy = added(b, now, kinetic, so_far->start);
-    if (energy > fmax(SHARE * now->gross, ROUNDING * now->size))
-        gain->added = fmax(gain->added, energy);
+    const double least = fmax(fmax(SHARE * now->gross, ROUNDING * now->size), gain->added);
+    const double energy = added(b, at, lane, least);
+    if (energy > least)
+        gain->added = energy;
     if (!(gain->added > REPORTED * kinetic))
         return false;
     multiply(b, &b->parts.K, at->u);
@@ -489,6 +497,7 @@ void pma_balance_commit(pma_balance *b)
     multiply(b, &b->parts.M, last->v);
     for (size_t l = 0; l < b->parts.lanes; l++)
         b->judged[l].last = half_square(b, last->v, l);
+    b->has_stored = false;
     for (size_t l = 0; l < b->parts.lanes; l++)
         judge(b, last, l);
     const level before = b->present;

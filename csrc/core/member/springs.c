@@ -195,9 +195,11 @@ void pma_springs_subtract_work(const pma_springs *springs, size_t lanes, const d
                                const double *to, double *out)
 {
     const size_t total = springs->total;
-    for (size_t i = 0, lane = 0; i < total; i++) {
-        out[lane] -= 0.5 * (to[i] - from[i]) * (from[total + i] + to[total + i]);
-        lane = lane + 1 < lanes ? lane + 1 : 0;
+    for (size_t lane = 0; lane < lanes; lane++) {
+        double sum = out[lane];
+        for (size_t i = lane; i < total; i += lanes)
+            sum -= 0.5 * (to[i] - from[i]) * (from[total + i] + to[total + i]);
+        out[lane] = sum;
     }
 }
 
