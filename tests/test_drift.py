@@ -88,3 +88,14 @@ def test_of_a_run_that_grows_only_its_step_is_named():
     first = np.abs(history.displacement_jump[:11]).max()
     assert first > 0.1 * np.abs(history["chain"].u).max()  # the gap alone would have been named
     assert not history.warnings
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
+def test_the_jump_of_a_support_is_its_way_and_the_drift_is_what_its_integral_leaves(coupling):
+    history = driven(coupling, v0=2.0).run(10.0)
+    way = np.sin(2.0 * history.macro_times)
+    jump = history.displacement_jump[:, 0]
+    np.testing.assert_array_equal(jump, history["stiff"].u[:, 0])
+    assert np.abs(jump).max() > 0.99
+    # the way is 1: (omega dt)^2 / 12 of it, 1e-3, and the drift of "pm", 5e-3 in these 200 steps
+    assert np.abs(jump - way).max() < 0.01
