@@ -36,8 +36,8 @@ def warn_of_drift(session: Session, history: History) -> None:
     ties = np.sum(factors > 0.0, axis=0) > 1
     for motion in session.loads.motions:
         ties[motion.rows] = False
-    size = _largest(session, history)
-    if not ties.any() or not size > 0.0:
+    size = _largest(session, history) if ties.any() else 0.0
+    if not size > 0.0:
         return
     parted = np.where(ties, np.max(np.abs(first - first[0]), axis=0), 0.0)
     shares = parted / np.where(ties, np.max(factors, axis=0), 1.0) / size
