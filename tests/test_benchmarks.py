@@ -26,6 +26,7 @@ SCRIPTS = [
     "growth",
     "large",
     "limits",
+    "mass_scaling",
     "mean",
     "newton",
     "pacing",

@@ -47,3 +47,55 @@ def test_a_run_of_few_steps_or_not_from_the_start_is_not_judged():
     coupler = driven("gc")
     assert not coupler.run(2.0).warnings
     assert not coupler.run(12.0).warnings
+
+
+@pytest.mark.parametrize("factor, amplitude", [(1e-3, 0.5), (1.0, 0.5), (1e3, 100.0)])
+def test_a_gap_is_judged_by_the_whole_motion_and_not_by_the_factors_of_its_row(factor, amplitude):
+    # beside two masses that are tied to each other alone; the gap is 0.3
+    made = driven("gc")
+    stiff, soft = made.subdomains
+    scheme = pm.GeneralizedAlpha(0.9)
+    far, away = (pm.Subdomain([1.0], [1.0], scheme=scheme, u0=[amplitude]) for _ in range(2))
+    end = pm.Constraint({stiff: [[1.0, 0.0]]}, velocity=lambda t: [2.0 * np.cos(2.0 * t)])
+    tie = pm.Constraint({stiff: [[0.0, factor]], soft: [[-factor, 0.0]]})
+    constraints = [end, tie, pm.tie(far, [0], away, [0])]
+    coupler = pm.Coupler([stiff, soft, far, away], constraints, dt=0.05, coupling="gc")
+    if amplitude < 1.0:
+        with pytest.warns(pm.AccuracyWarning, match="have parted"):
+            coupler.run(10.0)
+    else:  # 0.3 per cent of the motion
+        assert not coupler.run(10.0).warnings
+
+
+def test_a_run_of_which_not_all_is_recorded_is_not_judged():
+    assert not driven("gc").run(10.0, record={"stiff": [1]}).warnings
+
+
+def test_of_a_run_that_grows_only_its_step_is_named():
+    def coupler(k):
+        """A chain of highest frequency sqrt(2 k), which central difference takes to k = 800."""
+        K = k * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        scheme = pm.CentralDifference()
+        chain = pm.Subdomain([1.0, 1.0], K, scheme=scheme, v0=[1.0, 0.0], name="chain")
+        soft = pm.Subdomain([1.0], [1.0], scheme=pm.GeneralizedAlpha(0.9), name="soft")
+        return pm.Coupler([chain, soft], pm.tie(chain, [1], soft, [0]), dt=0.05, coupling="pm")
+
+    with pytest.warns(pm.AccuracyWarning, match="'chain' and 'soft' have parted"):
+        coupler(790.0).run(steps=100)
+    with pytest.warns(pm.StabilityWarning, match="'chain' is above its critical step"):
+        growing = coupler(800.3)
+    history = growing.run(steps=100)
+    first = np.abs(history.displacement_jump[:11]).max()
+    assert first > 0.1 * np.abs(history["chain"].u).max()  # the gap alone would have been named
+    assert not history.warnings
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
+def test_the_jump_of_a_support_is_its_way_and_the_drift_is_what_its_integral_leaves(coupling):
+    history = driven(coupling, v0=2.0).run(10.0)
+    way = np.sin(2.0 * history.macro_times)
+    jump = history.displacement_jump[:, 0]
+    np.testing.assert_array_equal(jump, history["stiff"].u[:, 0])
+    assert np.abs(jump).max() > 0.99
+    # the way is 1: (omega dt)^2 / 12 of it, 1e-3, and the drift of "pm", 5e-3 in these 200 steps
+    assert np.abs(jump - way).max() < 0.01

@@ -160,6 +160,31 @@ def test_a_massless_dof_is_refused_where_nothing_damps_it(kind):
     assert repr(UNDAMPED[kind]) in message
 
 
+@pytest.mark.parametrize("kind", UNDAMPED)
+def test_both_ways_that_a_refused_massless_dof_is_offered_give_the_motion(kind):
+    K = np.array([[100.0, -70.0], [-70.0, 70.0]])  # ground - 30 - dof 0 - 70 - dof 1
+    given = {"u0": [0.7, 1.0], "name": "frame"}
+    message = refused(
+        ValueError,
+        lambda: subdomain([0.0, 2.0], K, scheme=UNDAMPED[kind], **given),
+        "take GeneralizedAlpha(0.999)",
+        f".reduced(keep, modes=0, scheme={UNDAMPED[kind]!r})",
+    )
+    assert "dof 0" in message
+    damped = subdomain([0.0, 2.0], K, scheme=pm.GeneralizedAlpha(0.999), **given)
+    condensed, _ = damped.reduced([1], modes=0, scheme=UNDAMPED[kind])
+    assert condensed.scheme == UNDAMPED[kind]
+    # 30 and 70 in series are 21
+    np.testing.assert_allclose([condensed.M.item(), condensed.K.item()], [2.0, 21.0], rtol=1e-14)
+    exact = pm.solve(condensed, dt=0.1, steps=200)
+    damped = pm.solve(damped, dt=0.1, steps=200)
+    # periods of rho and of 1 differ by e^2 (omega h)^2 of themselves at most, and damping is of
+    # e^3: e = (1 - rho) / (1 + rho), omega^2 = 10.5, for 20 omega radians
+    most = (0.001 / 1.999) ** 2 * 0.105 * 20.0 * np.sqrt(10.5)
+    np.testing.assert_allclose(damped.u[:, 1:], exact.u, rtol=0, atol=most)
+    np.testing.assert_allclose(damped.u[:, :1], 0.7 * exact.u, rtol=0, atol=most)
+
+
 def test_massless_dofs_are_accepted_with_rho_below_one():
     for rho in (0.0, 0.5, 0.99):
         subdomain([1.0, 0.0], PAIR, scheme=pm.GeneralizedAlpha(rho))

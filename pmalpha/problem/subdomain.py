@@ -556,8 +556,8 @@ class Subdomain(Frozen):
             raise ValueError(
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
                 f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}; take "
-                "GeneralizedAlpha(0.999), which hardly damps the rest, or condense these dofs with "
-                "pm.superelement"
+                "GeneralizedAlpha(0.999), which hardly damps the rest, or condense these dofs: "
+                f".reduced(keep, modes=0, scheme={self.scheme!r}) of that, keep the other dofs"
             )
 
 

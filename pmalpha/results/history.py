@@ -55,7 +55,9 @@ class History:
         sum_i L_i v_i at the same times (under "mean" at `macro_times`), from total velocities; for
         a subdomain within a step, from its interpolated free velocity and its link velocity.
     displacement_jump : (macro time levels, p) array
-        sum_i L_i u_i at `macro_times`: the displacement drift, where only velocities are tied.
+        sum_i L_i u_i at `macro_times`: the displacement drift, where only velocities are tied. A
+        row with a prescribed velocity has the whole way of the support: there the drift is what is
+        left after subtracting the integral of that velocity from t = 0.
     macro_times : (macro time levels,) array
         Ends of the recorded macro steps, the beginning of the run first.
     keys : tuple of (str, `Subdomain` or None)
