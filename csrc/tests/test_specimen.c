@@ -26,7 +26,7 @@ static int spring(double t, intptr_t n, double *u, double *v, double *r, void *u
 
 typedef struct {
     size_t calls;
-    double work[4], memory[MEMORY];
+    double work[5], memory[MEMORY];
     pma_specimen s;
 } rig;
 
