@@ -1,5 +1,6 @@
 """Linear specimens, the inverse of a model, and their loop: (Y13) to (Y18)."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from rig_benchmark import GROUND, RESTED, actuator, criteria, run
 from rig_reference import FORCE_NOISE, NOISE, H, Plant, perturbed
 from scipy.signal import lsim
 
-from pmalpha import rig
+from pmalpha import StabilityWarning, rig
 
 GROWS = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 NOISY = {"noise": NOISE, "force_noise": FORCE_NOISE, "seed": 3}
@@ -172,6 +173,22 @@ def test_without_compensation_the_loop_grows_at_the_rate_of_its_poles(case, rate
 def test_extrapolation_by_the_delay_at_the_first_frequency_makes_the_loop_grow():
     history = run(1, rig.Compensated(actuator(), 0.0237406), a=SHORT[: round(5.0 / H)])
     assert growth(history, 2.5) > 3.0  # 3.7 from the poles
+
+
+@pytest.mark.parametrize(("delay", "rate"), [(0.0087, -0.0028), (0.0090, 0.0203)])
+def test_a_loop_just_beyond_its_margin_grows_and_is_warned_of(delay, rate):
+    """Case 4 with a dead time that the model does not have; its poles cross at 8.74 ms."""
+    specimen = rig.Compensated(actuator(delay=delay), method="model", model=actuator())
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", StabilityWarning)
+        history = run(4, specimen, a=np.append(SHORT, np.zeros(SHORT.size)))
+    growing = [str(x.message) for x in seen if "grows as exp" in str(x.message)]
+    # peaks of 24 s, sampled 4096 times a second
+    assert growth(history, 6.0) == pytest.approx(rate, abs=2e-4)
+    assert bool(growing) == (rate > 0.0)
+    if growing:
+        said = float(growing[0].split("exp(")[1].split(" t)")[0])
+        assert said == pytest.approx(rate, abs=1e-4)
 
 
 NOMINAL = [(case, Plant()) for case in (1, 2, 3, 4)]

@@ -26,7 +26,7 @@ static int spring(double t, intptr_t n, double *u, double *v, double *r, void *u
 
 typedef struct {
     size_t calls;
-    double work[4], memory[MEMORY];
+    double work[5], memory[MEMORY];
     pma_specimen s;
 } rig;
 
@@ -217,6 +217,37 @@ static void a_command_that_is_refused_after_the_compensator_does_not_reach_the_s
     CHECK(cell.refused && x.calls == 1 && r == 0.0);
 }
 
+/* Limits are of dofs: what a compensator behind J = 2 sends is allowed as J^-1 of it. */
+static void a_command_behind_a_linkage_is_refused_as_that_of_the_dofs(void)
+{
+    const int64_t lags[2] = {0, 1};
+    const double weights[2] = {2.0, -1.0}, J = 2.0, inverse = 0.5;
+    double scratch;
+    const pma_linkage linkage = {.matrix = &J, .inverse = &inverse, .work = &scratch};
+    const pma_actuator extrapolation = {
+        .delay = {.taps = 2, .length = 2, .lag = lags, .weight = weights},
+        .largest = INFINITY,
+        .slope = &NO_SLOPE};
+    const pma_filter filters[2] = {{&pma_linkage_kind, &linkage},
+                                   {&pma_actuator_kind, &extrapolation}};
+    gate g = {.largest = 1.0};
+    pma_cell cell = {.allows = allows, .self = &g};
+    rig x;
+    set_up(&x, 2, filters);
+    x.s.compensators = 2;
+    x.s.cell = &cell;
+    x.s.number = 7;
+    const double first = 0.5, second = 0.8;
+    double r = 0.0;
+    pma_wanted wanted = {.u = &first};
+    CHECK_INT(pma_specimen_evaluate(&x.s, 0.0, &wanted, &r, x.memory), 0);
+    CHECK(g.seen == first && r == J * 3.0 * J * first);
+    wanted.u = &second;
+    CHECK(pma_specimen_evaluate(&x.s, 0.0, &wanted, &r, x.memory) != 0);
+    CHECK_NEAR(g.seen, 2.0 * second - first, 1e-15);
+    CHECK(cell.refused && x.calls == 1);
+}
+
 /* ---- linear systems ------------------------------------------------------------------------- */
 
 /* x' = w (c - x) of the dof 2 of three, and r = 5 x there. */
@@ -314,6 +345,7 @@ const test SPECIMEN_TESTS[] = {
     TEST(the_extrapolation_of_a_parabola_is_two_steps_ahead),
     TEST(an_adaptive_compensation_finds_the_delay),
     TEST(a_command_that_is_refused_after_the_compensator_does_not_reach_the_specimen),
+    TEST(a_command_behind_a_linkage_is_refused_as_that_of_the_dofs),
     TEST(a_linear_system_is_commanded_at_its_dofs_and_has_its_forces_there),
     TEST(an_inverse_takes_rates_of_its_command_and_learns_what_it_lacks),
     TEST(arms_turn_and_their_forces_do_the_same_work),

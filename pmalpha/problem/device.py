@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import takewhile
@@ -247,18 +247,14 @@ def core_specimen(device: Device, n: int, h: float, what: str) -> forms.Specimen
         function = inner
     else:
         function = CheckedSpecimen(inner, n, what, needs_measured=devices[-1].needs_measured)
+    leading = sum(1 for _ in takewhile(lambda one: one.leads, devices))
     return forms.Specimen(
         tuple(one._filter(h, width) for one in devices),
         linear,
         springs,
         function,
         device.dofs,
-        compensators=_count(one.compensates for one in devices),
-        leading=_count(one.leads for one in devices),
+        compensators=max((k + 1 for k in range(leading) if devices[k].compensates), default=0),
+        leading=leading,
         h=h if any(one.needs_acceleration for one in devices) else 0.0,
     )
-
-
-def _count(flags: Iterable[bool]) -> int:
-    """The number of flags before the first that is False."""
-    return sum(1 for _ in takewhile(bool, flags))

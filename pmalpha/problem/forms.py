@@ -213,9 +213,9 @@ class Specimen(NamedTuple):
     """Filters, the outermost first, and what follows them: a linear system, or springs and a
     function.
 
-    dofs: of the commands; None: all. compensators, leading: numbers of the first filters that are
-    compensators, and that are no part of a simulated rig. h: of a step, 0 where no filter needs
-    accelerations.
+    dofs: of the commands; None: all. leading: number of the first filters that are no part of a
+    simulated rig; compensators: of those up to the last compensator among them. h: of a step, 0
+    where no filter needs accelerations.
     """
 
     filters: tuple[Filter, ...]

@@ -26,6 +26,7 @@ from ..blas import one_thread
 from ..files import read_npz, write_npz
 from ..problem.device import Device
 from ..problem.forces import SampledForce, depends_on_motion
+from ..problem.restoring import devices_of
 from ..problem.springs import Spring
 from ..results.clock import Clock
 from ..results.stored import SHOWN, differences
@@ -255,9 +256,21 @@ def core_arrays(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> dic
     """The arrays of subdomain i for the core; ValueError for missing or wrong arrays."""
     levels = member.core.levels()
     for name, x in levels.items():
-        if x.size or not name.endswith("history"):
-            x[order_of(member, name, x)] = checked(arrays, f"{i}.{name}", x.size)
+        if not x.size and name.endswith("history"):
+            continue
+        if name.endswith("springs") and devices_of(member.subdomain.restoring):
+            check_rigs(arrays, f"{i}.{name}", x.size)
+        x[order_of(member, name, x)] = checked(arrays, f"{i}.{name}", x.size)
     return levels
+
+
+def check_rigs(arrays: Mapping[str, np.ndarray], name: str, size: int) -> None:
+    """ValueError for what version 0.3 kept of actuators and compensators, without commands."""
+    if arrays[name].size < size:
+        raise ValueError(
+            f"{name} has {counted(arrays[name].size, 'number')}, {size} are needed: version 0.3 "
+            "kept fewer for simulated actuators and compensators, and only it continues such a run"
+        )
 
 
 def core_iteration(member: Member, i: int, arrays: Mapping[str, np.ndarray]) -> Iteration | None:

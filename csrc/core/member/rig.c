@@ -79,7 +79,7 @@ static bool is_within(pma_rig *rig, pma_limits *limits, const pma_substep *step,
 }
 
 /* May compensator i give this command of these dofs (width)? Those of the others are the
- * structure's, and so is the first one, of the initial values. */
+ * structure's, and so are the first one, of the initial values, and v where it is NULL. */
 static bool allows(void *self, size_t i, const int64_t *dofs, size_t width, const double *u,
                    const double *v)
 {
@@ -93,7 +93,8 @@ static bool allows(void *self, size_t i, const int64_t *dofs, size_t width, cons
     for (size_t k = 0; k < width; k++) {
         const int64_t position = rig->position[dofs ? dofs[k] : (int64_t)k];
         own_u[position] = u[k];
-        own_v[position] = v[k];
+        if (v)
+            own_v[position] = v[k];
     }
     return is_within(rig, rig->compensators[i], rig->step, own_u, own_v);
 }

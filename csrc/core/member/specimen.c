@@ -3,6 +3,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "member/linkage.h"
+
 /* ---- what it remembers ---------------------------------------------------------------------- */
 
 /* The number of evaluations, and what the kind needs. */
@@ -69,13 +71,41 @@ static void take_command(const pma_specimen *s, const pma_wanted *wanted, double
         extrapolate(s, wanted, done < 2.0, command, last);
 }
 
-/* The commands of other dofs are those of the structure. */
+/* True where a linkage before the last compensator makes commands of actuators. */
+static bool is_linked(const pma_specimen *s)
+{
+    for (size_t k = 0; k < s->compensators; k++) {
+        if (s->filters[k].kind == &pma_linkage_kind)
+            return true;
+    }
+    return false;
+}
+
+/* The displacements of the dofs under a command of actuators: back through the linkages. */
+static const double *at_dofs(const pma_specimen *s, const pma_command *command)
+{
+    double *f = s->work + 3 * s->width, *x = f + s->width;
+    memcpy(x, command->u, s->width * sizeof(double));
+    memset(f, 0, s->width * sizeof(double));
+    for (size_t k = s->compensators; k-- > 0;) {
+        const pma_filter *filter = &s->filters[k];
+        if (filter->kind == &pma_linkage_kind)
+            filter->kind->receive(filter->of, s->width, 0.0, x, f, NULL);
+    }
+    return x;
+}
+
+/* The commands of other dofs are those of the structure. So are velocities with a linkage, where
+ * those of the actuators are of other quantities. */
 static bool is_allowed(const pma_specimen *s, const pma_command *command)
 {
     pma_cell *cell = s->cell;
     if (!cell || !cell->allows)
         return true;
-    cell->refused = !cell->allows(cell->self, s->number, s->dofs, s->width, command->u, command->v);
+    const bool linked = is_linked(s);
+    const double *u = linked ? at_dofs(s, command) : command->u;
+    const double *v = linked ? NULL : command->v;
+    cell->refused = !cell->allows(cell->self, s->number, s->dofs, s->width, u, v);
     return !cell->refused;
 }
 

@@ -23,7 +23,7 @@ typedef struct {
     const int64_t *dofs; /* width: of the commands; NULL: all in turn, width = n */
     size_t count;
     const pma_filter *filters; /* count */
-    size_t compensators;       /* filters that are compensators, before all others */
+    size_t compensators;       /* filters up to the last compensator of these, 0 without one */
     size_t leading;            /* filters before the first that simulates a part of the rig */
     double h;                  /* of a step; 0: no filter needs accelerations */
     pma_cell *cell; /* decides what compensators may give, as compensator `number`; or NULL */
@@ -32,7 +32,7 @@ typedef struct {
     pma_springs springs;
     pma_restoring_function function; /* or NULL; may write the measured displacement into u */
     void *user;
-    double *work; /* 4 width: scratch */
+    double *work; /* 5 width: scratch */
 } pma_specimen;
 
 /* A command, n each; v and a may be NULL for zeros. */

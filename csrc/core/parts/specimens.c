@@ -121,7 +121,7 @@ pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, 
     PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
     PMA_TRY(take_dofs(f, n, own));
     PMA_TRY(pma_field_real(&h, &own->h));
-    PMA_TRY(pma_field_allocate(f, 4 * own->width, sizeof *own->work, (void *)&own->work));
+    PMA_TRY(pma_field_allocate(f, 5 * own->width, sizeof *own->work, (void *)&own->work));
     PMA_TRY(take_filters(f, own));
     PMA_TRY(take_inner(f, own, by_caller));
     PMA_TRY(pma_field_room(f, pma_specimen_numbers(own), sizeof(double)));
