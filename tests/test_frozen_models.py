@@ -479,6 +479,7 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
 
     one = np.eye(3)
     lag = rig.LinearActuator(-50.0 * one, 50.0 * one, one, one)
+    linked = hybrid("gc", device=lambda f: rig.Linkage(f, matrix=2.0 * one))
     box = pm.Subdomain([2.0], [0.0], scheme=pm.Newmark(), force=[-20.0], name="box")
     lift = pm.Coupler([box], pm.contact(box, 0, motion=lambda t: 1.5 * t**2), dt=0.01)
     measures = r"restoring of subdomain 'a' has a compensator that needs the measured"
@@ -489,6 +490,7 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
             r"restoring of subdomain 'a' is a function",
         ),
         (frame("gc", force=compiled_force), {}, r"force of subdomain 'a' is a compiled function"),
+        (linked, PORT, r"restoring of subdomain 'a' has a Linkage"),
         (behind("adaptive", delay=0.03), PORT, measures),
         (behind("model", model=lag, feedback=1.0), PORT, measures),
         (lift, {}, r"obstacles of contacts that move"),

@@ -207,17 +207,17 @@ WIDTHS = 0.12, 0.1, 0.2, 0.23, 0.12
 def draw_target(figure):
     """Two samples of a loop with a specimen: what is called when, and what answers what."""
     ax = figure.subplots()
-    ax.set(xlim=(-0.35, 2.32), ylim=(-0.85, 1.75))
+    ax.set(xlim=(-1.35, 2.1), ylim=(-0.85, 1.75))
     ax.axis("off")
     for y, lane in ((1.15, "specimen"), (0.15, "loop"), (-0.6, "model")):
-        _label(ax, -0.22, y, lane)
-    for k in range(3):
+        _label(ax, -1.35, y, lane)
+    for k in range(-1, 3):
         ax.plot([k, k], [-0.75, 1.55], color="0.7", linewidth=0.8, linestyle=":")
-        _label(ax, k - 0.02, 1.68, r"$t_k$" if k == 0 else rf"$t_{{k+{k}}}$")
+        _label(ax, k - 0.02, 1.68, r"$t_k$" if k == 0 else rf"$t_{{k{k:+}}}$")
         ax.plot([k], [-0.6], "ko", markersize=4)
     for k in range(2):
         _draw_sample(ax, k)
-    ax.plot([-0.08, 2.2], [-0.6, -0.6], color="k", linestyle="-", linewidth=0.8)
+    ax.plot([-1.08, 2.1], [-0.6, -0.6], color="k", linestyle="-", linewidth=0.8)
 
 
 def _draw_sample(ax, k):
@@ -236,7 +236,7 @@ def _draw_sample(ax, k):
     ax.plot([x - 0.05, k + 1.0], [1.15, 1.15], color="#A9CBE6", linestyle="-", linewidth=6)
     ax.text((x + k + 1) / 2, 1.27, f"moves to $d_{{{then}}}$", fontsize=8, ha="center")
     step = arrow | {"connectionstyle": "arc3,rad=-0.15"}
-    ax.annotate("", (k + 0.98, -0.56), (k + 0.02, -0.56), arrowprops=step)
+    ax.annotate("", (k - 0.02, -0.56), (k - 0.98, -0.56), arrowprops=step)
 
 
 def halves(scheme, coupling):

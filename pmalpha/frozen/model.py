@@ -77,6 +77,11 @@ def _with_inputs(function: Any, where: str) -> Any:
         return INPUTS
     if function.function is None:
         return function
+    if any(isinstance(x, forms.LinkageMatrix | forms.LinkageArms) for x in function.filters):
+        raise ValueError(
+            f"restoring of {where} has a Linkage, whose commands are of no dof, which an input "
+            "must have: let the loop turn the command of the dofs into those of the actuators"
+        )
     if any(_measures(x) for x in function.filters):
         raise ValueError(
             f"restoring of {where} has a compensator that needs the measured displacement of its "
