@@ -1,5 +1,6 @@
 """The C extension; everything else about the package stands in pyproject.toml."""
 
+import io
 import os
 import sys
 import sysconfig
@@ -32,19 +33,32 @@ SHARED = {"win32": "pmalpha.dll", "darwin": "libpmalpha.dylib"}.get(sys.platform
 WITHOUT_A_COMPILER = "a C compiler is needed; without one, see docs/install.md#without-a-compiler"
 
 
-# The C library, of the objects of the extension: header, archive, shared library, licence.
-LIBRARY = sorted(glob("csrc/library/*.c"))
-FMU = ["csrc/fmu/fmu.c", "csrc/fmu/resource.c"]
-OF_FMU = {"fmu2": "csrc/fmu/fmu2.c", "fmu3": "csrc/fmu/fmu3.c"}
-IN_PACKAGE = Path("pmalpha", "c")
-WITH_LIBRARY = ["csrc/library/pmalpha.h", "LICENSE"]
-
-
 class Build(build_ext):
     """With all processors, and without earlier libraries for one version of Python.
 
-    Those would be imported. In place a stamp says of which sources it is.
+    Those would be imported. In place a stamp says of which sources it is. Of the objects of the
+    extension is the C library too, in LIBRARY; packaging/wheels.py makes it of the same lists.
     """
+
+    LIBRARY = "pmalpha/c"
+    of_library = sorted(path.replace("\\", "/") for path in glob("csrc/library/*.c"))
+    of_fmu = ("csrc/fmu/fmu.c", "csrc/fmu/resource.c")
+    of_version = {"fmu2": "csrc/fmu/fmu2.c", "fmu3": "csrc/fmu/fmu3.c"}
+
+    @staticmethod
+    def texts():
+        """What the folder of the library has on every system: header, licence, sources."""
+        content = io.BytesIO()
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in sorted(Path("csrc").glob("**/*.[ch]")):
+                top, *rest = path.relative_to("csrc").parts
+                if top in ("core", "library", "fmu") and "none" not in rest:
+                    name = "/".join(rest if top == "core" else [top, *rest])
+                    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the same in each build
+                    info.compress_type = zipfile.ZIP_DEFLATED
+                    archive.writestr(info, path.read_bytes())
+        files = {Path(x).name: Path(x).read_bytes() for x in ("csrc/library/pmalpha.h", "LICENSE")}
+        return {**files, "sources.zip": content.getvalue()}
 
     def build_extension(self, ext):
         compiler = self.compiler.compile
@@ -62,33 +76,24 @@ class Build(build_ext):
         core_options = {}
         self.compiler.compile = together
         super().build_extension(ext)
-        library = core + together(LIBRARY, **core_options)
-        fmu = together([*FMU, *OF_FMU.values()], **core_options)
+        library = core + together(self.of_library, **core_options)
+        fmu = together([*self.of_fmu, *self.of_version.values()], **core_options)
         self.build_library(library, fmu)
 
     def build_library(self, objects, fmu):
         """`pmalpha.c_library()` beside the extension, and what FMUs are made of."""
-        folder = Path(self.build_lib, IN_PACKAGE)
+        folder = Path(self.build_lib, self.LIBRARY)
         folder.mkdir(parents=True, exist_ok=True)
-        for path in WITH_LIBRARY:
-            self.copy_file(path, str(folder))
+        for name, content in self.texts().items():
+            (folder / name).write_bytes(content)
         self.compiler.create_static_lib(objects, "pmalpha", output_dir=str(folder))
         small = ["-Wl,--strip-debug"] if sys.platform == "linux" else []
         link = {"libraries": ["m"], "extra_postargs": ["-pthread", *small]}
         self.compiler.link_shared_object(objects, str(folder / SHARED), **link)
-        for name, version in zip(OF_FMU, fmu[len(FMU) :]):
+        count = len(self.of_fmu)
+        for name, version in zip(self.of_version, fmu[count:]):
             path = folder / Path(name).with_suffix(Path(SHARED).suffix)
-            self.compiler.link_shared_object(
-                [*objects, *fmu[: len(FMU)], version], str(path), **link
-            )
-        with zipfile.ZipFile(folder / "sources.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-            for path in sorted(Path("csrc").glob("**/*.[ch]")):
-                top, *rest = path.relative_to("csrc").parts
-                if top in ("core", "library", "fmu") and "none" not in rest:
-                    name = "/".join(rest if top == "core" else [top, *rest])
-                    info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the same in each build
-                    info.compress_type = zipfile.ZIP_DEFLATED
-                    archive.writestr(info, path.read_bytes())
+            self.compiler.link_shared_object([*objects, *fmu[:count], version], str(path), **link)
 
     def run(self):
         try:
@@ -96,9 +101,9 @@ class Build(build_ext):
         except CCompilerError as error:
             raise CCompilerError(f"{error}\n{WITHOUT_A_COMPILER}") from None
         if self.inplace:
-            for path in sorted(Path(self.build_lib, IN_PACKAGE).iterdir()):
-                IN_PACKAGE.mkdir(exist_ok=True)
-                self.copy_file(str(path), str(IN_PACKAGE))
+            for path in sorted(Path(self.build_lib, self.LIBRARY).iterdir()):
+                Path(self.LIBRARY).mkdir(exist_ok=True)
+                self.copy_file(str(path), self.LIBRARY)
         if self.inplace and STABLE:
             for path in Path("pmalpha").glob("_core.cpython-*"):
                 path.unlink()
@@ -118,6 +123,7 @@ setup(
             define_macros=[
                 ("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION"),
                 ("NPY_TARGET_VERSION", "NPY_1_23_API_VERSION"),
+                ("PMALPHA_BUILD", "1"),  # of the functions of pmalpha.h, for Windows
                 *([("Py_LIMITED_API", "0x030B0000")] if STABLE else []),
             ],
             py_limited_api=STABLE,

@@ -1,7 +1,9 @@
 """Checks wheels without running them: python packaging/check_wheels.py build/wheels
 
-Of each: the tag, the record, the same files as in the others but for the extension, the stable ABI
-(abi3audit), and that the extension takes from the system only what its oldest version has.
+Of each: the tag, the record, the same files as in the others but for those that are compiled, the
+stable ABI (abi3audit), that the extension and the libraries of `pmalpha.c_library()` take from the
+system only what its oldest version has, the libraries nothing of Python, what they export, and that
+a program in C can be made of header and archive.
 """
 
 from __future__ import annotations
@@ -9,12 +11,13 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
 import lief
 import ziglang
-from wheels import PLATFORMS, STABLE_ABI, record
+from wheels import PLATFORMS, STABLE_ABI, ZIG, record
 
 lief.logging.disable()
 
@@ -26,6 +29,15 @@ LIBRARIES = {
     "win": r"python3\.dll|KERNEL32\.dll|api-ms-win-crt-\w+-l1-1-0\.dll",
 }
 GLIBC = (2, 17)
+C = "pmalpha/c/"
+PROGRAM = b"""\
+#include <pmalpha.h>
+int main(int count, char **words)
+{
+    pmalpha_model *m;
+    return count < 2 || pmalpha_open(words[1], 0, &m) || pmalpha_advance(m, 1);
+}
+"""
 OF_LINKERS = {"", "init", "fini", "__dso_handle", "_mh_dylib_header", "mh_dylib_header"}
 PROCESSORS = {
     "x86_64": ("X86_64", "AMD64"),
@@ -73,12 +85,12 @@ def of_macho(binary: lief.MachO.Binary) -> set[str]:
     return taken
 
 
-def check_extension(content: bytes, tag: str) -> int:
-    """The number of names that the extension takes from Python and the system."""
+def outside(content: bytes, tag: str, own: str) -> tuple[set[str], set[str]]:
+    """The names that a library takes from Python and the system, and those that it exports."""
     system, processor = tag.split("_")[0], tag.split("_", 1)[1]
     binary = lief.parse(content)
     libraries = {getattr(library, "name", library) for library in binary.libraries}
-    for name in libraries - {"@rpath/_core.abi3.so"}:  # its own name, on macOS
+    for name in libraries - {f"@rpath/{own}"}:  # its own name, on macOS
         require(bool(re.fullmatch(LIBRARIES[system], name)), f"{tag} needs {name}")
     if isinstance(binary, lief.ELF.Binary):
         taken, machine = of_elf(binary, system), binary.header.machine_type
@@ -88,9 +100,55 @@ def check_extension(content: bytes, tag: str) -> int:
         taken, machine = {i.name for d in binary.imports for i in d.entries}, binary.header.machine
     kinds = next(kinds for name, kinds in PROCESSORS.items() if processor.endswith(name))
     require(machine.name in kinds, f"{tag} is for {machine.name}")
-    exported = {f.name.removeprefix("_") for f in binary.exported_functions} - OF_LINKERS
+    return taken, {f.name.removeprefix("_") for f in binary.exported_functions} - OF_LINKERS
+
+
+def check_extension(content: bytes, tag: str) -> int:
+    """The number of names that the extension takes from Python and the system."""
+    taken, exported = outside(content, tag, "_core.abi3.so")
     require(exported == {"PyInit__core"}, f"{tag} exports {sorted(exported)[:5]}")
     return len(taken)
+
+
+def check_shared(content: bytes, tag: str, name: str, exports: str) -> None:
+    """A library without Python, all of whose names match, of which there are some."""
+    taken, exported = outside(content, tag, name)
+    of_python = sorted(taken & set(STABLE_ABI))
+    require(not of_python, f"{name} of {tag} takes {of_python[:5]} from Python")
+    others = sorted(x for x in exported if not re.fullmatch(exports, x))
+    require(bool(exported) and not others, f"{name} of {tag} exports {others[:5]}")
+
+
+def check_archive(header: bytes, content: bytes, tag: str) -> None:
+    """That a program is compiled and linked with them."""
+    platform = PLATFORMS[tag]
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        for name, data in ("pmalpha.h", header), ("libpmalpha.a", content), ("main.c", PROGRAM):
+            (folder / name).write_bytes(data)
+        flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1", "-I."]
+        command = [ZIG, "cc", "-target", platform.target, *flags, "main.c", "libpmalpha.a"]
+        command += [*platform.link, "-o", "main.exe"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        require(done.returncode == 0, f"no program of the archive of {tag}: {done.stderr[:500]}")
+
+
+def check_library(files: dict[str, bytes], tag: str) -> None:
+    """`pmalpha.c_library()`; what is compiled leaves the dict."""
+    header = files.get(f"{C}pmalpha.h", b"")
+    functions = set(re.findall(r"\b(pmalpha_\w+)\(", header.decode()))
+    require(bool(functions), f"{tag} has no pmalpha.h")
+    for name, kind in PLATFORMS[tag].of_library().items():
+        require(C + name in files, f"{tag} has no {C}{name}")
+        content = files.pop(C + name)
+        if kind == "archive":
+            check_archive(header, content, tag)
+        elif kind == "shared":
+            check_shared(content, tag, name, "|".join(functions))
+        else:
+            check_shared(content, tag, name, rf"{kind.replace('fmu', 'fmi')}[A-Z]\w+")
+    for name in "sources.zip", "LICENSE":
+        require(C + name in files, f"{tag} has no {C}{name}")
 
 
 def contents(path: Path, tag: str) -> dict[str, bytes]:
@@ -103,6 +161,7 @@ def contents(path: Path, tag: str) -> dict[str, bytes]:
     said = files.pop(f"{info}/WHEEL").decode()
     require(f"Tag: cp311-abi3-{tag}\n" in said, f"{path.name} says {said!r}")
     count = check_extension(files.pop(extension), tag)
+    check_library(files, tag)
     print(f"{path.name}: {path.stat().st_size} bytes, {count} names from outside")
     return files
 

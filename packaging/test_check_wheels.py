@@ -7,7 +7,7 @@ import subprocess
 
 import check_wheels
 import pytest
-from check_wheels import check_extension
+from check_wheels import check_archive, check_extension, check_library, check_shared
 from wheels import MACOS, ZIG
 
 NOTHING = "int PyInit__core(void) { return 0; }"
@@ -91,3 +91,37 @@ def test_an_extension_that_exports_more_than_its_module_is_refused(tmp_path):
     content = library(tmp_path, NOTHING + " int more(void) { return 1; }", LINUX)
     with pytest.raises(SystemExit, match="exports .*more"):
         check_extension(content, "manylinux_2_17_x86_64")
+
+
+HEADER = b"int pmalpha_abi(void);\n"
+OF_C = "pmalpha_abi"
+
+
+def test_a_library_of_c_exports_the_functions_of_its_header_alone(tmp_path):
+    content = library(tmp_path, "int pmalpha_abi(void) { return 1; }", LINUX)
+    check_shared(content, "manylinux_2_17_x86_64", "libpmalpha.so", OF_C)
+    more = library(
+        tmp_path, "int pmalpha_abi(void) { return 1; } int more(void) {return 1;}", LINUX
+    )
+    with pytest.raises(SystemExit, match="libpmalpha.so of .* exports .'more'"):
+        check_shared(more, "manylinux_2_17_x86_64", "libpmalpha.so", OF_C)
+
+
+def test_a_library_of_c_that_needs_python_is_refused(tmp_path):
+    code = "void *PyList_New(long size); int pmalpha_abi(void) { return PyList_New(1) != 0; }"
+    content = library(tmp_path, code, LINUX)
+    with pytest.raises(SystemExit, match="takes .'PyList_New'. from Python"):
+        check_shared(content, "manylinux_2_17_x86_64", "libpmalpha.so", OF_C)
+
+
+def test_a_wheel_without_a_file_of_the_library_is_refused():
+    tag = "manylinux_2_17_x86_64"
+    with pytest.raises(SystemExit, match="has no pmalpha.h"):
+        check_library({}, tag)
+    with pytest.raises(SystemExit, match="has no pmalpha/c/libpmalpha.a"):
+        check_library({"pmalpha/c/pmalpha.h": HEADER}, tag)
+
+
+def test_an_archive_without_the_functions_is_refused():
+    with pytest.raises(SystemExit, match="no program of the archive of manylinux_2_17_x86_64"):
+        check_archive(HEADER, b"!<arch>\n", "manylinux_2_17_x86_64")

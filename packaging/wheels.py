@@ -44,19 +44,32 @@ class Platform:
     target: str
     numpy: str
     extension: str = "_core.abi3.so"
+    shared: str = "libpmalpha.so"
     link: tuple[str, ...] = ("-pthread", "-lm")
+    of_python: tuple[str, ...] = ()  # for the extension alone
+
+    def of_library(self) -> dict[str, str]:
+        """The files of `pmalpha.c_library()` that are compiled, and what each is."""
+        suffix = Path(self.shared).suffix
+        fmus = {f"fmu{v}{suffix}": f"fmu{v}" for v in (2, 3)}
+        return {"libpmalpha.a": "archive", self.shared: "shared", **fmus}
 
 
-# a hash in place of the time of the link
-WINDOWS = ("python3.lib", "-Wl,/Brepro")
 MACOS = ("-undefined", "dynamic_lookup", "-install_name", "@rpath/_core.abi3.so")
+APPLE: dict[str, Any] = {"shared": "libpmalpha.dylib", "link": (), "of_python": MACOS}
+WINDOWS: dict[str, Any] = {
+    "extension": "_core.pyd",
+    "shared": "pmalpha.dll",
+    "link": ("-Wl,/Brepro",),  # a hash in place of the time of the link
+    "of_python": ("python3.lib",),
+}
 PLATFORMS = {
     "manylinux_2_17_x86_64": Platform("x86_64-linux-gnu.2.17", "manylinux_2_28_x86_64"),
     "manylinux_2_17_aarch64": Platform("aarch64-linux-gnu.2.17", "manylinux_2_28_aarch64"),
     "musllinux_1_2_x86_64": Platform("x86_64-linux-musl", "musllinux_1_2_x86_64"),
-    "macosx_11_0_x86_64": Platform("x86_64-macos.11.0", "macosx_14_0_x86_64", link=MACOS),
-    "macosx_11_0_arm64": Platform("aarch64-macos.11.0", "macosx_14_0_arm64", link=MACOS),
-    "win_amd64": Platform("x86_64-windows-gnu", "win_amd64", "_core.pyd", WINDOWS),
+    "macosx_11_0_x86_64": Platform("x86_64-macos.11.0", "macosx_14_0_x86_64", **APPLE),
+    "macosx_11_0_arm64": Platform("aarch64-macos.11.0", "macosx_14_0_arm64", **APPLE),
+    "win_amd64": Platform("x86_64-windows-gnu", "win_amd64", **WINDOWS),
 }
 
 # What Python.h has to know for the limited API, by what the compiler says of its target.
@@ -160,35 +173,69 @@ def import_library(out: Path) -> None:
     run(ZIG, "dlltool", "-m", "i386:x86-64", "-d", definition, "-l", out)
 
 
-# ---- extension and wheel ------------------------------------------------------------------------
+# ---- extension, library, wheel ------------------------------------------------------------------
 
 
-def compiled(platform: Platform, extension: Any, python: Path, folder: Path) -> bytes:
-    """The extension for a platform, of the sources in the present folder, without symbols of it."""
-    folder.mkdir()
-    include = [*extension.include_dirs[:1], numpy_headers(platform, folder), python]
-    flags = ["-target", platform.target, *extension.extra_compile_args, "-DNDEBUG", "-g0", "-fPIC"]
-    flags += [f"-I{path}" for path in include]
-    flags += [f"-D{name}={value}" for name, value in extension.define_macros]
+class Compiler:
+    """Compiles for a platform, of the sources in the present folder, without symbols of it."""
 
-    def compile_one(source: str) -> Path:
-        out = folder / (source.replace("/", "_") + ".o")
-        run(ZIG, "cc", *flags, "-c", source, "-o", out)
-        return out
+    def __init__(self, platform: Platform, extension: Any, python: Path, folder: Path) -> None:
+        folder.mkdir()
+        self.platform, self.folder = platform, folder
+        include = [*extension.include_dirs[:2], numpy_headers(platform, folder), python]
+        self.flags = ["-target", platform.target, *extension.extra_compile_args, "-DNDEBUG", "-g0"]
+        self.flags += ["-fPIC", *(f"-I{path}" for path in include)]
+        self.flags += [f"-D{name}={value}" for name, value in extension.define_macros]
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        objects = list(pool.map(compile_one, extension.sources))
-    if "python3.lib" in platform.link:
-        import_library(folder / "python3.lib")
-    link = [folder / word if word.endswith(".lib") else word for word in platform.link]
-    out = folder / platform.extension
-    # without optimization zig compiles its sanitizer, for nothing
-    run(ZIG, "cc", "-target", platform.target, "-O3", "-shared", "-s", *objects, *link, "-o", out)
-    return out.read_bytes()
+    def objects(self, sources: Iterable[str]) -> list[Path]:
+        def compile_one(source: str) -> Path:
+            out = self.folder / (source.replace("/", "_") + ".o")
+            run(ZIG, "cc", *self.flags, "-c", source, "-o", out)
+            return out
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            return list(pool.map(compile_one, sources))
+
+    def linked(self, name: str, objects: Iterable[Path], *words: str | Path) -> bytes:
+        """A shared library."""
+        out, target = self.folder / name, self.platform.target
+        # without optimization zig compiles its sanitizer, for nothing
+        run(ZIG, "cc", "-target", target, "-O3", "-shared", "-s", *objects, *words,
+            *self.platform.link, "-o", out)  # fmt: skip
+        return out.read_bytes()
+
+    def archive(self, name: str, objects: Iterable[Path]) -> bytes:
+        out = self.folder / name
+        kind = "darwin" if "macos" in self.platform.target else "gnu"
+        run(ZIG, "ar", f"--format={kind}", "rcsD", out, *objects)
+        return out.read_bytes()
+
+
+def compiled(compiler: Compiler, extension: Any, build: Any) -> dict[str, bytes]:
+    """The extension, and of the same objects the C library and what FMUs are made of."""
+    platform, objects = compiler.platform, compiler.objects(extension.sources)
+    core = [o for o, s in zip(objects, extension.sources) if s.startswith("csrc/core/")]
+    if "python3.lib" in platform.of_python:
+        import_library(compiler.folder / "python3.lib")
+    words = [compiler.folder / x if x.endswith(".lib") else x for x in platform.of_python]
+    files = {f"pmalpha/{platform.extension}": compiler.linked(platform.extension, objects, *words)}
+    core += compiler.objects(build.of_library)
+    of_fmu = compiler.objects(build.of_fmu)
+    for name, kind in platform.of_library().items():
+        own = ["-install_name", f"@rpath/{name}"] if platform.of_python == MACOS else []
+        if kind == "archive":
+            content = compiler.archive(name, core)
+        elif kind == "shared":
+            content = compiler.linked(name, core, *own)
+        else:
+            version = compiler.objects([build.of_version[kind]])
+            content = compiler.linked(name, [*core, *of_fmu, *version], *own)
+        files[f"{build.LIBRARY}/{name}"] = content
+    return files
 
 
 def of_setup(folder: Path) -> tuple[setuptools.Distribution, dict[str, bytes]]:
-    """What setup.py says, and the files of a wheel but the extension."""
+    """What setup.py says, and the files of a wheel but those that are compiled."""
     from distutils.core import run_setup
 
     folder.mkdir()
@@ -198,7 +245,10 @@ def of_setup(folder: Path) -> tuple[setuptools.Distribution, dict[str, bytes]]:
     for command in ("build_py", "dist_info"):
         distribution.run_command(command)
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return distribution, {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+    content = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+    build = distribution.get_command_class("build_ext")
+    content |= {f"{build.LIBRARY}/{name}": text for name, text in build.texts().items()}
+    return distribution, content
 
 
 def wheel(folder: Path, tag: str, files: Mapping[str, bytes], seconds: int) -> Path:
@@ -240,11 +290,11 @@ def main(out: Path, tags: Iterable[str]) -> None:
         os.chdir(folder / source.name.removesuffix(".tar.gz"))  # names of files in it are relative
         distribution, files = of_setup(folder / "files")
         (extension,) = distribution.ext_modules
+        build = distribution.get_command_class("build_ext")
         python = python_headers(folder)
         for tag in tags:
-            platform = PLATFORMS[tag]
-            content = compiled(platform, extension, python, folder / tag)
-            whole_files = {**files, f"pmalpha/{platform.extension}": content}
+            compiler = Compiler(PLATFORMS[tag], extension, python, folder / tag)
+            whole_files = files | compiled(compiler, extension, build)
             name = f"cp{OLDEST[0]}{OLDEST[1]}-abi3-{tag}"
             print(wheel(out, name, whole_files, seconds), flush=True)
 

@@ -28,11 +28,12 @@ def plate(n):
 
 
 def frame(coupling, springs="none", *, force=None, restoring=None, velocity=None, dt=0.02, **rest):
-    """A frame of three masses, "a", and a shaft of two, "b", which takes more substeps.
+    """A frame of three masses, "a", and a shaft of two, "b", of more substeps, 3 or `fine`.
 
     force: of "a"; restoring: a further function of "a"; velocity: of its first dof, prescribed.
     """
     K = chain(3, 200.0).toarray()
+    fine = rest.pop("fine", 3)
     forces = [SPRINGS[springs]()] if SPRINGS[springs] else []
     a = pm.Subdomain(
         np.array([1.0, 2.0, 1.5]),
@@ -53,7 +54,7 @@ def frame(coupling, springs="none", *, force=None, restoring=None, velocity=None
         scheme=pm.GeneralizedAlpha(0.9, explicit=coupling in ("gc", "pm")),
         u0=[0.03, 0.0],
         v0=[-0.5, 0.2],
-        substeps=3,
+        substeps=fine,
         name="b",
     )
     constraints = [pm.tie(a, [2], b, [0])]

@@ -66,7 +66,11 @@ def arguments():
         "the call",
         everywhere=True,
     )
-    for refused in (coupler.assembled, lambda: coupler.modes(1)):
+    for refused in (
+        coupler.assembled,
+        lambda: coupler.modes(1),
+        lambda: coupler.freeze("not_written.pma"),
+    ):
         one_of(ValueError, lambda bad, f=refused: f(), "without comm", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run_each([{}], 1.0), "without comm", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(1.0, until=bool), "without comm", everywhere=True)

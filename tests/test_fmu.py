@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from frozen_couplers import frame
+from frozen_couplers import frame, held
 
 import pmalpha as pm
 
@@ -54,11 +54,18 @@ def wind(t):
     return 4.0 * np.sin(11.0 * t)
 
 
-def hybrid():
+def hybrid(wind=wind, commands=None):
+    """commands: the list of the displacements and velocities at which the specimen is evaluated."""
+
+    def restoring(u, v, t):
+        if commands is not None:
+            commands.append((u[1], v[1]))
+        return np.array([0.0, specimen(u[1], v[1]), 0.0])
+
     return frame(
         "pm",
         "bilinear",
-        restoring=lambda u, v, t: np.array([0.0, specimen(u[1], v[1]), 0.0]),
+        restoring=restoring,
         force=lambda t: np.array([0.0, 0.0, wind(t)]),
     )
 
@@ -240,10 +247,9 @@ def test_names_have_the_prefix_of_the_command(path, unpacked, tmp_path):
     assert not hasattr(library, f"fmi{number}DoStep")
 
 
-def test_a_process_without_python_packages_runs_it(expected, tmp_path):
-    hybrid().export_fmu(
-        tmp_path / "x.fmu", {"column": INPUTS["column"], "wind": INPUTS["wind"]}, OUTPUTS, fmi="3.0"
-    )
+def test_a_process_without_python_packages_runs_it(tmp_path):
+    """It sets no wind, and reads command, displacement of the roof and multiplier."""
+    hybrid().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, fmi="3.0")
     with zipfile.ZipFile(tmp_path / "x.fmu") as archive:
         archive.extractall(tmp_path)
     (binary,) = (tmp_path / "binaries").glob("*/*")
@@ -266,9 +272,11 @@ def test_a_process_without_python_packages_runs_it(expected, tmp_path):
         check=True,
         env={},
     )
-    rows = np.array(json.loads(run.stdout))
-    assert rows.shape == (6, 4)
-    assert rows[0, 2] == expected[0, 0]
+    commands = []
+    history = hybrid(lambda t: 0.0, commands).run(steps=2)
+    command = np.repeat(commands[-2:], 3, axis=0)  # the first is that of the start
+    others = held(history["a"].u[:, 2], 6)[:6], held(history.multipliers[:, 0], 6)[:6]
+    assert np.array_equal(json.loads(run.stdout), np.column_stack([command, *others]))
 
 
 def test_no_compiler_is_needed_to_export(tmp_path, monkeypatch):

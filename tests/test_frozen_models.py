@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from c_models import BAD_ARGUMENT, FAILED, LIMITED, OK, Library, Refused, words
+from compiled import FORCE, RESTORING
 from frozen_couplers import (
     COUPLINGS,
     SPRINGS,
@@ -13,6 +14,7 @@ from frozen_couplers import (
     plate,
     recorded,
 )
+from scipy import LowLevelCallable
 
 import pmalpha as pm
 
@@ -147,8 +149,8 @@ def specimen(d, v):
     return 300.0 * d + 50.0 * d**3 + 0.1 * v
 
 
-def hybrid(coupling, substeps=1, limits=None, device=None):
-    """The frame with a specimen at its second dof."""
+def hybrid(coupling, substeps=1, limits=None, device=None, **rest):
+    """The frame with a specimen at its second dof, behind a device."""
 
     def restoring(u, v, t):
         return np.array([0.0, specimen(u[1], v[1]), 0.0])
@@ -159,18 +161,15 @@ def hybrid(coupling, substeps=1, limits=None, device=None):
         substeps=substeps,
         restoring_stiffness=np.diag([0.0, 300.0, 0.0]),
         **({} if limits is None else {"limits": limits}),
+        **rest,
     )
 
 
 PORT = {"column": ("specimen", "a", 1)}
 
 
-@pytest.mark.parametrize("coupling, substeps", [("gc", 1), ("pm", 1), ("gc", 3), ("macro", 1)])
-def test_forces_that_are_set_between_steps_are_those_of_a_function(
-    library, tmp_path, coupling, substeps
-):
-    coupler = hybrid(coupling, substeps)
-    model = frozen(coupler, library, tmp_path, PORT)
+def assert_set_forces_are_those_of_the_function(model, coupler, substeps):
+    """With the force of the specimen set where a command is new."""
     fine, news = STEPS * model.substeps(), 0
     rows = [model.values]
     for _ in range(fine):
@@ -181,7 +180,40 @@ def test_forces_that_are_set_between_steps_are_those_of_a_function(
         assert model.advance(1) == OK
         rows.append(model.values)
     assert np.array_equal(rows, recorded(coupler, coupler.run(steps=STEPS), fine))
-    assert news == (STEPS if substeps == 1 else fine)
+    assert news == STEPS * substeps
+
+
+@pytest.mark.parametrize(
+    "coupling, substeps, finest",
+    [("gc", 1, 3), ("pm", 1, 3), ("gc", 3, 3), ("macro", 1, 3), ("gc", 2, 6)],
+)
+def test_forces_that_are_set_between_steps_are_those_of_a_function(
+    library, tmp_path, coupling, substeps, finest
+):
+    coupler = hybrid(coupling, substeps, fine=finest)
+    model = frozen(coupler, library, tmp_path, PORT)
+    assert model.substeps() == (1 if coupling == "macro" else finest)
+    assert_set_forces_are_those_of_the_function(model, coupler, substeps)
+
+
+@pytest.mark.parametrize("method", ["polynomial", "inverse", "model"])
+def test_an_input_behind_a_compensator_gets_its_command(library, tmp_path, method):
+    from pmalpha import rig
+
+    one = np.eye(3)
+    lag = rig.LinearActuator(-50.0 * one, 50.0 * one, one, one) if method == "model" else None
+
+    def device(restoring):
+        return rig.Compensated(restoring, 0.03, method=method, model=lag)
+
+    coupler, plain = hybrid("gc", device=device), hybrid("gc")
+    for one in (coupler, plain):
+        one.step(1)
+    model = frozen(plain, library, tmp_path, PORT)
+    command = model.command_of(0)[1][0]
+    model = frozen(coupler, library, tmp_path, PORT)
+    assert abs(model.command_of(0)[1][0] - command) > 1e-3  # it is ahead by 30 ms
+    assert_set_forces_are_those_of_the_function(model, coupler, 1)
 
 
 @pytest.mark.parametrize("coupling", ["gc", "pm"])
@@ -429,6 +461,45 @@ def test_internal_forces_and_loads_of_the_motion_are_refused_by_name(tmp_path):
     with pytest.raises(ValueError, match=r"internal of subdomain 'bent' has functions"):
         pm.Coupler([s], dt=0.1).freeze(tmp_path / "x.pma")
     assert not list(tmp_path.iterdir())
+
+
+def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_refused_by_name(
+    library, tmp_path
+):
+    from pmalpha import rig
+
+    compiled_restoring = LowLevelCallable(RESTORING(lambda t, n, u, v, r, user: 0))
+    compiled_force = LowLevelCallable(FORCE(lambda t, n, f, user: 0))
+
+    def measured(u, v, t):
+        return 0.0 * u, u
+
+    def behind(method, **options):
+        return hybrid("gc", device=lambda _: rig.Compensated(measured, method=method, **options))
+
+    one = np.eye(3)
+    lag = rig.LinearActuator(-50.0 * one, 50.0 * one, one, one)
+    linked = hybrid("gc", device=lambda f: rig.Linkage(f, matrix=2.0 * one))
+    box = pm.Subdomain([2.0], [0.0], scheme=pm.Newmark(), force=[-20.0], name="box")
+    lift = pm.Coupler([box], pm.contact(box, 0, motion=lambda t: 1.5 * t**2), dt=0.01)
+    measures = r"restoring of subdomain 'a' has a compensator that needs the measured"
+    cases = [
+        (
+            frame("gc", restoring=compiled_restoring),
+            {},
+            r"restoring of subdomain 'a' is a function",
+        ),
+        (frame("gc", force=compiled_force), {}, r"force of subdomain 'a' is a compiled function"),
+        (linked, PORT, r"restoring of subdomain 'a' has a Linkage"),
+        (behind("adaptive", delay=0.03), PORT, measures),
+        (behind("model", model=lag, feedback=1.0), PORT, measures),
+        (lift, {}, r"obstacles of contacts that move"),
+    ]
+    for coupler, inputs, message in cases:
+        with pytest.raises(ValueError, match=message):
+            coupler.freeze(tmp_path / "x.pma", inputs)
+        assert not list(tmp_path.iterdir())
+    frozen(frame("gc", restoring=compiled_restoring), library, tmp_path, PORT)  # in its place
 
 
 # ---- files ---------------------------------------------------------------------------------------

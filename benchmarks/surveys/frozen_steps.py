@@ -2,10 +2,12 @@
 
 python benchmarks/surveys/frozen_steps.py [largest number of dofs]; the minimum of five repetitions,
 of processor time.
-A chain or a square of masses, implicit, with a mass of four substeps at its end, under "pm".
+A chain or a square of masses, implicit, with a mass of four substeps at its end, under "pm". And of
+a loop in C with a specimen outside (programs/frozen_loop.c), at the last mass of the chain.
 """
 
 import ctypes
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -16,6 +18,7 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 
+LOOP = Path(__file__).parents[1] / "programs" / "frozen_loop.c"
 SIDES = (3, 39, 17, 50, 300)
 
 
@@ -23,7 +26,7 @@ def chain(n, k):
     return sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n)) * k
 
 
-def problem(side):
+def problem(side, restoring=None):
     """The side of a square, or the number of masses of a chain where that is less than 40."""
     square = side in (17, 50, 300)
     n = side * side if square else side
@@ -35,8 +38,9 @@ def problem(side):
         K = K.toarray()
     scheme = pm.GeneralizedAlpha
     a = pm.Subdomain(np.ones(n), K, scheme=scheme(0.8), v0=np.sin(np.arange(n)), name="a")
+    fast = scheme(0.8, explicit=True)
     b = pm.Subdomain(
-        [0.5], [300.0], scheme=scheme(0.8, explicit=True), substeps=4, v0=a.v0[-1:], name="b"
+        [0.5], [300.0], scheme=fast, substeps=4, v0=a.v0[-1:], restoring=restoring, name="b"
     )
     return n + 1, pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.01, coupling="pm", threads=1)
 
@@ -50,9 +54,23 @@ def least(call, steps):
     return min(times)
 
 
+def of_loop(folder):
+    """ns of a sample of the loop in C with the specimen outside."""
+    n, coupler = problem(3, lambda u, v, t: 50.0 * u)
+    path, program = Path(folder, "model.pma"), Path(folder, "loop")
+    coupler.freeze(path, {"column": ("specimen", "b", 0)}, {"u": ("u", "a", 0)})
+    archive = pm.c_library() / "libpmalpha.a"
+    flags = ["-O2", "-I", archive.parent, "-o", program]
+    subprocess.run(["cc", *flags, LOOP, archive, "-lm", "-pthread"], check=True)
+    command = [program, path, "200000"]
+    return n, subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
 def main(most):
     library = ctypes.CDLL(str(pm.c_library() / "libpmalpha.so"))
     library.pmalpha_advance.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+    with tempfile.TemporaryDirectory() as folder:
+        print("dofs, ns of a sample of the loop with a specimen:", *of_loop(folder))
     print("dofs, file in bytes, opened in ms, ns of a fine step in C, in Python")
     for side in SIDES:
         n, coupler = problem(side)

@@ -22,6 +22,7 @@ typedef struct {
     double scaled;        /* ... that */
     double value;         /* as set, or returned last */
     double command[3];    /* SPECIMEN */
+    double sent[2];       /* ... the first two of the next one, behind compensators */
     bool is_new;          /* ... of the coming step */
     pmalpha_specimen f;   /* ... attached, or NULL */
     void *user;
@@ -39,9 +40,12 @@ typedef struct {
     size_t number;
     pma_subdomain *core;
     size_t specimens, forces; /* how many inputs of these kinds it has */
-    bool is_limited;
-    double *u, *v;     /* 4 n, n: scratch of commands, if it is limited */
-    pma_load loads[1]; /* what its inputs are called by */
+    size_t n;
+    bool is_compensated; /* functions remember something, as compensators do */
+    bool is_tried;       /* commands are computed as a whole, for limits or compensators */
+    bool asks;           /* specimens are called for what they are given, not for a force */
+    double *u, *v;       /* 4 n and what functions remember, n: scratch, if it is tried */
+    pma_load loads[1];   /* what its inputs are called by */
     const pma_field *fields;
 } pmalpha_member;
 

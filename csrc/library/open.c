@@ -14,11 +14,17 @@ static int call_specimens(double t, intptr_t n, double *u, double *v, double *r,
 {
     const pmalpha_member *x = user;
     pmalpha_model *m = x->model;
-    (void)n, (void)u, (void)v;
+    if ((size_t)n != x->n)
+        return 1;
     for (size_t i = 0; i < m->inputs; i++) {
         pmalpha_input *in = &m->input[i];
         if (in->kind != PMALPHA_SPECIMEN || in->member != x->number)
             continue;
+        if (x->asks) {
+            in->sent[0] = u[in->dof];
+            in->sent[1] = v[in->dof];
+            continue;
+        }
         if (in->f && !m->replays) {
             const int code = in->f(t, in->command, &in->value, in->user);
             if (code != 0)
@@ -26,7 +32,7 @@ static int call_specimens(double t, intptr_t n, double *u, double *v, double *r,
         }
         r[in->dof] = in->value;
     }
-    return 0;
+    return x->asks;
 }
 
 /* The external forces that were set. */
@@ -180,9 +186,12 @@ static pma_status take_member(const pma_field *f, pmalpha_member *x)
     if (x->forces > 0)
         PMA_TRY(add_forces(f, x, &taken->parts, &taken->load));
     PMA_TRY(pma_parts_make_subdomain(taken, &x->core));
-    x->is_limited = taken->is_limited && x->specimens > 0;
-    if (x->is_limited) {
-        PMA_TRY(pma_field_allocate(f, 4 * n, sizeof(double), (void *)&x->u));
+    const size_t memory = taken->parts.restoring.memory;
+    x->n = n;
+    x->is_compensated = memory > 0 && x->specimens > 0;
+    x->is_tried = (taken->is_limited || memory > 0) && x->specimens > 0;
+    if (x->is_tried) {
+        PMA_TRY(pma_field_allocate(f, 4 * n + memory, sizeof(double), (void *)&x->u));
         PMA_TRY(pma_field_allocate(f, n, sizeof(double), (void *)&x->v));
     }
     return PMA_OK;

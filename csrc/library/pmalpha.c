@@ -259,12 +259,14 @@ void pmalpha_attach(pmalpha_model *m, size_t i, pmalpha_specimen f, void *user)
 /* ---- steps ---------------------------------------------------------------------------------- */
 
 /* What the specimens of a subdomain are commanded in the coming step. */
-static pma_status find_command(pmalpha_model *m, const pmalpha_member *x)
+static pma_status find_command(pmalpha_model *m, pmalpha_member *x)
 {
     pma_substep step;
     const bool is_new = pma_coupler_coming(m->core, x->number, &step);
+    x->asks = true;
     const pma_status status =
-        is_new && x->is_limited ? pma_subdomain_admit(x->core, &step, x->u, x->v) : PMA_OK;
+        is_new && x->is_tried ? pma_subdomain_admit(x->core, &step, x->u, x->v) : PMA_OK;
+    x->asks = false;
     for (size_t i = 0; i < m->inputs; i++) {
         pmalpha_input *in = &m->input[i];
         if (in->kind != PMALPHA_SPECIMEN || in->member != x->number)
@@ -272,6 +274,8 @@ static pma_status find_command(pmalpha_model *m, const pmalpha_member *x)
         in->is_new = is_new && status == PMA_OK;
         if (in->is_new)
             pma_subdomain_command(x->core, &step, in->position, in->command);
+        if (in->is_new && x->is_compensated)
+            memcpy(in->command, in->sent, sizeof in->sent);
     }
     return status;
 }
@@ -282,7 +286,7 @@ pmalpha_status pmalpha_show(pmalpha_model *m)
     pma_coupler_record_taken(m->core, &m->record);
     const pma_denormals before = pma_denormals_flush();
     for (size_t i = 0; i < m->members; i++) {
-        const pmalpha_member *x = &m->member[i];
+        pmalpha_member *x = &m->member[i];
         if (x->specimens > 0 && find_command(m, x) != PMA_OK && limited == m->members)
             limited = i;
     }

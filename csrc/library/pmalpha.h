@@ -92,8 +92,9 @@ PMALPHA_API int pmalpha_find_input(const pmalpha_model *m, const char *name); /*
 PMALPHA_API int pmalpha_find_output(const pmalpha_model *m, const char *name);
 PMALPHA_API pmalpha_kind pmalpha_input_kind(const pmalpha_model *m, size_t i);
 
-/* The command of a specimen for the coming substep: c[0] displacement, c[1] velocity, c[2]
- * acceleration. 1: a new one; 0: that of a substep which lasts on, or of no specimen (zeros). */
+/* The command of a specimen for the coming substep: c[0] displacement, c[1] velocity, as its
+ * compensators make them, c[2] acceleration, which is the structure's. 1: a new one; 0: that of a
+ * substep which lasts on, or of no specimen (zeros). */
 PMALPHA_API int pmalpha_command(const pmalpha_model *m, size_t i, double c[3]);
 
 /* An input, held until it is set again: the force of a specimen at its command, as a restoring

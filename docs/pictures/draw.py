@@ -1,4 +1,5 @@
-"""Draws the pictures of README.md, docs/diverges.md, and the schedules in the method and tutorial.
+"""Draws the pictures of README.md, docs/diverges.md, docs/embedded.md, and the schedules in the
+method and tutorial.
 
     python docs/pictures/draw.py
 
@@ -199,6 +200,45 @@ def draw_diverges(figure):
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=2, columnspacing=1.0)
 
 
+CALLS = {"read": COMPUTED, "set": COMPUTED, "advance": FINE, "command": FINE, "give": COMPUTED}
+WIDTHS = 0.12, 0.1, 0.2, 0.23, 0.12
+
+
+def draw_target(figure):
+    """Two samples of a loop with a specimen: what is called when, and what answers what."""
+    ax = figure.subplots()
+    ax.set(xlim=(-1.35, 2.1), ylim=(-0.85, 1.75))
+    ax.axis("off")
+    for y, lane in ((1.15, "specimen"), (0.15, "loop"), (-0.6, "model")):
+        _label(ax, -1.35, y, lane)
+    for k in range(-1, 3):
+        ax.plot([k, k], [-0.75, 1.55], color="0.7", linewidth=0.8, linestyle=":")
+        _label(ax, k - 0.02, 1.68, r"$t_k$" if k == 0 else rf"$t_{{k{k:+}}}$")
+        ax.plot([k], [-0.6], "ko", markersize=4)
+    for k in range(2):
+        _draw_sample(ax, k)
+    ax.plot([-1.08, 2.1], [-0.6, -0.6], color="k", linestyle="-", linewidth=0.8)
+
+
+def _draw_sample(ax, k):
+    """The calls of sample k, the way of its command, and the reply to the command before."""
+    x = float(k)
+    for (name, look), width in zip(CALLS.items(), WIDTHS):
+        ax.add_patch(_box(x, 0.0, width, 0.3, **look))
+        ax.text(x + width / 2, 0.14, name, fontsize=7, ha="center", va="center")
+        x += width
+    arrow = {"arrowstyle": "->", "linewidth": 0.8}
+    now, then = (("k", "k+1"), ("k+1", "k+2"))[k]
+    ax.annotate("", (k + 0.05, 0.3), (k + 0.05, 1.0), arrowprops=arrow)
+    ax.text(k + 0.08, 0.5, f"$r_{{{now}}}$", fontsize=9)
+    ax.annotate("", (x - 0.05, 1.0), (x - 0.05, 0.3), arrowprops=arrow)
+    ax.text(x - 0.02, 0.5, f"$d_{{{then}}}$", fontsize=9)
+    ax.plot([x - 0.05, k + 1.0], [1.15, 1.15], color="#A9CBE6", linestyle="-", linewidth=6)
+    ax.text((x + k + 1) / 2, 1.27, f"moves to $d_{{{then}}}$", fontsize=8, ha="center")
+    step = arrow | {"connectionstyle": "arc3,rad=-0.15"}
+    ax.annotate("", (k - 0.02, -0.56), (k - 0.98, -0.56), arrowprops=step)
+
+
 def halves(scheme, coupling):
     """The same frame cut at its second floor, under a sudden load there."""
     k = 5e6
@@ -216,6 +256,7 @@ DRAWN = {
     "uses-column": (draw_uses, (3.2, 7.6)),
     "first-example": (draw_first_example, (8.0, 3.4)),
     "diverges": (draw_diverges, (8.0, 2.6)),
+    "target": (draw_target, (8.0, 2.4)),
 }
 SCHEDULES = {"staggered": "gc", "interfield-parallel": "pm"}
 

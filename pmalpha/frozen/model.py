@@ -51,7 +51,7 @@ def _restoring(member: Member, inputs: Sequence[Input], coupling: Coupling) -> A
             "negative restoring force, and that an input"
         )
     functions = () if restoring is None else restoring.functions
-    replaced = tuple(_with_inputs(x) for x in functions)
+    replaced = tuple(_with_inputs(x, where) for x in functions)
     count = sum(new is not old for new, old in zip(replaced, functions))
     if inputs and count != 1:
         raise ValueError(
@@ -71,19 +71,29 @@ def _restoring(member: Member, inputs: Sequence[Input], coupling: Coupling) -> A
     return None if restoring is None else restoring._replace(functions=replaced)
 
 
-def _with_inputs(function: Any) -> Any:
+def _with_inputs(function: Any, where: str) -> Any:
     """The same where it is data, or a word in place of a function."""
     if not isinstance(function, forms.Specimen):
         return INPUTS
     if function.function is None:
         return function
-    adaptive = any(isinstance(x, forms.Adaptive) for x in function.filters)
-    if adaptive:
+    if any(isinstance(x, forms.LinkageMatrix | forms.LinkageArms) for x in function.filters):
         raise ValueError(
-            "an adaptive compensator needs the measured displacement of its specimen, which no "
-            'input has: take method="polynomial" or "inverse"'
+            f"restoring of {where} has a Linkage, whose commands are of no dof, which an input "
+            "must have: let the loop turn the command of the dofs into those of the actuators"
+        )
+    if any(_measures(x) for x in function.filters):
+        raise ValueError(
+            f"restoring of {where} has a compensator that needs the measured displacement of its "
+            'specimen, which no input has: take method="polynomial", "inverse", or "model" without '
+            "feedback and variations"
         )
     return function._replace(function=INPUTS)
+
+
+def _measures(x: forms.Filter) -> bool:
+    learns = isinstance(x, forms.Inverse) and not (x.feedback is None and x.regressors is None)
+    return learns or isinstance(x, forms.Adaptive)
 
 
 def _check_internal(member: Member) -> None:

@@ -1021,9 +1021,9 @@ class Coupler:
         ValueError
             For functions that no input replaces, with the subdomain; loads of t, u and v; internal
             forces that are functions; moving obstacles; a specimen of several substeps under
-            "macro" or "mean"; adaptive compensators; a coupler with `comm`; the macro step across a
-            change of steps; names that are no identifiers or not unique; what does not exist. No
-            file is written then.
+            "macro" or "mean"; a linkage, or a compensator that needs the measured displacement,
+            before an input; a coupler with `comm`; the macro step across a change of steps; names
+            that are no identifiers or not unique; what does not exist. No file is written then.
         OSError
             For a file that cannot be written.
 

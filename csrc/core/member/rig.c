@@ -122,6 +122,9 @@ pma_status pma_rig_command(pma_rig *rig, const pma_substep *step, const pma_stat
 
 bool pma_rig_admits(pma_rig *rig, const pma_substep *step, const double *u, const double *v)
 {
+    rig->step = rig->commands ? step : NULL;
+    rig->u = u;
+    rig->v = v;
     return !rig->commands || is_within(rig, rig->commands, step, u, v);
 }
 

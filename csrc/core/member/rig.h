@@ -14,7 +14,8 @@ void pma_rig_destroy(pma_rig *rig); /* NULL is allowed */
 pma_status pma_rig_command(pma_rig *rig, const pma_substep *step, const pma_state *to);
 pma_status pma_rig_reply(pma_rig *rig, const pma_state *to);
 
-/* Is the command u, v (n each) of that substep within the limits, before it is given? */
+/* Is the command u, v (n each) of that substep within the limits, before it is given? Compensators
+ * work on it until pma_rig_command_first. */
 bool pma_rig_admits(pma_rig *rig, const pma_substep *step, const double *u, const double *v);
 
 /* The same of the initial values, u (n) at t, which no limit of a command concerns. */

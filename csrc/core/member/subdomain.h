@@ -109,8 +109,10 @@ size_t pma_subdomain_kept(const pma_subdomain *s, pma_state_array out[PMA_LEVEL_
  * force of a substep is evaluated, at position i, before that substep is opened. */
 void pma_subdomain_command(const pma_subdomain *s, const pma_substep *step, size_t i, double *c);
 
-/* u, v (n) := the first two at all positions; u has 4 n numbers, which are scratch. PMA_LIMITED
- * where the rig of the specimen would refuse that command. */
+/* u, v (n) := the first two at all positions; u has 4 n numbers, which are scratch, and the numbers
+ * that functions remember. PMA_LIMITED where the rig of the specimen would refuse that command.
+ * Functions that remember something are then called as in the step, and what they make of it is
+ * thrown away: one behind compensators learns what it will be given, and may return any code. */
 pma_status pma_subdomain_admit(const pma_subdomain *s, const pma_substep *step, double *u,
                                double *v);
 
