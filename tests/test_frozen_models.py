@@ -204,7 +204,7 @@ def test_an_input_behind_a_compensator_gets_its_command(library, tmp_path, metho
     lag = rig.LinearActuator(-50.0 * one, 50.0 * one, one, one) if method == "model" else None
 
     def device(restoring):
-        return rig.Compensated(restoring, 0.03, method=method, model=lag)
+        return rig.Compensated(restoring, 0.03, method=method, model=lag, bandwidth=10.0)
 
     coupler, plain = hybrid("gc", device=device), hybrid("gc")
     for one in (coupler, plain):
@@ -492,7 +492,7 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
         (frame("gc", force=compiled_force), {}, r"force of subdomain 'a' is a compiled function"),
         (linked, PORT, r"restoring of subdomain 'a' has a Linkage"),
         (behind("adaptive", delay=0.03), PORT, measures),
-        (behind("model", model=lag, feedback=1.0), PORT, measures),
+        (behind("model", model=lag, bandwidth=10.0, feedback=1.0), PORT, measures),
         (lift, {}, r"obstacles of contacts that move"),
     ]
     for coupler, inputs, message in cases:
