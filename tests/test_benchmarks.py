@@ -26,7 +26,6 @@ SCRIPTS = [
     "growth",
     "large",
     "limits",
-    "mass_scaling",
     "mean",
     "newton",
     "pacing",
