@@ -161,8 +161,6 @@ class Recording:
         advice = "choose dofs with record= or fewer time levels with every="
         self.rows_in_memory = {k: rows_of(self.steps_in_memory, self.every, k) for k in of.numbers}
         self.numbers = self._numbers(self.rows_in_memory.__getitem__)
-        # the last ones; the times of subdomains, multipliers and macro steps are often equal
-        self.computed_times: dict[tuple[int, int, int], np.ndarray] = {}
         require(8.0 * self.numbers, "the History", advice)
         self._make_arrays()
 
@@ -240,13 +238,7 @@ class Recording:
         return row_count(self.begin, end, self.every or 0, levels)
 
     def times(self, levels: int, end: int) -> np.ndarray:
-        """The times of these rows, equation (T1), in an array of its own."""
-        rows = levels, self.begin, end
-        if rows not in self.computed_times:
-            self.computed_times = {rows: self._computed_times(levels, end)}
-        return self.computed_times[rows].copy()
-
-    def _computed_times(self, levels: int, end: int) -> np.ndarray:
+        """The times of these rows, equation (T1)."""
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
