@@ -10,7 +10,7 @@ from rig_reference import H, Plant, response
 import pmalpha as pm
 from pmalpha import rig
 
-DATA = Path(__file__).with_name("data")
+DATA = Path(pm.__file__).with_name("data")
 GROWS = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 BRIEF = GROUND[: round(1.5 / H) + 1]
 
