@@ -146,7 +146,9 @@ def check_library(files: dict[str, bytes], tag: str) -> None:
         elif kind == "shared":
             check_shared(content, tag, name, "|".join(functions))
         else:
-            check_shared(content, tag, name, rf"{kind.replace('fmu', 'fmi')}[A-Z]\w+")
+            names = rf"{kind.replace('fmu', 'fmi')}[A-Z]\w+"
+            # and the functions of the library, of whose objects it is made
+            check_shared(content, tag, name, "|".join([names, *functions]))
     for name in "sources.zip", "LICENSE":
         require(C + name in files, f"{tag} has no {C}{name}")
 

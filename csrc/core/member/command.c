@@ -1,8 +1,8 @@
+/* command.c - the command of a substep that is not open yet, for loops outside. */
+
 #include "member/subdomain.h"
 
 #include "member/subdomain_struct.h"
-
-/* ---- the command of a substep that is not open yet ------------------------------------------ */
 
 void pma_subdomain_command(const pma_subdomain *s, const pma_substep *step, size_t i, double *c)
 {
