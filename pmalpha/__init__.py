@@ -53,7 +53,7 @@ if _TYPE_CHECKING:
     from .cutting.element_factors import element_parameters
     from .cutting.elements import Elements
     from .cutting.result import Cut
-    from .frozen.library import c_library
+    from .frozen.installed import c_library
     from .gradients.misfit import Misfit
     from .gradients.parameters import Parameters
     from .run.study import Study
@@ -123,7 +123,7 @@ __all__ = [
 
 # The modules of what is loaded when it is first used, for a third of the time of the import.
 _LATER = {
-    "c_library": "frozen.library",
+    "c_library": "frozen.installed",
     "cut": "cutting.cut",
     "element_parameters": "cutting.element_factors",
     "Elements": "cutting.elements",

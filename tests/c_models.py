@@ -50,9 +50,9 @@ class Library:
     """The shared library at a path."""
 
     def __init__(self, path):
-        self.library = ctypes.CDLL(str(path))
+        self.loaded = ctypes.CDLL(str(path))
         for name, (result, arguments) in SIGNATURES.items():
-            function = getattr(self.library, f"pmalpha_{name}")
+            function = getattr(self.loaded, f"pmalpha_{name}")
             function.restype, function.argtypes = result, arguments
             setattr(self, name, function)
 
@@ -64,7 +64,7 @@ class Model:
     """A model of a file, or of the bytes of one, which several models share."""
 
     def __init__(self, library, content):
-        self.library, self.handle, self.attached = library, c_void_p(), []
+        self.functions, self.handle, self.attached = library, c_void_p(), []
         message = ctypes.create_string_buffer(256)
         if isinstance(content, np.ndarray):
             self.bytes = content
@@ -78,10 +78,10 @@ class Model:
             raise Refused(status, message.value.decode())
 
     def __del__(self):
-        self.library.close(self.handle)
+        self.functions.close(self.handle)
 
     def __getattr__(self, name):
-        function = getattr(self.library, name)
+        function = getattr(self.functions, name)
         return lambda *arguments: function(self.handle, *arguments)
 
     @property

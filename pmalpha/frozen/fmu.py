@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _core
 from ..files import package_version
-from .library import c_library
+from .installed import c_library
 from .ports import Ports
 from .tree import HEADER
 
