@@ -85,28 +85,72 @@ bool fmu_step(fmu *f, double length)
 
 /* ---- states --------------------------------------------------------------------------------- */
 
-size_t fmu_state_size(const fmu *f)
+typedef struct {
+    size_t size;
+    uint64_t bytes[];
+} state_block;
+
+static state_block *block_of(size_t size)
 {
-    return pmalpha_state_size(f->model);
+    state_block *block = malloc(sizeof *block + size);
+    if (block)
+        block->size = size;
+    return block;
 }
 
-fmu_state *fmu_save(fmu *f, fmu_state *into)
+bool fmu_save(fmu *f, void **state)
 {
-    const size_t size = fmu_state_size(f);
-    fmu_state *state = into && into->size == size ? into : malloc(sizeof *state + size);
-    if (!state)
-        return NULL;
-    state->size = size;
-    if (pmalpha_save(f->model, state->bytes, size) == PMALPHA_OK)
-        return state;
-    refuse(f, "a model that has failed has no state");
-    if (state != into)
-        free(state);
-    return NULL;
+    const size_t size = pmalpha_state_size(f->model);
+    state_block *old = *state, *block = old && old->size == size ? old : block_of(size);
+    if (!block)
+        return refuse(f, "there is no memory for a state");
+    if (pmalpha_save(f->model, block->bytes, size) != PMALPHA_OK) {
+        if (block != old)
+            free(block);
+        return refuse(f, "a model that has failed has no state");
+    }
+    *state = block;
+    return true;
 }
 
-bool fmu_restore(fmu *f, const void *bytes, size_t size)
+bool fmu_restore(fmu *f, const void *state)
 {
-    return pmalpha_restore(f->model, bytes, size) == PMALPHA_OK ||
+    const state_block *block = state;
+    if (!block)
+        return refuse(f, "there is no state");
+    return pmalpha_restore(f->model, block->bytes, block->size) == PMALPHA_OK ||
            refuse(f, pmalpha_message(f->model));
+}
+
+void fmu_free(void **state)
+{
+    if (!state)
+        return;
+    free(*state);
+    *state = NULL;
+}
+
+size_t fmu_state_size(const void *state)
+{
+    return ((const state_block *)state)->size;
+}
+
+bool fmu_serialize(fmu *f, const void *state, void *bytes, size_t size)
+{
+    const state_block *block = state;
+    if (size < block->size)
+        return refuse(f, "the state has more bytes");
+    memcpy(bytes, block->bytes, block->size);
+    return true;
+}
+
+bool fmu_deserialize(fmu *f, const void *bytes, size_t size, void **state)
+{
+    state_block *block = size == pmalpha_state_size(f->model) ? block_of(size) : NULL;
+    if (!block)
+        return refuse(f, "the bytes are no state of this FMU");
+    memcpy(block->bytes, bytes, size);
+    free(*state);
+    *state = block;
+    return true;
 }

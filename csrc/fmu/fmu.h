@@ -38,14 +38,14 @@ bool fmu_set(fmu *f, uint32_t reference, double value);
  * length is no whole number of them. */
 bool fmu_step(fmu *f, double length);
 
-/* A copy of the state, in a block with its size; NULL where memory does not suffice. */
-typedef struct {
-    size_t size;
-    uint64_t bytes[];
-} fmu_state;
-
-size_t fmu_state_size(const fmu *f);
-fmu_state *fmu_save(fmu *f, fmu_state *into);
-bool fmu_restore(fmu *f, const void *bytes, size_t size);
+/* States, each in a block that *state points to, or NULL: a copy of the present, made in the block
+ * that is there if it has the size; the way back; the end of a block; its bytes, into and out of a
+ * block of the user. False with a message, nothing changed. */
+bool fmu_save(fmu *f, void **state);
+bool fmu_restore(fmu *f, const void *state);
+void fmu_free(void **state);
+size_t fmu_state_size(const void *state);
+bool fmu_serialize(fmu *f, const void *state, void *bytes, size_t size);
+bool fmu_deserialize(fmu *f, const void *bytes, size_t size, void **state);
 
 #endif

@@ -47,6 +47,12 @@ static status report(const instance *x, status s, const char *message)
     return s;
 }
 
+/* What a function of fmu.h has returned, and why. */
+static status done(const instance *x, bool well)
+{
+    return well ? OK : report(x, ERROR, x->base.message);
+}
+
 static status unsupported(component c)
 {
     return report(c, ERROR, "the FMU has no such function");
@@ -240,60 +246,40 @@ EXPORT status NAMED(fmi2SetString)(component c, const unsigned r[], size_t count
 EXPORT status NAMED(fmi2GetFMUstate)(component c, void **state)
 {
     instance *x = c;
-    fmu_state *saved = fmu_save(&x->base, *state);
-    if (!saved)
-        return report(x, ERROR, x->base.message);
-    *state = saved;
-    return OK;
+    return done(x, fmu_save(&x->base, state));
 }
 
 EXPORT status NAMED(fmi2SetFMUstate)(component c, void *state)
 {
     instance *x = c;
-    const fmu_state *saved = state;
-    return saved && fmu_restore(&x->base, saved->bytes, saved->size)
-               ? OK
-               : report(x, ERROR, x->base.message);
+    return done(x, fmu_restore(&x->base, state));
 }
 
 EXPORT status NAMED(fmi2FreeFMUstate)(component c, void **state)
 {
     (void)c;
-    if (state)
-        free(*state);
-    if (state)
-        *state = NULL;
+    fmu_free(state);
     return OK;
 }
 
 EXPORT status NAMED(fmi2SerializedFMUstateSize)(component c, void *state, size_t *size)
 {
     (void)c;
-    *size = ((const fmu_state *)state)->size;
+    *size = fmu_state_size(state);
     return OK;
 }
 
 EXPORT status NAMED(fmi2SerializeFMUstate)(component c, void *state, char bytes[], size_t size)
 {
-    const fmu_state *saved = state;
-    if (size < saved->size)
-        return report(c, ERROR, "the state has more bytes");
-    memcpy(bytes, saved->bytes, saved->size);
-    return OK;
+    instance *x = c;
+    return done(x, fmu_serialize(&x->base, state, bytes, size));
 }
 
 EXPORT status NAMED(fmi2DeSerializeFMUstate)(component c, const char bytes[], size_t size,
                                              void **state)
 {
-    const instance *x = c;
-    fmu_state *made = size == fmu_state_size(&x->base) ? malloc(sizeof *made + size) : NULL;
-    if (!made)
-        return report(x, ERROR, "the bytes are no state of this FMU");
-    made->size = size;
-    memcpy(made->bytes, bytes, size);
-    free(*state);
-    *state = made;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_deserialize(&x->base, bytes, size, state));
 }
 
 /* ---- steps ---------------------------------------------------------------------------------- */
@@ -302,7 +288,7 @@ EXPORT status NAMED(fmi2DoStep)(component c, double point, double length, boolea
 {
     instance *x = c;
     (void)point, (void)keeps;
-    return fmu_step(&x->base, length) ? OK : report(x, ERROR, x->base.message);
+    return done(x, fmu_step(&x->base, length));
 }
 
 EXPORT status NAMED(fmi2CancelStep)(component c)

@@ -2,7 +2,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "fmu/fmu.h"
 
@@ -38,6 +37,12 @@ static status report(const instance *x, status s, const char *message)
     if (x->log)
         x->log(x->environment, s, "logStatusError", message);
     return s;
+}
+
+/* What a function of fmu.h has returned, and why. */
+static status done(const instance *x, bool well)
+{
+    return well ? OK : report(x, ERROR, x->base.message);
 }
 
 static status unsupported(component c)
@@ -237,60 +242,40 @@ EXPORT status NAMED(fmi3GetVariableDependencies)(component c, reference dependen
 EXPORT status NAMED(fmi3GetFMUState)(component c, void **state)
 {
     instance *x = c;
-    fmu_state *saved = fmu_save(&x->base, *state);
-    if (!saved)
-        return report(x, ERROR, x->base.message);
-    *state = saved;
-    return OK;
+    return done(x, fmu_save(&x->base, state));
 }
 
 EXPORT status NAMED(fmi3SetFMUState)(component c, void *state)
 {
     instance *x = c;
-    const fmu_state *saved = state;
-    return saved && fmu_restore(&x->base, saved->bytes, saved->size)
-               ? OK
-               : report(x, ERROR, x->base.message);
+    return done(x, fmu_restore(&x->base, state));
 }
 
 EXPORT status NAMED(fmi3FreeFMUState)(component c, void **state)
 {
     (void)c;
-    if (state)
-        free(*state);
-    if (state)
-        *state = NULL;
+    fmu_free(state);
     return OK;
 }
 
 EXPORT status NAMED(fmi3SerializedFMUStateSize)(component c, void *state, size_t *size)
 {
     (void)c;
-    *size = ((const fmu_state *)state)->size;
+    *size = fmu_state_size(state);
     return OK;
 }
 
 EXPORT status NAMED(fmi3SerializeFMUState)(component c, void *state, uint8_t bytes[], size_t size)
 {
-    const fmu_state *saved = state;
-    if (size < saved->size)
-        return report(c, ERROR, "the state has more bytes");
-    memcpy(bytes, saved->bytes, saved->size);
-    return OK;
+    instance *x = c;
+    return done(x, fmu_serialize(&x->base, state, bytes, size));
 }
 
 EXPORT status NAMED(fmi3DeserializeFMUState)(component c, const uint8_t bytes[], size_t size,
                                              void **state)
 {
-    const instance *x = c;
-    fmu_state *made = size == fmu_state_size(&x->base) ? malloc(sizeof *made + size) : NULL;
-    if (!made)
-        return report(x, ERROR, "the bytes are no state of this FMU");
-    made->size = size;
-    memcpy(made->bytes, bytes, size);
-    free(*state);
-    *state = made;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_deserialize(&x->base, bytes, size, state));
 }
 
 /* ---- steps ---------------------------------------------------------------------------------- */
@@ -301,9 +286,9 @@ EXPORT status NAMED(fmi3DoStep)(component c, double point, double length, bool k
     instance *x = c;
     (void)point, (void)keeps;
     *needs_event = *terminates = *returned = false;
-    const bool done = fmu_step(&x->base, length);
-    *last = point + (done ? length : 0.0);
-    return done ? OK : report(x, ERROR, x->base.message);
+    const bool stepped = fmu_step(&x->base, length);
+    *last = point + (stepped ? length : 0.0);
+    return done(x, stepped);
 }
 
 EXPORT status NAMED(fmi3GetOutputDerivatives)(component c, const reference r[], size_t count,
