@@ -176,8 +176,9 @@ class Motion:
     def reached(self) -> np.ndarray:
         """The largest |g| later: of all samples; of a callable at times that double."""
         if isinstance(self.velocity, SampledForce):
-            times = self.velocity.dt * np.arange(len(self.velocity.values))
-            largest: np.ndarray = np.max([np.abs(self.velocity(t)) for t in times], axis=0)
+            values, shape = self.velocity.values, self.velocity.shape
+            samples = values if shape is None else values @ shape.T
+            largest: np.ndarray = np.abs(samples).max(axis=0)
             return largest
         if isinstance(self.velocity, np.ndarray):
             largest = np.abs(self.velocity)
