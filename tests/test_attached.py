@@ -1,5 +1,7 @@
 """Point masses, springs, dampers, viscous boundaries and light nodes of structures."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -123,6 +125,26 @@ def test_sides_between_elements_are_no_boundary():
     s = structures.plate(2, 1, 1.0, E=2.0, nu=0.0, rho=1.0)
     with pytest.raises(ValueError, match="nodes must be those of a boundary"):
         s.absorbing(s.nodes_at(x=1.0))
+
+
+def test_a_side_between_elements_of_two_kinds_is_no_boundary():
+    points = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    cells = {"quad": [[0, 1, 4, 3]], "triangle": [[1, 2, 4]]}
+    mesh = SimpleNamespace(
+        points=np.array(points),
+        cells=[SimpleNamespace(type=kind, data=np.array(x)) for kind, x in cells.items()],
+        cell_data={},
+        cell_sets={},
+        field_data={},
+        point_data={},
+        point_sets={},
+    )
+    s = structures.from_mesh(mesh, {"E": 2.0, "nu": 0.0, "rho": 1.0}, plane="strain")
+    with pytest.raises(ValueError, match="nodes must be those of a boundary"):
+        s.absorbing([1, 4])
+    # all nodes: the circumference alone
+    C = s.absorbing(range(5), c_p=1.0, c_s=1.0).C
+    assert C.diagonal().sum() == pytest.approx(2.0 * (4.0 + 2.0**0.5), rel=1e-14)
 
 
 @pytest.mark.parametrize("direction", [[1.0, 0.0], [0.0, 1.0]])

@@ -215,16 +215,21 @@ def _unshared(faces: list[Block]) -> list[Block]:
     """The faces whose corners are those of no other face; orders of elements may differ."""
     if not faces:
         return []
-    keys = np.concatenate([_corners(block) for block in faces])
-    order = np.lexsort(keys.T)
-    same = np.all(keys[order[1:]] == keys[order[:-1]], axis=1)
-    outer = np.empty(len(keys), dtype=bool)
-    outer[order] = ~(np.append(same, False) | np.insert(same, 0, False))
+    outer = unshared(np.concatenate([_corners(block) for block in faces]))
     ends = np.cumsum([len(block.nodes) for block in faces])[:-1]
     return [
         Block(block.kind, block.nodes[mask])
         for block, mask in zip(faces, np.split(outer, ends), strict=True)
     ]
+
+
+def unshared(keys: np.ndarray) -> np.ndarray:
+    """Which rows (m,) of keys (m, k) are equal to no other row."""
+    order = np.lexsort(keys.T)
+    same = np.all(keys[order[1:]] == keys[order[:-1]], axis=1)
+    outer = np.empty(len(keys), dtype=bool)
+    outer[order] = ~(np.append(same, False) | np.insert(same, 0, False))
+    return outer
 
 
 def _corners(faces: Block) -> np.ndarray:

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, positive_number, vector
 from ..meshes.kinds import KINDS
+from ..meshes.mesh import unshared
 from ..problem.forces import SampledForce
 from ..problem.record import Record
 
@@ -165,18 +166,19 @@ def _name(nodes: int, dim: int) -> str:
 
 def _sides(structure: Any, chosen: np.ndarray) -> Any:
     """Kind, nodes (s, a) and elements (s,) of the outer sides all of whose nodes are chosen."""
+    of_kinds, keys, dim = [], [], structure.points.shape[1]
     for kind, elements in structure.elements.items():
         local = _local_sides(kind)
-        sides = np.concatenate([elements[:, list(x)] for x in local if len(x) == len(local[0])])
+        sides = np.concatenate([elements[:, list(x)] for x in local])
         owners = np.tile(np.arange(len(elements)), len(local))
         inside = chosen[sides].all(axis=1)
-        sides, owners = sides[inside], owners[inside]
-        # a side of two elements is inside of the body
-        _, first, count = np.unique(
-            np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
-        )
-        outer = first[count == 1]
-        if outer.size:
+        of_kinds.append((kind, sides[inside], owners[inside]))
+        # the two ends of an edge, three corners of a face
+        keys.append(np.sort(sides[inside, : 2 * dim - 2], axis=1)[:, :dim])
+    # a side of two elements, of one kind or of two, is inside of the body
+    masks = np.split(unshared(np.concatenate(keys)), np.cumsum([len(x) for x in keys])[:-1])
+    for (kind, sides, owners), outer in zip(of_kinds, masks, strict=True):
+        if outer.any():
             yield kind, sides[outer], owners[outer]
 
 
