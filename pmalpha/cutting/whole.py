@@ -292,9 +292,11 @@ class WholeStructure(Whole):
         home[node[::-1]] = element[::-1]  # the first of each
         ends = np.where(attached.dofs == GROUND, attached.dofs[:, ::-1], attached.dofs) // self._d
         springs = home[ends[:, 0]]
-        for i in np.flatnonzero(ends[:, 0] != ends[:, 1]):
-            both = np.intersect1d(element[node == ends[i, 0]], element[node == ends[i, 1]])
-            springs[i] = both[0] if both.size else springs[i]
+        apart = np.flatnonzero(ends[:, 0] != ends[:, 1])
+        at_nodes = sp.csr_array((np.ones(node.size), (node, element)))
+        both = sp.csr_array(at_nodes[ends[apart, 0]] * at_nodes[ends[apart, 1]])
+        some = np.diff(both.indptr) > 0
+        springs[apart[some]] = both.indices[both.indptr[:-1][some]]  # the first of each
         return home, springs
 
     def _attached(self, chosen: np.ndarray, dofs: np.ndarray) -> Attached:
