@@ -4,6 +4,10 @@
 #ifndef PMALPHA_MODEL_H
 #define PMALPHA_MODEL_H
 
+#if defined(__FAST_MATH__)
+#error "pmalpha needs arithmetic as it is written: compile without -ffast-math"
+#endif
+
 #include <stdbool.h>
 
 #include "coupling/coupler.h"
