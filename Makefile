@@ -294,12 +294,12 @@ build/sanitized/_core.abi3.so build/races/_core.abi3.so build/covered/_core.abi3
 		$(filter %.c %.o,$^) -lm -o $@
 
 # The C library by a compiler and make alone: make install-c PREFIX=/usr/local. THREADS=none leaves
-# threads out, for systems that have none; CFLAGS come last.
+# threads out, for systems that have none; CFLAGS come last. Each compiler has objects of its own.
 PREFIX      ?= /usr/local
 OF_THREADS  := csrc/core/workers/thread.c
 C_LIBRARY   := $(filter-out $(OF_THREADS),$(CORE)) $(wildcard csrc/library/*.c) \
 	$(if $(filter none,$(THREADS)),csrc/library/none/thread.c,$(OF_THREADS))
-C_BUILD     := build/c$(if $(filter none,$(THREADS)),-none)
+C_BUILD     := build/c-$(subst $() ,-,$(notdir $(CC)))$(if $(filter none,$(THREADS)),-none)
 C_OBJECTS   := $(C_LIBRARY:%.c=$(C_BUILD)/%.o)
 PTHREAD     := $(if $(filter none,$(THREADS)),,-pthread)
 C_VERSION    = $(shell sed -n 's/^version = "\([^"]*\)".*/\1/p' pyproject.toml)

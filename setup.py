@@ -101,8 +101,8 @@ class Build(build_ext):
         except CCompilerError as error:
             raise CCompilerError(f"{error}\n{WITHOUT_A_COMPILER}") from None
         if self.inplace:
+            Path(self.LIBRARY).mkdir(exist_ok=True)
             for path in sorted(Path(self.build_lib, self.LIBRARY).iterdir()):
-                Path(self.LIBRARY).mkdir(exist_ok=True)
                 self.copy_file(str(path), self.LIBRARY)
         if self.inplace and STABLE:
             for path in Path("pmalpha").glob("_core.cpython-*"):

@@ -4,6 +4,10 @@
 #ifndef PMALPHA_MODEL_H
 #define PMALPHA_MODEL_H
 
+#if defined(__FAST_MATH__)
+#error "pmalpha needs arithmetic as it is written: compile without -ffast-math"
+#endif
+
 #include <stdbool.h>
 
 #include "coupling/coupler.h"
@@ -45,8 +49,6 @@ typedef struct {
     bool is_tried;       /* commands are computed as a whole, for limits or compensators */
     bool asks;           /* specimens are called for what they are given, not for a force */
     double *u, *v;       /* 4 n and what functions remember, n: scratch, if it is tried */
-    pma_load loads[1];   /* what its inputs are called by */
-    const pma_field *fields;
 } pmalpha_member;
 
 struct pmalpha_model {

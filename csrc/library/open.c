@@ -1,11 +1,9 @@
 /* open.c - a model from the tree of its file. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "algebra/blas.h"
 #include "library/model.h"
-#include "workers/denormals.h"
 
 /* ---- inputs, as the core calls them ---------------------------------------------------------- */
 

@@ -43,9 +43,6 @@ SUFFIXES = {"darwin": ".dylib", "win32": ".dll"}
 DIGITS = """/* digits.h - before all else: a fused multiply-add would round otherwise. */
 #ifndef PMALPHA_DIGITS_H
 #define PMALPHA_DIGITS_H
-#if defined(__FAST_MATH__)
-#error "pmalpha needs arithmetic as it is written: compile without -ffast-math"
-#endif
 #pragma STDC FP_CONTRACT OFF
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC optimize("fp-contract=off")

@@ -41,18 +41,18 @@ class Output(NamedTuple):
 
 @dataclass(frozen=True)
 class Ports:
-    """The inputs and outputs of a model.
-
-    keys: the names and subdomains of the coupler.
-    rows: number of rows of its constraints.
-    """
+    """The inputs and outputs of a model."""
 
     inputs: tuple[Input, ...]
     outputs: tuple[Output, ...]
 
     @classmethod
     def of(cls, inputs: Any, outputs: Any, keys: Keys, rows: int) -> Ports:
-        """Checked; ValueError for what does not exist, by its name."""
+        """Checked; ValueError for what does not exist, by its name.
+
+        keys: the names and subdomains of the coupler.
+        rows: number of rows of its constraints.
+        """
         for ports, argument in ((inputs, "inputs"), (outputs, "outputs")):
             if ports is not None and not isinstance(ports, Mapping):
                 raise TypeError(f"{argument} must be a dict by name, got {ports!r}")
