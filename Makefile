@@ -38,9 +38,8 @@ demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
 
 test: $(VENV)/.test
-	@echo "8000 tests of the package and its files on $(JOBS) processors: 670 s of processor time on busy"
-	@echo "ones, so 6 minutes on two. Not among them: make others (3 to 9 minutes), make ctest (1 to 2),"
-	@echo "make campaigns (two hours)."
+	@echo "8200 tests of the package and its files on $(JOBS) processors: about 8 minutes on two."
+	@echo "Not among them: make others (3 to 9 minutes), make ctest (1 to 2), make campaigns (two hours)."
 	$(PYTEST) -m "not gate and not campaign" $(ARGS)
 
 # Tests of iterations and of stability once more, under a kernel of OpenBLAS that is older than the one

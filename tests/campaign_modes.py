@@ -7,7 +7,6 @@ denormal numbers are what they were for the caller. What else happens is counted
 """
 
 import os
-import random
 import signal
 import sys
 import threading
@@ -144,7 +143,7 @@ def decaying(rng, evaluated):
         return 0.1 * u
 
     called = [{}, {"force": load}, {"force": load, "restoring": restoring}][int(rng.integers(3))]
-    how = dict(v0=scale * np.ones(n), scheme=SCHEMES[int(rng.integers(2))])
+    how = dict(v0=scale * np.ones(n), scheme=SCHEMES[int(rng.integers(len(SCHEMES)))])
     a = pm.Subdomain(np.ones(n), K, 2.0 * np.eye(n), name="a", **how, **called)
     b = pm.Subdomain(np.ones(n), K, 2.0 * np.eye(n), name="b", substeps=3, **how)
     coupling = ("pm", "gc", "macro", "mean")[int(rng.integers(4))]
@@ -182,7 +181,6 @@ TRIALS = (forked, interrupted, decayed, decayed)
 def attempt(seed, counts, trials=TRIALS):
     """One trial, the seed's."""
     trial, rng = trials[seed % len(trials)], np.random.default_rng([seed, 19])
-    random.seed(seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = trial(rng)

@@ -17,21 +17,6 @@ static pma_status take_rows(const pma_field *of, const char *name, int64_t *rows
     return PMA_OK;
 }
 
-/* Each in 0..size-1 */
-static pma_status take_positions(const pma_field *of, const char *name, size_t size, size_t *count,
-                                 const int64_t **out)
-{
-    const pma_field positions = pma_field_at(of, name);
-    const void *data = NULL;
-    PMA_TRY(pma_field_vector(&positions, PMA_INT64S, count, &data));
-    *out = data;
-    for (size_t i = 0; i < *count; i++) {
-        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size)
-            return pma_field_refuse(&positions, "has a position that is out of range");
-    }
-    return PMA_OK;
-}
-
 static pma_status check_rows(const pma_field *f, int64_t rows, size_t last_row)
 {
     return rows >= 0 && (size_t)rows > last_row ? PMA_OK : pma_field_refuse(f, "has too few rows");
@@ -42,8 +27,9 @@ static pma_status check_rows(const pma_field *f, int64_t rows, size_t last_row)
 /* {number, deformation, force} */
 static pma_status take_springs(const pma_field *f, int64_t *rows, pma_selection *out)
 {
+    const pma_field number = pma_field_at(f, "number");
     PMA_TRY(pma_field_dict(f));
-    PMA_TRY(take_positions(f, "number", out->of_springs, &out->springs, &out->spring));
+    PMA_TRY(pma_field_positions(&number, out->of_springs, &out->springs, &out->spring));
     PMA_TRY(take_rows(f, "deformation", rows, out->springs, &out->deformation));
     return take_rows(f, "force", rows, out->springs, &out->force);
 }
@@ -53,13 +39,13 @@ static pma_status take_combination(const pma_field *of, const char *name, size_t
                                    pma_combination *out)
 {
     const pma_field f = pma_field_at(of, name), start = pma_field_at(&f, "start");
-    const pma_field weight = pma_field_at(&f, "weight");
+    const pma_field position = pma_field_at(&f, "position"), weight = pma_field_at(&f, "weight");
     size_t count;
     if (pma_field_is_none(&f))
         return PMA_OK;
     PMA_TRY(pma_field_dict(&f));
     PMA_TRY(pma_field_longs(&start, rows + 1, &out->start));
-    PMA_TRY(take_positions(&f, "position", size, &count, &out->position));
+    PMA_TRY(pma_field_positions(&position, size, &count, &out->position));
     PMA_TRY(pma_field_doubles(&weight, count, &out->weight));
     if (pma_are_starts(rows, out->start) && out->start[rows] == (int64_t)count)
         return PMA_OK;
@@ -117,13 +103,14 @@ static pma_status take_selection(const pma_field *f, const pma_parts *parts, siz
 {
     const pma_field springs = pma_field_at(f, "springs"), outputs = pma_field_at(f, "outputs");
     const pma_field internal = pma_field_at(f, "internal"), rig = pma_field_at(f, "rig");
+    const pma_field position = pma_field_at(f, "position");
     int64_t rows = -1;
     *out =
         (pma_selection){.of_springs = parts->springs.total, .of_history = parts->internal.history};
     if (pma_field_is_none(f))
         return PMA_OK;
     PMA_TRY(pma_field_dict(f));
-    PMA_TRY(take_positions(f, "position", parts->n, &out->count, &out->position));
+    PMA_TRY(pma_field_positions(&position, parts->n, &out->count, &out->position));
     PMA_TRY(take_rows(f, "u", &rows, out->count, &out->u));
     PMA_TRY(take_rows(f, "v", &rows, out->count, &out->v));
     PMA_TRY(take_rows(f, "a", &rows, out->count, &out->w));

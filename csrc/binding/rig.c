@@ -35,14 +35,8 @@ static pma_status take_times(const pma_field *f, pma_pace *pace, int64_t **state
 static pma_status take_monitored(const pma_field *f, size_t n, pma_stamp *stamp)
 {
     const pma_field positions = pma_field_at(f, "positions"), last = pma_field_at(f, "last");
-    const void *data = NULL;
     PMA_TRY(pma_field_dict(f));
-    PMA_TRY(pma_field_vector(&positions, PMA_INT64S, &stamp->count, &data));
-    stamp->position = data;
-    for (size_t i = 0; i < stamp->count; i++) {
-        if (stamp->position[i] < 0 || (size_t)stamp->position[i] >= n)
-            return pma_field_refuse(&positions, "has a position that is out of range");
-    }
+    PMA_TRY(pma_field_positions(&positions, n, &stamp->count, &stamp->position));
     int64_t shape[2] = {2, (int64_t)stamp->count};
     PMA_TRY(pma_field_output(&last, 2, shape, &stamp->command));
     stamp->force = stamp->command + stamp->count;

@@ -81,11 +81,10 @@ class Recorded:
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
-        has_rig = rig is not None and flag(rig, "rig")
-        if has_rig:
+        if rig:
             self.dofs = with_rigs(self.dofs, self.keys)
         self.columns = [
-            recorded_columns(*arguments, has_rig)
+            recorded_columns(*arguments, bool(rig))
             for arguments in zip(members, self.dofs, self.springs)
         ]
         self.interface_columns = self._interface_columns()

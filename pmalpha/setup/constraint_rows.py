@@ -286,7 +286,7 @@ class ConstraintRows:
     @cached_property
     def held(self) -> np.ndarray:
         """(p,) array of bool: rows of one dof alone, which leave no gap where it is displaced."""
-        counts = [np.bincount(link.matrix.indices, minlength=self.p) for link in self._given]
+        counts = [np.bincount(link.index, minlength=self.p) for link in self._given]
         result: np.ndarray = sum(joined(self.ranks, counts), np.zeros(self.p, dtype=int)) == 1
         return result
 

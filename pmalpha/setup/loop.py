@@ -15,7 +15,7 @@ from ..problem.actuators import Compensated
 from ..problem.device import Device, core_specimen
 from ..problem.linear_actuator import LinearActuator, at_rest
 from ..problem.restoring import items_of
-from ..problem.springs import Spring
+from ..problem.springs import Spring, stiffness
 from ..problem.subdomain import dense_whole
 from .member import Member
 
@@ -140,18 +140,18 @@ def _structure(
     starts = np.concatenate([[0], np.cumsum([s.n for s in subdomains])])
     first = {id(member): int(at) for member, at in zip(members, starts)}
     for member, (begin, end) in zip(members, pairwise(starts)):
-        for spring in (x for x in items_of(member.subdomain.restoring) if isinstance(x, Spring)):
-            K[begin:end, begin:end] += spring_stiffness(spring, member.n)
+        springs = member.subdomain.springs
+        K[begin:end, begin:end] += stiffness(springs, "initial_tangent", member.n).toarray()
     L = np.hstack([member.L.matrix[:, member.position].toarray() for member in members])
     Z = null_space(L) if L.size else np.eye(len(K))
-    stiffness = K.copy()
+    K_static = K.copy()
     for member, item in rigs:
         actuator, at = item.innermost, first[id(member)] + np.asarray(item.dofs)
         rig = _static_stiffness(actuator)
-        stiffness[np.ix_(at, at)] += 0.5 * (rig + rig.T)
+        K_static[np.ix_(at, at)] += 0.5 * (rig + rig.T)
     try:
         # of M against K: dofs without mass have the value 0
-        values, vectors = eigh(Z.T @ M @ Z, Z.T @ stiffness @ Z)
+        values, vectors = eigh(Z.T @ M @ Z, Z.T @ K_static @ Z)
     except LinAlgError:
         return None
     h = rigs[0][0].h
@@ -165,15 +165,6 @@ def _static_stiffness(actuator: LinearActuator) -> np.ndarray:
     """Forces over displacements under a constant command."""
     rest = at_rest(actuator.A, actuator.B)
     return np.asarray(actuator.F @ rest @ np.linalg.inv(actuator.C @ rest))
-
-
-def spring_stiffness(spring: Spring, n: int) -> np.ndarray:
-    """The initial stiffness of springs, (n, n)."""
-    K = np.zeros((n + 1, n + 1))  # the last row is the ground
-    for (a, b), k in zip(spring.dofs, spring.initial_tangent):
-        ends = [a, b]
-        K[np.ix_(ends, ends)] += k * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    return K[:n, :n]
 
 
 # ---- one step of the loop ------------------------------------------------------------------------

@@ -234,6 +234,18 @@ pma_status pma_field_ints(const pma_field *f, size_t n, const int32_t **out)
     return PMA_OK;
 }
 
+pma_status pma_field_positions(const pma_field *f, size_t size, size_t *count, const int64_t **out)
+{
+    const void *data = NULL;
+    PMA_TRY(pma_field_vector(f, PMA_INT64S, count, &data));
+    *out = data;
+    for (size_t i = 0; i < *count; i++) {
+        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size)
+            return pma_field_refuse(f, "has a position that is out of range");
+    }
+    return PMA_OK;
+}
+
 pma_status pma_field_output(const pma_field *f, uint32_t axes, int64_t *extent, double **out)
 {
     const void *data = NULL;

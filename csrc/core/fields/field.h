@@ -121,6 +121,9 @@ pma_status pma_field_doubles(const pma_field *f, size_t n, const double **out);
 pma_status pma_field_longs(const pma_field *f, size_t n, const int64_t **out);
 pma_status pma_field_ints(const pma_field *f, size_t n, const int32_t **out);
 
+/* Integers in 0..size-1, any number of them. */
+pma_status pma_field_positions(const pma_field *f, size_t size, size_t *count, const int64_t **out);
+
 /* One that may be written. */
 pma_status pma_field_output(const pma_field *f, uint32_t axes, int64_t *extent, double **out);
 

@@ -96,12 +96,9 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
 pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
 {
     const pma_field order = pma_field_at(of, "order");
-    PMA_TRY(pma_field_longs(&order, n, out));
-    for (size_t i = 0; i < n; i++) {
-        if ((*out)[i] < 0 || (size_t)(*out)[i] >= n)
-            return pma_field_refuse(&order, "has a position that is out of range");
-    }
-    return PMA_OK;
+    size_t count;
+    PMA_TRY(pma_field_positions(&order, n, &count, out));
+    return count == n ? PMA_OK : pma_field_refuse(&order, "must have a dof for each position");
 }
 
 pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out)

@@ -57,17 +57,9 @@ static pma_status take_linear(const pma_field *f, size_t width, pma_linear *out)
 static pma_status take_dofs(const pma_field *f, size_t n, pma_specimen *out)
 {
     const pma_field dofs = pma_field_at(f, "dofs");
-    const void *data = NULL;
     out->n = out->width = n;
-    if (pma_field_is_none(&dofs))
-        return PMA_OK;
-    PMA_TRY(pma_field_vector(&dofs, PMA_INT64S, &out->width, &data));
-    out->dofs = data;
-    for (size_t i = 0; i < out->width; i++) {
-        if (out->dofs[i] < 0 || (size_t)out->dofs[i] >= n)
-            return pma_field_refuse(&dofs, "has a dof that is out of range");
-    }
-    return PMA_OK;
+    return pma_field_is_none(&dofs) ? PMA_OK
+                                    : pma_field_positions(&dofs, n, &out->width, &out->dofs);
 }
 
 static pma_status take_filters(const pma_field *f, pma_specimen *out)

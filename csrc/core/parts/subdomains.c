@@ -121,12 +121,7 @@ pma_status pma_parts_responses(const pma_field *f, const pma_parts *parts, pma_u
     PMA_TRY(pma_field_dict(f));
     if (!parts->has_responses)
         return pma_field_refuse(f, "must be of a subdomain that has them");
-    PMA_TRY(pma_field_vector(&rows, PMA_INT64S, &out->count, &data));
-    out->rows = data;
-    for (size_t i = 0; i < out->count; i++) {
-        if (out->rows[i] < 0 || (size_t)out->rows[i] >= parts->link.p)
-            return pma_field_refuse(&rows, "has a constraint that is out of range");
-    }
+    PMA_TRY(pma_field_positions(&rows, parts->link.p, &out->count, &out->rows));
     int64_t extents[3] = {(int64_t)out->count, 4, (int64_t)parts->n};
     PMA_TRY(pma_field_array(&states, PMA_DOUBLES, 3, extents, &data));
     out->values = data;
