@@ -175,13 +175,26 @@ def test_extrapolation_by_the_delay_at_the_first_frequency_makes_the_loop_grow()
     assert growth(history, 2.5) > 3.0  # 3.7 from the poles
 
 
-@pytest.mark.parametrize(("delay", "rate"), [(0.0087, -0.0028), (0.0090, 0.0203)])
-def test_a_loop_just_beyond_its_margin_grows_and_is_warned_of(delay, rate):
-    """Case 4 with a dead time that the model does not have; its poles cross at 8.74 ms."""
+@pytest.mark.parametrize(
+    ("case", "delay", "ahead", "rate"),
+    [
+        (4, 0.0087, None, -0.0028),
+        (4, 0.0090, None, 0.0203),
+        (1, 0.02, 0.004, 0.0984),
+        (1, 0.02, 0.012, -0.5257),
+    ],
+)
+def test_a_loop_just_beyond_its_margin_grows_and_is_warned_of(case, delay, ahead, rate):
+    """With a dead time that the model does not have; of case 4 its poles cross at 8.74 ms.
+
+    What extrapolates commands `ahead` of the inverse extrapolates their velocities too.
+    """
     specimen = rig.Compensated(actuator(delay=delay), method="model", model=actuator())
+    if ahead is not None:
+        specimen = rig.Compensated(specimen, ahead)
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always", StabilityWarning)
-        history = run(4, specimen, a=np.append(SHORT, np.zeros(SHORT.size)))
+        history = run(case, specimen, a=np.append(SHORT, np.zeros(SHORT.size)))
     growing = [str(x.message) for x in seen if "grows as exp" in str(x.message)]
     # peaks of 24 s, sampled 4096 times a second
     assert growth(history, 6.0) == pytest.approx(rate, abs=2e-4)

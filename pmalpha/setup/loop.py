@@ -247,7 +247,7 @@ def _size(part: Any, width: int) -> int:
     if isinstance(part, forms.Linear):
         return (_ring(part.lag) + 1) * width + len(part.phi)
     if isinstance(part, forms.Actuator):
-        return (_ring(part.lag) + 1 + len(part.phi)) * width
+        return (2 * _ring(part.lag) + 1 + len(part.phi)) * width
     if isinstance(part, forms.Inverse):
         feedback = 0 if part.feedback is None else len(part.feedback.A)
         return len(part.command.A) + feedback + 3 * width
@@ -282,15 +282,18 @@ def _send(
     u, v, a = command
     width = len(u)
     if isinstance(part, forms.Actuator):
-        ring, last, z = np.split(state, [_ring(part.lag) * width, (_ring(part.lag) + 1) * width])
+        length, order = _ring(part.lag) * width, len(part.phi)
+        ring, rates, last, z = np.split(state, np.cumsum([length, length, width]))
         c, ring = _late(part, u, ring)
-        order = len(part.phi)
+        rate, rates = _late(part, v, rates)
         if order == 0:
-            return [c, v, a], np.concatenate([ring, c])
+            return [c, rate, a], np.concatenate([ring, rates, c])
         z = z.reshape(order, width, -1)
         z = np.tensordot(part.phi, z, 1)
         z += part.before[:, None, None] * last + part.after[:, None, None] * c
-        return [z[0], v, a], np.concatenate([ring, c, z.reshape(order * width, -1)])
+        rate = np.tensordot(part.slope[:order], z, 1) + part.slope[order] * c
+        end = np.concatenate([ring, rates, c, z.reshape(order * width, -1)])
+        return [z[0], rate, a], end
     if isinstance(part, forms.Inverse):
         return _invert(part, command, state)
     J = _jacobian(part)
