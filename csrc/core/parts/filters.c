@@ -27,6 +27,17 @@ pma_status pma_parts_delay(const pma_field *f, pma_delay *out)
     return PMA_OK;
 }
 
+pma_status pma_parts_rectangle(const pma_field *of, const char *key, size_t rows, size_t columns,
+                               const double **out)
+{
+    const pma_field matrix = pma_field_at(of, key);
+    int64_t shape[2] = {(int64_t)rows, (int64_t)columns};
+    const void *data = NULL;
+    PMA_TRY(pma_field_array(&matrix, PMA_DOUBLES, 2, shape, &data));
+    *out = data;
+    return PMA_OK;
+}
+
 /* ---- actuators ------------------------------------------------------------------------------ */
 
 static pma_status take_dynamics(const pma_field *f, pma_actuator *out)
@@ -85,18 +96,7 @@ static pma_status take_adaptive(const pma_field *f, pma_adaptive *out)
 
 /* ---- the inverse of a model ----------------------------------------------------------------- */
 
-static pma_status take_matrix(const pma_field *of, const char *name, size_t rows, size_t columns,
-                              const double **out)
-{
-    const pma_field matrix = pma_field_at(of, name);
-    int64_t shape[2] = {(int64_t)rows, (int64_t)columns};
-    const void *data = NULL;
-    PMA_TRY(pma_field_array(&matrix, PMA_DOUBLES, 2, shape, &data));
-    *out = data;
-    return PMA_OK;
-}
-
-/* outputs: a multiple of `width`, which is returned; None: without states */
+/* outputs: a multiple of `width`; None: without states */
 static pma_status take_modal(const pma_field *f, size_t width, pma_modal *out)
 {
     const pma_field A = pma_field_at(f, "A"), D = pma_field_at(f, "D");
@@ -116,9 +116,9 @@ static pma_status take_modal(const pma_field *f, size_t width, pma_modal *out)
     out->outputs = (size_t)through[0];
     if (out->outputs == 0 || out->outputs % width != 0)
         return pma_field_refuse(&D, "must have rows of each command");
-    PMA_TRY(take_matrix(f, "B", out->states, width, &out->B));
-    PMA_TRY(take_matrix(f, "C", out->outputs, out->states, &out->C));
-    return take_matrix(f, "rest", out->states, width, &out->rest);
+    PMA_TRY(pma_parts_rectangle(f, "B", out->states, width, &out->B));
+    PMA_TRY(pma_parts_rectangle(f, "C", out->outputs, out->states, &out->C));
+    return pma_parts_rectangle(f, "rest", out->states, width, &out->rest);
 }
 
 static pma_status take_inverse(const pma_field *f, size_t width, pma_inverse *out)
@@ -158,10 +158,10 @@ static pma_status take_linkage(const pma_field *f, size_t width, pma_linkage *ou
     out->has_arms = pma_field_has(f, "arms");
     PMA_TRY(pma_field_allocate(f, width, sizeof *out->work, (void *)&out->work));
     if (!out->has_arms) {
-        PMA_TRY(take_matrix(f, "matrix", width, width, &out->matrix));
-        return take_matrix(f, "inverse", width, width, &out->inverse);
+        PMA_TRY(pma_parts_rectangle(f, "matrix", width, width, &out->matrix));
+        return pma_parts_rectangle(f, "inverse", width, width, &out->inverse);
     }
-    PMA_TRY(take_matrix(f, "arms", 2, 2, &arms));
+    PMA_TRY(pma_parts_rectangle(f, "arms", 2, 2, &arms));
     if (width != 2)
         return pma_field_refuse(f, "must be of two commands");
     for (size_t i = 0; i < 2; i++) {

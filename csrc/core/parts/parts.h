@@ -62,11 +62,15 @@ pma_status pma_parts_springs(const pma_field *f, pma_springs *out);
 /* None, or {functions, order, load}: the sum of functions, each of the user or a specimen */
 pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out);
 
+/* Doubles (rows, columns), by rows */
+pma_status pma_parts_rectangle(const pma_field *of, const char *key, size_t rows, size_t columns,
+                               const double **out);
+
 /* {lag, weight} of a delay */
 pma_status pma_parts_delay(const pma_field *f, pma_delay *out);
 
-/* {filters, linear, springs, function, dofs, compensators, leading, h}; linear is None or {states,
- * phi, before, after, rest, displacement, force, lag, weight, largest, noise, force_noise, quantum,
+/* {filters, linear, springs, function, dofs, compensators, leading, h}; linear is None or {phi,
+ * before, after, rest, displacement, force, lag, weight, largest, noise, force_noise, quantum,
  * seed}; dofs are of its commands, None: all. by_caller is set if it calls such a function. */
 pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, bool *by_caller);
 

@@ -32,21 +32,11 @@ static pma_status take_linear(const pma_field *f, size_t width, pma_linear *out)
     out->phi = data;
     out->inputs = width;
     out->states = (size_t)square[0];
-    const struct {
-        const char *name;
-        int64_t shape[2];
-        const double **to;
-    } matrices[5] = {{"before", {square[0], (int64_t)width}, &out->before},
-                     {"after", {square[0], (int64_t)width}, &out->after},
-                     {"rest", {square[0], (int64_t)width}, &out->rest},
-                     {"displacement", {(int64_t)width, square[0]}, &out->displacement},
-                     {"force", {(int64_t)width, square[0]}, &out->force}};
-    for (size_t i = 0; i < 5; i++) {
-        const pma_field matrix = pma_field_at(f, matrices[i].name);
-        int64_t shape[2] = {matrices[i].shape[0], matrices[i].shape[1]};
-        PMA_TRY(pma_field_array(&matrix, PMA_DOUBLES, 2, shape, &data));
-        *matrices[i].to = data;
-    }
+    PMA_TRY(pma_parts_rectangle(f, "before", out->states, width, &out->before));
+    PMA_TRY(pma_parts_rectangle(f, "after", out->states, width, &out->after));
+    PMA_TRY(pma_parts_rectangle(f, "rest", out->states, width, &out->rest));
+    PMA_TRY(pma_parts_rectangle(f, "displacement", width, out->states, &out->displacement));
+    PMA_TRY(pma_parts_rectangle(f, "force", width, out->states, &out->force));
     PMA_TRY(pma_field_allocate(f, out->states, sizeof *out->work, (void *)&out->work));
     return take_sensors(f, out);
 }
