@@ -87,8 +87,7 @@ def growth_of(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) 
         return None
     z = np.linalg.eigvals(loop.step(np.eye(loop.size)))
     z = z[np.abs(z) > 0.5]
-    with np.errstate(divide="ignore"):
-        s = np.log(z) / loop.h
+    s = np.log(z) / loop.h
     growing = s[s.real > NEGLIGIBLE * np.abs(s)]
     growing = growing[growing.real * loop.h > 1e-9]  # rounding of rigid motions
     if not growing.size:
@@ -114,7 +113,7 @@ def _is_known(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) 
             for member in members
             for item in items_of(member.subdomain.restoring)
         )
-        and not any(x.has_feedback for x in (member.subdomain for member in members))
+        and not any(member.subdomain.has_feedback for member in members)
     )
 
 
