@@ -343,6 +343,8 @@ def _system(A: Any, B: Any, C: Any, F: Any) -> tuple[np.ndarray, ...]:
 
 def _of_zpk(zeros: Any, poles: Any, gain: Any, specimen: Sequence[Any]) -> tuple[np.ndarray, ...]:
     """A, B, C and F; specimen: stiffness, damping and mass."""
+    from scipy.linalg import block_diag
+
     gains = real_array(np.atleast_2d(np.asarray(gain, dtype=float)), "gain", 2)
     n = len(gains)
     if gains.shape != (n, n):
@@ -352,12 +354,8 @@ def _of_zpk(zeros: Any, poles: Any, gain: Any, specimen: Sequence[Any]) -> tuple
     if excess < 1:
         raise ValueError("poles must be more than zeros: a specimen has no force at once")
     blocks = [_column([row[j] for row in Z], [row[j] for row in P], gains[:, j]) for j in range(n)]
-    sizes = [len(block[0]) for block in blocks]
-    A, B = np.zeros((sum(sizes), sum(sizes))), np.zeros((sum(sizes), n))
-    at = 0
-    for j, (block, b, _) in enumerate(blocks):
-        A[at : at + len(b), at : at + len(b)], B[at : at + len(b), j] = block, b
-        at += len(b)
+    A = block_diag(*(block for block, _, _ in blocks))
+    B = block_diag(*(b[:, None] for _, b, _ in blocks))
     C = np.hstack([c for _, _, c in blocks])
     k, c, m = (
         _of_specimen(x, n, name) for x, name in zip(specimen, ("stiffness", "damping", "mass"))
