@@ -134,22 +134,16 @@ class Filter:
         return y
 
 
-def no_compensation(d, v, a, error):
-    return d
-
-
 class ModelInverse:
     """(Y14) and (Y15) of the nominal plant."""
 
-    def __init__(self, tests, model=None, bandwidth=100.0, feedback=0.0, tau=0.0):
-        D = (model or Plant()).inverse
-        W = low_pass(5, bandwidth)
-        c1, c2 = W[-2], W[-3]
-        self.l1, self.l2 = c1 + tau, c2 + c1 * tau + 0.5 * tau**2
+    def __init__(self, tests, feedback=0.0):
+        D, W = Plant().inverse, low_pass(5, 100.0)
+        self.l1, self.l2 = W[-2], W[-3]
         self.forward = Filter(bilinear(D, W), tests, rest=np.zeros(tests))
         self.integral = None
         if feedback:
-            Q = low_pass(5, min(60.0, 0.6 * bandwidth))
+            Q = low_pass(5, 60.0)
             system = bilinear(2.0 * np.pi * feedback * D, np.append(Q, 0.0))
             self.integral = Filter(system, tests)
 
@@ -171,7 +165,7 @@ class Loop:
     f: np.ndarray
 
 
-def run(cases, plants, a, compensation, *, hold="linear"):
+def run(cases, plants, a, compensation):
     """Tests side by side: cases and plants of each, all at rest at first; no noise."""
     tests, steps = len(cases), len(a)
     whole = [structure(case) for case in cases]
@@ -182,7 +176,7 @@ def run(cases, plants, a, compensation, *, hold="linear"):
         C[i, 0, 0] -= plant.damping
         Kn[i, 0, 0] -= plant.stiffness
     S = np.linalg.inv(M + 0.5 * H * C)
-    phi, G0, G1 = _held(plants, hold)
+    phi, G0, G1 = _held(plants)
     u, v, w = (np.zeros((tests, 3)) for _ in range(3))
     last_w, z, c, error = w, np.zeros((tests, 5)), np.zeros(tests), np.zeros(tests)
     out = Loop(np.zeros((steps, tests, 3)), *(np.zeros((steps, tests)) for _ in range(3)))
@@ -202,7 +196,7 @@ def run(cases, plants, a, compensation, *, hold="linear"):
     return out
 
 
-def _held(plants, hold):
+def _held(plants):
     """Phi, and the columns of the last command and of this one, of each plant."""
     parts = []
     for plant in plants:
@@ -210,8 +204,5 @@ def _held(plants, hold):
         E = np.zeros((7, 7))
         E[:5, :5], E[:5, 5], E[5, 6] = A, B, RATE
         E = expm(H * E)[:5]
-        before, after = E[:, 5] - E[:, 6], E[:, 6]
-        if hold == "zero":
-            before, after = E[:, 5], 0.0 * after
-        parts.append((E[:, :5], before, after))
+        parts.append((E[:, :5], E[:, 5] - E[:, 6], E[:, 6]))
     return [np.array(x) for x in zip(*parts)]
