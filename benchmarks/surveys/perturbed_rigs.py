@@ -5,11 +5,10 @@
 
 El Centro of the package times 0.4, all of it, with 5 s of rest before and after, and the noise of
 the sensors. Each plant of each case is a run of 209 000 steps, a second; the rows are written to
-benchmarks/results/perturbed_rigs.csv, in place of those of the same case and method.
+benchmarks/results/perturbed_rigs.csv.
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from rig_reference import CASES, DRAWN, FORCE_NOISE, NOISE, H, Plant, ground, pe
 from pmalpha import rig
 
 sys.path.append(str(Path(__file__).parents[1]))
-from timing import RESULTS, report
+from timing import report
 
 REST = 5.0
 RECORD = ground(VALUES, DT, DT * len(VALUES) + 2.0 * REST, REST)
@@ -52,25 +51,13 @@ def rows_of(case, method):
     ]
 
 
-def with_the_others(rows):
-    """The rows, and those of the file of other cases and methods."""
-    path, new = RESULTS / "perturbed_rigs.csv", {(row["case"], row["method"]) for row in rows}
-    if path.exists():
-        with open(path, newline="") as file:
-            for old in csv.DictReader(file):
-                if (int(old["case"]), old["method"]) not in new:
-                    row = {name: old[name] for name in ("case", "method", "plants")}
-                    row |= {f"J{k}": float(old[f"J{k}"]) for k in range(1, 10)}
-                    rows.append(row | {"case": int(old["case"])})
-    order = list(METHODS)
-    return sorted(rows, key=lambda row: (row["case"], order.index(row["method"])))
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("methods", nargs="*", default=list(METHODS), help=" ".join(METHODS))
     parser.add_argument("--cases", nargs="*", type=int, default=list(CASES))
     given = parser.parse_args()
+    rows = []
     for case in given.cases:
         for method in given.methods:
-            report("perturbed_rigs", with_the_others(rows_of(case, method)))
+            rows += rows_of(case, method)
+            report("perturbed_rigs", rows)
