@@ -213,15 +213,23 @@ class Chain:
     def __init__(self, specimen: forms.Specimen, width: int):
         assert specimen.linear is not None
         self.specimen, self.width = specimen, width
-        self.sizes = [_size(x, width) for x in (*specimen.filters, specimen.linear)]
+        # velocities go as far as a filter reads them: rings of them would double the poles
+        inverses = [i for i, x in enumerate(specimen.filters) if isinstance(x, forms.Inverse)]
+        self.last = inverses[-1] if inverses else -1
+        self.sizes = [
+            _size(part, width, width if i < self.last else 0)
+            for i, part in enumerate((*specimen.filters, specimen.linear))
+        ]
         self.size = sum(self.sizes)
 
     def step(self, command: list[np.ndarray], state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The forces under this command with its rates, and the state after it."""
         blocks = np.split(state, np.cumsum(self.sizes)[:-1])
         after, desired = [], []
-        for part, block in zip(self.specimen.filters, blocks):
+        for i, (part, block) in enumerate(zip(self.specimen.filters, blocks)):
             desired.append(command[0])
+            if i > self.last:
+                command = command[:1]
             command, block = _send(part, command, block)
             after.append(block)
         linear = self.specimen.linear
@@ -241,12 +249,12 @@ def _ring(lag: np.ndarray) -> int:
     return int(np.max(lag))
 
 
-def _size(part: Any, width: int) -> int:
-    """Numbers of the state of a filter or of the linear system."""
+def _size(part: Any, width: int, rates: int) -> int:
+    """Numbers of the state of a filter or of the linear system, with so many velocities."""
     if isinstance(part, forms.Linear):
         return (_ring(part.lag) + 1) * width + len(part.phi)
     if isinstance(part, forms.Actuator):
-        return (2 * _ring(part.lag) + 1 + len(part.phi)) * width
+        return _ring(part.lag) * (width + rates) + (1 + len(part.phi)) * width
     if isinstance(part, forms.Inverse):
         feedback = 0 if part.feedback is None else len(part.feedback.A)
         return len(part.command.A) + feedback + 3 * width
@@ -278,25 +286,33 @@ def _send(
     part: Any, command: list[np.ndarray], state: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """What becomes of a command, and the state after it; of an inverse without its error."""
-    u, v, a = command
-    width = len(u)
     if isinstance(part, forms.Actuator):
-        length, order = _ring(part.lag) * width, len(part.phi)
-        ring, rates, last, z = np.split(state, np.cumsum([length, length, width]))
-        c, ring = _late(part, u, ring)
-        rate, rates = _late(part, v, rates)
-        if order == 0:
-            return [c, rate, a], np.concatenate([ring, rates, c])
-        z = z.reshape(order, width, -1)
-        z = np.tensordot(part.phi, z, 1)
-        z += part.before[:, None, None] * last + part.after[:, None, None] * c
-        rate = np.tensordot(part.slope[:order], z, 1) + part.slope[order] * c
-        end = np.concatenate([ring, rates, c, z.reshape(order * width, -1)])
-        return [z[0], rate, a], end
+        return _delay(part, command, state)
     if isinstance(part, forms.Inverse):
         return _invert(part, command, state)
     J = _jacobian(part)
     return [J @ x for x in command], state
+
+
+def _delay(
+    part: forms.Actuator, command: list[np.ndarray], state: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    u, *rates = command  # rates: velocity and acceleration, or none
+    width, order = len(u), len(part.phi)
+    late, start = [], 0
+    for x in command[:2]:
+        end = start + _ring(part.lag) * width
+        late.append(_late(part, x, state[start:end]))
+        start = end
+    (c, _), sent = late[0], [x for x, _ in late]
+    last, z = np.split(state[start:], [width])
+    if order:
+        z = np.tensordot(part.phi, z.reshape(order, width, -1), 1)
+        z += part.before[:, None, None] * last + part.after[:, None, None] * c
+        rate = np.tensordot(part.slope[:order], z, 1) + part.slope[order] * c
+        sent = [z[0], rate][: len(sent)]
+        z = z.reshape(order * width, -1)
+    return [*sent, *rates[1:]], np.concatenate([*(ring for _, ring in late), c, z])
 
 
 def _invert(
