@@ -525,7 +525,7 @@ static void check_subdomain_against_naive(const model *m, size_t i, const tape *
         CHECK_NEAR(reached->a[k], last->a[k], AGREE);
 }
 
-/* moved (p) += h/2 (g0 + g1), from interface problem k - 1 to k                              (G2) */
+/* moved (p) += h/2 (g0 + g1), from interface problem k - 1 to k                             (G2) */
 static void move_supports(const model *m, size_t k, double *moved)
 {
     double g0[CONSTRAINTS] = {0.0}, g1[CONSTRAINTS] = {0.0};

@@ -141,8 +141,8 @@ def critical_step(
     where it is complex the motion itself grows, and no step is stable. Of lagged damping with a
     skew part G, h is the step up to which an oscillator with the largest stiffness, damping and
     ``|G|`` is stable, equation (C3). A restoring force is represented by the estimate K_r, which is
-    added to K, and springs by their largest tangent stiffness (k of a `CubicSpring`); in an
-    implicit subdomain they have that of equation (C4), which K_r raises. Internal forces are
+    added to K, and springs by their largest tangent stiffness (k of a `CubicSpring`), their dampers
+    as lagged damping; in an implicit subdomain they have that of equation (C4), which K_r raises. Internal forces are
     represented by their tangents at u, v and q, at the time 0, springs among them by the tangent at
     u or the largest one and contact as closed at all of its nodes: with a longer step a bounce adds
     energy.

@@ -20,7 +20,7 @@
  *   multilinear     k, then k_e, d_e of each element             f = k d + sum k_e (d - p_e) (H9)
  *   ... elastic     the same                                     and without memory          (H10)
  *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches         (H11)
- *   damped gap      k, gap, c            f = k (d - gap) + c d', where both that are positive (H13) */
+ *   damped gap      k, gap, c                                    + c d' of a gap          (H13) */
 typedef enum {
     PMA_CUBIC,
     PMA_GAP,
