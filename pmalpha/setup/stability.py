@@ -142,10 +142,10 @@ def critical_step(
     skew part G, h is the step up to which an oscillator with the largest stiffness, damping and
     ``|G|`` is stable, equation (C3). A restoring force is represented by the estimate K_r, which is
     added to K, and springs by their largest tangent stiffness (k of a `CubicSpring`), their dampers
-    as lagged damping; in an implicit subdomain they have that of equation (C4), which K_r raises. Internal forces are
-    represented by their tangents at u, v and q, at the time 0, springs among them by the tangent at
-    u or the largest one and contact as closed at all of its nodes: with a longer step a bounce adds
-    energy.
+    as lagged damping; in an implicit subdomain they have that of equation (C4), which K_r raises.
+    Internal forces are represented by their tangents at u, v and q, at the time 0, springs among
+    them by the tangent at u or the largest one and contact as closed at all of its nodes: with a
+    longer step a bounce adds energy.
 
     `Coupler` warns of steps above the critical one, unless ties or damping make them stable: where
     all subdomains are linear and the amplification matrix has up to 300 rows, its spectral radius
