@@ -158,6 +158,7 @@ PLATE = {x: x for x in ("mesh", "dofs per subdomain", "macro step ms", "loop ove
 PLATE |= {"Kratos over ours": "Kratos over ours", "difference of Kratos": "difference of Kratos"}
 UNCOUPLED = "problem", "n", "us a step", "us a step of the loop", "loop over ours"
 CUBES = "explicit hex8, dofs", "implicit hex8, dofs"
+SCALED = "what", "step over own", "mass added %", "processor s", "faster", "error"
 ROW, GRID = "subdomains in a row", "subdomains in a grid"
 
 
@@ -190,6 +191,7 @@ TABLES = {
     ),
     "newton": lambda: pick("newton", same(*NEWTON)),
     "subcycled_energy": lambda: subcycled_energy(),
+    "mass_scaling": lambda: pick("mass_scaling", same(*SCALED, *ORIGIN)),
 }
 
 
@@ -379,7 +381,29 @@ def draw_energy(figure):
     ax.legend()
 
 
+def draw_scaling(figure):
+    """Error over speed-up of the scaled mesh and of the cut one."""
+    ax = figure.subplots()
+    results = [row for row in read("mass_scaling") if row["error"] > 0.0]
+    scaled, cut = (
+        [r for r in results if (r["what"] == "mass scaling") == x] for x in (True, False)
+    )
+    for rows, name, style in ((scaled, "mass scaling", LINES[0]), (cut, "cut", LINES[1])):
+        ax.plot(*([r[x] for r in rows] for x in ("faster", "error")), "o", label=name, **style)
+    for row in results:
+        words = f"x {short(row['step over own'])}" if row in scaled else row["what"]
+        place = {"textcoords": "offset points", "xytext": (5, 5), "fontsize": 8}
+        ax.annotate(words, (row["faster"], row["error"]), **place)
+    ax.axhline(0.01, color="0.6", linewidth=0.8)
+    ax.set(xscale="log", yscale="log", xlabel="times faster than the uncut mesh", ylabel="error")
+    ticks = [5, 10, 20, 30]
+    ax.xaxis.set_ticks(ticks, [str(x) for x in ticks])
+    ax.xaxis.set_ticks([], minor=True)
+    ax.legend(loc="center right")
+
+
 DRAWN = {
+    "scaling": (draw_scaling, (6.0, 3.2)),
     "energy": (draw_energy, (6.0, 3.2)),
     "plate": (draw_plate, (6.0, 3.0)),
     "coupling": (draw_coupling, (9.0, 3.4)),

@@ -1,16 +1,24 @@
 """A loop with a servo-hydraulic rig at 4096 Hz: what specimen and compensation cost in a step, and
-which numerical parts keep the rate, with "gc" and "pm"."""
+which numerical parts keep the rate, with "gc", and with "pm" on one and two threads.
+
+A specimen costs processor time. A tower is paced at the rate, with SCHED_FIFO where it is allowed:
+of the four fine steps of a macro step, in which its own step is taken, the slowest has to be
+shorter than the period; each is the median of its durations by the clock.
+"""
 
 import warnings
 
 import numpy as np
 import scipy.sparse as sp
+from pacing import PRIORITY, make_workers, paced
 from timing import in_turn, run
 
 import pmalpha as pm
 from pmalpha import rig
 
 H = 1.0 / 4096.0
+RATIO = 4  # fine steps in a macro step of a tower
+TOWERS = ("gc", 1), ("pm", 1), ("pm", 2)  # coupling, threads
 STIFFNESS = 1.19e6
 NOISE = {"noise": 16e-6, "force_noise": 2.18, "seed": 1}
 
@@ -47,10 +55,11 @@ def three_storeys(specimen):
     return pm.Coupler([building], dt=H)
 
 
-def frame(n, coupling):
+def frame(n, coupling, threads):
     """A tower of n dofs, implicit with steps of 1/1024 s, whose foot of one dof has the rig.
 
-    The foot takes four substeps. Under "pm" the double steps of the tower run beside them.
+    The foot takes four substeps. Under "pm" the double steps of the tower run beside them, with two
+    threads in parallel.
     """
     width = 10
     grid = sp.eye_array(n // width), sp.eye_array(width)
@@ -67,15 +76,32 @@ def frame(n, coupling):
         [2e7],
         [2e3],
         scheme=pm.CentralDifference(),
-        substeps=4,
+        substeps=RATIO,
         restoring=rig.Compensated(plant(), method="model"),
         restoring_stiffness=[STIFFNESS],
         force=[100.0],
         name="foot",
     )
-    return pm.Coupler(
-        [tower, foot], [pm.tie("tower", [0], "foot", [0])], dt=4.0 * H, coupling=coupling
-    )
+    tie = pm.tie("tower", [0], "foot", [0])
+    return pm.Coupler([tower, foot], tie, dt=RATIO * H, coupling=coupling, threads=threads)
+
+
+def durations(coupler, steps):
+    """Median duration (RATIO,) of each fine step of a macro step of a paced run."""
+    make_workers(coupler)
+    pacing = paced(coupler, (2 + steps) * RATIO * H, PRIORITY)
+    if pacing is None:
+        pacing = paced(coupler, (2 + steps) * RATIO * H, None)
+    return np.median(pacing.duration.reshape(-1, RATIO), axis=0)
+
+
+def tower_rows(quick):
+    for n in (100,) if quick else (1000, 10_000, 50_000):
+        first = None
+        for coupling, threads in TOWERS:
+            fine = durations(frame(n, coupling, threads), 5 if quick else 2000)
+            first = fine.max() if first is None else first
+            yield row(f"tower, {coupling}", n, threads, fine.mean(), fine.max(), first)
 
 
 def rows(quick):
@@ -84,27 +110,21 @@ def rows(quick):
         warnings.simplefilter("ignore", pm.StabilityWarning)  # of the plants without compensation
         couplers = {name: three_storeys(specimen) for name, specimen in specimens().items()}
     times = in_turn(*(lambda c=c: c.step(steps) for c in couplers.values()), seconds=seconds)
-    table = rows_of([(name, 3) for name in couplers], times, steps)
-    for n in (100,) if quick else (1000, 10_000, 50_000):
-        few = 5 if quick else max(10, 200_000 // n)
-        pair = [frame(n, coupling) for coupling in ("gc", "pm")]
-        times = in_turn(*(lambda c=c, k=few: c.step(k) for c in pair), seconds=seconds)
-        table += rows_of([("tower, gc", n), ("tower, pm", n)], times, 4 * few)
-    return table
+    table = [row(x, 3, 1, t / steps, t / steps, times[0] / steps) for x, t in zip(couplers, times)]
+    return [*table, *tower_rows(quick)]
 
 
-def rows_of(names, times, steps):
-    return [
-        {
-            "what": name,
-            "dofs": n,
-            "us a fine step": 1e6 * x / steps,
-            "share of 1/4096 s": x / steps / H,
-            "us above the first": 1e6 * (x - times[0]) / steps,
-            "over the first": x / times[0],
-        }
-        for (name, n), x in zip(names, times)
-    ]
+def row(what, n, threads, mean, slowest, first):
+    return {
+        "what": what,
+        "dofs": n,
+        "threads": threads,
+        "us a fine step": 1e6 * mean,
+        "us the slowest": 1e6 * slowest,
+        "share of 1/4096 s": slowest / H,
+        "us above the first": 1e6 * (slowest - first),
+        "over the first": slowest / first,
+    }
 
 
 if __name__ == "__main__":

@@ -75,33 +75,79 @@ def complementarity(W, b):
     return best[1]
 
 
-def run(subdomains, L, N, gap, e, h, steps, w0, force=lambda t: None):
-    """u, v (lists over steps of lists) and P (steps, rows) without friction."""
+def violation(state, mu, P, y):
+    """Of (U5) and (U7) at a contact in this state, P and y in the normal and the tangent."""
+    if state == "open":
+        return -y[0]
+    if state == "stick":
+        return max(-P[0], abs(P[1]) - mu * P[0])
+    return max(-P[0], y[1] * state)
+
+
+def on_cones(W, b, mu):
+    """Impulses (2 q) in q normals and their tangents, (U5) and (U7): of all combinations of states,
+    the one with the smallest violation. A state that slides is the sign of its P_t."""
+    q, best = mu.size, None
+    for states in product(["open", "stick", -1.0, 1.0], repeat=q):
+        A, r = np.eye(2 * q), np.zeros(2 * q)
+        for k, state in enumerate(states):
+            if state == "open":
+                continue
+            A[k], r[k] = W[k], -b[k]
+            if state == "stick":
+                A[q + k], r[q + k] = W[q + k], -b[q + k]
+            else:
+                A[q + k, k] = -state * mu[k]
+        P = np.linalg.solve(A, r)
+        y = W @ P + b
+        worst = max(violation(x, mu[k], P[k::q], y[k::q]) for k, x in enumerate(states))
+        if best is None or worst < best[0]:
+            best = worst, P
+    return best[1]
+
+
+def with_friction(W, b, closed, mu, static, slides):
+    """(U12): contacts that reach the static friction go on with the kinetic one."""
+    P, own = np.zeros(b.size), np.where(slides, mu, static)
+    rows = np.concatenate([closed, closed])
+    while closed.any():
+        P[rows] = on_cones(W[np.ix_(rows, rows)], b[rows], own[closed])
+        limit = own * P[: mu.size]
+        begins = closed & (own > mu) & (limit > 0.0) & (abs(P[mu.size :]) >= (1 - 1e-9) * limit)
+        if not begins.any():
+            break
+        own[begins] = mu[begins]
+    return P
+
+
+def run(subdomains, L, N, gap, e, h, steps, w0, friction=None):
+    """u, v (lists over steps of lists) and P (steps, rows).
+
+    friction: mu and mu_s (q,); N has the tangents of the q contacts below their normals, one each.
+    """
     step = Step(subdomains, L, N, h)
     u, v = [s.u0.copy() for s in subdomains], [s.v0.copy() for s in subdomains]
     w, a = [x.copy() for x in w0], [x.copy() for x in w0]
-    q = gap.size
+    q, rows = gap.size, N[0].shape[0]
     none = [np.zeros(s.n) for s in subdomains]
-    zero = np.concatenate([*none])
-    columns = []
-    for k in range(q):
-        v1 = step.solve(none, none, none, np.eye(q)[k])[1]
-        columns.append(step.rows(v1))
-    W = np.array(columns).T
-    assert zero.size
-    path = [(u, v, np.zeros(q))]
+    W = np.array([step.rows(step.solve(none, none, none, x)[1]) for x in np.eye(rows)]).T
+    path = [(u, v, np.zeros(rows))]
     for _ in range(steps):
         pairs = [predictors(s, h, *x) for s, x in zip(subdomains, zip(u, v, w, a))]
         ut, vt = [x for x, _ in pairs], [x for _, x in pairs]
         F = [np.zeros(s.n) if s.force is None else s.force for s in subdomains]
-        y0 = step.rows(v)
-        uf, vf, _, _ = step.solve(ut, vt, F, np.zeros(q))
-        closed = gap + step.rows(uf) <= 0.0  # (U5)
-        P = np.zeros(q)
-        if closed.any():
-            bounce = np.where(y0 > 0.0, 1.0, e) * y0
-            b = (step.rows(vf) + bounce)[closed]
-            P[closed] = complementarity(W[np.ix_(closed, closed)], b)
+        y0, last = step.rows(v), path[-1][2]
+        uf, vf, _, _ = step.solve(ut, vt, F, np.zeros(rows))
+        closed = gap + step.rows(uf)[:q] <= 0.0  # (U5)
+        b, P = step.rows(vf), np.zeros(rows)
+        b[:q] += np.where(y0[:q] > 0.0, 1.0, e) * y0[:q]
+        if friction is not None:
+            limit = friction[0] * last[:q]
+            is_on = abs(abs(last[q:]) - limit) <= 1e-9 * limit
+            slides = is_on & (abs(y0[q:]) > 1e-9 * np.diag(W)[q:] * last[:q])
+            P = with_friction(W, b, closed, *friction, slides)
+        elif closed.any():
+            P[closed] = complementarity(W[np.ix_(closed, closed)], b[closed])
         u, v, w1, _ = step.solve(ut, vt, F, P)
         a = [
             ((1.0 - s.scheme.af) * new + s.scheme.af * old - s.scheme.am * b) / (1.0 - s.scheme.am)

@@ -34,6 +34,7 @@ from reference import (
     initial_accelerations,
     instant,
     jump,
+    moved,
     predictors,
     without_load,
 )
@@ -147,10 +148,11 @@ def start(members, L):
     return Lam
 
 
-def result(members, L, multipliers, times, jumps, passes=()):
+def result(members, L, multipliers, times, jumps, g, passes=()):
     names = ("t", "u", "v", "w", "a", "q", "iterations")
     steps = (len(members[0].levels) - 1) // members[0].subdomain.substeps
     macro = [[x.levels[m * x.subdomain.substeps].u for x in members] for m in range(steps + 1)]
+    way = moved(g, times)[:: (len(times) - 1) // steps]
     return Result(
         subdomains=[
             SubdomainResult(*(np.array([getattr(y, name) for y in x.levels]) for name in names))
@@ -159,7 +161,7 @@ def result(members, L, multipliers, times, jumps, passes=()):
         multipliers=np.array(multipliers),
         multiplier_times=np.array(times),
         velocity_jump=np.array(jumps),
-        displacement_jump=np.array([jump(L, u) for u in macro]),
+        displacement_jump=np.array([jump(L, u) for u in macro]) - way,
         passes=np.array(passes),
     )
 
@@ -257,7 +259,7 @@ def run(subdomains, L, dt, steps, newton=None, g=None):
         if k == fine:
             for x in members:
                 x.begin_double_steps()
-    return result(members, L, multipliers, times, jumps)
+    return result(members, L, multipliers, times, jumps, g)
 
 
 def fine_step(members, k, g, newton):
@@ -407,4 +409,4 @@ def run_macro(subdomains, L, dt, steps, newton=None, g=None):
             for x in members:
                 x.begin_double_steps()
             shooting.begin()
-    return result(members, L, multipliers, times, jumps, passes)
+    return result(members, L, multipliers, times, jumps, g, passes)

@@ -629,8 +629,16 @@ def run_macro(subdomains, L, dt, steps, g=None):
         multipliers=np.array(multipliers),
         multiplier_times=np.array([instant(k, 1, dt) for k in range(steps + 1)]),
         velocity_jump=np.array(jumps),
-        displacement_jump=np.array([jump(L, u) for u in macro]),
+        displacement_jump=np.array([jump(L, u) for u in macro])
+        - moved(g, [instant(k, 1, dt) for k in range(steps + 1)]),
     )
+
+
+def moved(g, times):
+    """Displacements (levels, p) of supports with the velocities g at time levels (G2)."""
+    v = np.array([g(t) for t in times])
+    steps = 0.5 * np.diff(times)[:, None] * (v[:-1] + v[1:])
+    return np.vstack([np.zeros_like(v[:1]), np.cumsum(steps, axis=0)])
 
 
 # ---- the exact solution ---------------------------------------------------------------------

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.linalg import expm, inv
 
 import pmalpha as pm
 from pmalpha import structures
@@ -64,6 +65,34 @@ def test_a_spring_between_two_subdomains_of_a_cut_is_refused_with_its_dof():
     made = bar().with_spring([("ux 0", "ux 4")], 2.0)
     with pytest.raises(ValueError, match="both ends in one subdomain, got one with dof 4"):
         pm.cut(made, [0, 0, 1, 1], scheme=SCHEME, dt=0.1)
+
+
+@pytest.mark.parametrize("coupling, substeps", [("gc", 4), ("pm", 4), ("macro", 1)])
+def test_a_spring_between_two_structures_ends_in_a_dof_without_mass(coupling, substeps):
+    """It belongs to one of them, implicit, and its end is tied to the other one."""
+    k, c = 300.0, 2.0
+    spring, damper = k * np.array([[1.0, -1.0], [-1.0, 1.0]]), c * np.array([[1.0, -1.0], [-1, 1]])
+    M, K = np.diag([2.0, 1.0]), spring + np.diag([80.0, 50.0])
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-inv(M) @ K, -inv(M) @ damper]])
+    exact = (expm(state) @ [0.0, 0.0, 0.0, 1.0])[:2]
+    scheme, errors = pm.GeneralizedAlpha(0.9), []
+    for dt in (4e-3, 2e-3):
+        one = pm.Subdomain(
+            [2.0, 0.0],
+            spring + np.diag([80.0, 0.0]),
+            damper,
+            scheme=scheme,
+            substeps=substeps,
+            v0=[0.0, 1.0],
+        )
+        other = pm.Subdomain([1.0], [50.0], scheme=scheme, v0=[1.0])
+        tie = pm.tie(other, [0], one, [1])
+        history = pm.Coupler([one, other], tie, dt=dt, coupling=coupling).run(1.0)
+        errors.append(np.array([history[0].u[-1, 0], history[1].u[-1, 0]]) - exact)
+    assert np.abs(exact).min() > 0.01
+    # of order 2, the next term of relative size omega dt = 0.04 or less
+    assert np.all(np.abs(np.log2(errors[0] / errors[1]) - 2.0) < 0.1)
+    assert np.abs(errors[1]).max() < 1e-4
 
 
 @pytest.mark.parametrize(

@@ -269,16 +269,64 @@ def test_forces_and_velocities_that_are_set_are_those_of_functions(library, tmp_
     assert np.array_equal(rows, recorded(coupler, coupler.run(steps=STEPS), fine))
 
 
-def test_a_simulated_actuator_is_part_of_the_specimen(library, tmp_path):
+def simulated(rig):
+    spring = pm.CubicSpring(1, k=300.0, k3=50.0)
+    actuator = rig.SimulatedActuator(spring, delay=0.02, noise=1e-5, seed=3)
+    return rig.Compensated(actuator, 0.02)
+
+
+def lag(rig, n=1, dofs=(1,), rate=50.0, **options):
+    """Actuators that follow at a rate, and springs behind them."""
+    one = np.eye(n)
+    return rig.LinearActuator(-rate * one, rate * one, one, 300.0 * one, dofs=dofs, **options)
+
+
+def measuring(rig, n=1, dofs=(1,)):
+    options = {"delay": 0.03, "noise": 1e-4, "force_noise": 1e-3, "quantum": 1e-6, "seed": 2}
+    return lag(rig, n, dofs, saturation=0.04, **options)
+
+
+def inverse(rig, n=1, dofs=(1,), **options):
+    model = {"method": "model", "model": lag(rig, n, dofs, rate=60.0), "bandwidth": 10.0}
+    return rig.Compensated(measuring(rig, n, dofs), 0.03, **model, **options)
+
+
+DEVICES = {
+    "simulated actuator": simulated,
+    "linear actuator": measuring,
+    "held command": lambda rig: lag(rig, hold="zero"),
+    "adaptive": lambda rig: rig.Compensated(measuring(rig), 0.04, method="adaptive"),
+    "model": inverse,
+    "feedback": lambda rig: inverse(rig, feedback=0.5),
+    "least squares": lambda rig: inverse(rig, variations=0.03, sigma=1e-3),
+    "matrix": lambda rig: rig.Linkage(inverse(rig, 2, (0, 2)), [[1.0, 0.2], [1.0, -0.2]]),
+    "arms": lambda rig: rig.Linkage(inverse(rig, 2, (1, 2)), arms=[(0.3, 0.4), (0.3, -0.4)]),
+    "all": lambda rig: rig.Linkage(
+        inverse(rig, 2, (1, 2), feedback=0.5, variations=[lag(rig, 2, (1, 2))], sigma=1e-3),
+        [[1.0, 0.2], [1.0, -0.2]],
+    ),
+}
+
+
+# extrapolation from double steps makes the motion grow
+BEHIND = [(d, c) for d in DEVICES for c in ("gc", "pm") if (d, c) != ("simulated actuator", "pm")]
+
+
+# of rigs that are late, and of an estimate that is that of the spring alone
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.AccuracyWarning")
+@pytest.mark.parametrize("device, coupling", BEHIND)
+def test_a_specimen_that_is_compiled_with_its_rig_goes_along(library, tmp_path, device, coupling):
     from pmalpha import rig
 
-    def device(_):
-        spring = pm.CubicSpring(1, k=300.0, k3=50.0)
-        actuator = rig.SimulatedActuator(spring, delay=0.02, noise=1e-5, seed=3)
-        return rig.Compensated(actuator, 0.02)
-
-    coupler = hybrid("gc", device=device)
-    assert_equal_motion(frozen(coupler, library, tmp_path), coupler)
+    coupler = hybrid(coupling, device=lambda _: DEVICES[device](rig))
+    coupler.step(7)
+    model = frozen(coupler, library, tmp_path)
+    assert_equal_motion(model, coupler)
+    model.reset()
+    model.rows(17)
+    state, rest = model.state(), model.rows(20)
+    assert model.restore(state.ctypes.data, state.nbytes) == OK
+    assert np.array_equal(model.rows(20), rest)
 
 
 # ---- states ------------------------------------------------------------------------------------

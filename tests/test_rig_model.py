@@ -96,6 +96,18 @@ def test_it_begins_at_rest_under_its_first_command_and_late_commands_arrive_late
     np.testing.assert_array_equal(late, on_time)
 
 
+def test_undamped_poles_are_allowed():
+    plant = rig.LinearActuator(
+        [[0.0, 1.0], [-1e4, 0.0]], [[0.0], [1e4]], [[1.0, 0.0]], [[2.0, 0.0]]
+    )
+    commands = np.append(0.0, np.ones(999))
+    t = H * np.arange(1000)
+    # a ramp of one step and then 1: 1 - cos(100 t), averaged over the step
+    expected = 1.0 - (np.sin(100.0 * t) - np.sin(100.0 * (t - H))) / (100.0 * H)
+    response = plant.respond(commands, H)
+    np.testing.assert_allclose(response.measured[1:], expected[1:], rtol=0, atol=1e-11)
+
+
 def test_two_actuators_respond_as_their_transfer_functions():
     plant = two_actuators()
     assert len(plant.A) == 8

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from contact_problems import SCHEMES
+from contact_reference import run as reference_run
 
 import pmalpha as pm
 
@@ -140,3 +142,46 @@ def test_bad_coefficients_are_refused_by_name(options, message):
     s = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=pm.Newmark())
     with pytest.raises(ValueError, match=message):
         pm.contact(s, [0], tangents=[[1]], **options)
+
+
+@pytest.mark.parametrize("schemes", [("TR", "CD"), ("rho 0.5", "TR"), ("rho 0.8", "explicit 0.5")])
+def test_every_step_with_static_friction_is_that_of_the_reference(schemes):
+    """Two blocks, of two dofs each, on a floor and against each other, pulled to and fro."""
+    h, steps = 0.02, 300
+    made = [
+        pm.Subdomain(
+            [1.0 + i, 1.0 + i],
+            np.diag([5.0, 4.0]),
+            scheme=SCHEMES[name],
+            force=[-4.0, 3.6 - 5.1 * i],
+            v0=[-1.0, 1.5 - i],
+            name="ab"[i],
+        )
+        for i, name in enumerate(schemes)
+    ]
+    a, b = made
+    N = [np.zeros((4, 2)), np.zeros((4, 2))]
+    N[0][0, 0], N[0][2, 1] = 1.0, 1.0  # a on the floor
+    N[1][1, 0], N[1][3, 1] = 1.0, 1.0  # b on a
+    N[0][1, 0], N[0][3, 1] = -1.0, -1.0
+    mu, static, gap, e = np.full(2, 0.2), np.array([0.35, 0.5]), np.full(2, 0.05), np.zeros(2)
+    options = {"friction": mu, "friction_static": static, "gap": gap}
+    normals, tangents = ({s: R[rows] for s, R in zip(made, N)} for rows in ([0, 1], [2, 3]))
+    joint = pm.Contact(normals, tangents=[tangents], **options)
+    coupler = pm.Coupler(made, joint, dt=h, coupling="gc")
+    w0 = [coupler.state(0).a, coupler.state(1).a]
+    history = coupler.run(steps=steps)
+    path = reference_run(
+        made, [np.zeros((0, 2))] * 2, N, gap, e, h, steps, w0, friction=(mu, static)
+    )
+    P = np.array([P for _, _, P in path])
+    on = np.abs(P[:, 2:]) > 0.2 * (1.0 + 1e-9) * P[:, :2]  # beyond the kinetic friction
+    slides = np.isclose(np.abs(P[:, 2:]), 0.2 * P[:, :2], rtol=1e-9, atol=0.0) & (P[:, :2] > 0.0)
+    assert on.any(axis=0).all() and slides.any(axis=0).all()
+    got = history.contacts[joint]
+    # rounding, two to three digits above that of a step after 300 of them
+    np.testing.assert_allclose(got.impulse, P[:, :2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(got.friction[..., 0], P[:, 2:], rtol=0, atol=1e-12)
+    for i in range(2):
+        expected = np.array([u[i] for u, _, _ in path])
+        np.testing.assert_allclose(history[i].u, expected, rtol=0, atol=1e-12)

@@ -15,8 +15,8 @@ static PyObject *follow(const pma_springs *springs, npy_intp n, const double *u,
                            pma_new_array(n, NPY_DOUBLE, &f)};
     if (arrays[0] && arrays[1] && arrays[2]) {
         double *to = PyArray_DATA((PyArrayObject *)arrays[0]);
-        pma_springs_subtract(springs, u, from, to, f);
-        pma_springs_tangent(springs, from, to, slopes);
+        pma_springs_subtract(springs, u, NULL, from, to, f);
+        pma_springs_tangent(springs, from, to, 1.0, 0.0, slopes);
         for (npy_intp i = 0; i < n; i++)
             f[i] = 0.0 - f[i]; /* no negative zeros */
     }
@@ -76,6 +76,6 @@ PyObject *pma_spring_laws(void)
 PyMethodDef pma_spring_functions[] = {
     {"follow_springs", follow_springs, METH_VARARGS,
      "follow_springs(springs, u, levels) -> (levels, slopes, f): springs that go from what they "
-     "remember, (fields, springs), to u; None: that were never loaded"},
+     "remember, (fields, springs), to rest at u; None: that were never loaded"},
     {NULL, NULL, 0, NULL},
 };

@@ -525,8 +525,20 @@ static void check_subdomain_against_naive(const model *m, size_t i, const tape *
         CHECK_NEAR(reached->a[k], last->a[k], AGREE);
 }
 
+/* moved (p) += h/2 (g0 + g1), from interface problem k - 1 to k                             (G2) */
+static void move_supports(const model *m, size_t k, double *moved)
+{
+    double g0[CONSTRAINTS] = {0.0}, g1[CONSTRAINTS] = {0.0};
+    prescribe(m, k - 1, g0);
+    prescribe(m, k, g1);
+    for (size_t row = 0; row < m->p; row++)
+        moved[row] += 0.5 * m->dt / (double)m->fine * (g0[row] + g1[row]);
+}
+
 void check_against_naive(const model *m, const tape *t, size_t steps)
 {
+    double moved[CONSTRAINTS] = {0.0};
+
     for (size_t i = 0; i < m->count; i++)
         check_subdomain_against_naive(m, i, t, steps);
     for (size_t k = 0; k <= steps * m->fine; k++) {
@@ -534,8 +546,10 @@ void check_against_naive(const model *m, const tape *t, size_t steps)
             CHECK_NEAR(t->lam[k * m->p + row], m->lam[k][row], AGREE);
     }
     for (size_t k = 0; k <= steps; k++) {
+        for (size_t j = 1; k > 0 && j <= m->fine; j++)
+            move_supports(m, (k - 1) * m->fine + j, moved);
         for (size_t row = 0; row < m->p; row++) {
-            double jump = 0.0;
+            double jump = -moved[row];
             for (size_t i = 0; i < m->count; i++)
                 jump += constrained(&m->subdomains[i], row,
                                     m->levels[i][k * m->subdomains[i].substeps].u);

@@ -115,8 +115,8 @@ static void check_substep(const subdomain *x, size_t k, double t, const double *
     naive_force(x, t, k - 1, F);
     naive_pull(x, t, ut, vs, r);
     naive_inner(x, t, x->implicit ? end->u : ut, from->history, f, to->history);
-    pma_springs_subtract(&x->springs, x->inner.springs && x->implicit ? end->u : ut, from->springs,
-                         to->springs, sum);
+    pma_springs_subtract(&x->springs, x->inner.springs && x->implicit ? end->u : ut, NULL,
+                         from->springs, to->springs, sum);
     for (size_t i = 0; i < x->n; i++)
         sum[i] = -sum[i];
     for (size_t i = 0; i < x->n; i++) {
@@ -146,7 +146,7 @@ static void check_subdomain_equations(const model *m, const tape *t, size_t i)
     double f[MOST], y[MOST] = {0.0};
     levels[0].state = m->levels[i][0];
     naive_inner(x, 0.0, x->u0, x->inner.initial, f, levels[0].history);
-    pma_springs_subtract(&x->springs, x->u0, levels[0].springs, levels[0].springs, y);
+    pma_springs_subtract(&x->springs, x->u0, NULL, levels[0].springs, levels[0].springs, y);
     for (size_t k = 1; k <= STEPS * x->substeps; k++) {
         double lam[CONSTRAINTS];
         const size_t back = x->doubled && k > x->substeps ? 2 : 1;

@@ -28,7 +28,7 @@ static void lead(pma_spring_law law, const double *parameters, size_t count, con
     CHECK_STATUS(pma_springs_check(&springs, 1), PMA_OK);
     for (size_t i = 0; i < count; i++) {
         double y = 0.0;
-        pma_springs_subtract(&springs, &path[i], memory, memory, &y);
+        pma_springs_subtract(&springs, &path[i], NULL, memory, memory, &y);
         CHECK_BITS(1, &memory[0], &path[i]);
         CHECK(y == -memory[1] || isnan(y));
         force[i] = memory[1];
@@ -47,6 +47,29 @@ static void a_cubic_spring_and_a_gap_are_their_formulas(void)
     lead(PMA_GAP, gap, 4, path, force, inner);
     for (size_t i = 0; i < 4; i++)
         CHECK(force[i] == gap_forces[i]);
+}
+
+/* k = 8, gap 1/4, c = 2: open, closing, opening, pulled open, and at rest. */
+static void a_damped_gap_pushes_with_both_and_never_pulls(void)
+{
+    const int32_t first = 0, ground = -1;
+    const double k = 8.0, gap = 0.25, c = 2.0, d[5] = {0.25, 0.5, 0.5, 0.5, 0.5};
+    const double rates[5] = {9.0, 1.0, -0.5, -1.5, 0.0}, forces[5] = {0.0, 4.0, 1.0, 0.0, 2.0};
+    const pma_spring_set set = {.law = PMA_DAMPED_GAP,
+                                .count = 1,
+                                .first = &first,
+                                .second = &ground,
+                                .parameters = {&k, &gap, &c}};
+    const pma_springs springs = {1, &set, 1};
+    CHECK(pma_springs_have_rates(&springs));
+    for (size_t i = 0; i < 5; i++) {
+        double level[3] = {0.0}, y = 0.0, slope;
+        pma_springs_subtract(&springs, &d[i], i < 4 ? &rates[i] : NULL, level, level, &y);
+        CHECK(level[1] == forces[i] && y == -forces[i]);
+        pma_springs_tangent(&springs, level, level, 1.0, 10.0, &slope);
+        CHECK(slope == (forces[i] > 0.0 ? 28.0 : 0.0)); /* k + 10 c */
+        CHECK(pma_springs_energy(&springs, level) == (i > 0 ? 0.25 : 0.0));
+    }
 }
 
 static void a_bilinear_spring_drags_its_plastic_deformation(void)
@@ -101,7 +124,7 @@ static void bouc_wen_springs_follow_their_paths_bitwise_as_each_alone(void)
         memcpy(before, memory, sizeof before);
         for (size_t i = 0; i < COUNT; i++)
             u[i] = step == 1 ? -0.4 : 0.3 * (double)(step + i % 4); /* one step, or many */
-        pma_springs_subtract(&springs, u, memory, memory, y);
+        pma_springs_subtract(&springs, u, NULL, memory, memory, y);
         for (size_t i = 0; i < COUNT; i++) {
             double own[3] = {before[i], before[COUNT + i], before[2 * COUNT + i]}, y_own = 0.0;
             const int32_t first = 0;
@@ -109,7 +132,7 @@ static void bouc_wen_springs_follow_their_paths_bitwise_as_each_alone(void)
                 .law = PMA_BOUC_WEN, .count = 1, .first = &first, .second = ground};
             for (size_t k = 0; k < 7; k++)
                 one.parameters[k] = &P[k][i];
-            pma_springs_subtract(&(pma_springs){1, &one, 1}, &u[i], own, own, &y_own);
+            pma_springs_subtract(&(pma_springs){1, &one, 1}, &u[i], NULL, own, own, &y_own);
             force = own[1], inner = own[2];
             CHECK_BITS(1, &memory[COUNT + i], &force);
             CHECK_BITS(1, &memory[2 * COUNT + i], &inner);
@@ -164,7 +187,7 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
          .parameters = {k, zero}},
         {.law = PMA_GAP, .count = 1, .first = first, .second = second, .parameters = {k, zero}}};
     const pma_springs springs = {2, sets, MANY_SPRINGS};
-    pma_springs_subtract(&springs, u, from, to, y);
+    pma_springs_subtract(&springs, u, NULL, from, to, y);
     CHECK(y[0] == 1.0 - MANY_SPRINGS * 0.25 * 1.5 && y[1] == 1.0 + MANY_SPRINGS * 0.25 * 1.5);
     CHECK(from[0] == 0.0 && to[0] == 1.5 && to[1] == -1.5 && to[MANY_SPRINGS] == 0.375);
     CHECK_NEAR(pma_springs_energy(&springs, to), MANY_SPRINGS * 0.125 * 2.25, 1e-9);
@@ -177,7 +200,7 @@ static void springs_pull_bitwise_identically_on_all_processors(void)
 {
     enum { COUNT = 21 };
     static double from[NUMBERS * COUNT], to[2][NUMBERS * COUNT];
-    double P[PMA_SPRING_PARAMETERS][COUNT], u[COUNT], forces[2][COUNT];
+    double P[PMA_SPRING_PARAMETERS][COUNT], u[COUNT], v[COUNT], forces[2][COUNT];
     int32_t first[COUNT], ground[COUNT];
     uint64_t seed = 5;
     for (int law = 0; law < PMA_SPRING_LAWS; law++) {
@@ -190,6 +213,7 @@ static void springs_pull_bitwise_identically_on_all_processors(void)
         for (size_t i = 0; i < COUNT; i++) {
             first[i] = (int32_t)i, ground[i] = -1;
             u[i] = i == 3 ? NAN : i == 4 ? 1e200 : 3.0 * P[0][i];
+            v[i] = i == 5 ? NAN : P[1][i];
             P[3][i] = i < 11 ? 1.0 + (double)(i % 2) : 1.5;
             P[6][i] = 10.0 * fabs(P[6][i]) + 0.1;
         }
@@ -199,8 +223,8 @@ static void springs_pull_bitwise_identically_on_all_processors(void)
             draw_vector(set.count, &seed, from);
             memset(to, 0, sizeof to);
             memset(forces, 0, sizeof forces);
-            pma_springs_subtract(&springs, u, from, to[0], forces[0]);
-            pma_springs_subtract_plain(&springs, u, from, to[1], forces[1]);
+            pma_springs_subtract(&springs, u, v, from, to[0], forces[0]);
+            pma_springs_subtract_plain(&springs, u, v, from, to[1], forces[1]);
             CHECK_BITS(NUMBERS * COUNT, to[1], to[0]);
             CHECK_BITS(COUNT, forces[1], forces[0]);
         }
@@ -270,7 +294,7 @@ static void check_energy(pma_spring_law law, size_t elements, const double *para
            first_top = 0.0;
     for (size_t i = 1; i <= 10000; i++) {
         const double d = 5.0 * sin(2.0 * PI * (double)i / 2000.0);
-        pma_springs_subtract(&springs, &d, level, to, &y);
+        pma_springs_subtract(&springs, &d, NULL, level, to, &y);
         work += pma_springs_work(&springs, level, to);
         const double stored = pma_springs_energy(&springs, to);
         CHECK(stored >= -1e-12 && work - stored >= lost - 2e-4);
@@ -304,8 +328,8 @@ static double pull_to(pma_spring_law law, const double *parameters, const double
         set.parameters[k] = &parameters[k];
     const pma_springs springs = {1, &set, 1};
     double y = 0.0;
-    pma_springs_subtract(&springs, &d, from, to, &y);
-    pma_springs_tangent(&springs, from, to, slope);
+    pma_springs_subtract(&springs, &d, NULL, from, to, &y);
+    pma_springs_tangent(&springs, from, to, 1.0, 0.0, slope);
     return to[1];
 }
 
@@ -379,13 +403,14 @@ static void tangents_are_in_the_order_of_the_sets(void)
         {.law = PMA_GAP, .count = 2, .first = dofs, .second = ground, .parameters = {k, gaps}}};
     const pma_springs springs = {2, sets, 4};
     double from[12] = {0.0}, to[12], y[2] = {0.0, 0.0}, slopes[4];
-    pma_springs_subtract(&springs, u, from, to, y);
-    pma_springs_tangent(&springs, from, to, slopes);
+    pma_springs_subtract(&springs, u, NULL, from, to, y);
+    pma_springs_tangent(&springs, from, to, 1.0, 0.0, slopes);
     CHECK_BITS(4, slopes, ((double[]){1.0, 14.0, 1.0, 0.0}));
 }
 
 const test SPRINGS_TESTS[] = {
     TEST(a_cubic_spring_and_a_gap_are_their_formulas),
+    TEST(a_damped_gap_pushes_with_both_and_never_pulls),
     TEST(a_bilinear_spring_drags_its_plastic_deformation),
     TEST(a_bouc_wen_spring_follows_the_closed_form_of_n_2),
     TEST(bouc_wen_springs_follow_their_paths_bitwise_as_each_alone),

@@ -64,9 +64,10 @@ class DiscreteGradient(Frozen):
     def __init__(self, springs: Spring | Sequence[Spring]):
         items = list(springs) if isinstance(springs, Iterable) else [springs]
         for item in items:
-            if not isinstance(item, CubicSpring | Gap):
+            if not isinstance(item, CubicSpring | Gap) or item.largest_damping is not None:
                 raise TypeError(
-                    f"springs must be CubicSpring or Gap, which have a potential, got {item!r}"
+                    "springs must be CubicSpring, or Gap without c, which have a potential, "
+                    f"got {item!r}"
                 )
         if not items:
             raise ValueError("springs must have at least one, got none")

@@ -1,7 +1,7 @@
 """Springs between two dofs or a dof and the ground, as restoring forces of a subdomain.
 
 An object holds any number of springs of one law, which the core evaluates. Equations (H1) to (H5)
-and (H9) to (H12) of docs/method.md.
+and (H9) to (H13) of docs/method.md.
 """
 
 from __future__ import annotations
@@ -126,6 +126,11 @@ class Spring(Frozen):
         return self.k
 
     @property
+    def largest_damping(self) -> np.ndarray | None:
+        """Largest df/dd' of each spring, for the critical step; None where there is none."""
+        return None
+
+    @property
     def numbers(self) -> np.ndarray:
         """Dofs and parameters, a row for each spring; equal for equal springs of the same law."""
         return np.column_stack([self.dofs, *self.parameters])
@@ -179,6 +184,9 @@ class CubicSpring(Spring):
 class Gap(Spring):
     """A stop: :math:`f = k (d - gap)` of a deformation d above the gap, else 0, equation (H2).
 
+    With a damper, :math:`f = k (d - gap) + c d'` there, where that is positive: it does not pull
+    (Kelvin-Voigt, equation (H13)).
+
     Parameters
     ----------
     dofs : int, (m,) or (m, 2) array of int
@@ -188,6 +196,11 @@ class Gap(Spring):
     sign : {1, -1} or (m,) array of them, default 1
         -1: a stop on the negative side, for deformations below -gap. It is the spring with its two
         dofs exchanged: deformation and force are recorded so, positive where it pushes.
+    c : float or (m,) array, optional
+        Of the damper, not negative. A mass m that meets the stop with a damping ratio of
+        :math:`zeta = c / (2 sqrt(k m))` leaves it with the share
+        :math:`exp(-zeta / sqrt(1 - zeta^2) arctan2(2 zeta sqrt(1 - zeta^2), 2 zeta^2 - 1))` of its
+        velocity, for zeta < 1.
 
     Raises
     ------
@@ -197,7 +210,8 @@ class Gap(Spring):
     Notes
     -----
     The initial tangent is zero if gap > 0. A step that does not resolve the contact adds energy,
-    less where it is iterated, as ``internal=``, and none by `DiscreteGradient`.
+    less where it is iterated, as ``internal=``, and none by `DiscreteGradient`. A damper that is
+    evaluated once a step, as ``restoring=``, limits the step as lagged damping does.
 
     Examples
     --------
@@ -209,11 +223,20 @@ class Gap(Spring):
 
     law = "gap"
     gap: np.ndarray
+    c: np.ndarray
 
-    def __init__(self, dofs: Any, k: Any, gap: Any, *, sign: Any = 1):
-        super().__init__(dofs, sign=sign, k=k, gap=gap)
-        self._require(self.k >= 0.0, "k", "not be negative")
-        self._require(self.gap >= 0.0, "gap", "not be negative")
+    def __init__(self, dofs: Any, k: Any, gap: Any, *, sign: Any = 1, c: Any = None):
+        damper = {} if c is None else {"c": c}
+        if damper:
+            self.law = "damped gap"
+        super().__init__(dofs, sign=sign, k=k, gap=gap, **damper)
+        for name in self.names:
+            self._require(getattr(self, name) >= 0.0, name, "not be negative")
+
+    @property
+    def largest_damping(self) -> np.ndarray | None:
+        """Largest damping of each spring: of the damper, if there is one."""
+        return self.c if "c" in self.names else None
 
     @property
     def initial_tangent(self) -> np.ndarray:

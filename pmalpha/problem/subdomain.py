@@ -457,6 +457,13 @@ class Subdomain(Frozen):
         return combination([(1.0, self.K), (1.0, canonical(tangents, "springs", self.n)[0])])
 
     @property
+    def dampers(self) -> Matrix | None:
+        """The largest damping of springs that are evaluated once a step, None without any."""
+        springs = self.springs if self.scheme.explicit else self.restoring_springs
+        damped = tuple(x for x in springs if x.largest_damping is not None)
+        return canonical(stiffness(damped, "largest_damping", self.n), "springs", self.n)[0]
+
+    @property
     def implicit_stiffness(self) -> Matrix | None:
         """The matrix with the factor al1 in Mbar (R3): K + K_r, None if explicit."""
         return None if self.scheme.explicit else self.tangent

@@ -56,8 +56,8 @@ class History:
         a subdomain within a step, from its interpolated free velocity and its link velocity.
     displacement_jump : (macro time levels, p) array
         sum_i L_i u_i at `macro_times`: the displacement drift, where only velocities are tied. A
-        row with a prescribed velocity has the whole way of the support: there the drift is what is
-        left after subtracting the integral of that velocity from t = 0.
+        row with a prescribed velocity is relative to the displacement of its support, the integral
+        of that velocity from t = 0, by the trapezoidal rule over the `multiplier_times`.
     macro_times : (macro time levels,) array
         Ends of the recorded macro steps, the beginning of the run first.
     keys : tuple of (str, `Subdomain` or None)

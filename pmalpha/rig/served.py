@@ -358,7 +358,10 @@ def springs_in(what: Any) -> tuple[Spring, ...]:
 
 
 def check_served(what: Any) -> None:
-    springs = springs_in(what)
+    springs = what.springs if isinstance(what, Subdomain) else springs_in(what)
+    for spring in springs:
+        if spring.largest_damping is not None:
+            raise ValueError(f"springs to be served must have no damper, got c of {spring!r}")
     several = len(what) if isinstance(what, (list, tuple)) else 1
     if isinstance(what, (Subdomain, Coupler)) or springs and len(springs) == several:
         return

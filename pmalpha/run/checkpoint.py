@@ -196,6 +196,8 @@ def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[s
         arrays["contacts"] = numbers["contact"]
     arrays["multipliers"] = rows.forces(numbers["multipliers"])
     arrays["prescribed"] = rows.jumps(numbers["prescribed"])
+    if "moved" in numbers:
+        arrays["moved"] = rows.jumps(numbers["moved"])
     return arrays
 
 
@@ -238,6 +240,9 @@ def core_state(
             numbers["contact"] = contacts_of(arrays, numbers["contact"].size)
         numbers["multipliers"] = rows.forces_in_core(checked(arrays, "multipliers", p))
         numbers["prescribed"] = rows.jumps_in_core(checked(arrays, "prescribed", p))
+        if "moved" in numbers:  # files of before version 0.4 lack it
+            moved = checked(arrays, "moved", p) if "moved" in arrays else np.zeros(p)
+            numbers["moved"] = rows.jumps_in_core(moved)
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
     return CoreState(states, iterations, numbers)

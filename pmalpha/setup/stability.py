@@ -141,11 +141,11 @@ def critical_step(
     where it is complex the motion itself grows, and no step is stable. Of lagged damping with a
     skew part G, h is the step up to which an oscillator with the largest stiffness, damping and
     ``|G|`` is stable, equation (C3). A restoring force is represented by the estimate K_r, which is
-    added to K, and springs by their largest tangent stiffness (k of a `CubicSpring`); in an
-    implicit subdomain they have that of equation (C4), which K_r raises. Internal forces are
-    represented by their tangents at u, v and q, at the time 0, springs among them by the tangent at
-    u or the largest one and contact as closed at all of its nodes: with a longer step a bounce adds
-    energy.
+    added to K, and springs by their largest tangent stiffness (k of a `CubicSpring`), their dampers
+    as lagged damping; in an implicit subdomain they have that of equation (C4), which K_r raises.
+    Internal forces are represented by their tangents at u, v and q, at the time 0, springs among
+    them by the tangent at u or the largest one and contact as closed at all of its nodes: with a
+    longer step a bounce adds energy.
 
     `Coupler` warns of steps above the critical one, unless ties or damping make them stable: where
     all subdomains are linear and the amplification matrix has up to 300 rows, its spectral radius
@@ -211,7 +211,7 @@ def _limit_of_springs(s: Subdomain) -> float:
     Of many dofs, or where some have no mass, that of the dofs of the springs with all others held:
     not too short.
     """
-    if s.scheme.explicit or not s.restoring_springs:
+    if s.scheme.explicit or not s.restoring_springs or s.largest_tangent is None:
         return np.inf
     Omega2 = predicted_product(s.scheme) ** 2
     b = s.scheme.coefficients(1.0)[0]
@@ -249,16 +249,18 @@ def limiting_terms(
     """A = (K + K_r + K_t) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
 
     Each is a factor and a matrix, which saves a copy of a large matrix. Springs count with their
-    largest tangents, unless `closed` is False.
+    largest tangents and dampers, which are lagged, unless `closed` is False.
     """
     Omega = critical_product(subdomain.scheme)
     A = None
     if np.isfinite(Omega):
         A = subdomain.largest_tangent if closed else subdomain.initial_tangent
         A = A if internal is None else combination([(1.0, A), (1.0, internal)])
-    if subdomain.damping != "lagged":
-        return [(1.0 / Omega**2, A), (0.0, None)]
-    return [(1.0 / Omega**2, A), (1.0 / critical_damping_product(subdomain.scheme), subdomain.C)]
+    B = subdomain.C if subdomain.damping == "lagged" else None
+    if closed and subdomain.dampers is not None:
+        B = combination([(1.0, B), (1.0, subdomain.dampers)])
+    factor = 0.0 if B is None else 1.0 / critical_damping_product(subdomain.scheme)
+    return [(1.0 / Omega**2, A), (factor, B)]
 
 
 def _root(A: Matrix | None, B: Matrix | None, M: Matrix) -> float:

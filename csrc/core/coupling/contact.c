@@ -448,7 +448,10 @@ static pma_status strike(pma_coupler *c, pma_contact *x)
             m->member.impulse->strike(m->member.self, &m->step, s->f);
         any = any || s->has_impulse;
     }
-    return any && x->tied ? pma_fine_solve(c) : PMA_OK;
+    if (!any || !x->tied)
+        return PMA_OK;
+    pma_fine_right_side(c);
+    return pma_coupler_solve(c);
 }
 
 static pma_status end_substep(pma_coupler *c, pma_coupled *m)

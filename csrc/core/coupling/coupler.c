@@ -68,10 +68,13 @@ static pma_coupler *allocate(const pma_coupler_parts *parts)
                                 PMA_ARRAY(pma_coupler, motions, parts->motion_count),
                                 PMA_ARRAY(pma_coupler, present.lam, p),
                                 PMA_ARRAY(pma_coupler, present.g, p),
+                                PMA_ARRAY(pma_coupler, present.moved, p),
                                 PMA_ARRAY(pma_coupler, reached.lam, p),
                                 PMA_ARRAY(pma_coupler, reached.g, p),
+                                PMA_ARRAY(pma_coupler, reached.moved, p),
                                 PMA_ARRAY(pma_coupler, working.lam, p),
                                 PMA_ARRAY(pma_coupler, working.g, p),
+                                PMA_ARRAY(pma_coupler, working.moved, p),
                                 PMA_ARRAY(pma_coupler, scratch, p),
                                 PMA_ARRAY(pma_coupler, dlam, p),
                                 PMA_ARRAY(pma_coupler, lam_end, 2 * p + 2),
@@ -235,6 +238,7 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
     assert(step_count >= c->origin.number);
     memcpy(c->present.lam, lam, c->parts.p * sizeof(double));
     memcpy(c->present.g, g, c->parts.p * sizeof(double));
+    memset(c->present.moved, 0, c->parts.p * sizeof(double));
     c->present.number = c->reached.number = step_count - c->origin.number;
     c->k = 0;
     for (int64_t i = 0; i < 2; i++)
@@ -307,6 +311,8 @@ size_t pma_coupler_arrays(pma_coupler *c, pma_state_array out[PMA_COUPLER_ARRAYS
     size_t count = 0;
     out[count++] = (pma_state_array){"multipliers", p, c->present.lam};
     out[count++] = (pma_state_array){"prescribed", p, c->present.g};
+    if (c->parts.motion_count > 0)
+        out[count++] = (pma_state_array){"moved", p, c->present.moved};
     out[count++] = (pma_state_array){"end_multipliers", 2 * p + 2, c->lam_end};
     if (c->iteration && c->iteration->size > 0)
         out[count++] = pma_iteration_array(c->iteration);

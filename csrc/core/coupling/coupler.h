@@ -174,6 +174,7 @@ size_t pma_coupler_failed_rank(const pma_coupler *c);
 pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
 /* What belongs to the state beside the arrays of subdomains, to be read, or written after a start:
  *   multipliers, prescribed   p each
+ *   moved                     p: what the prescribed velocities have moved since t = 0, if any
  *   end_multipliers           mean coupling: those at the present, from which accelerations are
  *                             recorded, and those before the last ones (p each), and the lengths of
  *                             the last two macro steps (2), 0 where there was none
@@ -181,7 +182,7 @@ pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
  *   contact                   the last impulses (rows), the obstacles at the present (2 contacts)
  *                             and the sums of impulses since they were recorded last (rows), if any
  * Their number is returned. */
-enum { PMA_COUPLER_ARRAYS = 5 };
+enum { PMA_COUPLER_ARRAYS = 6 };
 size_t pma_coupler_arrays(pma_coupler *c, pma_state_array out[PMA_COUPLER_ARRAYS]);
 /* Contacts: W (rows x rows) by columns of the first macro step or of the later ones; another
  * obstacle, for as many contacts; and how often the last impulses without friction were solved

@@ -52,20 +52,26 @@ size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
 
 /* ---- jumps ---------------------------------------------------------------------------------- */
 
-/* sum_i L_i v_i - g and sum_i L_i u_i at a macro time level, into a row of each */
-static void macro_jumps(const pma_coupler *c, const pma_record *to, size_t macro, const double *g,
-                        size_t row, size_t macro_row)
+/* jump (p) := sum_i L_i u_i - int g dt at macro time level `macro`                        (G2) */
+static void displacement_jump(const pma_coupler *c, size_t macro, const double *moved, double *jump)
+{
+    for (size_t k = 0; k < c->parts.p; k++)
+        jump[k] = -moved[k];
+    pma_coupler_gather(c, PMA_DISPLACEMENT, macro, jump);
+}
+
+/* sum_i L_i v_i - g and that at a macro time level, into a row of each */
+static void macro_jumps(const pma_coupler *c, const pma_record *to, size_t macro,
+                        const pma_macro_level *level, size_t row, size_t macro_row)
 {
     const size_t p = c->parts.p;
     if (!to->velocity_jump)
         return;
     double *velocity = to->velocity_jump + row * p;
-    double *displacement = to->displacement_jump + macro_row * p;
     for (size_t k = 0; k < p; k++)
-        velocity[k] = -g[k];
-    memset(displacement, 0, p * sizeof(double));
+        velocity[k] = -level->g[k];
     pma_coupler_gather(c, PMA_VELOCITY, macro, velocity);
-    pma_coupler_gather(c, PMA_DISPLACEMENT, macro, displacement);
+    displacement_jump(c, macro, level->moved, to->displacement_jump + macro_row * p);
 }
 
 /* sum_i L_i v_i - g at the end of the fine step at hand, from total velocities; in mid-step from
@@ -134,9 +140,7 @@ static void write_macro_level(const pma_coupler *c, bool deferred)
         write_energy(c, c->record, macro, row);
     if (c->parts.p == 0 || deferred)
         return;
-    double *jump = c->record->displacement_jump + row * c->parts.p;
-    memset(jump, 0, c->parts.p * sizeof(double));
-    pma_coupler_gather(c, PMA_DISPLACEMENT, macro, jump);
+    displacement_jump(c, macro, c->working.moved, c->record->displacement_jump + row * c->parts.p);
 }
 
 void pma_recorder_write(const pma_coupler *c)
@@ -156,7 +160,7 @@ void pma_recorder_complete(const pma_coupler *c)
     const size_t row = pma_recorder_row(c, c->fine, c->fine), macro = pma_recorder_row(c, 1, 1);
     if (row == PMA_NO_ROW)
         return;
-    macro_jumps(c, c->record, 1, c->reached.g, row, macro);
+    macro_jumps(c, c->record, 1, &c->reached, row, macro);
 }
 
 /* ---- the present ---------------------------------------------------------------------------- */
@@ -174,7 +178,7 @@ static void record_present(const pma_coupler *c, const pma_record *record)
     if (p == 0)
         return;
     memcpy(record->multipliers, c->present.lam, p * sizeof(double));
-    macro_jumps(c, record, 0, c->present.g, 0, 0);
+    macro_jumps(c, record, 0, &c->present, 0, 0);
 }
 
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)

@@ -43,10 +43,10 @@ typedef struct {
 } pma_coupled;
 
 /* A macro time level, `number` macro steps after the origin of the clock: multipliers, prescribed
- * velocities (p each). */
+ * velocities and what these have moved since t = 0 (p each). */
 typedef struct {
     int64_t number;
-    double *lam, *g;
+    double *lam, *g, *moved;
 } pma_macro_level;
 
 static inline void pma_macro_level_swap(pma_macro_level *a, pma_macro_level *b)
@@ -234,7 +234,8 @@ static inline bool pma_is_pending(const pma_coupler *c)
 
 /* ---- stages of a macro step: stages.c ------------------------------------------------------- */
 
-/* working.g (p) := g of interface problem k, if there are motions */
+/* working.g (p) := g of interface problem k, working.moved its integral up to there       (G2);
+ * once for each, if there are motions */
 void pma_coupler_prescribe(pma_coupler *c);
 
 /* working.lam := H^-1 working.lam. PMA_NOT_FINITE, with the member at fault found. */

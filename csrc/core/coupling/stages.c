@@ -19,12 +19,20 @@ void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
     const double t = pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
+    const bool is_first = (c->k - 1) % c->fine == 0;
+    const pma_macro_level *begin = pma_is_pending(c) ? &c->reached : &c->present;
+    const pma_macro_level *before = is_first ? begin : &c->working;
+    const double half = 0.5 * c->parts.dt / (double)(int64_t)c->fine;
     for (size_t i = 0; i < c->parts.motion_count; i++) {
         const pma_motion *motion = &c->motions[i];
         memset(c->scratch, 0, motion->load.n * sizeof(double));
         pma_load_add(&motion->load, t, number, c->scratch);
-        for (size_t k = 0; k < motion->load.n; k++)
-            c->working.g[motion->rows[k]] = c->scratch[k];
+        for (size_t k = 0; k < motion->load.n; k++) {
+            const int64_t row = motion->rows[k];
+            c->working.moved[row] =
+                before->moved[row] + half * (before->g[row] + c->scratch[k]); /* (G2) */
+            c->working.g[row] = c->scratch[k];
+        }
     }
 }
 

@@ -44,7 +44,7 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, &it->step, to));
     if (!it->parts.springs)
-        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->fixed);
+        pma_springs_subtract(&p->springs, to->u, s->vs, from->springs, to->springs, it->fixed);
     if (p->D_r.form != PMA_ZERO) {
         for (size_t i = 0; i < p->n; i++)
             it->product[i] = -s->vs[i];
@@ -152,18 +152,18 @@ static void move(void *self, double by)
 
 /* ---- residual and tangent (N2) -------------------------------------------------------------- */
 
-/* tangent += al1 K_t of the springs */
-static void add_spring_tangents(const pma_iterate *it, const double *to, double al1,
+/* tangent += al1 K_t + al2 C_t of the springs */
+static void add_spring_tangents(const pma_iterate *it, const double *to, const pma_step *step,
                                 double *tangent)
 {
     static const double signs[4] = {1.0, -1.0, -1.0, 1.0};
     const pma_springs *springs = &it->of->parts.springs;
-    pma_springs_tangent(springs, it->springs_n, to, it->slopes);
+    pma_springs_tangent(springs, it->springs_n, to, step->al1, step->al2, it->slopes);
     for (size_t i = 0; i < springs->total; i++) {
         for (size_t k = 0; k < 4; k++) {
             const int64_t entry = it->spring_entries[4 * i + k];
             if (entry >= 0)
-                tangent[entry] += signs[k] * (al1 * it->slopes[i]);
+                tangent[entry] += signs[k] * it->slopes[i];
         }
     }
 }
@@ -184,9 +184,9 @@ static pma_status evaluate_forces(pma_iterate *it, const double *u, const double
                                   x->history, op->step.al1, op->step.al2, tangent, it->stiffness,
                                   it->scratch, &s->code));
     if (it->parts.springs) {
-        pma_springs_subtract(&p->springs, u, it->springs_n, x->springs, it->f);
+        pma_springs_subtract(&p->springs, u, v, it->springs_n, x->springs, it->f);
         if (tangent)
-            add_spring_tangents(it, x->springs, op->step.al1, tangent);
+            add_spring_tangents(it, x->springs, &op->step, tangent);
     }
     if (!p->lagged)
         pma_matrix_subtract(&p->C, v, it->f);

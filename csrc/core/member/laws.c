@@ -53,6 +53,29 @@ static double gap_energy(const pma_law_end *e)
     return e->d <= e->P[1][e->i] ? 0.0 : 0.5 * e->P[0][e->i] * closed * closed;
 }
 
+/* ---- (H13)  f = k (d - gap) + c d', if d is above the gap and that is positive --------------- */
+
+INLINE void go_damped_gap(const pma_law_path *s)
+{
+    const double *k = s->P[0], *gap = s->P[1], *c = s->P[2], *d = s->d, *rate = s->rate;
+    double *f = s->f;
+#pragma omp simd
+    for (size_t i = 0; i < s->count; i++) {
+        const double closed = k[i] * (d[i] - gap[i]) + c[i] * rate[i];
+        f[i] = d[i] <= gap[i] || closed <= 0.0 ? 0.0 : closed;
+    }
+}
+
+static double damped_gap_tangent(const pma_law_end *e)
+{
+    return e->f > 0.0 ? e->P[0][e->i] : 0.0;
+}
+
+static double damped_gap_dashpot(const pma_law_end *e)
+{
+    return e->f > 0.0 ? e->P[2][e->i] : 0.0;
+}
+
 /* ---- (H3)  p goes along when |d - p| would pass d_y;  f = k_hard d + k_soft (d - p) --------- */
 
 INLINE void go_bilinear(const pma_law_path *s)
@@ -386,6 +409,7 @@ static double ramberg_osgood_energy(const pma_law_end *e)
 
 COMPILED(cubic)
 COMPILED(gap)
+COMPILED(damped_gap)
 COMPILED(bilinear)
 COMPILED(bouc_wen)
 COMPILED(multilinear)
@@ -402,4 +426,6 @@ const pma_law pma_laws[PMA_SPRING_LAWS] = {
                      elastic_energy},
     [PMA_RAMBERG_OSGOOD] = {"Ramberg-Osgood", 4, RAMBERG_OSGOOD, 0, 0, go_ramberg_osgood,
                             go_ramberg_osgood, ramberg_osgood_tangent, ramberg_osgood_energy},
+    [PMA_DAMPED_GAP] = {"damped gap", 3, 0, 0, 0, FORMS(damped_gap), damped_gap_tangent, gap_energy,
+                        damped_gap_dashpot},
 };

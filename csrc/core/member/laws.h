@@ -1,6 +1,6 @@
-/* laws.h - the laws of springs, (H1) to (H11), a table with a row for each.
+/* laws.h - the laws of springs, (H1) to (H13), a table with a row for each.
  *
- * A law is its parameters, its inner variables, and three functions: where it goes, its tangent and
+ * A law is its parameters, its inner variables, and its functions: where it goes, its tangents and
  * its energy. What else depends on a law is made of this table: checks, sizes, lanes, and the list
  * of laws that Python has. */
 #ifndef PMA_LAWS_H
@@ -16,7 +16,8 @@
 typedef struct {
     size_t count, elements, stride;
     const double *const *P;
-    const double *d0, *d, *f0, *inner0;
+    const double *d0, *d, *rate, *f0,
+        *inner0; /* rate: d' at the end, of a law that has a dashpot */
     double *f, *inner1;
 } pma_law_path;
 
@@ -37,6 +38,7 @@ typedef struct {
     pma_law_go *go, *go_plain;          /* where the processor has AVX2; bitwise the same on all */
     double (*tangent)(const pma_law_end *end); /* df/dd */
     double (*energy)(const pma_law_end *end);  /* that it can give back                    (H5) */
+    double (*dashpot)(const pma_law_end *end); /* df/dd'; NULL: without one */
 } pma_law;
 
 extern const pma_law pma_laws[PMA_SPRING_LAWS];

@@ -158,14 +158,14 @@ void pma_rig_command_first(pma_rig *rig)
 }
 
 /* Of springs that were never loaded before, and of functions as evaluated last */
-pma_status pma_rig_reply_first(pma_rig *rig, double t, const double *u)
+pma_status pma_rig_reply_first(pma_rig *rig, double t, const double *u, const double *v)
 {
     const pma_parts *p = &rig->of->parts;
     if (!rig->commands)
         return PMA_OK;
     double *r = pma_limits_first(rig->commands, u);
     memset(r, 0, p->n * sizeof(double));
-    PMA_TRY(pma_springs_subtract_first(&p->springs, u, r));
+    PMA_TRY(pma_springs_subtract_first(&p->springs, u, v, r));
     for (size_t i = 0; i < p->n; i++)
         r[i] = (p->restoring.function ? pma_restoring_force(&p->restoring, i) : 0.0) - r[i];
     rig->breach = rig->commands;

@@ -20,7 +20,7 @@ bool pma_rig_admits(pma_rig *rig, const pma_substep *step, const double *u, cons
 
 /* The same of the initial values, u (n) at t, which no limit of a command concerns. */
 void pma_rig_command_first(pma_rig *rig);
-pma_status pma_rig_reply_first(pma_rig *rig, double t, const double *u);
+pma_status pma_rig_reply_first(pma_rig *rig, double t, const double *u, const double *v);
 
 /* Commands and replies so far are forgotten; the next ones follow the initial values, whose
  * velocity is v (n; NULL: there are none). */

@@ -138,7 +138,7 @@ static int move(const pma_specimen *s, double t, const pma_command *command, dou
         pma_linear_evaluate(s->linear, command->u, f, own);
         return 0;
     }
-    pma_springs_subtract(&s->springs, command->u, own, own, f);
+    pma_springs_subtract(&s->springs, command->u, command->v, own, own, f);
     double *r = command->a; /* done with */
     memset(r, 0, n * sizeof(double));
     const int code =

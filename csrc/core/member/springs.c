@@ -1,6 +1,5 @@
 #include "member/springs.h"
 
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -61,11 +60,28 @@ typedef struct {
     size_t begin, count, position;
 } chunk;
 
+bool pma_springs_have_rates(const pma_springs *springs)
+{
+    for (size_t s = 0; s < springs->count; s++) {
+        if (pma_laws[springs->sets[s].law].dashpot)
+            return true;
+    }
+    return false;
+}
+
 static void measure(const chunk *at, const double *u, double *d)
 {
     const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
     for (size_t i = 0; i < at->count; i++)
         d[i] = (first[i] < 0 ? 0.0 : u[first[i]]) - (second[i] < 0 ? 0.0 : u[second[i]]);
+}
+
+static void measure_rate(const chunk *at, const double *v, double *rate)
+{
+    if (v)
+        measure(at, v, rate);
+    else
+        memset(rate, 0, at->count * sizeof(double));
 }
 
 static void spread(const chunk *at, const double *f, double *y)
@@ -80,8 +96,8 @@ static void spread(const chunk *at, const double *f, double *y)
 }
 
 /* The springs of a chunk go from one level to another, to the deformations d. */
-static void go(const chunk *at, size_t total, const double *d, const double *from, double *to,
-               bool best)
+static void go(const chunk *at, size_t total, const double *d, const double *rate,
+               const double *from, double *to, bool best)
 {
     const double *P[PMA_SPRING_PARAMETERS] = {NULL};
     const pma_law *law = &pma_laws[at->set->law];
@@ -93,6 +109,7 @@ static void go(const chunk *at, size_t total, const double *d, const double *fro
                                .P = P,
                                .d0 = from + at->position,
                                .d = d,
+                               .rate = rate,
                                .f0 = from + total + at->position,
                                .inner0 = from + 2 * total + at->position,
                                .f = to + total + at->position,
@@ -100,11 +117,11 @@ static void go(const chunk *at, size_t total, const double *d, const double *fro
     (best ? law->go : law->go_plain)(&path);
 }
 
-static void subtract(const pma_springs *springs, const double *u, const double *from, double *to,
-                     double *y, bool best)
+static void subtract(const pma_springs *springs, const double *u, const double *v,
+                     const double *from, double *to, double *y, bool best)
 {
     const size_t total = springs->total;
-    double d[CHUNK];
+    double d[CHUNK], rate[CHUNK];
     chunk at = {.position = 0};
     for (size_t s = 0; s < springs->count; s++) {
         at.set = &springs->sets[s];
@@ -112,31 +129,34 @@ static void subtract(const pma_springs *springs, const double *u, const double *
             const size_t left = at.set->count - at.begin;
             at.count = left < CHUNK ? left : CHUNK;
             measure(&at, u, d);
-            go(&at, total, d, from, to, best);
+            if (pma_laws[at.set->law].dashpot)
+                measure_rate(&at, v, rate);
+            go(&at, total, d, rate, from, to, best);
             memcpy(to + at.position, d, at.count * sizeof(double));
             spread(&at, to + total + at.position, y);
         }
     }
 }
 
-void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
-                          double *to, double *y)
+void pma_springs_subtract(const pma_springs *springs, const double *u, const double *v,
+                          const double *from, double *to, double *y)
 {
-    subtract(springs, u, from, to, y, pma_has_avx2());
+    subtract(springs, u, v, from, to, y, pma_has_avx2());
 }
 
-void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *from,
-                                double *to, double *y)
+void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *v,
+                                const double *from, double *to, double *y)
 {
-    subtract(springs, u, from, to, y, false);
+    subtract(springs, u, v, from, to, y, false);
 }
 
-pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, double *y)
+pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, const double *v,
+                                      double *y)
 {
     double *fresh = calloc(pma_springs_numbers(springs) + 1, sizeof *fresh);
     if (!fresh)
         return PMA_NO_MEMORY;
-    pma_springs_subtract(springs, u, fresh, fresh, y);
+    pma_springs_subtract(springs, u, v, fresh, fresh, y);
     free(fresh);
     return PMA_OK;
 }
@@ -160,13 +180,16 @@ static pma_law_end end_of(const pma_springs *springs, const pma_spring_set *set,
 }
 
 void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
-                         double *slopes)
+                         double by_d, double by_rate, double *slopes)
 {
     for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
         const pma_spring_set *set = &springs->sets[s];
+        const pma_law *law = &pma_laws[set->law];
         for (size_t i = 0; i < set->count; i++) {
             const pma_law_end end = end_of(springs, set, i, at + i, from, to);
-            slopes[at + i] = pma_laws[set->law].tangent(&end);
+            slopes[at + i] = by_d * law->tangent(&end);
+            if (law->dashpot)
+                slopes[at + i] += by_rate * law->dashpot(&end);
         }
     }
 }

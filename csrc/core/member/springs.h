@@ -1,10 +1,11 @@
 /* springs.h - many springs at once, between two dofs or a dof and the ground.
  *
- * A spring feels its deformation d = u_first - u_second and pulls back with f. What it remembers is
- * part of a state: three numbers for each spring. */
+ * A spring feels its deformation d = u_first - u_second, one with a damper its rate d' too, and
+ * pulls back with f. What it remembers is part of a state: three numbers for each spring. */
 #ifndef PMA_SPRINGS_H
 #define PMA_SPRINGS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -18,7 +19,8 @@
  *   Bouc-Wen        k_hard, f_soft, 1/d_y, n, beta, gamma, rate  f = k_hard d + f_soft z     (H4)
  *   multilinear     k, then k_e, d_e of each element             f = k d + sum k_e (d - p_e) (H9)
  *   ... elastic     the same                                     and without memory          (H10)
- *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches         (H11) */
+ *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches         (H11)
+ *   damped gap      k, gap, c                                    + c d' of a gap          (H13) */
 typedef enum {
     PMA_CUBIC,
     PMA_GAP,
@@ -26,10 +28,11 @@ typedef enum {
     PMA_BOUC_WEN,
     PMA_MULTILINEAR,
     PMA_ELASTIC,
-    PMA_RAMBERG_OSGOOD
+    PMA_RAMBERG_OSGOOD,
+    PMA_DAMPED_GAP
 } pma_spring_law;
 
-enum { PMA_SPRING_LAWS = PMA_RAMBERG_OSGOOD + 1, PMA_SPRING_PARAMETERS = 63 };
+enum { PMA_SPRING_LAWS = PMA_DAMPED_GAP + 1, PMA_SPRING_PARAMETERS = 63 };
 
 /* Springs of one law. Arrays of the caller, which have to outlive it. */
 typedef struct {
@@ -58,21 +61,26 @@ size_t pma_spring_parameters(const pma_spring_set *set);
  * is one and the parameters are at most PMA_SPRING_PARAMETERS. */
 pma_status pma_springs_check(const pma_springs *springs, size_t n);
 
-/* y -= r(u): `to` is what the springs remember after they went from `from` to u. `from` and `to`
- * may be the same. Does not allocate. */
-void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
-                          double *to, double *y);
+/* Does a force depend on the velocity? */
+bool pma_springs_have_rates(const pma_springs *springs);
+
+/* y -= r(u, v): `to` is what the springs remember after they went from `from` to u. `from` and `to`
+ * may be the same; v is NULL at rest, and where no force depends on it. Does not allocate. */
+void pma_springs_subtract(const pma_springs *springs, const double *u, const double *v,
+                          const double *from, double *to, double *y);
 
 /* The same by loops for any processor, to be compared. */
-void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *from,
-                                double *to, double *y);
+void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *v,
+                                const double *from, double *to, double *y);
 
-/* y -= r(u) of springs that were never loaded, which stay so. Allocates: PMA_NO_MEMORY. */
-pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, double *y);
+/* y -= r(u, v) of springs that were never loaded, which stay so. Allocates: PMA_NO_MEMORY. */
+pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, const double *v,
+                                      double *y);
 
-/* df/dd (total) at the end of the path from one level to another, which r(u) was evaluated for. */
+/* by_d df/dd + by_rate df/dd' (total) at the end of the path from one level to another, which
+ * r(u, v) was evaluated for. */
 void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
-                         double *slopes);
+                         double by_d, double by_rate, double *slopes);
 
 /* The energy that they can give back at a time level.                                      (H5) */
 double pma_springs_energy(const pma_springs *springs, const double *level);

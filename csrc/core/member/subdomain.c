@@ -187,7 +187,8 @@ static pma_status fill(pma_subdomain *s, const pma_parts *parts)
     s->parts = *parts;
     s->update = pma_update_best();
     s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO ||
-                      (parts->internal.count > 0 && !parts->iterate);
+                      (parts->internal.count > 0 && !parts->iterate) ||
+                      pma_springs_have_rates(&parts->springs);
     s->evaluates = s->extrapolates || parts->springs.total > 0;
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
     PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
@@ -311,7 +312,7 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
     memset(r, 0, p->n * sizeof(double));
-    PMA_TRY(pma_springs_subtract_first(&p->springs, u, r));
+    PMA_TRY(pma_springs_subtract_first(&p->springs, u, v, r));
     memset(s->remembered, 0, p->restoring.memory * sizeof(double));
     if (s->rig)
         pma_rig_command_first(s->rig);
@@ -324,7 +325,7 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
     for (size_t i = 0; i < p->n && s->balance && p->restoring.function; i++)
         pma_balance_first(s->balance)->once[i] = pma_restoring_force(&p->restoring, i);
     if (status == PMA_OK && s->rig)
-        status = pma_rig_reply_first(s->rig, t, u);
+        status = pma_rig_reply_first(s->rig, t, u, v);
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
 }
 
@@ -346,7 +347,7 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     const size_t bytes = s->parts.n * sizeof(double);
     const pma_state *x = &s->levels.present;
     memset(x->springs, 0, pma_springs_numbers(&s->parts.springs) * sizeof(double));
-    pma_springs_subtract(&s->parts.springs, u, x->springs, x->springs, x->a); /* a is scratch */
+    pma_springs_subtract(&s->parts.springs, u, v, x->springs, x->springs, x->a); /* a is scratch */
     memcpy(x->u, u, bytes);
     memcpy(x->v, v, bytes);
     memcpy(x->w, w, bytes);

@@ -93,7 +93,7 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
-        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
+        pma_springs_subtract(&p->springs, to->u, s->vs, from->springs, to->springs, to->w);
     if (p->restoring.function)
         PMA_TRY(pma_substep_subtract_restoring(s, step, to, to->w));
     if (s->rig)
