@@ -193,6 +193,7 @@ pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out)
     *out = (pma_link){.nb = nb};
     PMA_TRY(pma_field_dict(f));
     PMA_TRY(pma_field_count(&p, 0, &out->p));
+    PMA_TRY(pma_field_room(&p, out->p, sizeof(double)));
     PMA_TRY(take_pattern(f, nb, &out->ptr, &out->index));
     return pma_field_doubles(&values, (size_t)out->ptr[nb], &out->values);
 }
