@@ -113,14 +113,12 @@ def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...
 def postorder(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> np.ndarray: ...
 def supernodes(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> tuple[np.ndarray, ...]: ...
 def factor_panels(
-    matrix: forms.Compressed,
-    structure: tuple[np.ndarray, ...],
+    pattern: forms.Numeric,
+    entries: np.ndarray,
     values: np.ndarray,
     inverse: np.ndarray,
     lost: float,
     growth: float,
-    dgemm: Any,
-    dtrsm: Any,
     threads: int,
     /,
 ) -> int | None: ...

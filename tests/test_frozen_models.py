@@ -18,6 +18,8 @@ from frozen_couplers import (
 from scipy import LowLevelCallable
 
 import pmalpha as pm
+import pmalpha.run.freeze
+from pmalpha.frozen.tree import file_of
 
 # the drift of the tie is that of both, and long steps show it
 pytestmark = pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning")
@@ -515,6 +517,20 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
 
 
 # ---- files ---------------------------------------------------------------------------------------
+
+
+def test_a_number_of_constraints_that_no_file_of_this_size_has_is_refused(
+    library, tmp_path, monkeypatch
+):
+    def damaged(tree):
+        parts = tree["subdomains"][0]["parts"]
+        parts["link"] = parts["link"]._replace(p=2**40)
+        return file_of(tree)
+
+    monkeypatch.setattr(pmalpha.run.freeze, "file_of", damaged)
+    iterated("macro").freeze(tmp_path / "x.pma")
+    with pytest.raises(Refused, match="p is too large"):
+        library.model(tmp_path / "x.pma")
 
 
 def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):

@@ -273,73 +273,56 @@ static pma_status factor(const pma_panels *p, const pma_panels_input *A, const i
     return status;
 }
 
-/* (ptr, index, values) and (first, row_ptr, rows, start, owner) of the same pattern */
-static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values, PyObject *arrays,
-                        pma_panels_input *A, pma_panels *p, const int64_t **owner)
+/* What is factored, checked; where the panels are written, with R and, unsymmetric, Q after it */
+static int take_problem(PyObject *pattern_obj, PyObject *entries, PyObject *values, npy_intp n,
+                        PyObject *arrays, pma_numeric_parts *parts, pma_panels_input *A)
 {
-    pattern of;
-    if (!PyTuple_Check(matrix) || PyTuple_Size(matrix) != 3 || !PyTuple_Check(structure) ||
-        PyTuple_Size(structure) != 5)
-        return pma_refuse(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
-    if (take_pattern(PyTuple_GetItem(matrix, 0), PyTuple_GetItem(matrix, 1), &of) < 0)
+    if (pma_take_numeric(pattern_obj, n, arrays, parts) < 0 ||
+        pma_take_doubles(entries, (npy_intp)parts->ptr[n], "entries", arrays, &A->values) < 0)
         return -1;
-    A->n = of.n;
-    A->ptr = of.ptr;
-    A->index = of.index;
-    npy_intp n = (npy_intp)of.n;
-    if (pma_take_doubles(PyTuple_GetItem(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
-                         &A->values) < 0 ||
-        pma_take_vector(PyTuple_GetItem(structure, 4), NPY_INT64, &n, "owner", arrays, owner) < 0)
-        return -1;
-    PyObject *panels =
-        Py_BuildValue("{sOsOsOsOsO}", "first", PyTuple_GetItem(structure, 0), "row_ptr",
-                      PyTuple_GetItem(structure, 1), "rows", PyTuple_GetItem(structure, 2), "start",
-                      PyTuple_GetItem(structure, 3), "values", values);
-    const int failed = panels ? pma_take_panels(panels, arrays, p) : -1;
-    Py_XDECREF(panels);
-    if (failed)
-        return -1;
-    bool right = pma_panels_check(p, of.n, 0) == PMA_OK;
-    for (size_t j = 0; right && j < of.n; j++) {
-        const int64_t s = (*owner)[j];
-        right = s >= 0 && (size_t)s < p->count && p->first[s] <= (int64_t)j &&
-                (int64_t)j < p->first[s + 1];
-    }
-    if (!right)
+    pma_panels *p = &parts->panels;
+    const pma_matrix pattern = {
+        .form = PMA_SPARSE, .n = parts->n, .ptr = parts->ptr, .index = parts->index};
+    if (!p->first || pma_matrix_check(&pattern) != PMA_OK ||
+        pma_panels_check(p, parts->n, 0) != PMA_OK ||
+        pma_panels_check_owners(p, parts->n, parts->owner) != PMA_OK) {
         pma_raise(PMA_BAD_INDEX, "structure");
-    return right ? 0 : -1;
+        return -1;
+    }
+    const npy_intp size = (npy_intp)p->start[p->count], shape[2] = {2, size};
+    PyArrayObject *panels;
+    if (pma_take_output(values, parts->unsymmetric ? 2 : 1, parts->unsymmetric ? shape : shape + 1,
+                        "values", &panels) < 0)
+        return -1;
+    p->values = PyArray_DATA(panels);
+    p->Q = parts->unsymmetric ? (size_t)size : 0;
+    A->n = parts->n;
+    A->ptr = parts->ptr;
+    A->index = parts->index;
+    return 0;
 }
 
-/* factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads): fills
- * values, of R and if they have two rows of Q, and inverse; None, or the column whose pivot is
- * refused */
+/* Fills values, of R and after it of Q, and inverse */
 static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
 {
-    PyObject *matrix, *structure, *values, *inverse_obj, *dgemm, *dtrsm, *result = NULL;
+    PyObject *pattern_obj, *entries, *values, *inverse_obj, *result = NULL;
     pma_panels_input A = {.indefinite = false};
-    pma_panels p;
-    pma_blas blas;
-    const int64_t *owner;
-    const double *inverse;
+    pma_numeric_parts parts;
+    PyArrayObject *inverse;
+    npy_intp n = -1;
     size_t column = 0;
     Py_ssize_t threads;
-    if (!PyArg_ParseTuple(args, "OOOOddOOn", &matrix, &structure, &values, &inverse_obj, &A.lost,
-                          &A.growth, &dgemm, &dtrsm, &threads) ||
-        pma_take_blas(dgemm, dtrsm, &blas) < 0)
+    if (!PyArg_ParseTuple(args, "OOOOddn", &pattern_obj, &entries, &values, &inverse_obj, &A.lost,
+                          &A.growth, &threads))
         return NULL;
     if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS)
         return PyErr_Format(PyExc_ValueError, "threads must lie in 1..1024");
     PyObject *arrays = PyList_New(0);
-    if (!arrays || take_problem(matrix, structure, values, arrays, &A, &p, &owner) < 0 ||
-        pma_take_doubles(inverse_obj, (npy_intp)A.n, "inverse", arrays, &inverse) < 0)
+    if (!arrays || pma_take_output(inverse_obj, 1, &n, "inverse", &inverse) < 0 ||
+        take_problem(pattern_obj, entries, values, PyArray_DIM(inverse, 0), arrays, &parts, &A) < 0)
         goto done;
-    if (!PyArray_ISWRITEABLE((PyArrayObject *)values) ||
-        !PyArray_ISWRITEABLE((PyArrayObject *)inverse_obj)) {
-        PyErr_SetString(PyExc_ValueError, "values and inverse must be writeable");
-        goto done;
-    }
-    const pma_status status = factor(&p, &A, owner, &blas, (size_t)threads,
-                                     PyArray_DATA((PyArrayObject *)inverse_obj), &column);
+    const pma_status status = factor(&parts.panels, &A, parts.owner, &parts.blas, (size_t)threads,
+                                     PyArray_DATA(inverse), &column);
     if (status == PMA_OK)
         result = Py_NewRef(Py_None);
     else if (status == PMA_NOT_DEFINITE)
@@ -478,8 +461,8 @@ PyMethodDef pma_factor_functions[] = {
     {"supernodes", supernodes, METH_VARARGS,
      "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
     {"factor_panels", factor_panels, METH_VARARGS,
-     "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads) -> "
-     "None or a column"},
+     "factor_panels(pattern, entries, values, inverse, lost, growth, threads) -> None, or the "
+     "column whose pivot is refused"},
     {"factor_dense", factor_dense, METH_VARARGS,
      "factor_dense(A, lost, dgemm, dtrsm) -> (inverse, R by columns, None or a column)"},
     {"compliance", compliance, METH_VARARGS,

@@ -28,11 +28,11 @@ int pma_take_bordered(PyObject *factor, PyObject *link, npy_intp n, npy_intp nb,
     return pma_end(&arg, pma_parts_link(&root, (size_t)nb, L));
 }
 
-int pma_take_panels(PyObject *obj, PyObject *arrays, pma_panels *out)
+int pma_take_numeric(PyObject *obj, npy_intp n, PyObject *arrays, pma_numeric_parts *out)
 {
     pma_argument arg;
-    const pma_field root = pma_read(&arg, obj, "structure", arrays);
-    return pma_end(&arg, pma_parts_panels(&root, out));
+    const pma_field root = pma_read(&arg, obj, "pattern", arrays);
+    return pma_end(&arg, pma_parts_numeric(&root, (size_t)n, 0, out));
 }
 
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_springs *out)

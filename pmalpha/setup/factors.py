@@ -12,7 +12,7 @@ from .. import _core
 from ..blas import gemm_and_trsm, one_thread
 from ..errors import FactorizationError
 from ..memory import require
-from ..problem.forms import Band, Compressed, Factor, Panels, Supernodes
+from ..problem.forms import Band, Compressed, Factor, Numeric, Panels, Supernodes
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
 from ..reduction.ordering import Graph, elimination_order, rows_of, with_full_nodes
 from .inertia import Inertia, inertia
@@ -197,9 +197,8 @@ def _in_panels(
     what = f"the factor of {names.what} ({n} dofs, {count} entries)"
     require(size + structure.scratch(threads), what)
     values, inverse = np.empty(entries if symmetric else (2, entries)), np.empty(n)
-    failed = _core.factor_panels(
-        A, structure.panels, values, inverse, LOST, GROWTH, *gemm_and_trsm(), threads
-    )
+    pattern = Numeric(A.ptr, A.indices, structure.panels, *gemm_and_trsm(), not symmetric)
+    failed = _core.factor_panels(pattern, A.values, values, inverse, LOST, GROWTH, threads)
     panels = Panels(*structure.panels[:4], values)
     return inverse, columns_of_panels(panels) if thin and failed is None else panels, failed
 

@@ -71,7 +71,8 @@ static pma_status check(const pma_numeric_parts *parts)
         return status;
     if (!parts->panels.first)
         return PMA_BAD_INDEX;
-    return pma_panels_check(&parts->panels, parts->n, parts->nb);
+    PMA_TRY(pma_panels_check(&parts->panels, parts->n, parts->nb));
+    return pma_panels_check_owners(&parts->panels, parts->n, parts->owner);
 }
 
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)

@@ -153,7 +153,7 @@ static pma_status take_structure(const pma_field *f, pma_panels *out)
     return pma_field_ints(&rows, (size_t)out->row_ptr[out->count], &out->rows);
 }
 
-pma_status pma_parts_panels(const pma_field *f, pma_panels *out)
+static pma_status take_panels(const pma_field *f, pma_panels *out)
 {
     const pma_field values = pma_field_at(f, "values");
     const double *data = NULL;
@@ -177,7 +177,7 @@ pma_status pma_parts_factor(const pma_field *f, size_t n, size_t nb, pma_factor 
         return take_factor_band(&R, n, out);
     if (pma_field_has(&R, "first")) {
         out->form = PMA_PANELS;
-        return pma_parts_panels(&R, &out->panels);
+        return take_panels(&R, &out->panels);
     }
     if (R.node->kind == PMA_DICT)
         return take_columns(&R, n, out);

@@ -37,9 +37,6 @@ pma_status pma_parts_matrix(const pma_field *f, size_t n, pma_matrix *out);
  * an axis more, the first, for R and Q. */
 pma_status pma_parts_factor(const pma_field *f, size_t n, size_t nb, pma_factor *out);
 
-/* {first, row_ptr, rows, start, values} */
-pma_status pma_parts_panels(const pma_field *f, pma_panels *out);
-
 /* {p, ptr, indices, values}: L_b by columns */
 pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out);
 
