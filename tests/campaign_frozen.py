@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from campaign import arguments, seeds
-from frozen_couplers import COUPLINGS, SPRINGS, all_outputs, bouncing, frame, iterated
+from frozen_couplers import COUPLINGS, SPRINGS, all_outputs, bouncing, frame, full, iterated
 
 import pmalpha as pm
 
@@ -39,6 +39,7 @@ def models(folder):
         f"{c} {s}": frame(c, s) for c in COUPLINGS for s in SPRINGS if c != "mean" or s == "none"
     }
     made |= {"contact": bouncing(), "iterated": iterated("gc"), "shooting": iterated("macro")}
+    made["panels"] = full("gc", 36, 17)  # tangents and the interface matrix in panels
     load = pm.SampledForce(np.ones((9, 1)), 0.01, np.array([1.0, 2.0, 3.0]))
     made["loads"] = frame("gc", force=[load, np.ones(3)])
     inputs = {"column": ("specimen", "a", 1), "wind": ("force", "a", 2), "table": ("velocity", 1)}

@@ -162,7 +162,17 @@ TWO_BLOCKS[50:60, 110:] = TWO_BLOCKS[110:, 50:60] = 1.0
 
 
 def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS, threads=2):
-    return _core.factor_panels(matrix, structure, values, inverse, lost, 1e8, *blas, threads)
+    ptr, indices, entries = (*(matrix or ()), None, None, None)[:3]
+    names = ("first", "row_ptr", "rows", "start", "owner")
+    pattern = {
+        "ptr": ptr,
+        "indices": indices,
+        "structure": structure and dict(zip(names, structure)),
+        "dgemm": blas[0],
+        "dtrsm": blas[1],
+        "unsymmetric": values.ndim == 2,
+    }
+    return _core.factor_panels(pattern, entries, values, inverse, lost, 1e8, threads)
 
 
 def read_only(*shape):

@@ -220,3 +220,50 @@ def test_without_threads_it_needs_libc_and_libm_and_gives_the_same_numbers(model
         one.set(0, 300.0 * one.command_of(0)[1][0])
         assert one.advance(1) == OK
     assert one.get(0) == model[1]
+
+
+# ---- another processor ---------------------------------------------------------------------------
+
+ARM, EMULATOR = "arm-linux-gnueabihf-gcc", "qemu-arm-static"
+# Prints the output at each fine step, as it is in memory.
+PRINTING = """
+#include <pmalpha.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+int main(int count, char **words)
+{
+    pmalpha_model *m;
+    (void)count;
+    if (pmalpha_open(words[1], NULL, &m)) return 1;
+    for (int k = 0; k < 240; k++) {
+        double c[3], u;
+        uint64_t bits;
+        pmalpha_command(m, 0, c);
+        pmalpha_set(m, 0, 300.0 * c[0]);
+        if (pmalpha_advance(m, 1)) return 2;
+        u = pmalpha_get(m, 0);
+        memcpy(&bits, &u, sizeof bits);
+        printf("%016llx\\n", (unsigned long long)bits);
+    }
+    pmalpha_close(m);
+    return 0;
+}
+"""
+
+
+@pytest.mark.gate
+@pytest.mark.skipif(
+    not (shutil.which(ARM) and shutil.which(EMULATOR)), reason=f"needs {ARM} and {EMULATOR}"
+)
+def test_a_32_bit_arm_gives_the_same_numbers(model, tmp_path):
+    installed(tmp_path, f"CC={ARM}", "AR=arm-linux-gnueabihf-ar", "CFLAGS=-O1")
+    (tmp_path / "print.c").write_text(PRINTING)
+    program, folder = tmp_path / "print", tmp_path / "lib"
+    words = ["-static", "-I", tmp_path / "include", tmp_path / "print.c", folder / "libpmalpha.a"]
+    run(ARM, *words, "-lm", "-pthread", "-o", program)
+    assert "ARM" in run("readelf", "-h", program)
+    here = compiled(tmp_path / "print.c", tmp_path)
+    numbers = run(EMULATOR, program, model[0]).split()
+    assert len(set(numbers)) > STEPS // 4  # the output is held over three fine steps
+    assert numbers == run(here, model[0]).split()

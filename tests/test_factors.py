@@ -10,7 +10,6 @@ import scipy.linalg
 import scipy.sparse as sp
 from drawn_matrices import definite_matrix
 from problems import random_problem
-from scipy.linalg import cython_blas
 
 import pmalpha as pm
 from pmalpha import _core, structures
@@ -62,7 +61,8 @@ def names(n, what="A"):
 
 
 def by_panels(A, nb, what="A"):
-    structure = factors.Structure(A.nnz, _core.supernodes(*core_sparse(A)[:2], nb))
+    panels = forms.Supernodes(*_core.supernodes(*core_sparse(A)[:2], nb))
+    structure = factors.Structure(A.nnz, panels)
     return factors.supernodal(A, names(A.shape[0], what), nb, structure)
 
 
@@ -259,21 +259,12 @@ def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
 def test_a_structure_that_is_not_of_the_matrix_is_refused():
     A = definite_matrix(np.random.default_rng(1), 20, 0.2)
     ptr, index, values = core_sparse(A)
-    structure = _core.supernodes(*core_sparse(sp.eye_array(20, format="csr"))[:2], 0)
-    panel_values, inverse = np.empty(structure[3][-1]), np.empty(20)
-    capsules = cython_blas.__pyx_capi__
+    eye = sp.eye_array(20, format="csr")
+    structure = forms.Supernodes(*_core.supernodes(*core_sparse(eye)[:2], 0))
+    panel_values, inverse = np.empty(structure.start[-1]), np.empty(20)
     with pytest.raises(ValueError, match="out of range"):
-        _core.factor_panels(
-            (ptr, index, values),
-            structure,
-            panel_values,
-            inverse,
-            0.0,
-            1e8,
-            capsules["dgemm"],
-            capsules["dtrsm"],
-            2,
-        )
+        pattern = forms.Numeric(ptr, index, structure, None, None, False)
+        _core.factor_panels(pattern, values, panel_values, inverse, 0.0, 1e8, 2)
 
 
 # ---- threads -------------------------------------------------------------------------------------

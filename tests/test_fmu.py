@@ -16,6 +16,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.Accur
 VERSIONS = ("2.0", "3.0")
 INPUTS = {"column": ("specimen", "a", 1), "wind": ("force", "a", 2)}
 OUTPUTS = {"roof.u": ("u", "a", 2), "shaft.a": ("a", "b", 1), "pull": ("multiplier", 0)}
+UNITS = {"column": "N", "column.u": "m", "wind": "N", "roof.u": "m"}
 STEPS = 40
 # What one process does with an FMU, without this package: the rows of a run as JSON.
 ALONE = """
@@ -80,7 +81,8 @@ def expected():
 @pytest.fixture(scope="module", params=VERSIONS)
 def path(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("fmu") / f"tower {request.param}.fmu"
-    hybrid().export_fmu(path, INPUTS, OUTPUTS, fmi=request.param, license="of the tower")
+    options = {"fmi": request.param, "license": "of the tower", "units": UNITS}
+    hybrid().export_fmu(path, INPUTS, OUTPUTS, **options)
     return path
 
 
@@ -154,6 +156,27 @@ def test_fmpy_finds_no_problem(path, fmpy):
     from fmpy.validation import validate_fmu
 
     assert validate_fmu(str(path)) == []
+
+
+def test_variables_have_the_units_that_were_given(path, fmpy):
+    description = fmpy.read_model_description(str(path))
+    units = {x.name: x.unit for x in description.modelVariables if x.unit is not None}
+    assert units == UNITS
+    assert [x.name for x in description.unitDefinitions] == ["N", "m"]
+
+
+@pytest.mark.parametrize(
+    "units, error, message",
+    [
+        ({"roof": "m"}, ValueError, "units must have names of inputs and outputs, got 'roof'"),
+        ({"wind": 1.0}, TypeError, "units must be a dict of texts"),
+        (["m"], TypeError, "units must be a dict of texts"),
+    ],
+)
+def test_units_of_what_is_not_there_are_refused(tmp_path, units, error, message):
+    with pytest.raises(error, match=message):
+        hybrid().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, units=units)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_run_in_fmpy_is_that_of_the_coupler(path, unpacked, fmpy, expected):

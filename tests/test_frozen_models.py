@@ -10,6 +10,7 @@ from frozen_couplers import (
     all_outputs,
     bouncing,
     frame,
+    full,
     iterated,
     plate,
     recorded,
@@ -17,6 +18,8 @@ from frozen_couplers import (
 from scipy import LowLevelCallable
 
 import pmalpha as pm
+import pmalpha.run.freeze
+from pmalpha.frozen.tree import file_of
 
 # the drift of the tie is that of both, and long steps show it
 pytestmark = pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning")
@@ -116,8 +119,20 @@ def test_iterated_springs_move_as_in_a_run(library, tmp_path, coupling, substeps
     assert np.array_equal(model.rows(20), rest)
 
 
-def test_tangents_in_panels_are_factored_without_blas(library, tmp_path):
+@pytest.mark.parametrize("n, ties", [(40, 1), (50, 8), (120, 20)])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_tangents_in_panels_are_bitwise_those_of_a_run(library, tmp_path, coupling, n, ties):
+    coupler = full(coupling, n, ties)
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 10)
+
+
+def test_a_structure_of_narrow_panels_moves_as_in_a_run(library, tmp_path):
     coupler = iterated("gc", n=34**2)  # up to a width of 32 it would be a band
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 5)
+
+
+def test_large_tangents_are_factored_without_blas(library, tmp_path):
+    coupler = full("gc", 420, 3)
     model = frozen(coupler, library, tmp_path)
     rows = model.rows(5)
     expected = recorded(coupler, coupler.run(steps=5), 5)
@@ -550,6 +565,20 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
 
 
 # ---- files ---------------------------------------------------------------------------------------
+
+
+def test_a_number_of_constraints_that_no_file_of_this_size_has_is_refused(
+    library, tmp_path, monkeypatch
+):
+    def damaged(tree):
+        parts = tree["subdomains"][0]["parts"]
+        parts["link"] = parts["link"]._replace(p=2**40)
+        return file_of(tree)
+
+    monkeypatch.setattr(pmalpha.run.freeze, "file_of", damaged)
+    iterated("macro").freeze(tmp_path / "x.pma")
+    with pytest.raises(Refused, match="p is too large"):
+        library.model(tmp_path / "x.pma")
 
 
 def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):

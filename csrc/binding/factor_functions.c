@@ -4,6 +4,7 @@
 
 #include "algebra/elimination.h"
 #include "algebra/symbolic.h"
+#include "algebra/trapezoid.h"
 #include "workers/team.h"
 #include "workers/thread.h"
 
@@ -272,73 +273,56 @@ static pma_status factor(const pma_panels *p, const pma_panels_input *A, const i
     return status;
 }
 
-/* (ptr, index, values) and (first, row_ptr, rows, start, owner) of the same pattern */
-static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values, PyObject *arrays,
-                        pma_panels_input *A, pma_panels *p, const int64_t **owner)
+/* What is factored, checked; where the panels are written, with R and, unsymmetric, Q after it */
+static int take_problem(PyObject *pattern_obj, PyObject *entries, PyObject *values, npy_intp n,
+                        PyObject *arrays, pma_numeric_parts *parts, pma_panels_input *A)
 {
-    pattern of;
-    if (!PyTuple_Check(matrix) || PyTuple_Size(matrix) != 3 || !PyTuple_Check(structure) ||
-        PyTuple_Size(structure) != 5)
-        return pma_refuse(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
-    if (take_pattern(PyTuple_GetItem(matrix, 0), PyTuple_GetItem(matrix, 1), &of) < 0)
+    if (pma_take_numeric(pattern_obj, n, arrays, parts) < 0 ||
+        pma_take_doubles(entries, (npy_intp)parts->ptr[n], "entries", arrays, &A->values) < 0)
         return -1;
-    A->n = of.n;
-    A->ptr = of.ptr;
-    A->index = of.index;
-    npy_intp n = (npy_intp)of.n;
-    if (pma_take_doubles(PyTuple_GetItem(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
-                         &A->values) < 0 ||
-        pma_take_vector(PyTuple_GetItem(structure, 4), NPY_INT64, &n, "owner", arrays, owner) < 0)
-        return -1;
-    PyObject *panels =
-        Py_BuildValue("{sOsOsOsOsO}", "first", PyTuple_GetItem(structure, 0), "row_ptr",
-                      PyTuple_GetItem(structure, 1), "rows", PyTuple_GetItem(structure, 2), "start",
-                      PyTuple_GetItem(structure, 3), "values", values);
-    const int failed = panels ? pma_take_panels(panels, arrays, p) : -1;
-    Py_XDECREF(panels);
-    if (failed)
-        return -1;
-    bool right = pma_panels_check(p, of.n, 0) == PMA_OK;
-    for (size_t j = 0; right && j < of.n; j++) {
-        const int64_t s = (*owner)[j];
-        right = s >= 0 && (size_t)s < p->count && p->first[s] <= (int64_t)j &&
-                (int64_t)j < p->first[s + 1];
-    }
-    if (!right)
+    pma_panels *p = &parts->panels;
+    const pma_matrix pattern = {
+        .form = PMA_SPARSE, .n = parts->n, .ptr = parts->ptr, .index = parts->index};
+    if (!p->first || pma_matrix_check(&pattern) != PMA_OK ||
+        pma_panels_check(p, parts->n, 0) != PMA_OK ||
+        pma_panels_check_owners(p, parts->n, parts->owner) != PMA_OK) {
         pma_raise(PMA_BAD_INDEX, "structure");
-    return right ? 0 : -1;
+        return -1;
+    }
+    const npy_intp size = (npy_intp)p->start[p->count], shape[2] = {2, size};
+    PyArrayObject *panels;
+    if (pma_take_output(values, parts->unsymmetric ? 2 : 1, parts->unsymmetric ? shape : shape + 1,
+                        "values", &panels) < 0)
+        return -1;
+    p->values = PyArray_DATA(panels);
+    p->Q = parts->unsymmetric ? (size_t)size : 0;
+    A->n = parts->n;
+    A->ptr = parts->ptr;
+    A->index = parts->index;
+    return 0;
 }
 
-/* factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads): fills
- * values, of R and if they have two rows of Q, and inverse; None, or the column whose pivot is
- * refused */
+/* Fills values, of R and after it of Q, and inverse */
 static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
 {
-    PyObject *matrix, *structure, *values, *inverse_obj, *dgemm, *dtrsm, *result = NULL;
+    PyObject *pattern_obj, *entries, *values, *inverse_obj, *result = NULL;
     pma_panels_input A = {.indefinite = false};
-    pma_panels p;
-    pma_blas blas;
-    const int64_t *owner;
-    const double *inverse;
+    pma_numeric_parts parts;
+    PyArrayObject *inverse;
+    npy_intp n = -1;
     size_t column = 0;
     Py_ssize_t threads;
-    if (!PyArg_ParseTuple(args, "OOOOddOOn", &matrix, &structure, &values, &inverse_obj, &A.lost,
-                          &A.growth, &dgemm, &dtrsm, &threads) ||
-        pma_take_blas(dgemm, dtrsm, &blas) < 0)
+    if (!PyArg_ParseTuple(args, "OOOOddn", &pattern_obj, &entries, &values, &inverse_obj, &A.lost,
+                          &A.growth, &threads))
         return NULL;
     if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS)
         return PyErr_Format(PyExc_ValueError, "threads must lie in 1..1024");
     PyObject *arrays = PyList_New(0);
-    if (!arrays || take_problem(matrix, structure, values, arrays, &A, &p, &owner) < 0 ||
-        pma_take_doubles(inverse_obj, (npy_intp)A.n, "inverse", arrays, &inverse) < 0)
+    if (!arrays || pma_take_output(inverse_obj, 1, &n, "inverse", &inverse) < 0 ||
+        take_problem(pattern_obj, entries, values, PyArray_DIM(inverse, 0), arrays, &parts, &A) < 0)
         goto done;
-    if (!PyArray_ISWRITEABLE((PyArrayObject *)values) ||
-        !PyArray_ISWRITEABLE((PyArrayObject *)inverse_obj)) {
-        PyErr_SetString(PyExc_ValueError, "values and inverse must be writeable");
-        goto done;
-    }
-    const pma_status status = factor(&p, &A, owner, &blas, (size_t)threads,
-                                     PyArray_DATA((PyArrayObject *)inverse_obj), &column);
+    const pma_status status = factor(&parts.panels, &A, parts.owner, &parts.blas, (size_t)threads,
+                                     PyArray_DATA(inverse), &column);
     if (status == PMA_OK)
         result = Py_NewRef(Py_None);
     else if (status == PMA_NOT_DEFINITE)
@@ -347,6 +331,53 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
         pma_raise(status, "factor_panels");
 done:
     Py_XDECREF(arrays);
+    return result;
+}
+
+/* ---- dense ----------------------------------------------------------------------------------- */
+
+/* R (n, n) of A in place, by columns, zero above the diagonal; n, or the column whose pivot is
+ * refused */
+static size_t factor_in_place(size_t n, double *R, double *inverse, double lost,
+                              const pma_blas *blas)
+{
+    for (size_t j = 0; j < n; j++)
+        inverse[j] = R[j * n + j];
+    const size_t good = pma_trapezoid_factor(R, n, n, inverse, lost, false, blas);
+    if (good < n)
+        return good;
+    pma_trapezoid_scale(R, n, n, inverse);
+    for (size_t j = 1; j < n; j++)
+        memset(R + j * n, 0, j * sizeof *R);
+    return n;
+}
+
+static PyObject *factor_dense(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *A_obj, *dgemm, *dtrsm, *R_obj = NULL, *inverse_obj = NULL, *result = NULL;
+    double lost, *inverse;
+    pma_blas blas;
+    if (!PyArg_ParseTuple(args, "OdOO", &A_obj, &lost, &dgemm, &dtrsm) ||
+        pma_take_blas(dgemm, dtrsm, &blas) < 0)
+        return NULL;
+    R_obj = PyArray_FROMANY(A_obj, NPY_DOUBLE, 2, 2, NPY_ARRAY_CARRAY | NPY_ARRAY_ENSURECOPY);
+    if (!R_obj)
+        return NULL;
+    PyArrayObject *R = (PyArrayObject *)R_obj;
+    const npy_intp n = PyArray_DIM(R, 0);
+    if (PyArray_DIM(R, 1) != n)
+        pma_refuse(PyExc_ValueError, "A must be square");
+    else
+        inverse_obj = pma_new_array(n, NPY_DOUBLE, &inverse);
+    if (inverse_obj) {
+        pma_caller before = pma_gil_release();
+        const size_t good = factor_in_place((size_t)n, PyArray_DATA(R), inverse, lost, &blas);
+        pma_gil_acquire(before);
+        result = good == (size_t)n ? Py_BuildValue("OOO", inverse_obj, R_obj, Py_None)
+                                   : Py_BuildValue("OOn", inverse_obj, R_obj, (Py_ssize_t)good);
+    }
+    Py_DECREF(R_obj);
+    Py_XDECREF(inverse_obj);
     return result;
 }
 
@@ -379,6 +410,47 @@ static PyObject *solve(PyObject *Py_UNUSED(module), PyObject *args)
     return status == PMA_OK ? solve_checked(&factor, b) : pma_raise(status, "factor");
 }
 
+/* G_k = L_b S^-1 L_b^T e_k for all k, (p, p) by columns                                     (F6) */
+static PyObject *compliance_checked(const pma_factor *f, const pma_link *L)
+{
+    const npy_intp sides[2] = {(npy_intp)L->p, (npy_intp)L->p};
+    double *work = PyMem_Calloc(pma_factor_scratch(f) + f->nb + L->p + 1, sizeof *work);
+    double *x = work + pma_factor_scratch(f), *unit = x + f->nb;
+    PyObject *G = work ? PyArray_ZEROS(2, sides, NPY_DOUBLE, 1) : PyErr_NoMemory();
+    if (G) {
+        double *values = PyArray_DATA((PyArrayObject *)G);
+        pma_caller before = pma_gil_release();
+        for (size_t k = 0; k < L->p; k++) {
+            unit[k] = 1.0;
+            pma_link_load(L, unit, x);
+            unit[k] = 0.0;
+            pma_factor_interface(f, x, work);
+            pma_link_gather(L, 1.0, x, values + k * L->p);
+        }
+        pma_gil_acquire(before);
+    }
+    PyMem_Free(work);
+    return G;
+}
+
+static PyObject *compliance(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *factor, *link;
+    Py_ssize_t n, nb;
+    pma_factor f;
+    pma_link L;
+    if (!PyArg_ParseTuple(args, "OOnn", &factor, &link, &n, &nb))
+        return NULL;
+    if (nb < 0 || nb > n)
+        return PyErr_Format(PyExc_ValueError, "nb must lie in 0..n");
+    if (pma_take_bordered(factor, link, n, nb, &f, &L) < 0)
+        return NULL;
+    const pma_status factor_status = pma_factor_check(&f), link_status = pma_link_check(&L);
+    if (factor_status != PMA_OK)
+        return pma_raise(factor_status, "factor");
+    return link_status == PMA_OK ? compliance_checked(&f, &L) : pma_raise(link_status, "link");
+}
+
 PyMethodDef pma_factor_functions[] = {
     {"graph_of_groups", graph_of_groups, METH_VARARGS,
      "graph_of_groups(ptr, index, group, groups) -> (ptr, index), symmetric, without loops"},
@@ -389,8 +461,12 @@ PyMethodDef pma_factor_functions[] = {
     {"supernodes", supernodes, METH_VARARGS,
      "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
     {"factor_panels", factor_panels, METH_VARARGS,
-     "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads) -> "
-     "None or a column"},
+     "factor_panels(pattern, entries, values, inverse, lost, growth, threads) -> None, or the "
+     "column whose pivot is refused"},
+    {"factor_dense", factor_dense, METH_VARARGS,
+     "factor_dense(A, lost, dgemm, dtrsm) -> (inverse, R by columns, None or a column)"},
+    {"compliance", compliance, METH_VARARGS,
+     "compliance(factor, link, n, nb) -> L_b S^-1 L_b^T of the last nb unknowns, (p, p)"},
     {"solve", solve, METH_VARARGS, "solve(factor, b) -> A^-1 b, (n,)"},
     {NULL, NULL, 0, NULL},
 };

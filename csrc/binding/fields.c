@@ -16,11 +16,23 @@ int pma_take_factor(PyObject *obj, npy_intp n, pma_factor *out)
     return pma_end(&arg, pma_parts_factor(&root, (size_t)n, 0, out));
 }
 
-int pma_take_panels(PyObject *obj, PyObject *arrays, pma_panels *out)
+/* factor (n,), and link of its last nb unknowns */
+int pma_take_bordered(PyObject *factor, PyObject *link, npy_intp n, npy_intp nb, pma_factor *f,
+                      pma_link *L)
 {
     pma_argument arg;
-    const pma_field root = pma_read(&arg, obj, "structure", arrays);
-    return pma_end(&arg, pma_parts_panels(&root, out));
+    pma_field root = pma_read(&arg, factor, "factor", NULL);
+    if (pma_end(&arg, pma_parts_factor(&root, (size_t)n, (size_t)nb, f)) < 0)
+        return -1;
+    root = pma_read(&arg, link, "link", NULL);
+    return pma_end(&arg, pma_parts_link(&root, (size_t)nb, L));
+}
+
+int pma_take_numeric(PyObject *obj, npy_intp n, PyObject *arrays, pma_numeric_parts *out)
+{
+    pma_argument arg;
+    const pma_field root = pma_read(&arg, obj, "pattern", arrays);
+    return pma_end(&arg, pma_parts_numeric(&root, (size_t)n, 0, out));
 }
 
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_springs *out)

@@ -6,6 +6,7 @@ import platform
 import re
 import sys
 import zipfile
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any, BinaryIO, NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -13,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from .. import _core
+from .._checks import listing
 from ..files import package_version
 from .installed import c_library
 from .ports import Ports
@@ -67,10 +69,13 @@ class Variable(NamedTuple):
     causality: str
     start: float | None
     description: str
+    unit: str | None = None
 
 
-def variables_of(ports: Ports, starts: list[float]) -> list[Variable]:
-    """Inputs, the commands of specimens, and outputs."""
+def variables_of(
+    ports: Ports, starts: list[float], units: Mapping[str, str] | None = None
+) -> list[Variable]:
+    """Inputs, the commands of specimens, and outputs, with their units by name."""
     made = []
     for i, (x, start) in enumerate(zip(ports.inputs, starts)):
         texts = {"specimen": OF_SPECIMEN, "force": "external force", "velocity": "velocity"}
@@ -84,29 +89,34 @@ def variables_of(ports: Ports, starts: list[float]) -> list[Variable]:
     first = EACH_INPUT * len(ports.inputs)
     for j, y in enumerate(ports.outputs):
         made.append(Variable(y.name, first + j, "output", None, f"{y.what} of the model"))
-    return made
+    units = units or {}
+    if unknown := units.keys() - {x.name for x in made}:
+        got = listing([repr(x) for x in sorted(map(str, unknown))])
+        raise ValueError(f"units must have names of inputs and outputs, got {got}")
+    return [x._replace(unit=units.get(x.name)) for x in made]
 
 
 def write(
     file: BinaryIO,
     identifier: str,
     content: bytearray,
-    ports: Ports,
-    starts: list[float],
+    variables: list[Variable],
     *,
+    time: int,
     fine: float,
     fmi: str,
     license: str | None,
 ) -> None:
-    """Write an FMU with the bytes of a model, of fine steps of length `fine`."""
-    variables, token = variables_of(ports, starts), token_of(content)
+    """Write an FMU with the bytes of a model, of fine steps of length `fine`.
+
+    time: the reference of the independent variable.
+    """
+    token = token_of(content)
     sources = _sources(fmi, content)
     listed = [name for name in sources if name.endswith(".c")]
     describe = {"2.0": _description_2, "3.0": _description_3}[fmi]
     parts: dict[str, Any] = {
-        "modelDescription.xml": describe(
-            identifier, token, variables, fine, listed, time=_time(ports)
-        )
+        "modelDescription.xml": describe(identifier, token, variables, fine, listed, time=time)
     }
     parts["resources/model.pma"] = bytes(content)
     parts["documentation/licenses/pmalpha.txt"] = (c_library() / "LICENSE").read_bytes()
@@ -193,9 +203,18 @@ def _number(x: Any) -> str:
     return repr(float(x)) if isinstance(x, float) else str(x)
 
 
-def _time(ports: Ports) -> int:
+def time_of(ports: Ports) -> int:
     """The reference of the independent variable."""
     return EACH_INPUT * len(ports.inputs) + len(ports.outputs)
+
+
+def _units(variables: list[Variable]) -> list[str]:
+    """Their definitions, if there are any: names alone, which masters show and do not convert."""
+    names = sorted({x.unit for x in variables if x.unit is not None})
+    if not names:
+        return []
+    units = "".join(f"<Unit{_attributes(name=name)}/>" for name in names)
+    return [f"<UnitDefinitions>{units}</UnitDefinitions>"]
 
 
 def _head(version: str, **attributes: Any) -> str:
@@ -232,6 +251,7 @@ def _description_2(
     )
     files = "".join(f"<File{_attributes(name=name)}/>" for name in sources)
     lines = [f"<CoSimulation{flags}><SourceFiles>{files}</SourceFiles></CoSimulation>"]
+    lines += _units(variables)
     lines.append(f"<DefaultExperiment{_attributes(startTime=0.0, stepSize=fine)}/>")
     lines.append("<ModelVariables>")
     for x in variables:
@@ -244,7 +264,8 @@ def _description_2(
             variability="continuous",
             initial=initial,
         )
-        lines.append(f"<ScalarVariable{shown}><Real{_attributes(start=x.start)}/></ScalarVariable>")
+        real = _attributes(unit=x.unit, start=x.start)
+        lines.append(f"<ScalarVariable{shown}><Real{real}/></ScalarVariable>")
     lines.append("</ModelVariables>")
     unknown = "".join(
         f'<Unknown index="{i}" dependencies=""/>'
@@ -277,7 +298,7 @@ def _description_3(
         canBeInstantiatedOnlyOncePerProcess=False,
         needsExecutionTool=False,
     )
-    lines = [f"<CoSimulation{flags}/>"]
+    lines = [f"<CoSimulation{flags}/>", *_units(variables)]
     lines.append(f"<DefaultExperiment{_attributes(startTime=0.0, stepSize=fine)}/>")
     independent = _attributes(
         name="time", valueReference=time, causality="independent", variability="continuous"
@@ -292,6 +313,7 @@ def _description_3(
             causality=x.causality,
             variability="continuous",
             initial=initial,
+            unit=x.unit,
             start=x.start,
         )
         lines.append(f"<Float64{shown}/>")

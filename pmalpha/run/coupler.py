@@ -1051,6 +1051,7 @@ class Coupler:
         *,
         fmi: str = "2.0",
         license: str | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         """Write this coupler, from its present on, as an FMU for co-simulation.
 
@@ -1071,11 +1072,14 @@ class Coupler:
             The version of the standard.
         license : str, optional
             The licence of the model, a text, beside that of this package.
+        units : dict, optional
+            Units by the names of inputs, outputs and commands, such as ``{"column": "N",
+            "column.u": "m"}``, which masters show. Default: none are stated.
 
         Raises
         ------
         TypeError, ValueError, OSError
-            As `freeze`.
+            As `freeze`; ValueError for units of a name that the FMU does not have.
 
         Examples
         --------
@@ -1087,7 +1091,7 @@ class Coupler:
         ...     "modelDescription.xml" in zipfile.ZipFile(path).namelist()
         True
         """
-        frozen.export_fmu(self._session, path, inputs, outputs, fmi, license)
+        frozen.export_fmu(self._session, path, inputs, outputs, fmi, license, units)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the present state to a file; a run continues from it bitwise identically.

@@ -32,16 +32,22 @@ def export_fmu(
     outputs: Any,
     fmi: str,
     license: str | None,
+    units: Mapping[str, str] | None,
 ) -> None:
     check_word(fmi, "fmi", fmu.VERSIONS)
     if license is not None and not isinstance(license, str):
         raise TypeError(f"license must be a text, got {license!r}")
+    if units is not None and not (
+        isinstance(units, Mapping) and all(isinstance(x, str) and x for x in units.values())
+    ):
+        raise TypeError(f"units must be a dict of texts by name, got {units!r}")
     identifier = fmu.identifier_of(checked_path(path).stem)
     ports, content, starts = frozen(session, inputs, outputs)
     fine = session.clock.dt / session.fine
-    facts: dict[str, Any] = {"fine": fine, "fmi": fmi, "license": license}
+    variables, time = fmu.variables_of(ports, starts, units), fmu.time_of(ports)
+    facts: dict[str, Any] = {"time": time, "fine": fine, "fmi": fmi, "license": license}
     with replacing(path) as file:
-        fmu.write(file, identifier, content, ports, starts, **facts)
+        fmu.write(file, identifier, content, variables, **facts)
 
 
 def frozen(session: Session, inputs: Any, outputs: Any) -> tuple[Ports, bytearray, list[float]]:

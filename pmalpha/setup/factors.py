@@ -12,7 +12,7 @@ from .. import _core
 from ..blas import gemm_and_trsm, one_thread
 from ..errors import FactorizationError
 from ..memory import require
-from ..problem.forms import Band, Compressed, Factor, Panels, Supernodes
+from ..problem.forms import Band, Compressed, Factor, Numeric, Panels, Supernodes
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
 from ..reduction.ordering import Graph, elimination_order, rows_of, with_full_nodes
 from .inertia import Inertia, inertia
@@ -149,17 +149,15 @@ def factorize(
 
 
 def dense_columns(A: np.ndarray, names: Names) -> Factor:
-    """LAPACK's Cholesky factor, scaled to a unit diagonal."""
-    from scipy.linalg.lapack import dpotrf
-
+    """The factor of the core in one panel."""
     n = A.shape[0]
     require(16.0 * n * n, f"the factor of {names.what} ({n} dofs, dense)")
-    lower, info = dpotrf(A, lower=True, clean=True)
-    if info > 0:
-        raise names.not_definite(A, info - 1)
-    root = lower.diagonal().copy()
-    check_pivots(root**2, A, names)
-    return Factor(1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None]))
+    inverse, R, failed = _core.factor_dense(A, LOST, *gemm_and_trsm())
+    if failed is not None:
+        raise names.not_definite(A, failed)
+    with np.errstate(divide="ignore"):
+        check_pivots(1.0 / inverse, A, names)
+    return Factor(inverse, R)
 
 
 def supernodal(
@@ -199,9 +197,8 @@ def _in_panels(
     what = f"the factor of {names.what} ({n} dofs, {count} entries)"
     require(size + structure.scratch(threads), what)
     values, inverse = np.empty(entries if symmetric else (2, entries)), np.empty(n)
-    failed = _core.factor_panels(
-        A, structure.panels, values, inverse, LOST, GROWTH, *gemm_and_trsm(), threads
-    )
+    pattern = Numeric(A.ptr, A.indices, structure.panels, *gemm_and_trsm(), not symmetric)
+    failed = _core.factor_panels(pattern, A.values, values, inverse, LOST, GROWTH, threads)
     panels = Panels(*structure.panels[:4], values)
     return inverse, columns_of_panels(panels) if thin and failed is None else panels, failed
 

@@ -71,7 +71,8 @@ static pma_status check(const pma_numeric_parts *parts)
         return status;
     if (!parts->panels.first)
         return PMA_BAD_INDEX;
-    return pma_panels_check(&parts->panels, parts->n, parts->nb);
+    PMA_TRY(pma_panels_check(&parts->panels, parts->n, parts->nb));
+    return pma_panels_check_owners(&parts->panels, parts->n, parts->owner);
 }
 
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
@@ -314,9 +315,12 @@ enum { TOGETHER = 128 };
  * another */
 size_t pma_numeric_compliance_scratch(const pma_numeric *f, size_t count)
 {
-    if (count < PMA_NUMERIC_MANY || f->factor.form != PMA_PANELS)
+    const pma_blas *blas = &f->parts.blas;
+    const size_t nb = f->parts.nb, some = pma_least(count, TOGETHER);
+    if (count < PMA_NUMERIC_MANY || f->factor.form != PMA_PANELS || !blas->dgemm ||
+        nb * nb * some < blas->from)
         return 0;
-    return f->parts.nb * ((f->factor.Q > 0 ? 2 : 1) * count + 2 * pma_least(count, TOGETHER));
+    return nb * ((f->factor.Q > 0 ? 2 : 1) * count + 2 * some);
 }
 
 /* X := R_bb^-1 X for the columns given, nb rows each; with the panels of Q, where they begin */

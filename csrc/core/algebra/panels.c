@@ -40,6 +40,16 @@ pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb)
     return border ? PMA_OK : PMA_BAD_INDEX;
 }
 
+pma_status pma_panels_check_owners(const pma_panels *p, size_t n, const int64_t *owner)
+{
+    for (size_t j = 0; j < n; j++) {
+        const int64_t s = owner[j], column = (int64_t)j;
+        if (s < 0 || (size_t)s >= p->count || p->first[s] > column || p->first[s + 1] <= column)
+            return PMA_BAD_INDEX;
+    }
+    return PMA_OK;
+}
+
 size_t pma_panels_most_height(const pma_panels *p)
 {
     size_t most = 0;

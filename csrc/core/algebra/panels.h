@@ -44,6 +44,9 @@ static inline size_t pma_panels_height(const pma_panels *p, size_t s)
  * lie below their columns, and panels have the sizes that follow. */
 pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb);
 
+/* PMA_BAD_INDEX unless owner (n) has the supernode of each column; of panels that were checked. */
+pma_status pma_panels_check_owners(const pma_panels *p, size_t n, const int64_t *owner);
+
 /* Rows of the tallest panel: the scratch of a sweep. */
 size_t pma_panels_most_height(const pma_panels *p);
 

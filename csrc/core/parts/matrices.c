@@ -153,7 +153,7 @@ static pma_status take_structure(const pma_field *f, pma_panels *out)
     return pma_field_ints(&rows, (size_t)out->row_ptr[out->count], &out->rows);
 }
 
-pma_status pma_parts_panels(const pma_field *f, pma_panels *out)
+static pma_status take_panels(const pma_field *f, pma_panels *out)
 {
     const pma_field values = pma_field_at(f, "values");
     const double *data = NULL;
@@ -177,7 +177,7 @@ pma_status pma_parts_factor(const pma_field *f, size_t n, size_t nb, pma_factor 
         return take_factor_band(&R, n, out);
     if (pma_field_has(&R, "first")) {
         out->form = PMA_PANELS;
-        return pma_parts_panels(&R, &out->panels);
+        return take_panels(&R, &out->panels);
     }
     if (R.node->kind == PMA_DICT)
         return take_columns(&R, n, out);
@@ -193,14 +193,24 @@ pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out)
     *out = (pma_link){.nb = nb};
     PMA_TRY(pma_field_dict(f));
     PMA_TRY(pma_field_count(&p, 0, &out->p));
+    PMA_TRY(pma_field_room(&p, out->p, sizeof(double)));
     PMA_TRY(take_pattern(f, nb, &out->ptr, &out->index));
     return pma_field_doubles(&values, (size_t)out->ptr[nb], &out->values);
+}
+
+pma_status pma_parts_blas(const pma_field *of, pma_blas *out)
+{
+    const pma_field dgemm = pma_field_at(of, "dgemm"), dtrsm = pma_field_at(of, "dtrsm");
+    *out = (pma_blas){.from = PMA_BLAS_FROM};
+    if (pma_field_is_none(&dgemm) && pma_field_is_none(&dtrsm))
+        return PMA_OK;
+    PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, out));
+    return pma_field_find(&dtrsm, PMA_DTRSM_ROLE, out);
 }
 
 pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out)
 {
     const pma_field structure = pma_field_at(f, "structure"), flag = pma_field_at(f, "unsymmetric");
-    const pma_field dgemm = pma_field_at(f, "dgemm"), dtrsm = pma_field_at(f, "dtrsm");
     const pma_field owner = pma_field_at(&structure, "owner");
     *out = (pma_numeric_parts){.n = n, .nb = nb};
     PMA_TRY(pma_field_dict(f));
@@ -208,8 +218,7 @@ pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeri
     PMA_TRY(take_pattern(f, n, &out->ptr, &out->index));
     if (pma_field_is_none(&structure))
         return PMA_OK;
-    PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &out->blas));
-    PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &out->blas));
+    PMA_TRY(pma_parts_blas(f, &out->blas));
     PMA_TRY(take_structure(&structure, &out->panels));
     return pma_field_longs(&owner, n, &out->owner);
 }
