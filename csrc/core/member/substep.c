@@ -74,14 +74,30 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
     return status;
 }
 
+void pma_substep_take_functions(const pma_subdomain *s, double *out)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const double *last = pma_restoring_last(restoring), *load = restoring->load;
+    const size_t n = s->parts.n;
+    for (size_t i = 0; i < n; i++) {
+        const size_t k = (size_t)restoring->order[i];
+        out[n + i] = load ? load[k] : 0.0;
+        out[i] = last[k] + out[n + i];
+    }
+}
+
 pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
                                           const pma_state *to, double *y)
 {
     const pma_parts *p = &s->parts;
     const size_t springs = pma_springs_numbers(&p->springs);
     const pma_state *last = pma_levels_at(&s->levels, step->j);
-    return pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
-                                  to->springs + springs, y, &s->code);
+    PMA_TRY(pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                                   to->springs + springs, y, &s->code));
+    const size_t slot = pma_evaluated_slot(s, step->number);
+    s->evaluated.number[slot] = step->number;
+    pma_substep_take_functions(s, s->evaluated.values + slot * 2 * p->n);
+    return PMA_OK;
 }
 
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
