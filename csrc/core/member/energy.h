@@ -54,8 +54,8 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out);
 void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 
 /* All works are zero at the present x, under load (n) and multipliers lam (p). Internal forces and
- * their potential have been evaluated there. Restoring functions gave `functions` there (2 n: forces,
- * loads that they contain), or where that is NULL what they give in the first substep. */
+ * their potential have been evaluated there. Restoring functions gave `functions` there, forces and
+ * loads that they contain (2 n), or where that is NULL what they give in the first substep. */
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam,
                       const double *functions);
 

@@ -188,9 +188,9 @@ pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *fr
 size_t pma_subdomain_works(const pma_subdomain *s);
 bool pma_subdomain_keep_works(const pma_subdomain *s, double *out);
 void pma_subdomain_resume_works(pma_subdomain *s, const double *in);
-/* What its restoring functions gave at the present, forces and loads that these contain (2 n), after
- * this number of macro steps; NULL where there are none, or it is not known: setting the state takes
- * it away, after which it may be set. */
+/* What its restoring functions gave at the present, after this number of macro steps: forces, and
+ * loads that these contain (2 n). NULL where there are none, or it is not known: writing the state
+ * takes it away, after which it may be set. */
 const double *pma_subdomain_functions(const pma_subdomain *s, int64_t steps);
 void pma_subdomain_set_functions(pma_subdomain *s, int64_t steps, const double *functions);
 void pma_subdomain_end_energy(pma_subdomain *s); /* NULL and one without energy are allowed */

@@ -147,8 +147,8 @@ pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
 pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
                                           const pma_state *to, double *y);
 
-/* Of restoring functions, as evaluated last: forces (n) without loads that depend on the motion, and
- * such loads (n). */
+/* Of restoring functions, as evaluated last: forces (n) without loads that depend on the motion,
+ * and such loads (n). */
 void pma_substep_take_functions(const pma_subdomain *s, double *out);
 void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
                             size_t end);

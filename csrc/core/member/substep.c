@@ -277,7 +277,7 @@ void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 {
     const pma_step *c = &pma_operator_of(s, step->twice)->step;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    pma_balance_close(s->balance, step, c->al1, x->v, x->w, x->springs);
+    pma_balance_close(s->balance, step, c->al1, x);
 }
 
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
