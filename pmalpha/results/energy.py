@@ -37,8 +37,8 @@ class Energy:
     energies from t = 0 on, also from a snapshot or a checkpoint; but after steps without energies
     those of double steps differ by a constant at every second time level, in sum by what the scheme
     adds in a step, (B14). In checkpoints of older versions a function in `restoring` counts at the
-    beginning as in the first step. They are infinite or NaN where products of the motion leave the range of numbers, from
-    about 1e154 on.
+    beginning as in the first step. They are infinite or NaN where products of the motion leave the
+    range of numbers, from about 1e154 on.
 
     Attributes
     ----------
