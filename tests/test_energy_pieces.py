@@ -118,8 +118,10 @@ def begun_later(tmp_path, how, begin, *problem):
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
-@pytest.mark.parametrize("how", ["stepped", "loaded", "restored", "loaded and saved again"])
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+@pytest.mark.parametrize(
+    ("how", "coupling"),
+    [("stepped", "gc"), ("restored", "pm"), ("loaded", "macro"), ("loaded and saved again", "gc")],
+)
 def test_energies_of_single_steps_begun_later_are_those_of_the_whole_run(tmp_path, how, coupling):
     problem = (coupling, pm.GeneralizedAlpha(0.8), False)
     whole = coupler(*problem).run(steps=STEPS, energy=True).energy

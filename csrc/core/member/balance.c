@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "algebra/lanes.h"
-#include "algebra/processors.h"
+#include "member/passage.h"
 #include "object.h"
 
 #define INLINE __attribute__((always_inline)) static inline
@@ -313,94 +313,18 @@ static void add_estimate(pma_balance *b, const level *from, level *to, double al
     to->sums->inertia = from->sums->inertia + 2.0 * half_square(b, dut, 0);
 }
 
-/* The terms of (B8) in a substep: works of what acts, of r_* and of the resultant; sum |r| |u|; at
- * its end v . M v, of diagonal matrices. */
-enum { WORK, START, RESULTANT, SIZE, KINETIC, TERMS };
-
-/* A substep: where it begins and ends, and its state there; the forces r that it has evaluated.
- * What acts is f + k (u - ut) with diagonal k and u - ut = al1 w, the resultant q + m w. */
-typedef struct {
-    const level *from, *to;
-    const double *u, *v, *w, *r, *f, *q, *k, *m;
-    const double *start; /* r_* */
-    double al1;
-} passage;
-
-INLINE void add_terms(size_t n, const passage *p, double *terms)
-{
-    const double *u0 = p->from->u, *f0 = p->from->acting, *q0 = p->from->inertia;
-    const double *u = p->u, *v = p->v, *w = p->w, *r = p->r, *f = p->f, *q = p->q;
-    const double *k = p->k, *m = p->m, *start = p->start, al1 = p->al1;
-    double *u1 = p->to->u, *f1 = p->to->acting, *q1 = p->to->inertia;
-    double work = 0.0, first = 0.0, resultant = 0.0, size = 0.0, kinetic = 0.0;
-#pragma omp simd reduction(+ : work, first, resultant, size, kinetic)
-    for (size_t i = 0; i < n; i++) {
-        const double du = u[i] - u0[i], acting = f[i] + k[i] * (al1 * w[i]);
-        const double inertia = q[i] + m[i] * w[i];
-        work += (f0[i] + acting) * du;
-        first += start[i] * du;
-        resultant += (q0[i] + inertia) * du;
-        size += fabs(r[i] * u[i]);
-        kinetic += v[i] * (m[i] * v[i]);
-        u1[i] = u[i];
-        f1[i] = acting;
-        q1[i] = inertia;
-    }
-    terms[WORK] = 0.5 * work;
-    terms[START] = first;
-    terms[RESULTANT] = 0.5 * resultant;
-    terms[SIZE] = size;
-    terms[KINETIC] = kinetic;
-}
-
-/* The same of lanes, whose f and q are complete: a term is an array of them. */
-INLINE void add_terms_of_lanes(size_t n, const passage *p, double *terms)
-{
-    const double *u0 = p->from->u, *f0 = p->from->acting, *q0 = p->from->inertia;
-    double *u1 = p->to->u, *f1 = p->to->acting, *q1 = p->to->inertia;
-    double sum[TERMS][PMA_LANES] = {{0.0}};
-    for (size_t i = 0; i < n; i += PMA_LANES) {
-#pragma omp simd
-        for (size_t l = 0; l < PMA_LANES; l++) {
-            const size_t at = i + l;
-            const double u = p->u[at], f = p->f[at], q = p->q[at], du = u - u0[at];
-            sum[WORK][l] += 0.5 * (f0[at] + f) * du;
-            sum[START][l] += p->start[at] * du;
-            sum[RESULTANT][l] += 0.5 * (q0[at] + q) * du;
-            sum[SIZE][l] += fabs(p->r[at] * u);
-            u1[at] = u;
-            f1[at] = f;
-            q1[at] = q;
-        }
-    }
-    memcpy(terms, sum, sizeof sum);
-}
-
-PMA_COMPILED(void, terms_of_one, (size_t n, const passage *p, double *terms),
-             add_terms(n, p, terms);)
-
-PMA_COMPILED(void, terms_of_lanes, (size_t n, const passage *p, double *terms),
-             add_terms_of_lanes(n, p, terms);)
-
-static void find_terms(size_t n, size_t lanes, const passage *p, double *terms)
-{
-    if (lanes > 1)
-        (pma_has_avx2() ? terms_of_lanes_avx2 : terms_of_lanes_plain)(n, p, terms);
-    else
-        (pma_has_avx2() ? terms_of_one_avx2 : terms_of_one_plain)(n, p, terms);
-}
-
 /* (B8) of a lane */
-static void sum_up(const sums *before, const double *terms, size_t lanes, double path, sums *now)
+INLINE void sum_up(const sums *before, const double *terms, size_t lanes, double path, sums *now)
 {
-    const double work = terms[WORK * lanes], since = work - terms[START * lanes];
+    const double work = terms[PMA_PASSAGE_WORK * lanes],
+                 since = work - terms[PMA_PASSAGE_START * lanes];
     now->path = before->path + path;
     now->work = before->work + work;
     now->since = before->since + since;
-    now->resultant = before->resultant + terms[RESULTANT * lanes];
+    now->resultant = before->resultant + terms[PMA_PASSAGE_RESULTANT * lanes];
     now->gross = before->gross + fabs(since);
-    now->size = fmax(before->size, terms[SIZE * lanes]);
-    now->kinetic = terms[KINETIC * lanes];
+    now->size = fmax(before->size, terms[PMA_PASSAGE_SIZE * lanes]);
+    now->kinetic = terms[PMA_PASSAGE_KINETIC * lanes];
 }
 
 /* Along the path of functions that are iterated, without what springs take there. The work of
@@ -439,7 +363,7 @@ static void begin_sums(pma_balance *b, level *at, const double *v, const double 
 }
 
 /* q and f where they are not diagonal, in the level at the end, which has x = u - ut */
-static void find_forces(pma_balance *b, const double *vs, level *to, passage *p)
+static void find_forces(pma_balance *b, const double *vs, level *to, pma_passage *p)
 {
     const size_t n = b->parts.n;
     multiply_mass(b, p->w, to->inertia);
@@ -457,28 +381,34 @@ static void come_to(pma_balance *b, size_t j, double al1, const double *r, const
     const bool known = j > 0 || b->begun, is_diagonal = b->is_diagonal;
     const level *from = level_at(b, j);
     level *to = level_at(b, j + 1);
-    passage p = {.from = from,
-                 .to = to,
-                 .u = x->u,
-                 .v = x->v,
-                 .w = x->w,
-                 .r = r,
-                 .f = r,
-                 .q = b->zeros,
-                 .k = is_diagonal && b->parts.K_r.form == PMA_DIAGONAL ? b->parts.K_r.values
-                                                                       : b->zeros,
-                 .m = is_diagonal ? b->parts.M.values : b->zeros,
-                 .start = b->start,
-                 .al1 = al1};
-    double terms[TERMS * PMA_LANES], path = 0.0;
+    pma_passage p = {.u0 = from->u,
+                     .f0 = from->acting,
+                     .q0 = from->inertia,
+                     .u1 = to->u,
+                     .f1 = to->acting,
+                     .q1 = to->inertia,
+                     .u = x->u,
+                     .v = x->v,
+                     .w = x->w,
+                     .r = r,
+                     .f = r,
+                     .q = b->zeros,
+                     .k = is_diagonal && b->parts.K_r.form == PMA_DIAGONAL ? b->parts.K_r.values
+                                                                           : b->zeros,
+                     .m = is_diagonal ? b->parts.M.values : b->zeros,
+                     .start = b->start,
+                     .al1 = al1};
+    double terms[PMA_PASSAGE_TERMS * PMA_LANES], path = 0.0;
     if (b->parts.estimates && known)
         add_estimate(b, from, to, al1);
     if (sums_path(&b->parts) && known)
         path = work_of_path(b, from, to, x->u);
     if (!is_diagonal)
         find_forces(b, known ? from->vs : x->v, to, &p);
-    find_terms(b->parts.n, lanes, &p, terms);
-    for (size_t l = 0; l < lanes; l++)
+    pma_passage_sum(b->parts.n, lanes, &p, terms);
+    if (lanes == 1)
+        sum_up(from->sums, terms, 1, path, to->sums);
+    for (size_t l = 0; l < lanes && lanes > 1; l++)
         sum_up(&from->sums[l], terms + l, lanes, path, &to->sums[l]);
     if (!known)
         begin_sums(b, to, x->v, x->springs);
