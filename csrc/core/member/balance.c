@@ -222,7 +222,6 @@ double *pma_balance_open(pma_balance *b, int64_t number, const double *ut)
     double *opened = opened_at(b, number);
     if (b->keeps)
         memcpy(opened, ut, n * sizeof(double));
-    memset(opened + n, 0, n * sizeof(double));
     return opened + n;
 }
 

@@ -55,8 +55,8 @@ pma_first_forces *pma_balance_first(pma_balance *b);
 /* After `begin`: from the start x on, with these forces and those of springs. */
 void pma_balance_start(pma_balance *b, const pma_state *x);
 
-/* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), zeroed,
- * for the forces evaluated there or, of iterated ones, at the state. Two of them can be open. */
+/* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), to be
+ * filled with the forces evaluated there or, of iterated ones, at the state. Two can be open. */
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
 
 /* Before the substep is closed: those of its forces (n) that are evaluated at its end. */

@@ -100,12 +100,27 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
     return PMA_OK;
 }
 
+/* r (n) := what has been subtracted since y was r, without loads that depend on the motion */
+static void watch_forces(const pma_subdomain *s, const double *y, double *r)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const size_t n = s->parts.n;
+#pragma omp simd
+    for (size_t i = 0; i < n; i++)
+        r[i] -= y[i];
+    for (size_t i = 0; restoring->function && restoring->load && i < n; i++)
+        r[i] += restoring->load[restoring->order[i]];
+}
+
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
 __attribute__((noinline)) static pma_status
 subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *from,
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
+    double *r = s->balance ? pma_balance_open(s->balance, step->number, to->u) : NULL;
+    if (r)
+        memcpy(r, to->w, p->n * sizeof(double));
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
@@ -116,6 +131,8 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
         PMA_TRY(pma_rig_reply(s->rig, to));
     if (s->extrapolates && s->internal)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
+    if (r)
+        watch_forces(s, to->w, r);
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
         return PMA_OK;
     for (size_t i = 0; i < p->n; i++)
@@ -135,17 +152,6 @@ void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, doubl
         const size_t k = (size_t)restoring->order[i];
         r[i] += load ? last[k] + load[k] : last[k];
     }
-}
-
-/* The forces that it subtracts, for the balance */
-__attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_substep *step,
-                                                   const pma_state *to)
-{
-    const pma_parts *p = &s->parts;
-    double *r = pma_balance_open(s->balance, step->number, to->u);
-    pma_substep_add_evaluated(s, to, r);
-    for (size_t i = 0; s->internal && i < p->n; i++)
-        r[i] += s->internal->force[i];
 }
 
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
@@ -193,8 +199,6 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
     /* (R3) */
     if (s->evaluates)
         PMA_TRY(subtract_restoring(s, step, from, to));
-    if (s->balance)
-        watch_forces(s, step, to);
 
     /* (F2), (F3) */
     pma_factor_open(&op->factor, to->w, wf_b, s->work);
