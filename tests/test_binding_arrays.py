@@ -507,19 +507,20 @@ def test_energies_are_recorded_only_where_works_are_summed_up():
     check_refused(lambda: c.advance(10, record()._replace(energy=room)))  # not begun
     mass, two, one = np.ones(2), np.zeros(2), np.zeros(1)
     for bad in (
-        (np.ones(3), None, two, one),
-        (mass, np.ones(3), two, one),
-        (mass, None, one, one),
-        (mass, None, two, two),
-        (mass, None, two),
-        (3, 3, 3, 3),
+        (np.ones(3), None, two, one, None),
+        (mass, np.ones(3), two, one, None),
+        (mass, None, one, one, None),
+        (mass, None, two, two, None),
+        (mass, None, two, one),
+        (mass, None, two, one, two),
+        (3, 3, 3, 3, 3),
     ):
         check_refused(lambda bad=bad: s.begin_energy(*bad))
     pattern = np.array([0, 1, 2]), np.array([0, 2], dtype=np.int32), np.ones(2)
-    check_refused(lambda: s.begin_energy(pattern, None, two, one))
-    check_refused(lambda: s.begin_energy(mass, pattern, two, one))
-    s.begin_energy(mass, None, two, one)
-    s.begin_energy(mass, None, two, one)  # the record begins at the present step
+    check_refused(lambda: s.begin_energy(pattern, None, two, one, None))
+    check_refused(lambda: s.begin_energy(mass, pattern, two, one, None))
+    s.begin_energy(mass, None, two, one, None)
+    s.begin_energy(mass, None, two, one, None)  # the record begins at the present step
     locked = room.copy()
     locked.setflags(write=False)
     for bad in (

@@ -12,8 +12,8 @@ import pytest
 import relations
 import wholes
 
-# Four couplings in turn, and forces of all kinds.
-SEEDS = range(24, 30)
+# All couplings and forces of all kinds; small ones among many.
+SEEDS = (14, 16, 23, 28, 32, 45)
 
 
 @pytest.mark.parametrize("name", relations.RELATIONS)

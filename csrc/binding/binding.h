@@ -110,6 +110,8 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *obj);
 /* ... and in works.c */
 PyObject *pma_subdomain_get_works(SubdomainObject *self, PyObject *none);
 PyObject *pma_subdomain_go_on(SubdomainObject *self, PyObject *works);
+PyObject *pma_subdomain_get_functions(SubdomainObject *self, PyObject *steps);
+PyObject *pma_subdomain_take_functions(SubdomainObject *self, PyObject *args);
 
 /* ... in rig.c. */
 PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj);

@@ -92,20 +92,23 @@ static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *r
 /* *arrays becomes those that were in use before */
 static int begin_energy(SubdomainObject *self, PyObject *args, PyObject **arrays)
 {
-    PyObject *M_obj, *skew_obj, *load_obj, *lam_obj;
-    const double *load, *lam;
+    PyObject *M_obj, *skew_obj, *load_obj, *lam_obj, *functions_obj;
+    const double *load, *lam, *functions = NULL;
     double weight = NAN;
     pma_matrix M, skew;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     const npy_intp n = (npy_intp)parts->n;
-    if (!PyArg_ParseTuple(args, "OOOO|d", &M_obj, &skew_obj, &load_obj, &lam_obj, &weight) ||
+    if (!PyArg_ParseTuple(args, "OOOOO|d", &M_obj, &skew_obj, &load_obj, &lam_obj, &functions_obj,
+                          &weight) ||
         pma_take_matrix(M_obj, n, "M", *arrays, &M) < 0 ||
         pma_take_matrix(skew_obj, n, "skew", *arrays, &skew) < 0 ||
         pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
         pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
+        (functions_obj != Py_None &&
+         pma_take_doubles(functions_obj, 2 * n, "functions", NULL, &functions) < 0) ||
         !pma_subdomain_claim(self))
         return -1;
-    const pma_status status = pma_subdomain_begin_energy(self->core, M, skew, load, lam);
+    const pma_status status = pma_subdomain_begin_energy(self->core, M, skew, load, lam, functions);
     if (status == PMA_OK && !isnan(weight))
         pma_subdomain_conserve(self->core, weight);
     if (status == PMA_OK)
@@ -325,13 +328,18 @@ static PyMethodDef subdomain_methods[] = {
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
      "code that a function returned"},
     {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
-     "begin_energy(M, skew, load, lam, weight=nan): sums works from the present time level on; "
-     "with "
-     "a weight also the share in E*, in which it multiplies K"},
+     "begin_energy(M, skew, load, lam, functions, weight=nan): sums works from the present time "
+     "level on, where restoring functions gave this, None: not known; with a weight also the share "
+     "in E*, in which it multiplies K"},
     {"works", (PyCFunction)pma_subdomain_get_works, METH_NOARGS,
      "works() -> what works begun at the same present go on with; None without energy"},
     {"resume_works", (PyCFunction)pma_subdomain_go_on, METH_O,
      "resume_works(works): after begin_energy, works go on from there"},
+    {"functions", (PyCFunction)pma_subdomain_get_functions, METH_O,
+     "functions(steps) -> (2 n,) what restoring functions gave after this number of macro steps, "
+     "the present, forces and loads that they contain; None where it is not known"},
+    {"set_functions", (PyCFunction)pma_subdomain_take_functions, METH_VARARGS,
+     "set_functions(steps, functions): the inverse, after set_levels"},
     {"follow_energy", (PyCFunction)subdomain_follow_energy, METH_O,
      "follow_energy(from): the works summed up for the same subdomain with other steps go on"},
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},

@@ -1,4 +1,4 @@
-/* Methods of Subdomain: what sums of works go on with. */
+/* Methods of Subdomain: what sums of works begin or go on with. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
@@ -24,5 +24,29 @@ PyObject *pma_subdomain_go_on(SubdomainObject *self, PyObject *obj)
     if (pma_take_doubles(obj, size, "works", NULL, &in) < 0)
         return NULL;
     pma_subdomain_resume_works(self->core, in);
+    Py_RETURN_NONE;
+}
+
+PyObject *pma_subdomain_get_functions(SubdomainObject *self, PyObject *obj)
+{
+    const long long steps = PyLong_AsLongLong(obj);
+    if (steps == -1 && PyErr_Occurred())
+        return NULL;
+    const double *functions = pma_subdomain_functions(self->core, steps);
+    if (!functions)
+        Py_RETURN_NONE;
+    return pma_new_vector(2 * (npy_intp)pma_subdomain_parts(self->core)->n, functions);
+}
+
+PyObject *pma_subdomain_take_functions(SubdomainObject *self, PyObject *args)
+{
+    long long steps;
+    PyObject *obj;
+    const double *in;
+    const npy_intp size = 2 * (npy_intp)pma_subdomain_parts(self->core)->n;
+    if (!PyArg_ParseTuple(args, "LO", &steps, &obj) ||
+        pma_take_doubles(obj, size, "functions", NULL, &in) < 0)
+        return NULL;
+    pma_subdomain_set_functions(self->core, steps, in);
     Py_RETURN_NONE;
 }

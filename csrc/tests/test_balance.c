@@ -2,8 +2,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/lanes.h"
 #include "check.h"
 #include "member/balance.h"
+#include "member/passage.h"
 #include "tests.h"
 
 enum { N = 2 };
@@ -48,12 +50,15 @@ static void open_substep(pma_balance *b, int64_t number, const double *ut, const
         r[i] = force[i];
 }
 
-static void close_substep(pma_balance *b, int64_t number, double al1, const double *v,
-                          const double *w)
+/* Without an acceleration, so that the displacement is that where forces were evaluated. */
+static void close_substep(pma_balance *b, int64_t number, double al1, const double *ut,
+                          const double *v)
 {
+    double u[N] = {ut[0], ut[1]}, speed[N] = {v[0], v[1]}, zeros[N] = {0.0};
+    const pma_state x = {.u = u, .v = speed, .w = zeros, .springs = zeros};
     const pma_substep step = {.number = number, .t1 = (double)(number + 1)};
-    pma_balance_close(b, &step, al1, v, w, NONE);
-    pma_balance_commit(b);
+    pma_balance_close(b, &step, al1, &x);
+    pma_balance_commit(b, &x);
 }
 
 /* Explicit: u is ut. The works are 1/16, 1/16 - 2 and -4. */
@@ -66,12 +71,12 @@ static void forces_that_give_more_than_they_took_are_seen_at_two_levels(void)
     start(b, 1.0);
     open_substep(b, 0, ut[0], r[0]);
     open_substep(b, 1, ut[1], r[1]); /* before the first one is closed */
-    close_substep(b, 0, 0.0, v[0], NONE);
+    close_substep(b, 0, 0.0, ut[0], v[0]);
     CHECK(pma_balance_gain(b).t == 0.0);
     open_substep(b, 2, ut[2], r[2]);
-    close_substep(b, 1, 0.0, v[1], NONE); /* 1.875 of 2 */
+    close_substep(b, 1, 0.0, ut[1], v[1]); /* 1.875 of 2 */
     CHECK(pma_balance_gain(b).t == 0.0);
-    close_substep(b, 2, 0.0, v[2], NONE); /* 5.875 of 8 */
+    close_substep(b, 2, 0.0, ut[2], v[2]); /* 5.875 of 8 */
     const pma_gain gain = pma_balance_gain(b);
     CHECK_NEAR(gain.added, 5.875, 0.0);
     CHECK_NEAR(gain.energy, 8.0, 0.0);
@@ -90,7 +95,7 @@ static void a_weight_is_no_source(void)
     start(b, 1.0);
     for (int64_t k = 0; k < 2; k++) {
         open_substep(b, k, ut[k], weight);
-        close_substep(b, k, 0.0, v[k], NONE);
+        close_substep(b, k, 0.0, ut[k], v[k]);
     }
     CHECK(pma_balance_gain(b).t == 0.0);
     pma_balance_destroy(b);
@@ -105,15 +110,52 @@ static void an_estimate_above_the_stiffness_is_a_mass(void)
     start(b, 1.0);
     for (int64_t k = 0; k < 2; k++) {
         open_substep(b, k, ut[k], r[k]);
-        close_substep(b, k, 0.25, NONE, NONE);
+        close_substep(b, k, 0.25, ut[k], NONE);
     }
     CHECK_NEAR(pma_balance_added_mass(b), 12.5 / 12.0, 1e-15);
     pma_balance_destroy(b);
+}
+
+/* Three dofs in lanes and each lane alone, of small integers: no rounding, any order. By hand the
+ * one below: acting 3 + 2 (1/2 4) = 7, inertia 1 + 5 x 4 = 21, du = 2. */
+static void a_passage_in_lanes_is_that_of_each_lane(void)
+{
+    enum { DOFS = 3, ALL = DOFS * PMA_LANES, INPUTS = 9, OUTPUTS = 3 };
+    static double x[INPUTS][ALL], out[OUTPUTS][ALL], terms[PMA_PASSAGE_TERMS * PMA_LANES];
+    static const double zeros[ALL] = {0.0};
+    for (size_t k = 0; k < INPUTS * ALL; k++)
+        x[k / ALL][k % ALL] = (double)((7 * k + 3 * (k / ALL)) % 11) - 5.0;
+    const pma_passage lanes = {x[0], x[1], x[2], out[0], out[1], out[2], x[3], x[4],
+                               x[5], x[6], x[6], x[7],   zeros,  zeros,  x[8], 1.0};
+    pma_passage_sum(ALL, PMA_LANES, &lanes, terms);
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        double y[INPUTS][DOFS], u1[DOFS], f1[DOFS], q1[DOFS], one[PMA_PASSAGE_TERMS];
+        for (size_t k = 0; k < INPUTS * DOFS; k++)
+            y[k / DOFS][k % DOFS] = x[k / DOFS][k % DOFS * PMA_LANES + l];
+        const pma_passage alone = {y[0], y[1], y[2], u1,   f1,    q1,    y[3], y[4],
+                                   y[5], y[6], y[6], y[7], zeros, zeros, y[8], 1.0};
+        pma_passage_sum(DOFS, 1, &alone, one);
+        for (size_t k = 0; k < PMA_PASSAGE_KINETIC; k++)
+            CHECK(terms[k * PMA_LANES + l] == one[k]);
+        for (size_t i = 0; i < DOFS; i++)
+            CHECK(out[0][i * PMA_LANES + l] == u1[i] && out[1][i * PMA_LANES + l] == f1[i] &&
+                  out[2][i * PMA_LANES + l] == q1[i]);
+    }
+    const double u0 = 1.0, f0 = 1.0, q0 = -1.0, u = 3.0, v = 2.0, w = 4.0, r = -3.0, f = 3.0;
+    const double q = 1.0, k = 2.0, m = 5.0, start = 0.5;
+    double u1, f1, q1, one[PMA_PASSAGE_TERMS];
+    const pma_passage hand = {&u0, &f0, &q0, &u1, &f1, &q1, &u,     &v,
+                              &w,  &r,  &f,  &q,  &k,  &m,  &start, 0.5};
+    pma_passage_sum(1, 1, &hand, one);
+    const double expected[PMA_PASSAGE_TERMS] = {8.0, 1.0, 20.0, 9.0, 20.0};
+    CHECK_BITS(PMA_PASSAGE_TERMS, one, expected);
+    CHECK(u1 == 3.0 && f1 == 7.0 && q1 == 21.0);
 }
 
 const test BALANCE_TESTS[] = {
     TEST(forces_that_give_more_than_they_took_are_seen_at_two_levels),
     TEST(a_weight_is_no_source),
     TEST(an_estimate_above_the_stiffness_is_a_mass),
+    TEST(a_passage_in_lanes_is_that_of_each_lane),
     END_OF_TESTS,
 };

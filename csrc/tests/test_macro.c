@@ -278,7 +278,7 @@ static void responses_are_repeated_where_they_have_to_be(void)
         CHECK_INT(B->table->repeats(B->self, true), stored ? 4 : 5);
         const pma_matrix mass = {.form = PMA_DENSE, .n = 2, .values = M};
         CHECK_STATUS(pma_subdomain_begin_energy(m.subdomains[1].core, mass,
-                                                (pma_matrix){.form = PMA_ZERO}, none, m.lam0),
+                                                (pma_matrix){.form = PMA_ZERO}, none, m.lam0, NULL),
                      PMA_OK);
         CHECK_INT(B->table->repeats(B->self, false), 5); /* works want all levels */
         destroy_model(&m);

@@ -238,7 +238,7 @@ static void sum_works(large *m, double *out)
     const pma_matrix M = {.form = PMA_DIAGONAL, .n = m->n, .values = m->inverse};
     CHECK_STATUS(pma_coupler_advance(m->coupler, 1, NULL, NULL), PMA_OK);
     CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[0], M, (pma_matrix){.form = PMA_ZERO},
-                                            m->load, pma_coupler_multipliers(m->coupler)),
+                                            m->load, pma_coupler_multipliers(m->coupler), NULL),
                  PMA_OK);
     CHECK_STATUS(pma_coupler_advance(m->coupler, SPAN, NULL, NULL), PMA_OK);
     m->members[0].table->energy(m->members[0].self, 0, out);

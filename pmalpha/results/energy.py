@@ -33,12 +33,12 @@ OPTIONAL = ("conserved", "contact")
 class Energy:
     """Energies of the subdomains, (macro time levels, subdomains) arrays.
 
-    The works are zero at the beginning of the run. After a run with energies they go on exactly,
-    also from a snapshot or a checkpoint. After steps without energies the forces before are not
-    known: a function in `restoring` counts at the beginning as in the first step, and the works of
-    double steps, which begin one time level earlier, differ by a constant from one level to the
-    next. They are infinite or NaN where products of the motion leave the range of numbers, from
-    about 1e154 on.
+    The works are zero at the beginning of the run, and their changes are those of a run with
+    energies from t = 0 on, also from a snapshot or a checkpoint; but after steps without energies
+    those of double steps differ by a constant at every second time level, in sum by what the scheme
+    adds in a step, (B14). In checkpoints of older versions a function in `restoring` counts at the
+    beginning as in the first step. They are infinite or NaN where products of the motion leave the
+    range of numbers, from about 1e154 on.
 
     Attributes
     ----------

@@ -226,7 +226,7 @@ def change(
         session.ranks.share(None)  # from here on nothing fails
     loads.to_core()
     if states is not None:
-        take_over(old, new, states, steps.clock)
+        take_over(old, new, states, steps.clock, before.clock)
     else:  # an assembly of earlier steps has the time of theirs
         new.core.set_origin(steps.clock.origin, steps.clock.t0)
     take(session, steps, new)
@@ -323,6 +323,6 @@ def take_regular_steps(session: Session) -> None:
     )
     loads = session.loads.moved_to(new.core, new.members)
     follow_energies(old, new)
-    take_over(old, new, states, steps.clock)
+    take_over(old, new, states, steps.clock, steps.clock)
     take(session, regular, new)
     session.loads = loads

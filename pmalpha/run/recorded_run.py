@@ -250,12 +250,14 @@ def summed_works(session: Session, conserved: str | None) -> Iterator[None]:
     """Sum the works of each substep in the core; its memory for them is released afterwards."""
     try:
         lam, loads = session.core.multipliers, session.loads
+        count = session.clock.count(session.core.step_count)
         for i, member in enumerate(session.members):
             loads.evaluate_present(i)
             scheme = member.subdomain.scheme
             weight = (stiffness_weight(scheme, member.h),) if conserved == "dual" else ()
             matrices = (core_matrix(member.M), core_matrix(skew_part(member.K), symmetric=False))
-            member.core.begin_energy(*matrices, loads.at_present(i), lam, *weight)
+            functions = member.core.functions(count)
+            member.core.begin_energy(*matrices, loads.at_present(i), lam, functions, *weight)
         resume(session.members, session.works, session.core.step_count)
         yield
     finally:

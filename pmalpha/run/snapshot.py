@@ -102,7 +102,7 @@ def snapshot_of(session: Session) -> Snapshot:
         state,
         session.initial,
         session.loads,
-        session.works,
+        works.saved(members, session.works, session.clock.count(core.step_count)),
     )
     return snapshot
 
@@ -123,6 +123,8 @@ def restore_snapshot(session: Session, snapshot: Snapshot) -> None:
     )
     take(session, contents.steps, assembly)
     session.loads, session.changed, session.works = loads, contents.changed, contents.works
+    count = contents.steps.clock.count(contents.step)
+    works.restore_functions(assembly.members, session.works, count)
 
 
 def save(session: Session, path: str | PathLike[str]) -> None:
@@ -133,8 +135,9 @@ def save(session: Session, path: str | PathLike[str]) -> None:
         arrays = checkpoint.state_arrays(session.assembly, session.core_rows, session.options)
         arrays |= session.loads.begin_arrays(session.assembly.first)
         steps, done = steps_facts(session), session.core.step_count
-        if session.works.step == done:
-            arrays |= works.to_arrays(session.members, session.works, session.assembly.first)
+        summed = session.works if session.works.step == done else Works()
+        summed = works.saved(session.members, summed, session.clock.count(done))
+        arrays |= works.to_arrays(session.members, summed, session.assembly.first)
         if session.ranks is None:
             checkpoint.write(path, problem_of(session), done, arrays, steps)
             return
@@ -179,6 +182,7 @@ def load(session: Session, path: str | PathLike[str]) -> None:
         take(session, steps, assembly)
         session.loads, session.started, session.last_history = loads, True, None
         session.works = summed
+        works.restore_functions(members, summed, steps.clock.count(step))
 
 
 def problem_of(session: Session) -> dict[str, Any]:

@@ -132,12 +132,18 @@ def _stretched(level: dict[str, np.ndarray], factor: float) -> dict[str, np.ndar
     return level | {"a": w + factor * (a - w)}
 
 
-def take_over(old: Assembly, new: Assembly, states: list[Move], clock: Clock) -> None:
-    """The present of `old` becomes that of `new`, whose steps are those of the clock."""
+def take_over(
+    old: Assembly, new: Assembly, states: list[Move], clock: Clock, before: Clock
+) -> None:
+    """The present of `old` becomes that of `new`, whose steps are those of the clock; the old ones
+    are those of the clock `before`."""
     lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
     numbers = old.core.numbers()
     for o, n, move in zip(old.members, new.members, states):
+        functions = o.core.functions(before.count(step))
         n.core.set_levels(move.levels)
+        if functions is not None:
+            n.core.set_functions(clock.count(step), functions)
         if move.rebased:
             n.core.rebase(move.twice, lam)
         if move.scale is not None and (o is not n or move.rebased):

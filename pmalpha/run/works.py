@@ -1,7 +1,7 @@
 """What sums of works go on with from one run to the next: forces and sums at the last time levels.
 
-They belong to the state where a run with energies has ended. Without them the works of double steps
-begin at a time level from which none of them starts, and the restoring force there is not known.
+They belong to the state where a run with energies has ended. Else works begin with what restoring
+functions gave at the present, which belongs to every state, and those of double steps by (B14).
 """
 
 from __future__ import annotations
@@ -20,14 +20,27 @@ ROUNDING = 1e-12
 
 
 class Works(NamedTuple):
-    """Those at the end of a run with energies."""
+    """Those at the end of a run with energies, and in a saved state what functions gave."""
 
     step: int = 0  # the macro step
     arrays: tuple[np.ndarray | None, ...] = ()  # of each subdomain
+    functions: tuple[np.ndarray | None, ...] = ()  # of each subdomain
 
 
 def works_of(members: Sequence[Member], step: int) -> Works:
     return Works(step, tuple(member.core.works() for member in members))
+
+
+def saved(members: Sequence[Member], works: Works, count: int) -> Works:
+    """The same with what restoring functions gave at the present, `count` steps from the origin."""
+    return works._replace(functions=tuple(member.core.functions(count) for member in members))
+
+
+def restore_functions(members: Sequence[Member], works: Works, count: int) -> None:
+    """They are those of the present again."""
+    for member, x in zip(members, works.functions):
+        if x is not None:
+            member.core.set_functions(count, x)
 
 
 def resume(members: Sequence[Member], works: Works, step: int) -> None:
@@ -59,6 +72,9 @@ def to_arrays(members: Sequence[Member], works: Works, first: int) -> dict[str, 
             arrays[f"{i}.works"] = x.copy()
             for part, order in _parts(member, arrays[f"{i}.works"]):
                 part[:] = part[order]
+    for i, (member, x) in enumerate(zip(members, works.functions), first):
+        if x is not None:
+            arrays[f"{i}.functions"] = x.reshape(2, -1)[:, member.position].ravel()
     return arrays
 
 
@@ -67,6 +83,7 @@ def of_arrays(
 ) -> Works:
     """The inverse; ValueError for wrong arrays."""
     works: list[np.ndarray | None] = []
+    functions: list[np.ndarray | None] = []
     for i, member in enumerate(members, first):
         x = arrays.get(f"{i}.works")
         if x is not None:
@@ -78,7 +95,13 @@ def of_arrays(
             for part, order in _parts(member, x):
                 part[order] = part.copy()
         works.append(x)
-    return Works(step, tuple(works))
+        f = arrays.get(f"{i}.functions")
+        if f is not None:
+            if f.dtype != np.float64 or f.shape != (2 * member.n,) or not np.isfinite(f).all():
+                raise ValueError(f"{i}.functions is not an array of {2 * member.n} finite numbers")
+            f = f.reshape(2, -1)[:, member.order].ravel()
+        functions.append(f)
+    return Works(step, tuple(works), tuple(functions))
 
 
 def _parts(member: Member, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -5,12 +5,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lanes.h"
+#include "member/passage.h"
 #include "object.h"
 
 #define INLINE __attribute__((always_inline)) static inline
 
 /* Of the largest energy of the motion, from which on what was added is reported; of all work, below
- * which it is an error of the steps that does not grow; of sum |r| |ut|, below which it is
+ * which it is an error of the steps that does not grow; of sum |r| |u|, below which it is
  * rounding; of a kinetic energy, below which it is no larger than the last one. */
 #define REPORTED 0.1
 #define SHARE 0.01
@@ -20,17 +22,18 @@
 /* From this multiple of the first kinetic energy on there is no motion any more. */
 #define BROKEN 1e200
 
-/* Up to a time level: the work along the path of the evaluations but for what springs store, that
- * of what acts, and that of
- * what has come to act since the start; the work of the resultant; the sum of the sizes of the
- * works, and the largest force times displacement; of (B13) the numerator and the denominator. */
+/* Up to a time level: the work along the path of functions that are iterated, that of what acts,
+ * and that of what has come to act since the start; the work of the resultant; the sum of the sizes
+ * of the works, and the largest force times displacement; of (B13) the numerator and the
+ * denominator. What springs take along their path is what they store, and what they keep. */
 typedef struct {
     double path, work, since, resultant, gross, size, excess, inertia;
+    double kinetic; /* twice the energy there, where matrices are diagonal */
 } sums;
 
-/* At a time level: where forces were evaluated and what they were, how far from there the state is,
- * the forces as they act, M w, displacement, velocity, the extrapolated one, and what springs
- * remember. */
+/* At a time level: the forces as they act, M w and the displacement. Where what follows is used:
+ * where forces were evaluated and what they were, how far from there the state is, velocity, the
+ * extrapolated one, and what springs remember. */
 typedef struct {
     double *ut, *r, *x, *acting, *inertia, *u, *v, *vs, *springs;
     double *iterated;              /* the forces that are evaluated at the state, */
@@ -54,16 +57,18 @@ typedef struct {
 
 struct pma_balance {
     pma_balance_parts parts;
-    level present;
-    level *work; /* time level j > 0 in work[(j - 1) % kept] */
-    size_t kept;
-    double *opened;            /* 2 x 2 n: ut and r of substeps that are open */
+    level *levels, **at; /* all of them; the present, and those after it */
+    size_t kept;         /* after the present; two take turns, or one for each substep */
+    bool is_diagonal;    /* M and K_r are, and nothing else corrects the forces */
+    double *zeros;       /* n */
+    double *opened;      /* 2 x 2 n: ut and r of substeps that are open */
+    bool keeps;          /* where forces were evaluated, for what is summed or completed later */
     double *product, *scratch; /* n each */
-    double *inertia;           /* n: M w at the end of a substep */
+    double *w;                 /* n: at the end of a substep, of which it is found later */
     double *start;             /* n: what acts at the time level at which the sums begin */
     pma_first_forces first;    /* at the next start */
-    double *stored, *excess;   /* of the springs of each lane: energy, and in a substep, */
-    double bent;               /* ... and of functions */
+    double *stored;            /* energy of the springs of each lane */
+    double bent;               /* (B12) of a substep */
     bool has_stored;           /* the energy is that of the level that is judged */
     bool begun;                /* the present is known */
     bool is_passive;           /* the path is not known */
@@ -102,25 +107,38 @@ static level take_level(const pma_balance *b, size_t number)
                    .sums = b->sums + number * p->lanes};
 }
 
+/* Springs alone need no sum, and of functions that are evaluated once the path is not known. */
+static bool sums_path(const pma_balance_parts *p)
+{
+    return p->ptr && !p->is_passive;
+}
+
+static bool is_diagonal(const pma_balance_parts *p)
+{
+    return p->lanes == 1 && !p->has_responses && p->M.form == PMA_DIAGONAL &&
+           (p->K_r.form == PMA_ZERO || p->K_r.form == PMA_DIAGONAL) && p->D_r.form == PMA_ZERO;
+}
+
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
     const size_t n = parts->n, lanes = parts->lanes;
     const size_t entries = parts->ptr ? (size_t)parts->ptr[n] : 0;
-    const size_t kept = parts->has_responses ? parts->substeps : 1;
+    const size_t kept = parts->has_responses && parts->substeps > 2 ? parts->substeps : 2;
     const pma_array arrays[] = {
-        PMA_ARRAY(pma_balance, work, kept),
+        PMA_ARRAY(pma_balance, levels, kept + 1),
+        PMA_ARRAY(pma_balance, at, kept + 1),
+        PMA_ARRAY(pma_balance, zeros, n),
         PMA_ARRAY(pma_balance, judged, lanes),
         PMA_ARRAY(pma_balance, sums, (kept + 1) * lanes),
         PMA_ARRAY(pma_balance, opened, 4 * n),
         PMA_ARRAY(pma_balance, product, n),
         PMA_ARRAY(pma_balance, scratch, n),
-        PMA_ARRAY(pma_balance, inertia, n),
+        PMA_ARRAY(pma_balance, w, parts->has_responses ? n : 0),
         PMA_ARRAY(pma_balance, start, n),
         PMA_ARRAY(pma_balance, first.once, n),
         PMA_ARRAY(pma_balance, first.iterated, n),
         PMA_ARRAY(pma_balance, first.stiffness, entries),
         PMA_ARRAY(pma_balance, stored, lanes),
-        PMA_ARRAY(pma_balance, excess, lanes),
         {offsetof(pma_balance, numbers), kept + 1, level_size(parts) * sizeof(double)},
         {0}};
     *out = NULL;
@@ -133,9 +151,12 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         return PMA_NO_MEMORY;
     b->parts = *parts;
     b->kept = kept;
-    b->present = take_level(b, 0);
-    for (size_t k = 0; k < kept; k++)
-        b->work[k] = take_level(b, k + 1);
+    b->keeps = sums_path(parts) || parts->estimates || parts->has_responses;
+    b->is_diagonal = is_diagonal(parts);
+    for (size_t k = 0; k <= kept; k++) {
+        b->levels[k] = take_level(b, k);
+        b->at[k] = &b->levels[k];
+    }
     *out = b;
     return PMA_OK;
 }
@@ -157,13 +178,27 @@ static void multiply(pma_balance *b, const pma_matrix *A, const double *x)
     pma_matrix_subtract(A, x, b->product);
 }
 
-/* x . A x / 2 of a lane, with that product */
-static double half_square(const pma_balance *b, const double *x, size_t lane)
+/* x . y of a lane */
+static double dot(const pma_balance *b, const double *x, const double *y, size_t lane)
 {
     double sum = 0.0;
     for (size_t i = lane; i < b->parts.n; i += b->parts.lanes)
-        sum -= x[i] * b->product[i];
-    return 0.5 * sum;
+        sum += x[i] * y[i];
+    return sum;
+}
+
+/* x . A x / 2 of a lane, with that product */
+static double half_square(const pma_balance *b, const double *x, size_t lane)
+{
+    return -0.5 * dot(b, x, b->product, lane);
+}
+
+/* y := M x */
+static void multiply_mass(pma_balance *b, const double *x, double *y)
+{
+    multiply(b, &b->parts.M, x);
+    for (size_t i = 0; i < b->parts.n; i++)
+        y[i] = -b->product[i];
 }
 
 void pma_balance_begin(pma_balance *b)
@@ -171,23 +206,34 @@ void pma_balance_begin(pma_balance *b)
     b->begun = false;
     b->is_passive = b->parts.is_passive;
     for (size_t l = 0; l < b->parts.lanes; l++) {
-        b->present.sums[l] = (sums){0};
+        b->at[0]->sums[l] = (sums){0};
         b->judged[l] = (judgement){0};
     }
+}
+
+static double *opened_at(const pma_balance *b, int64_t number)
+{
+    return b->opened + (number & 1) * 2 * (int64_t)b->parts.n;
 }
 
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut)
 {
     const size_t n = b->parts.n;
-    double *opened = b->opened + (number & 1) * 2 * (int64_t)n;
-    memcpy(opened, ut, n * sizeof(double));
-    memset(opened + n, 0, n * sizeof(double));
+    double *opened = opened_at(b, number);
+    if (b->keeps)
+        memcpy(opened, ut, n * sizeof(double));
     return opened + n;
 }
 
-static level *level_at(pma_balance *b, size_t j)
+/* Where time level j is in `at`. */
+static size_t slot_of(const pma_balance *b, size_t j)
 {
-    return j == 0 ? &b->present : &b->work[(j - 1) % b->kept];
+    return j == 0 ? 0 : 1 + (b->kept == 2 ? (j - 1) & 1 : j - 1);
+}
+
+static level *level_at(const pma_balance *b, size_t j)
+{
+    return b->at[slot_of(b, j)];
 }
 
 /* product := K_r (u1 - ut) + D_r (v1 - vs), subtracted from zero                           (R2) */
@@ -251,25 +297,13 @@ void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, 
         memcpy(to->stiffness, K, (size_t)b->parts.ptr[b->parts.n] * sizeof(double));
 }
 
-/* The work of forces that are iterated is that on the path of u, not of ut: the difference. */
-static double work_to_state(const pma_balance *b, const level *from, const level *to,
-                            const double *ut)
-{
-    double sum = 0.0;
-    for (size_t i = 0; b->parts.iterates && i < b->parts.n; i++)
-        sum += 0.5 * (from->iterated[i] + to->iterated[i]) *
-               (ut[i] + to->x[i] - from->u[i] - (ut[i] - from->ut[i]));
-    return sum;
-}
-
 /* (B13)  al1 dut . (K_r dut - dr) and dut . M dut from one level to the next, of one lane */
-static void add_estimate(pma_balance *b, const level *from, level *to, double al1, const double *ut,
-                         const double *r)
+static void add_estimate(pma_balance *b, const level *from, level *to, double al1)
 {
     double *dut = b->scratch, held = 0.0;
     for (size_t i = 0; i < b->parts.n; i++) {
-        dut[i] = ut[i] - from->ut[i];
-        held += dut[i] * (r[i] - from->r[i]);
+        dut[i] = to->ut[i] - from->ut[i];
+        held += dut[i] * (to->r[i] - from->r[i]);
     }
     multiply(b, &b->parts.K_r, dut);
     const double estimate = 2.0 * half_square(b, dut, 0);
@@ -278,35 +312,33 @@ static void add_estimate(pma_balance *b, const level *from, level *to, double al
     to->sums->inertia = from->sums->inertia + 2.0 * half_square(b, dut, 0);
 }
 
-/* (B8) of a lane, from one level to the next, whose x is known, with r - r_a in the product; the
- * two levels may be the same */
-INLINE void sum_up(pma_balance *b, const level *from, level *to, const double *ut, const double *r,
-                   size_t lane, size_t lanes)
+/* (B8) of a lane */
+INLINE void sum_up(const sums *before, const double *terms, size_t lanes, double path, sums *now)
 {
-    double path = 0.0, work = 0.0, start = 0.0, resultant = 0.0, size = 0.0;
-#pragma omp simd reduction(+ : path, work, start, resultant, size)
-    for (size_t i = lane; i < b->parts.n; i += lanes) {
-        const double acting = r[i] - b->product[i], u = ut[i] + to->x[i], du = u - from->u[i];
-        path += 0.5 * (from->r[i] + r[i]) * (ut[i] - from->ut[i]);
-        work += 0.5 * (from->acting[i] + acting) * du;
-        start += b->start[i] * du;
-        resultant += 0.5 * (from->inertia[i] + b->inertia[i]) * du;
-        size += fabs(r[i] * ut[i]);
-        to->ut[i] = ut[i];
-        to->r[i] = r[i];
-        to->acting[i] = acting;
-        to->inertia[i] = b->inertia[i];
-        to->u[i] = u;
+    const double work = terms[PMA_PASSAGE_WORK * lanes],
+                 since = work - terms[PMA_PASSAGE_START * lanes];
+    now->path = before->path + path;
+    now->work = before->work + work;
+    now->since = before->since + since;
+    now->resultant = before->resultant + terms[PMA_PASSAGE_RESULTANT * lanes];
+    now->gross = before->gross + fabs(since);
+    now->size = fmax(before->size, terms[PMA_PASSAGE_SIZE * lanes]);
+    now->kinetic = terms[PMA_PASSAGE_KINETIC * lanes];
+}
+
+/* Along the path of functions that are iterated, without what springs take there. The work of
+ * forces that are iterated is that on the path of u, not of ut. */
+static double work_of_path(const pma_balance *b, const level *from, const level *to,
+                           const double *u)
+{
+    double sum = b->bent;
+    for (size_t i = 0; i < b->parts.n; i++) {
+        const double dut = to->ut[i] - from->ut[i];
+        sum += 0.5 * (from->r[i] + to->r[i]) * dut;
+        sum += 0.5 * (from->iterated[i] + to->iterated[i]) * (u[i] - from->u[i] - dut);
     }
-    const sums before = from->sums[lane];
-    to->sums[lane] = (sums){.path = before.path + path + b->excess[lane],
-                            .work = before.work + work,
-                            .since = before.since + (work - start),
-                            .resultant = before.resultant + resultant,
-                            .gross = before.gross + fabs(work - start),
-                            .size = fmax(before.size, size),
-                            .excess = to->sums[lane].excess,
-                            .inertia = to->sums[lane].inertia};
+    pma_springs_subtract_work(b->parts.springs, 1, from->springs, to->springs, &sum);
+    return sum;
 }
 
 /* The energy of the springs of each lane */
@@ -317,48 +349,75 @@ static void store(pma_balance *b, const double *springs)
 }
 
 /* The sums begin at this level, the first one whose forces are known. */
-static void begin_sums(pma_balance *b, level *at, const double *springs)
+static void begin_sums(pma_balance *b, level *at, const double *v, const double *springs)
 {
     memcpy(b->start, at->acting, b->parts.n * sizeof(double));
-    multiply(b, &b->parts.M, at->v);
+    multiply(b, &b->parts.M, v);
     store(b, springs);
     for (size_t l = 0; l < b->parts.lanes; l++) {
-        at->sums[l] = (sums){.size = at->sums[l].size};
-        b->judged[l].start = half_square(b, at->v, l);
+        at->sums[l] = (sums){.size = at->sums[l].size, .kinetic = at->sums[l].kinetic};
+        b->judged[l].start = half_square(b, v, l);
         b->judged[l].stored = b->stored[l];
     }
 }
 
-/* From level j to the next one, which has x and v, with the acceleration w */
-static void sum_up_lanes(pma_balance *b, size_t j, double al1, const double *ut, const double *r,
-                         const double *w, const double *springs)
+/* q and f where they are not diagonal, in the level at the end, which has x = u - ut */
+static void find_forces(pma_balance *b, const double *vs, level *to, pma_passage *p)
 {
-    const level *from = level_at(b, j);
-    level *to = level_at(b, j + 1);
-    const bool known = j > 0 || b->begun;
-    if (b->parts.estimates && known)
-        add_estimate(b, from, to, al1, ut, r);
-    multiply(b, &b->parts.M, w);
-    for (size_t i = 0; i < b->parts.n; i++)
-        b->inertia[i] = -b->product[i];
-    correct_forces(b, known ? from->vs : to->v, to->v, to->x);
-    memset(b->excess, 0, b->parts.lanes * sizeof(double));
-    pma_springs_subtract_work(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
-    b->excess[0] += b->bent + work_to_state(b, from, to, ut);
-    if (b->parts.lanes == 1)
-        sum_up(b, from, to, ut, r, 0, 1); /* in vectors */
-    for (size_t l = 0; l < b->parts.lanes && b->parts.lanes > 1; l++)
-        sum_up(b, from, to, ut, r, l, b->parts.lanes);
-    if (!known)
-        begin_sums(b, to, springs);
+    const size_t n = b->parts.n;
+    multiply_mass(b, p->w, to->inertia);
+    correct_forces(b, vs, p->v, to->x);
+    for (size_t i = 0; i < n; i++)
+        to->acting[i] = p->r[i] - b->product[i];
+    p->q = to->inertia;
+    p->f = to->acting;
 }
 
-/* What the next substep evaluates its forces with: v + h w */
-static void add_extrapolated(pma_balance *b, const double *v, const double *w, double *vs)
+/* To level j + 1, where the substep ends with u, v, w; it has evaluated the forces r. */
+static void come_to(pma_balance *b, size_t j, double al1, const double *r, const pma_state *x)
 {
-    const size_t n = b->parts.D_r.form == PMA_ZERO ? 0 : b->parts.n;
-    for (size_t i = 0; i < n; i++)
-        vs[i] += v[i] + b->parts.h * w[i];
+    const size_t lanes = b->parts.lanes;
+    const bool known = j > 0 || b->begun, is_diagonal = b->is_diagonal;
+    const level *from = level_at(b, j);
+    level *to = level_at(b, j + 1);
+    pma_passage p = {.u0 = from->u,
+                     .f0 = from->acting,
+                     .q0 = from->inertia,
+                     .u1 = to->u,
+                     .f1 = to->acting,
+                     .q1 = to->inertia,
+                     .u = x->u,
+                     .v = x->v,
+                     .w = x->w,
+                     .r = r,
+                     .f = r,
+                     .q = b->zeros,
+                     .k = is_diagonal && b->parts.K_r.form == PMA_DIAGONAL ? b->parts.K_r.values
+                                                                           : b->zeros,
+                     .m = is_diagonal ? b->parts.M.values : b->zeros,
+                     .start = b->start,
+                     .al1 = al1};
+    double terms[PMA_PASSAGE_TERMS * PMA_LANES], path = 0.0;
+    if (b->parts.estimates && known)
+        add_estimate(b, from, to, al1);
+    if (sums_path(&b->parts) && known)
+        path = work_of_path(b, from, to, x->u);
+    if (!is_diagonal)
+        find_forces(b, known ? from->vs : x->v, to, &p);
+    pma_passage_sum(b->parts.n, lanes, &p, terms);
+    if (lanes == 1)
+        sum_up(from->sums, terms, 1, path, to->sums);
+    for (size_t l = 0; l < lanes && lanes > 1; l++)
+        sum_up(&from->sums[l], terms + l, lanes, path, &to->sums[l]);
+    if (!known)
+        begin_sums(b, to, x->v, x->springs);
+}
+
+/* What the next substep evaluates its forces with, of which D_r is one: v + h w */
+static void extrapolate(pma_balance *b, const double *v, const double *w, double *vs)
+{
+    for (size_t i = 0; i < b->parts.n && b->parts.D_r.form != PMA_ZERO; i++)
+        vs[i] = v[i] + b->parts.h * w[i];
 }
 
 pma_first_forces *pma_balance_first(pma_balance *b)
@@ -370,17 +429,14 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
 {
     const size_t n = b->parts.n, bytes = n * sizeof(double);
     const pma_first_forces *first = &b->first;
-    level *at = &b->present;
+    level *at = b->at[0];
     for (size_t i = 0; i < n; i++)
         at->r[i] = first->once[i] + first->iterated[i];
     pma_springs_add(b->parts.springs, x->springs, at->r);
     memcpy(at->ut, x->u, bytes);
     memcpy(at->u, x->u, bytes);
-    memcpy(at->v, x->v, bytes);
     memcpy(at->acting, at->r, bytes);
-    memset(at->x, 0, bytes);
-    memset(at->vs, 0, bytes);
-    add_extrapolated(b, x->v, x->w, at->vs);
+    extrapolate(b, x->v, x->w, at->vs);
     memcpy(at->springs, x->springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     if (b->parts.iterates)
         memcpy(at->iterated, b->parts.iterates_springs ? at->r : first->iterated, bytes);
@@ -389,10 +445,8 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
         memcpy(at->functions, first->iterated, bytes);
         memcpy(at->stiffness, first->stiffness, (size_t)b->parts.ptr[n] * sizeof(double));
     }
-    multiply(b, &b->parts.M, x->w);
-    for (size_t i = 0; i < n; i++)
-        at->inertia[i] = -b->product[i];
-    begin_sums(b, at, x->springs);
+    multiply_mass(b, x->w, at->inertia);
+    begin_sums(b, at, x->v, x->springs);
     multiply(b, &b->parts.K, x->u);
     for (size_t l = 0; l < b->parts.lanes; l++) {
         judgement *j = &b->judged[l];
@@ -402,47 +456,50 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
     b->begun = true;
 }
 
-void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const double *v,
-                       const double *w, const double *springs)
+void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const pma_state *x)
 {
-    const size_t n = b->parts.n, j = step->j;
+    const size_t n = b->parts.n, bytes = n * sizeof(double), j = step->j;
     level *to = level_at(b, j + 1);
-    const double *ut = b->opened + (step->number & 1) * 2 * (int64_t)n, *r = ut + n;
+    const double *ut = opened_at(b, step->number), *r = ut + n;
     const double share = b->parts.has_responses && !b->parts.corrects ? 0.0 : al1;
-    for (size_t i = 0; i < n; i++)
-        to->x[i] = share * w[i];
-    memcpy(to->v, v, n * sizeof(double));
     to->t = step->t1;
-    if (b->parts.has_responses) {
-        memcpy(to->ut, ut, n * sizeof(double));
-        memcpy(to->r, r, n * sizeof(double));
-        memcpy(to->inertia, w, n * sizeof(double)); /* until the link response is known */
-    } else {
-        sum_up_lanes(b, j, al1, ut, r, w, springs);
+    if (b->keeps) {
+        memcpy(to->ut, ut, bytes);
+        memcpy(to->r, r, bytes);
+        memcpy(to->springs, x->springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     }
-    memcpy(to->springs, springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
-    memset(to->vs, 0, n * sizeof(double));
-    add_extrapolated(b, v, w, to->vs);
+    for (size_t i = 0; i < n && !b->is_diagonal; i++)
+        to->x[i] = share * x->w[i];
+    if (b->parts.has_responses) { /* until the link response is known */
+        memcpy(to->v, x->v, bytes);
+        memcpy(to->inertia, x->w, bytes);
+    } else {
+        come_to(b, j, al1, r, x);
+    }
+    extrapolate(b, x->v, x->w, to->vs);
 }
 
 void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pma_state *link)
 {
     level *to = level_at(b, j);
     const double share = b->parts.corrects ? 0.0 : al1;
-    double *w = to->inertia;
+    double *w = b->w;
     for (size_t i = 0; i < b->parts.n; i++) {
         to->x[i] += link->u[i] - share * link->w[i];
         to->v[i] += link->v[i];
-        w[i] += link->w[i];
+        w[i] = to->inertia[i] + link->w[i];
+        to->u[i] = to->ut[i] + to->x[i];
     }
-    sum_up_lanes(b, j - 1, al1, to->ut, to->r, w, to->springs);
+    const pma_state x = {.u = to->u, .v = to->v, .w = w, .springs = to->springs};
+    come_to(b, j - 1, al1, to->r, &x);
     if (j == b->parts.substeps) /* the state at the end, not that of the free run */
-        add_extrapolated(b, link->v, link->w, to->vs);
+        extrapolate(b, to->v, w, to->vs);
 }
 
 /* (B9)  What the forces have given beyond what they took, less what the scheme dissipates. The
  * energy of springs can only make it less: it is evaluated where that decides, above `least`. */
-static double added(pma_balance *b, const level *at, size_t lane, double least)
+static double added(pma_balance *b, const level *at, const double *springs, size_t lane,
+                    double least)
 {
     const judgement *so_far = &b->judged[lane];
     const sums *now = &at->sums[lane];
@@ -452,14 +509,14 @@ static double added(pma_balance *b, const level *at, size_t lane, double least)
     if (b->is_passive || passive - dissipated <= least)
         return passive - dissipated;
     if (!b->has_stored)
-        store(b, at->springs);
+        store(b, springs);
     b->has_stored = true;
     const double path = now->path + (b->stored[lane] - so_far->stored);
     return fmin(passive, path - now->work) - dissipated;
 }
 
 /* (B10)  Does the gain exceed what is reported, where the motion is faster than ever before? */
-static bool exceeds(pma_balance *b, const level *at, size_t lane)
+static bool exceeds(pma_balance *b, const level *at, const double *springs, size_t lane)
 {
     judgement *so_far = &b->judged[lane];
     pma_gain *gain = &so_far->gain;
@@ -469,7 +526,7 @@ static bool exceeds(pma_balance *b, const level *at, size_t lane)
         return so_far->exceeds;
     so_far->largest = fmax(so_far->largest, kinetic);
     const double least = fmax(fmax(SHARE * now->gross, ROUNDING * now->size), gain->added);
-    const double energy = added(b, at, lane, least);
+    const double energy = added(b, at, springs, lane, least);
     if (energy > least)
         gain->added = energy;
     if (!(gain->added > REPORTED * kinetic))
@@ -479,30 +536,31 @@ static bool exceeds(pma_balance *b, const level *at, size_t lane)
     return gain->added > REPORTED * gain->energy;
 }
 
-static void judge(pma_balance *b, const level *at, size_t lane)
+static void judge(pma_balance *b, const level *at, const double *springs, size_t lane)
 {
     judgement *so_far = &b->judged[lane];
     const bool before = so_far->exceeds;
     so_far->first = so_far->first > 0.0 ? so_far->first : so_far->last;
-    so_far->exceeds = exceeds(b, at, lane);
+    so_far->exceeds = exceeds(b, at, springs, lane);
     if (!before)
         so_far->since = at->t;
     else if (so_far->exceeds && !(so_far->gain.t > 0.0))
         so_far->gain.t = so_far->since;
 }
 
-void pma_balance_commit(pma_balance *b)
+void pma_balance_commit(pma_balance *b, const pma_state *x)
 {
-    level *last = level_at(b, b->parts.substeps);
-    multiply(b, &b->parts.M, last->v);
+    const size_t slot = slot_of(b, b->parts.substeps);
+    level *last = b->at[slot];
+    if (!b->is_diagonal)
+        multiply(b, &b->parts.M, x->v);
     for (size_t l = 0; l < b->parts.lanes; l++)
-        b->judged[l].last = half_square(b, last->v, l);
+        b->judged[l].last = b->is_diagonal ? 0.5 * last->sums[l].kinetic : half_square(b, x->v, l);
     b->has_stored = false;
     for (size_t l = 0; l < b->parts.lanes; l++)
-        judge(b, last, l);
-    const level before = b->present;
-    b->present = *last;
-    *last = before;
+        judge(b, last, x->springs, l);
+    b->at[slot] = b->at[0];
+    b->at[0] = last;
     b->begun = true;
 }
 
@@ -520,7 +578,7 @@ pma_gain pma_balance_gain(const pma_balance *b)
 
 double pma_balance_added_mass(const pma_balance *b)
 {
-    const sums *now = b->present.sums;
+    const sums *now = b->at[0]->sums;
     return now->inertia > 0.0 ? now->excess / now->inertia : 0.0;
 }
 

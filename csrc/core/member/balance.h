@@ -55,8 +55,8 @@ pma_first_forces *pma_balance_first(pma_balance *b);
 /* After `begin`: from the start x on, with these forces and those of springs. */
 void pma_balance_start(pma_balance *b, const pma_state *x);
 
-/* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), zeroed,
- * for the forces evaluated there or, of iterated ones, at the state. Two of them can be open. */
+/* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), to be
+ * filled with the forces evaluated there or, of iterated ones, at the state. Two can be open. */
 double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
 
 /* Before the substep is closed: those of its forces (n) that are evaluated at its end. */
@@ -68,17 +68,16 @@ void pma_balance_iterate(pma_balance *b, const pma_substep *step, const double *
 void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
                       const double *K);
 
-/* The substep is closed: its velocity v and acceleration w (n), and what its springs remember;
- * u - ut = al1 w. Begins again from the present with the first one. */
-void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const double *v,
-                       const double *w, const double *springs);
+/* The substep is closed: the state x at its end, u - ut = al1 w. Begins again from the present with
+ * the first one. */
+void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const pma_state *x);
 
 /* Where forces are evaluated in a free macro run, after all of its substeps are closed: the link
  * response at time level j, one after the other; its predictor is u - al1 w. */
 void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pma_state *link);
 
-/* The last time level becomes the present, and is judged. */
-void pma_balance_commit(pma_balance *b);
+/* The last time level becomes the present, with state x, and is judged. */
+void pma_balance_commit(pma_balance *b, const pma_state *x);
 
 /* The largest energy that was added to the motion, and that it had; when the ratio first exceeded
  * 0.1; of the lane in which it is largest. Zeros where it does not now.                    (B10) */

@@ -27,11 +27,16 @@ struct pma_energy {
     bool begun;            /* a macro step has been committed since the beginning */
     double *start_damping; /* n: C v + f at the beginning */
     double *start_load;    /* n: F at the beginning, without what depends on the motion */
+    bool knows_functions;  /* both with what restoring functions gave there */
     double start_potential;
-    bool conserves;  /* E* is asked for, */
-    double weight;   /* ... with this multiple of K beside M */
-    double *product; /* n: scratch */
-    double *numbers; /* of all levels */
+    double start_stored; /* T + U there, without that potential */
+    bool has_new_chain;  /* (B14) holds in this macro step, at time level 1 */
+    double
+        *first_velocity; /* n: at time level 1 after it, where a double step is completed later */
+    bool conserves;      /* E* is asked for, */
+    double weight;       /* ... with this multiple of K beside M */
+    double *product;     /* n: scratch */
+    double *numbers;     /* of all levels */
 };
 
 /* ---- making --------------------------------------------------------------------------------- */
@@ -61,6 +66,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
         PMA_ARRAY(pma_energy, work, kept),
         PMA_ARRAY(pma_energy, start_damping, n),
         PMA_ARRAY(pma_energy, start_load, n),
+        PMA_ARRAY(pma_energy, first_velocity, parts->doubled && parts->has_responses ? n : 0),
         PMA_ARRAY(pma_energy, product, n),
         {offsetof(pma_energy, numbers), kept + 2, level_size(parts) * sizeof(double)},
         {0}};
@@ -118,8 +124,8 @@ static void add(size_t n, const double *x, double *y)
         y[i] += x[i];
 }
 
-/* r of the substep closed last, and the external load in it. At the beginning they are not known,
- * since they are evaluated once per substep: there they count as those of the first one. */
+/* r of the substep closed last, and the external load in it. Where they are not known at the
+ * beginning, since they are evaluated once per substep, they count there as those of the first. */
 static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
 {
     const pma_restoring *restoring = e->parts.restoring;
@@ -133,7 +139,7 @@ static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
         to->damping[i] = f ? r[k] + f[k] : r[k];
     }
     add(e->parts.n, load, to->load);
-    if (step->j > 0 || e->begun)
+    if (step->j > 0 || e->begun || e->knows_functions)
         return;
     memcpy(e->present.damping, e->start_damping, e->parts.n * sizeof(double));
     memcpy(e->present.load, e->start_load, e->parts.n * sizeof(double));
@@ -208,10 +214,36 @@ static void sum_up(const pma_energy *e, const level *from, level *to)
     to->works.contact = from->works.contact;
 }
 
-void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam)
+/* T + U without the potential of internal forces, which the work of these takes off again  (B6) */
+static double stored(pma_energy *e, const level *at, const double *v)
 {
+    return 0.5 * pma_matrix_square(&e->parts.M, v, e->product) +
+           0.5 * pma_matrix_square(&e->parts.K, at->u, e->product) +
+           pma_springs_energy(e->parts.springs, at->springs);
+}
+
+/* (B14)  Is this the double step whose chain has no sums? */
+static bool begins_chain(const pma_energy *e, bool twice, size_t j)
+{
+    return twice && j == 1 && !e->begun && e->parts.implicit;
+}
+
+/* W^interface such that (B4) is zero at the first level of the chain, with velocity v */
+static void begin_chain(pma_energy *e, level *to, const double *v)
+{
+    e->has_new_chain = true;
+    to->works.interface = stored(e, to, v) - e->start_stored + to->works.dissipated -
+                          to->works.external - to->works.contact;
+}
+
+void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam,
+                      const double *functions)
+{
+    const size_t n = e->parts.n;
     level *at = &e->present;
     e->begun = false;
+    e->has_new_chain = false;
+    e->knows_functions = functions;
     memcpy(at->u, x->u, e->parts.n * sizeof(double));
     memcpy(at->springs, x->springs, pma_springs_numbers(e->parts.springs) * sizeof(double));
     memcpy(at->load, load, e->parts.n * sizeof(double));
@@ -220,7 +252,12 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     add_damping(e, x, at->damping);
     memcpy(e->start_damping, at->damping, e->parts.n * sizeof(double));
     memcpy(e->start_load, load, e->parts.n * sizeof(double));
+    for (size_t i = 0; functions && i < n; i++) {
+        at->damping[i] += functions[i];
+        at->load[i] += functions[n + i];
+    }
     e->start_potential = at->potential;
+    e->start_stored = stored(e, at, x->v);
     fill_pull(e, lam, at);
     memset(&at->works, 0, sizeof at->works);
 }
@@ -244,6 +281,8 @@ void pma_energy_follow(pma_energy *e, const pma_energy *from)
     memcpy(e->start_damping, from->start_damping, e->parts.n * sizeof(double));
     memcpy(e->start_load, from->start_load, e->parts.n * sizeof(double));
     e->start_potential = from->start_potential;
+    e->start_stored = from->start_stored;
+    e->knows_functions = from->knows_functions;
     e->begun = from->begun;
 }
 
@@ -299,11 +338,15 @@ void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x
     fill_level(e, step, x, to);
     fill_pull(e, lam, to);
     sum_up(e, origin(e, step), to);
+    if (begins_chain(e, step->twice, step->j + 1))
+        begin_chain(e, to, x->v);
 }
 
 void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_state *x)
 {
     fill_level(e, step, x, level_at(e, step->j + 1));
+    if (begins_chain(e, step->twice, step->j + 1))
+        memcpy(e->first_velocity, x->v, e->parts.n * sizeof(double));
 }
 
 void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_state *r,
@@ -320,6 +363,10 @@ void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_
         to->pull[i] *= share;
     pma_link_add(&e->parts.link, lam, to->pull);
     sum_up(e, twice && e->begun ? &e->previous : level_at(e, j - 1), to);
+    if (begins_chain(e, twice, j)) {
+        add(e->parts.n, r->v, e->first_velocity);
+        begin_chain(e, to, e->first_velocity);
+    }
 }
 
 void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
@@ -329,7 +376,10 @@ void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
 
 void pma_energy_add_work(pma_energy *e, size_t j, double work)
 {
-    level_at(e, j)->works.contact += work;
+    level *at = level_at(e, j);
+    at->works.contact += work;
+    if (e->has_new_chain && j == 1)
+        at->works.interface -= work;
 }
 
 static void swap(level *a, level *b)
@@ -346,6 +396,7 @@ void pma_energy_commit(pma_energy *e)
         swap(&e->previous, level_at(e, last - 1));
     swap(&e->present, level_at(e, last));
     e->begun = true;
+    e->has_new_chain = false;
 }
 
 void pma_energy_conserve(pma_energy *e, double weight)

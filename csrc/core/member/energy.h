@@ -36,6 +36,7 @@ typedef struct {
     size_t n, nb, substeps;
     bool has_responses; /* all substeps may be closed in a free macro run before any is complete */
     bool doubled;
+    bool implicit; /* and so are the double steps */
     pma_matrix M, K, C;
     pma_matrix skew; /* (K - K^T) / 2, whose work is counted as dissipated                  (B7) */
     pma_link link;
@@ -53,8 +54,10 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out);
 void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 
 /* All works are zero at the present x, under load (n) and multipliers lam (p). Internal forces and
- * their potential have been evaluated there. */
-void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam);
+ * their potential have been evaluated there. Restoring functions gave `functions` there, forces and
+ * loads that they contain (2 n), or where that is NULL what they give in the first substep. */
+void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam,
+                      const double *functions);
 
 /* The works of `from` go on, for the same subdomain with other steps. */
 void pma_energy_follow(pma_energy *e, const pma_energy *from);
@@ -70,8 +73,9 @@ void pma_energy_resume(pma_energy *e, const double *in);
 
 /* A substep has been closed: the state x at its end, lam (p). No later substep has been opened yet,
  * so that a called load and the restoring force have the values of this one. The works of a double
- * step are added to the sums of the time level before the last one, but for the first substep after
- * the beginning.                                                                         (B3) */
+ * step are added to the sums of the time level before the last one. The first substep after the
+ * beginning has none there: its works are those from the present, and in implicit subdomains that
+ * of the interface such that nothing is added to the energy.                       (B3) (B14) */
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x,
                       const double *lam);
 

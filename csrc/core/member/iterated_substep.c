@@ -505,9 +505,8 @@ static void balance(pma_iterate *it, const pma_state *x)
     for (size_t i = 0; i < s->parts.n; i++)
         it->size[i] = x->u[i] - al1 * x->w[i];
     double *r = pma_balance_open(s->balance, it->step.number, it->size);
+    memcpy(r, it->force, s->parts.n * sizeof(double));
     pma_substep_add_evaluated(s, x, r);
-    for (size_t i = 0; i < s->parts.n; i++)
-        r[i] += it->force[i];
     pma_balance_iterate(s->balance, &it->step, it->parts.springs ? r : it->force);
     pma_substep_balance(s, &it->step);
 }

@@ -122,7 +122,7 @@ static void commit(void *self)
     pma_subdomain *s = self;
     pma_levels_commit(&s->levels);
     if (s->balance)
-        pma_balance_commit(s->balance);
+        pma_balance_commit(s->balance, &s->levels.present);
     if (s->energy)
         pma_energy_commit(s->energy);
     if (s->iterate)

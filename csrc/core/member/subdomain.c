@@ -94,7 +94,7 @@ static pma_status lay_out(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     const size_t n = p->n, nb = p->nb, history = p->internal.history;
-    const size_t scratch = pma_parts_scratch(p);
+    const size_t scratch = pma_parts_scratch(p), given = p->restoring.function ? 2 * n : 0;
     const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
                                 PMA_ARRAY(pma_subdomain, product, p->has_internal ? n : 0),
                                 PMA_ARRAY(pma_subdomain, closing, nb),
@@ -102,6 +102,8 @@ static pma_status lay_out(pma_subdomain *s)
                                 PMA_ARRAY(pma_subdomain, work, scratch),
                                 PMA_ARRAY(pma_subdomain, link_work, scratch),
                                 PMA_ARRAY(pma_subdomain, remembered, p->restoring.memory),
+                                PMA_ARRAY(pma_subdomain, evaluated.values, 2 * given),
+                                PMA_ARRAY(pma_subdomain, evaluated.first, given),
                                 {0}};
     s->levels = (pma_levels){.n = n,
                              .nb = nb,
@@ -322,8 +324,10 @@ pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const do
                                         &s->code);
     for (size_t i = 0; i < p->n; i++)
         r[i] = 0.0 - r[i]; /* no negative zeros */
-    for (size_t i = 0; i < p->n && s->balance && p->restoring.function; i++)
-        pma_balance_first(s->balance)->once[i] = pma_restoring_force(&p->restoring, i);
+    if (p->restoring.function)
+        pma_substep_take_functions(s, s->evaluated.first);
+    if (s->balance && p->restoring.function)
+        memcpy(pma_balance_first(s->balance)->once, s->evaluated.first, p->n * sizeof(double));
     if (status == PMA_OK && s->rig)
         status = pma_rig_reply_first(s->rig, t, u, v);
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
@@ -358,6 +362,7 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
         memcpy(x->history, s->internal->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
     pma_subdomain_watch_again(s);
+    pma_subdomain_set_functions(s, 0, s->evaluated.first);
     if (s->balance)
         pma_balance_start(s->balance, x);
     if (s->rig)
@@ -391,6 +396,9 @@ size_t pma_subdomain_kept(const pma_subdomain *s, pma_state_array out[PMA_LEVEL_
 {
     return pma_levels_arrays(&s->levels, out);
 }
+
+/* Number of no substep. */
+#define UNKNOWN INT64_MIN
 
 /* ---- balance -------------------------------------------------------------------------------- */
 
@@ -450,6 +458,7 @@ pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each
 
 void pma_subdomain_watch_again(pma_subdomain *s)
 {
+    s->evaluated.number[0] = s->evaluated.number[1] = UNKNOWN;
     if (s->balance)
         pma_balance_begin(s->balance);
     if (s->rig)
@@ -503,6 +512,7 @@ static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew
                                     .substeps = s->parts.substeps,
                                     .has_responses = s->parts.has_responses,
                                     .doubled = s->parts.doubled,
+                                    .implicit = s->parts.single.step.al1 > 0.0,
                                     .M = M,
                                     .skew = skew,
                                     .K = s->parts.K,
@@ -520,11 +530,30 @@ static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew
 }
 
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
-                                      const double *load, const double *lam)
+                                      const double *load, const double *lam,
+                                      const double *functions)
 {
     PMA_TRY(replace_energy(s, M, skew));
-    pma_energy_begin(s->energy, &s->levels.present, load, lam);
+    pma_energy_begin(s->energy, &s->levels.present, load, lam, functions);
     return PMA_OK;
+}
+
+const double *pma_subdomain_functions(const pma_subdomain *s, int64_t steps)
+{
+    const int64_t number = steps * (int64_t)s->parts.substeps - 1;
+    const size_t slot = pma_evaluated_slot(s, number);
+    const bool is_known = s->parts.restoring.function && s->evaluated.number[slot] == number;
+    return is_known ? s->evaluated.values + slot * 2 * s->parts.n : NULL;
+}
+
+void pma_subdomain_set_functions(pma_subdomain *s, int64_t steps, const double *functions)
+{
+    const int64_t number = steps * (int64_t)s->parts.substeps - 1;
+    const size_t slot = pma_evaluated_slot(s, number), n = s->parts.n;
+    if (!s->parts.restoring.function)
+        return;
+    s->evaluated.number[slot] = number;
+    memcpy(s->evaluated.values + slot * 2 * n, functions, 2 * n * sizeof(double));
 }
 
 void pma_subdomain_conserve(pma_subdomain *s, double weight)

@@ -46,6 +46,13 @@ typedef struct {
     double potential; /* as evaluated last */
 } pma_internal_forces;
 
+/* What restoring functions gave in two macro steps in turn, forces without loads that depend on the
+ * motion and such loads (2 n each): in their last substeps, of these numbers. */
+typedef struct {
+    double *values, *first; /* 2 x 2 n; 2 n: at the next start */
+    int64_t number[2];
+} pma_evaluated;
+
 struct pma_subdomain {
     pma_parts parts;
     pma_member_table table;
@@ -66,10 +73,11 @@ struct pma_subdomain {
     pma_tree *tree, *tree_twice; /* of the factors of both operators */
     void *spread;                /* springs in lanes */
 
-    bool extrapolates;        /* a substep uses the velocity extrapolated from its start (R1) */
-    bool evaluates;           /* it has springs, or a force that depends on that velocity (R3) */
-    double *vs;               /* n: extrapolated velocity, if there is one */
-    double *remembered;       /* by the restoring function, at the next start */
+    bool extrapolates;  /* a substep uses the velocity extrapolated from its start (R1) */
+    bool evaluates;     /* it has springs, or a force that depends on that velocity (R3) */
+    double *vs;         /* n: extrapolated velocity, if there is one */
+    double *remembered; /* by the restoring function, at the next start */
+    pma_evaluated evaluated;
     double *product;          /* n: scratch, if it has internal forces */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
@@ -92,6 +100,13 @@ struct pma_response {
 static inline const pma_operator *pma_operator_of(const pma_subdomain *s, bool twice)
 {
     return twice ? &s->parts.twice : &s->parts.single;
+}
+
+/* Where the values of the substep with this number are kept; -1: the start. */
+static inline size_t pma_evaluated_slot(const pma_subdomain *s, int64_t number)
+{
+    const int64_t substeps = (int64_t)s->parts.substeps;
+    return (size_t)((number + substeps) / substeps) & 1;
 }
 
 /* The interface dofs are the last of a vector over all dofs. */
@@ -131,6 +146,10 @@ pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
  * not, since it is evaluated at one level after the other */
 pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
                                           const pma_state *to, double *y);
+
+/* Of restoring functions, as evaluated last: forces (n) without loads that depend on the motion,
+ * and such loads (n). */
+void pma_substep_take_functions(const pma_subdomain *s, double *out);
 void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
                             size_t end);
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);

@@ -74,14 +74,42 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
     return status;
 }
 
+void pma_substep_take_functions(const pma_subdomain *s, double *out)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const double *last = pma_restoring_last(restoring), *load = restoring->load;
+    const size_t n = s->parts.n;
+    for (size_t i = 0; i < n; i++) {
+        const size_t k = (size_t)restoring->order[i];
+        out[n + i] = load ? load[k] : 0.0;
+        out[i] = last[k] + out[n + i];
+    }
+}
+
 pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
                                           const pma_state *to, double *y)
 {
     const pma_parts *p = &s->parts;
     const size_t springs = pma_springs_numbers(&p->springs);
     const pma_state *last = pma_levels_at(&s->levels, step->j);
-    return pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
-                                  to->springs + springs, y, &s->code);
+    PMA_TRY(pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                                   to->springs + springs, y, &s->code));
+    const size_t slot = pma_evaluated_slot(s, step->number);
+    s->evaluated.number[slot] = step->number;
+    pma_substep_take_functions(s, s->evaluated.values + slot * 2 * p->n);
+    return PMA_OK;
+}
+
+/* r (n) := what has been subtracted since y was r, without loads that depend on the motion */
+static void watch_forces(const pma_subdomain *s, const double *y, double *r)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const size_t n = s->parts.n;
+#pragma omp simd
+    for (size_t i = 0; i < n; i++)
+        r[i] -= y[i];
+    for (size_t i = 0; restoring->function && restoring->load && i < n; i++)
+        r[i] += restoring->load[restoring->order[i]];
 }
 
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
@@ -90,6 +118,9 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
+    double *r = s->balance ? pma_balance_open(s->balance, step->number, to->u) : NULL;
+    if (r)
+        memcpy(r, to->w, p->n * sizeof(double));
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
@@ -100,6 +131,8 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
         PMA_TRY(pma_rig_reply(s->rig, to));
     if (s->extrapolates && s->internal)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
+    if (r)
+        watch_forces(s, to->w, r);
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
         return PMA_OK;
     for (size_t i = 0; i < p->n; i++)
@@ -119,17 +152,6 @@ void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, doubl
         const size_t k = (size_t)restoring->order[i];
         r[i] += load ? last[k] + load[k] : last[k];
     }
-}
-
-/* The forces that it subtracts, for the balance */
-__attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_substep *step,
-                                                   const pma_state *to)
-{
-    const pma_parts *p = &s->parts;
-    double *r = pma_balance_open(s->balance, step->number, to->u);
-    pma_substep_add_evaluated(s, to, r);
-    for (size_t i = 0; s->internal && i < p->n; i++)
-        r[i] += s->internal->force[i];
 }
 
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
@@ -177,8 +199,6 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
     /* (R3) */
     if (s->evaluates)
         PMA_TRY(subtract_restoring(s, step, from, to));
-    if (s->balance)
-        watch_forces(s, step, to);
 
     /* (F2), (F3) */
     pma_factor_open(&op->factor, to->w, wf_b, s->work);
@@ -261,7 +281,7 @@ void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 {
     const pma_step *c = &pma_operator_of(s, step->twice)->step;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    pma_balance_close(s->balance, step, c->al1, x->v, x->w, x->springs);
+    pma_balance_close(s->balance, step, c->al1, x);
 }
 
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
