@@ -137,7 +137,10 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
+    common: of the records that `again` makes, the arrays that are equal in all of them; else None.
     """
+
+    common: dict[tuple[str, int, int], np.ndarray] | None = None
 
     def __init__(
         self,
@@ -168,7 +171,8 @@ class Recording:
         checked."""
         self.of.check_ground(loads)
         other = copy(self)
-        other.loads = loads
+        other.loads, other.common = loads, {} if self.common is None else self.common
+        self.common = other.common
         other._make_arrays()
         return other
 
@@ -238,6 +242,17 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
+        return self._once(("times", levels, end), lambda: self._times(levels, end))
+
+    def _once(self, key: tuple[str, int, int], make: Callable[[], np.ndarray]) -> np.ndarray:
+        """An array of its own, which is made once for all cases."""
+        if self.common is None:
+            return make()
+        if key not in self.common:
+            self.common[key] = make()
+        return self.common[key].copy()
+
+    def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
@@ -260,7 +275,8 @@ class Recording:
 
     def substeps(self, end: int) -> np.ndarray:
         """The substeps of each subdomain at each macro time level."""
-        return self.of.substeps.repeat(self.rows(1, end), axis=0)
+        rows = self.rows(1, end)
+        return self._once(("substeps", 1, end), lambda: self.of.substeps.repeat(rows, axis=0))
 
     def core_record(self) -> CoreRecord:
         """The record in the form of the core."""
