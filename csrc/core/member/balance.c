@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lanes.h"
 #include "object.h"
 
 #define INLINE __attribute__((always_inline)) static inline
@@ -166,6 +167,19 @@ static double half_square(const pma_balance *b, const double *x, size_t lane)
     return 0.5 * sum;
 }
 
+/* The same of each lane, as the last kinetic energy. */
+static void half_squares(pma_balance *b, const double *x)
+{
+    double sum[PMA_LANES] = {0.0};
+    for (size_t i = 0; i < b->parts.n; i += PMA_LANES) {
+#pragma omp simd
+        for (size_t l = 0; l < PMA_LANES; l++)
+            sum[l] -= x[i + l] * b->product[i + l];
+    }
+    for (size_t l = 0; l < PMA_LANES; l++)
+        b->judged[l].last = 0.5 * sum[l];
+}
+
 void pma_balance_begin(pma_balance *b)
 {
     b->begun = false;
@@ -278,36 +292,88 @@ static void add_estimate(pma_balance *b, const level *from, level *to, double al
     to->sums->inertia = from->sums->inertia + 2.0 * half_square(b, dut, 0);
 }
 
-/* (B8) of a lane, from one level to the next, whose x is known, with r - r_a in the product; the
- * two levels may be the same */
-INLINE void sum_up(pma_balance *b, const level *from, level *to, const double *ut, const double *r,
-                   size_t lane, size_t lanes)
+/* What (B8) adds from one level to the next. */
+typedef struct {
+    double path, work, start, resultant, size;
+} work_of_step;
+
+/* Number i of the levels, whose x is known, with r - r_a in the product; the two levels may be the
+ * same. */
+INLINE work_of_step sum_up_row(const pma_balance *b, const level *from, const level *to,
+                               const double *ut, const double *r, size_t i)
 {
-    double path = 0.0, work = 0.0, start = 0.0, resultant = 0.0, size = 0.0;
-#pragma omp simd reduction(+ : path, work, start, resultant, size)
-    for (size_t i = lane; i < b->parts.n; i += lanes) {
-        const double acting = r[i] - b->product[i], u = ut[i] + to->x[i], du = u - from->u[i];
-        path += 0.5 * (from->r[i] + r[i]) * (ut[i] - from->ut[i]);
-        work += 0.5 * (from->acting[i] + acting) * du;
-        start += b->start[i] * du;
-        resultant += 0.5 * (from->inertia[i] + b->inertia[i]) * du;
-        size += fabs(r[i] * ut[i]);
-        to->ut[i] = ut[i];
-        to->r[i] = r[i];
-        to->acting[i] = acting;
-        to->inertia[i] = b->inertia[i];
-        to->u[i] = u;
-    }
+    const double acting = r[i] - b->product[i], u = ut[i] + to->x[i], du = u - from->u[i];
+    const work_of_step row = {.path = 0.5 * (from->r[i] + r[i]) * (ut[i] - from->ut[i]),
+                              .work = 0.5 * (from->acting[i] + acting) * du,
+                              .start = b->start[i] * du,
+                              .resultant = 0.5 * (from->inertia[i] + b->inertia[i]) * du,
+                              .size = fabs(r[i] * ut[i])};
+    to->ut[i] = ut[i];
+    to->r[i] = r[i];
+    to->acting[i] = acting;
+    to->inertia[i] = b->inertia[i];
+    to->u[i] = u;
+    return row;
+}
+
+INLINE void add_to_sums(const pma_balance *b, const level *from, level *to, size_t lane,
+                        work_of_step all)
+{
     const sums before = from->sums[lane];
-    to->sums[lane] = (sums){.path = before.path + path + b->excess[lane],
-                            .work = before.work + work,
-                            .since = before.since + (work - start),
-                            .resultant = before.resultant + resultant,
-                            .gross = before.gross + fabs(work - start),
-                            .size = fmax(before.size, size),
+    to->sums[lane] = (sums){.path = before.path + all.path + b->excess[lane],
+                            .work = before.work + all.work,
+                            .since = before.since + (all.work - all.start),
+                            .resultant = before.resultant + all.resultant,
+                            .gross = before.gross + fabs(all.work - all.start),
+                            .size = fmax(before.size, all.size),
                             .excess = to->sums[lane].excess,
                             .inertia = to->sums[lane].inertia};
 }
+
+static void sum_up(const pma_balance *b, const level *from, level *to, const double *ut,
+                   const double *r)
+{
+    double path = 0.0, work = 0.0, start = 0.0, resultant = 0.0, size = 0.0;
+#pragma omp simd reduction(+ : path, work, start, resultant, size)
+    for (size_t i = 0; i < b->parts.n; i++) {
+        const work_of_step row = sum_up_row(b, from, to, ut, r, i);
+        path += row.path;
+        work += row.work;
+        start += row.start;
+        resultant += row.resultant;
+        size += row.size;
+    }
+    add_to_sums(b, from, to, 0, (work_of_step){path, work, start, resultant, size});
+}
+
+/* The same for all lanes. */
+INLINE void sum_up_lanes(const pma_balance *balance, const level *from, level *to, const double *ut,
+                         const double *r)
+{
+    const pma_balance b = *balance; /* or they would be read again after each number */
+    const level before = *from, after = *to;
+    double path[PMA_LANES] = {0.0}, work[PMA_LANES] = {0.0}, start[PMA_LANES] = {0.0};
+    double resultant[PMA_LANES] = {0.0}, size[PMA_LANES] = {0.0};
+    for (size_t i = 0; i < b.parts.n; i += PMA_LANES) {
+#pragma omp simd
+        for (size_t l = 0; l < PMA_LANES; l++) {
+            const work_of_step row = sum_up_row(&b, &before, &after, ut, r, i + l);
+            path[l] += row.path;
+            work[l] += row.work;
+            start[l] += row.start;
+            resultant[l] += row.resultant;
+            size[l] += row.size;
+        }
+    }
+    for (size_t l = 0; l < PMA_LANES; l++)
+        add_to_sums(balance, from, to, l,
+                    (work_of_step){path[l], work[l], start[l], resultant[l], size[l]});
+}
+
+PMA_COMPILED(void, sum_up_lanes,
+             (const pma_balance *b, const level *from, level *to, const double *ut,
+              const double *r),
+             sum_up_lanes(b, from, to, ut, r);)
 
 /* The energy of the springs of each lane */
 static void store(pma_balance *b, const double *springs)
@@ -330,7 +396,7 @@ static void begin_sums(pma_balance *b, level *at, const double *springs)
 }
 
 /* From level j to the next one, which has x and v, with the acceleration w */
-static void sum_up_lanes(pma_balance *b, size_t j, double al1, const double *ut, const double *r,
+static void sum_up_level(pma_balance *b, size_t j, double al1, const double *ut, const double *r,
                          const double *w, const double *springs)
 {
     const level *from = level_at(b, j);
@@ -346,9 +412,9 @@ static void sum_up_lanes(pma_balance *b, size_t j, double al1, const double *ut,
     pma_springs_subtract_work(b->parts.springs, b->parts.lanes, from->springs, springs, b->excess);
     b->excess[0] += b->bent + work_to_state(b, from, to, ut);
     if (b->parts.lanes == 1)
-        sum_up(b, from, to, ut, r, 0, 1); /* in vectors */
-    for (size_t l = 0; l < b->parts.lanes && b->parts.lanes > 1; l++)
-        sum_up(b, from, to, ut, r, l, b->parts.lanes);
+        sum_up(b, from, to, ut, r);
+    else
+        (pma_has_avx2() ? sum_up_lanes_avx2 : sum_up_lanes_plain)(b, from, to, ut, r);
     if (!known)
         begin_sums(b, to, springs);
 }
@@ -418,7 +484,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
         memcpy(to->r, r, n * sizeof(double));
         memcpy(to->inertia, w, n * sizeof(double)); /* until the link response is known */
     } else {
-        sum_up_lanes(b, j, al1, ut, r, w, springs);
+        sum_up_level(b, j, al1, ut, r, w, springs);
     }
     memcpy(to->springs, springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     memset(to->vs, 0, n * sizeof(double));
@@ -435,7 +501,7 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
         to->v[i] += link->v[i];
         w[i] += link->w[i];
     }
-    sum_up_lanes(b, j - 1, al1, to->ut, to->r, w, to->springs);
+    sum_up_level(b, j - 1, al1, to->ut, to->r, w, to->springs);
     if (j == b->parts.substeps) /* the state at the end, not that of the free run */
         add_extrapolated(b, link->v, link->w, to->vs);
 }
@@ -495,8 +561,10 @@ void pma_balance_commit(pma_balance *b)
 {
     level *last = level_at(b, b->parts.substeps);
     multiply(b, &b->parts.M, last->v);
-    for (size_t l = 0; l < b->parts.lanes; l++)
-        b->judged[l].last = half_square(b, last->v, l);
+    if (b->parts.lanes == 1)
+        b->judged->last = half_square(b, last->v, 0);
+    else
+        half_squares(b, last->v);
     b->has_stored = false;
     for (size_t l = 0; l < b->parts.lanes; l++)
         judge(b, last, l);

@@ -195,11 +195,9 @@ void pma_springs_subtract_work(const pma_springs *springs, size_t lanes, const d
                                const double *to, double *out)
 {
     const size_t total = springs->total;
-    for (size_t lane = 0; lane < lanes; lane++) {
-        double sum = out[lane];
-        for (size_t i = lane; i < total; i += lanes)
-            sum -= 0.5 * (to[i] - from[i]) * (from[total + i] + to[total + i]);
-        out[lane] = sum;
+    for (size_t i = 0; i < total; i += lanes) {
+        for (size_t l = 0; l < lanes; l++)
+            out[l] -= 0.5 * (to[i + l] - from[i + l]) * (from[total + i + l] + to[total + i + l]);
     }
 }
 
