@@ -166,14 +166,15 @@ class Recording:
         require(8.0 * self.numbers, "the History", advice)
         self._make_arrays()
 
-    def again(self, loads: Sequence[Loads]) -> Recording:
-        """The same record of a case with other loads, in arrays of its own; their memory is not
-        checked."""
+    def again(self, loads: Sequence[Loads], done: Recording | None = None) -> Recording:
+        """The same record of a case with other loads, in arrays of its own, whose memory is not
+        checked, or in those of a record that is done."""
         self.of.check_ground(loads)
-        other = copy(self)
+        other = copy(done or self)
         other.loads, other.common = loads, {} if self.common is None else self.common
         self.common = other.common
-        other._make_arrays()
+        if done is None:
+            other._make_arrays()
         return other
 
     def _make_arrays(self) -> None:
