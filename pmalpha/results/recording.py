@@ -164,16 +164,19 @@ class Recording:
         self.rows_in_memory = {k: rows_of(self.steps_in_memory, self.every, k) for k in of.numbers}
         self.numbers = self._numbers(self.rows_in_memory.__getitem__)
         require(8.0 * self.numbers, "the History", advice)
+        of_history = self.rows_in_memory[1] * of.energy_columns  # energies once more
+        self.block = np.empty(int(self.numbers - of_history))
         self._make_arrays()
 
-    def again(self, loads: Sequence[Loads], done: Recording | None = None) -> Recording:
-        """The same record of a case with other loads, in arrays of its own, whose memory is not
-        checked, or in those of a record that is done."""
+    def again(self, loads: Sequence[Loads], memory: Recording | np.ndarray) -> Recording:
+        """The same record of a case with other loads, in a block of this size, which is not
+        checked, or in the arrays of a record that is done."""
         self.of.check_ground(loads)
-        other = copy(done or self)
+        other = copy(memory if isinstance(memory, Recording) else self)
         other.loads, other.common = loads, {} if self.common is None else self.common
         self.common = other.common
-        if done is None:
+        if isinstance(memory, np.ndarray):
+            other.block = memory
             other._make_arrays()
         return other
 
@@ -181,8 +184,6 @@ class Recording:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
         of, rows = self.of, self.rows_in_memory
-        of_history = rows[1] * of.energy_columns  # energies once more
-        self.block = np.empty(int(self.numbers - of_history))
         used = 0
 
         def allocate(levels: int, columns: int) -> np.ndarray:

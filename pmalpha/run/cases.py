@@ -352,6 +352,13 @@ class Plan:
             self.report.begin = 0
             self.report.if_due(self.done + steps)
 
+    def memory(self, count: int) -> Sequence[Recording | np.ndarray]:
+        """In what some cases record: records that are done, or one block for all, of which the
+        system gives larger pages at a time."""
+        if len(self.spare) >= count:
+            return [self.spare.pop() for _ in range(count)]
+        return list(np.empty((count, self.recording.block.size)))
+
     def finish(self, count: int) -> None:
         self.done += count * self.end
         self.tell(0)
@@ -489,11 +496,8 @@ def prepared(
     ]
     try:
         recordings = [
-            plan.recording.again(
-                [Loads(*pair) for pair in zip(plan.cases[k].forces, seen)],
-                plan.spare.pop() if plan.spare else None,
-            )
-            for k, seen in zip(group, forces)
+            plan.recording.again([Loads(*pair) for pair in zip(plan.cases[k].forces, seen)], memory)
+            for k, seen, memory in zip(group, forces, plan.memory(len(group)))
         ]
         if session.accelerations is None:
             p, rows = session.rows.p, session.core_rows.numbers
