@@ -186,6 +186,7 @@ TABLES = {
     "threads": lambda: pick(
         "threads", same(*THREADS), "balanced, gc", "parallel to 20 substeps", "split", "branches"
     ),
+    "ensembles": lambda: read("ensembles"),
     "cases": lambda: pick(
         "cases", same("problem", "one, us a macro step", "eight, us a macro step", "gain")
     ),

@@ -276,17 +276,19 @@ class CasesError(_Made):
         The exception of each case that failed, by its index.
     histories : list of History
         One for each case: of those that failed, the History up to the last whole macro step, or
-        None where the initial values could not be computed.
+        None where the initial values could not be computed. With ``reduce`` a None for each.
+    values : CaseValues or None
+        With ``reduce`` those of the cases that were completed; NaN for the others.
     """
 
-    def __init__(self, failures: dict[int, Exception], histories: list[Any]):
+    def __init__(self, failures: dict[int, Exception], histories: list[Any], values: Any = None):
         first = min(failures)
         error = failures[first]
         super().__init__(
             f"{len(failures)} of {len(histories)} cases failed, first cases[{first}]: "
             f"{type(error).__name__}: {error}"
         )
-        self.failures, self.histories = failures, histories
+        self.failures, self.histories, self.values = failures, histories, values
 
 
 class StabilityWarning(UserWarning):

@@ -22,6 +22,7 @@ SCRIPTS = [
     "cut_threads",
     "cutting",
     "elements",
+    "ensembles",
     "fine_step",
     "growth",
     "large",

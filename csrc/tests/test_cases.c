@@ -175,7 +175,8 @@ static void set_lane(pma_subdomain *s, size_t lane)
 
 static void set_lanes(pma_subdomain *s, pma_load *each)
 {
-    static double state[3 * LONG * PMA_LANES];
+    static double state[3 * LONG * PMA_LANES], shapes[2 * LONG * PMA_LANES]; /* two columns */
+    static pma_lane_term term;
     const size_t n = LONG * PMA_LANES;
     double lam[PMA_LANES];
     for (size_t k = 0; k < 3 * n; k++)
@@ -184,7 +185,9 @@ static void set_lanes(pma_subdomain *s, pma_load *each)
         each[l] = load_of_lane(l);
         lam[l] = 1.0 + (double)l;
     }
-    pma_subdomain_set_load(s, (pma_load){.kind = PMA_LOAD_IN_LANES, .n = n, .each = each});
+    CHECK(pma_load_lane_terms(each) == 1);
+    CHECK(pma_load_lane_shapes(each) == sizeof shapes / sizeof *shapes);
+    pma_subdomain_set_load(s, pma_load_in_lanes(each, &term, shapes));
     pma_subdomain_start(s, state, state + n, state + 2 * n, lam);
 }
 

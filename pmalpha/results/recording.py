@@ -137,7 +137,10 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
+    common: of the records that `again` makes, the arrays that are equal in all of them; else None.
     """
+
+    common: dict[tuple[str, int, int], np.ndarray] | None = None
 
     def __init__(
         self,
@@ -161,23 +164,26 @@ class Recording:
         self.rows_in_memory = {k: rows_of(self.steps_in_memory, self.every, k) for k in of.numbers}
         self.numbers = self._numbers(self.rows_in_memory.__getitem__)
         require(8.0 * self.numbers, "the History", advice)
+        of_history = self.rows_in_memory[1] * of.energy_columns  # energies once more
+        self.block = np.empty(int(self.numbers - of_history))
         self._make_arrays()
 
-    def again(self, loads: Sequence[Loads]) -> Recording:
-        """The same record of a case with other loads, in arrays of its own; their memory is not
-        checked."""
+    def again(self, loads: Sequence[Loads], memory: Recording | np.ndarray) -> Recording:
+        """The same record of a case with other loads, in a block of this size, which is not
+        checked, or in the arrays of a record that is done."""
         self.of.check_ground(loads)
-        other = copy(self)
-        other.loads = loads
-        other._make_arrays()
+        other = copy(memory if isinstance(memory, Recording) else self)
+        other.loads, other.common = loads, {} if self.common is None else self.common
+        self.common = other.common
+        if isinstance(memory, np.ndarray):
+            other.block = memory
+            other._make_arrays()
         return other
 
     def _make_arrays(self) -> None:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
         of, rows = self.of, self.rows_in_memory
-        of_history = rows[1] * of.energy_columns  # energies once more
-        self.block = np.empty(int(self.numbers - of_history))
         used = 0
 
         def allocate(levels: int, columns: int) -> np.ndarray:
@@ -238,6 +244,17 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
+        return self._once(("times", levels, end), lambda: self._times(levels, end))
+
+    def _once(self, key: tuple[str, int, int], make: Callable[[], np.ndarray]) -> np.ndarray:
+        """An array of its own, which is made once for all cases."""
+        if self.common is None:
+            return make()
+        if key not in self.common:
+            self.common[key] = make()
+        return self.common[key].copy()
+
+    def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
@@ -260,7 +277,8 @@ class Recording:
 
     def substeps(self, end: int) -> np.ndarray:
         """The substeps of each subdomain at each macro time level."""
-        return self.of.substeps.repeat(self.rows(1, end), axis=0)
+        rows = self.rows(1, end)
+        return self._once(("substeps", 1, end), lambda: self.of.substeps.repeat(rows, axis=0))
 
     def core_record(self) -> CoreRecord:
         """The record in the form of the core."""

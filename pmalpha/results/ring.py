@@ -42,7 +42,8 @@ class RingRecording(FiledRecording):
     def __init__(self, core: _core.Coupler, *args: Any, **options: Any):
         super().__init__(*args, **options)
         self.core = core
-        self.ring: Recording = self.again(self.loads)  # whose `begin` stays the first
+        block = np.empty(self.block.size)
+        self.ring: Recording = self.again(self.loads, block)  # whose `begin` stays the first
         size = self.steps_in_memory if self.every is None else self.steps_in_memory // self.every
         self.in_slots = np.full(max(1, size), -1, dtype=np.int64)
         self.read = self.lost = 0

@@ -23,6 +23,7 @@ from ..memory import require
 from ..problem.forces import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
 from ..results.base_motion import Loads
+from ..results.case_values import REDUCTIONS, CaseValues, Reducer
 from ..results.core_record import OF_CONSTRAINTS, CoreSelection, OutputRows
 from ..results.history import History
 from ..results.recording import Recording
@@ -296,18 +297,35 @@ def checked_paths(record_to: Any, count: int) -> list[Any]:
 
 
 class Results:
-    """The Histories of the cases that are done, and the exceptions of those that failed."""
+    """The Histories of the cases that are done, and the exceptions of those that failed.
 
-    def __init__(self, count: int):
+    reducer: what takes the Histories in their place, or None.
+    """
+
+    def __init__(self, count: int, reducer: Reducer | None):
         self.histories: list[Any] = [None] * count
+        self.reducer = reducer
         self.failures: dict[int, Exception] = {}
 
-    def all(self) -> list[History]:
-        """The Histories; CasesError if a case failed."""
+    def put(self, k: int, history: History) -> None:
+        if self.reducer is None:
+            self.histories[k] = history
+        else:
+            self.reducer.take(k, history)
+
+    def fail(self, k: int, error: Exception, history: History | None) -> None:
+        self.failures[k] = error
+        if self.reducer is None:
+            self.histories[k] = history
+
+    def all(self) -> list[History] | CaseValues:
+        """The Histories or their values; CasesError if a case failed."""
+        values = None if self.reducer is None else self.reducer.values
         if self.failures:
             failures = dict(sorted(self.failures.items()))
-            raise CasesError(failures, self.histories) from next(iter(failures.values()))
-        return self.histories
+            error = CasesError(failures, self.histories, values)
+            raise error from next(iter(failures.values()))
+        return self.histories if values is None else values
 
 
 class Plan:
@@ -326,12 +344,20 @@ class Plan:
         self.cases, self.paths, self.end, self.chosen = cases, paths, end, chosen
         self.recording, self.report, self.results = recording, report, results
         self.done = 0  # macro steps of cases that are done
+        self.spare: list[Recording] = []  # of cases that are reduced, for others
 
     def tell(self, steps: int) -> None:
         """Report macro steps of cases that are not done, if a report is due."""
         if self.report is not None:
             self.report.begin = 0
             self.report.if_due(self.done + steps)
+
+    def memory(self, count: int) -> Sequence[Recording | np.ndarray]:
+        """In what some cases record: records that are done, or one block for all, of which the
+        system gives larger pages at a time."""
+        if len(self.spare) >= count:
+            return [self.spare.pop() for _ in range(count)]
+        return list(np.empty((count, self.recording.block.size)))
 
     def finish(self, count: int) -> None:
         self.done += count * self.end
@@ -344,27 +370,43 @@ def run_each(
     end: tuple[float | None, int | None],
     files: tuple[Any, bool],
     progress: Any,
+    reduce: str | None,
     **chosen: Any,
-) -> list[History]:
+) -> list[History] | CaseValues:
     """`Coupler.run_each`; `end` is t_end and steps, `files` record_to and overwrite, and `chosen`
     what is recorded."""
     require_alone(session, "run_each")
+    check_reduce(reduce, files[0], chosen["energy"])
     with session.guard:
         motions, tied = session.loads.motions, session.coupling == "mean"
         checked = checked_cases(cases, session.keys, session.rows, motions, tied)
         warn_of_records(session, checked)
         paths = checked_paths(files[0], len(checked))
         chosen["overwrite"] = files[1]
-        results = Results(len(checked))
+        reducer = None if reduce is None else Reducer(reduce, len(checked))
+        results = Results(len(checked), reducer)
         with restoration(session):
             last = session.clock.end(*end, 0)
-            recording = checked_recording(session, last, paths, chosen)
+            together = LANES * max(session.threads_allowed[0], 1)
+            kept = paths if reduce is None else paths[:together]
+            recording = checked_recording(session, last, kept, chosen)
             with reporting(progress, 0, last * len(checked)) as report:
                 plan = Plan(checked, paths, last, chosen, recording, report, results)
                 run_groups(session, groups_of(session, plan), plan)
                 if report is not None:
                     report.end()
         return results.all()
+
+
+def check_reduce(reduce: Any, record_to: Any, energy: Any) -> None:
+    if reduce is None:
+        return
+    if reduce not in REDUCTIONS:
+        names = ", ".join(map(repr, REDUCTIONS))
+        raise ValueError(f"reduce must be one of {names}, or None, got {reduce!r}")
+    for name, value in (("record_to", record_to), ("energy", energy)):
+        if value not in (None, False):
+            raise ValueError(f"reduce must be None with {name}, got {reduce!r}")
 
 
 def checked_recording(
@@ -454,8 +496,8 @@ def prepared(
     ]
     try:
         recordings = [
-            plan.recording.again([Loads(*pair) for pair in zip(plan.cases[k].forces, seen)])
-            for k, seen in zip(group, forces)
+            plan.recording.again([Loads(*pair) for pair in zip(plan.cases[k].forces, seen)], memory)
+            for k, seen, memory in zip(group, forces, plan.memory(len(group)))
         ]
         if session.accelerations is None:
             p, rows = session.rows.p, session.core_rows.numbers
@@ -477,9 +519,10 @@ def finish_group(session: Session, group: Group, plan: Plan) -> None:
         for k in group.cases:
             run_case(session, k, plan)
         return
-    histories = [recording.history(plan.end) for recording in group.recordings]
-    for k, history in zip(group.cases, histories):
-        plan.results.histories[k] = history
+    for k, recording in zip(group.cases, group.recordings):
+        plan.results.put(k, recording.history(plan.end))
+        if plan.results.reducer is not None:
+            plan.spare.append(recording)
     plan.finish(len(group.cases))
 
 
@@ -493,9 +536,9 @@ def run_case(session: Session, k: int, plan: Plan) -> None:
         return_to_start(session, plan.cases[k])
         recording = recording_of(session, 0, plan.end, plan.paths[k], **plan.chosen)
         with recording, DeferredSignals(session.guard) as signals:
-            results.histories[k] = recorded(session, recording, report, signals)
+            results.put(k, recorded(session, recording, report, signals))
     except Exception as error:
         if report is not None and report.failed:
             raise
-        results.failures[k], results.histories[k] = error, session.last_history
+        results.fail(k, error, session.last_history)
     plan.finish(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
+from ..results.case_values import CaseValues
 from ..results.history import History, SubdomainHistory
 from ..results.interpolated import Instant
 from ..setup.eliminated_rows import Assembled
@@ -590,6 +591,7 @@ class Coupler:
         """
         recorded_run.step(self._session, n)
 
+    @overload
     def run_each(
         self,
         cases: Iterable[Mapping[str, Any]],
@@ -603,8 +605,41 @@ class Coupler:
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
+        reduce: None = None,
         progress: Any = None,
-    ) -> list[History]:
+    ) -> list[History]: ...
+
+    @overload
+    def run_each(
+        self,
+        cases: Iterable[Mapping[str, Any]],
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        record: Mapping[Any, Any] | None = None,
+        every: int | None = None,
+        record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
+        reduce: Literal["peak", "last", "sum"],
+        progress: Any = None,
+    ) -> CaseValues: ...
+
+    def run_each(
+        self,
+        cases: Iterable[Mapping[str, Any]],
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        record: Mapping[Any, Any] | None = None,
+        every: int | None = None,
+        energy: bool = False,
+        record_to: Iterable[str | PathLike[str]] | None = None,
+        overwrite: bool = False,
+        record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
+        reduce: str | None = None,
+        progress: Any = None,
+    ) -> list[History] | CaseValues:
         """Run several load cases from t = 0, each equal to ``reset(**case)`` and `run`.
 
         Eight cases at a time advance side by side, so that matrices and factors are read once for
@@ -631,13 +666,18 @@ class Coupler:
             Replace existing files of `record_to`.
         record_springs, outputs : dict, optional
             As for `run`, the same for all cases.
+        reduce : {"peak", "last", "sum"}, optional
+            Keep one value of each recorded quantity in place of its History: the largest absolute
+            value, that at the end, or the sum over the recorded time levels. Not with `record_to`
+            or `energy`.
         progress : True or callable, optional
             As for `run`, in macro steps of all cases together.
 
         Returns
         -------
         list of History
-            One for each case.
+            One for each case. With `reduce` a `results.case_values.CaseValues`: arrays with a row
+            for each case, ``values["frame"].u`` (cases, dofs).
 
         Raises
         ------
@@ -648,7 +688,8 @@ class Coupler:
             or restoring force. The other cases are completed first; `CasesError.histories` has
             them and `CasesError.failures` the exceptions.
         MemoryError
-            When the Histories of all cases together exceed the available memory.
+            When the Histories of all cases together exceed the available memory; with `reduce`
+            those that are at hand.
         OSError
             When a file of `record_to` exists or its path cannot be written; found before the first
             case begins. A file that cannot be written later is a failure of its case.
@@ -682,11 +723,13 @@ class Coupler:
         [0.455, 0.909, 1.364, 0.354]
         >>> coupler.step_count
         0
+        >>> coupler.run_each(cases, 1.0, reduce="peak")["mass"].u.round(1).tolist()
+        [[0.5], [1.0], [1.5]]
         """
         end, files = (t_end, steps), (record_to, overwrite)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
         chosen |= dict(record_springs=record_springs, outputs=outputs)
-        return load_cases.run_each(self._session, cases, end, files, progress, **chosen)
+        return load_cases.run_each(self._session, cases, end, files, progress, reduce, **chosen)
 
     def reset(
         self,

@@ -157,7 +157,7 @@ PMA_INLINE void subtract_band(const double *above, const double *below, size_t n
 
 /* Rows that share a pass over the columns, so that what is read of x serves all of them. The loops
  * wait for the arithmetic, not for memory, if the columns that come next are fetched meanwhile. */
-enum { HALVES = PMA_LANES / 4, ROWS = 4, LANE_PIECE = 128 };
+enum { HALVES = PMA_LANES / 4, ROWS = 4, LANE_PIECE = 128, LANE_COLUMNS = 32 };
 
 PMA_INLINE const four *lanes_at(const double *x, size_t i)
 {
@@ -230,15 +230,15 @@ PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, cons
     }
 }
 
-/* x_j -= sum over the rows of A_ij y_i, with partial sums as for one vector; some rows for all
- * columns at a time, so that they stay in the cache */
-PMA_INLINE void subtract_products_lanes(const double *A, size_t ld, size_t rows,
-                                        const size_t columns, const double *y, double *x)
+/* The sums of the four parts, of rows that are a multiple of 4; some rows for all columns at a time,
+ * so that they stay in the cache */
+PMA_INLINE void sum_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
+                                   const double *y, four (*sum)[HALVES])
 {
     four part[GROUP][4][HALVES] = {{{{0.0}}}};
-    const size_t whole = rows / 4 * 4, together = columns < ROWS ? columns : ROWS;
-    for (size_t begin = 0; begin < whole; begin += LANE_PIECE) {
-        const size_t size = whole - begin < LANE_PIECE ? whole - begin : LANE_PIECE;
+    const size_t together = columns < ROWS ? columns : ROWS;
+    for (size_t begin = 0; begin < rows; begin += LANE_PIECE) {
+        const size_t size = rows - begin < LANE_PIECE ? rows - begin : LANE_PIECE;
         for (size_t j = 0; j < columns; j += together) {
             for (size_t k = 0; k < 4; k++)
                 add_products_lanes(A + j * ld + begin, ld, size, together, k, y + begin * PMA_LANES,
@@ -246,12 +246,25 @@ PMA_INLINE void subtract_products_lanes(const double *A, size_t ld, size_t rows,
         }
     }
     for (size_t j = 0; j < columns; j++) {
+        for (size_t h = 0; h < HALVES; h++)
+            sum[j][h] = (part[j][0][h] + part[j][1][h]) + (part[j][2][h] + part[j][3][h]);
+    }
+}
+
+/* x_j -= sum over the rows of A_ij y_i, with partial sums as for one vector */
+PMA_INLINE void subtract_products_lanes(const double *A, size_t ld, size_t rows,
+                                        const size_t columns, const double *y, double *x)
+{
+    four sum[GROUP][HALVES] = {{{0.0}}};
+    const size_t whole = rows / 4 * 4;
+    if (whole > 0)
+        sum_products_lanes(A, ld, whole, columns, y, sum);
+    for (size_t j = 0; j < columns; j++) {
         for (size_t h = 0; h < HALVES; h++) {
             four rest = {0.0};
             for (size_t i = whole; i < rows; i++)
                 rest += A[j * ld + i] * lanes_at(y, i)[h];
-            *(four *)(x + j * PMA_LANES + 4 * h) -=
-                ((part[j][0][h] + part[j][1][h]) + (part[j][2][h] + part[j][3][h])) + rest;
+            *(four *)(x + j * PMA_LANES + 4 * h) -= sum[j][h] + rest;
         }
     }
 }
@@ -276,6 +289,41 @@ PMA_INLINE void multiply_strip_lanes(const double *values, size_t rows, size_t c
     }
 }
 
+/* The unknowns of some columns, whose triangle is in registers: half of the lanes at a time. */
+PMA_INLINE void eliminate_triangle_lanes(const double *diagonal, size_t ld, const size_t columns,
+                                         double *x)
+{
+#pragma GCC unroll 1
+    for (size_t h = 0; h < HALVES; h++) {
+        four own[GROUP];
+#pragma GCC unroll 8
+        for (size_t k = 0; k < columns; k++) {
+            own[k] = lanes_at(x, k)[h];
+#pragma GCC unroll 8
+            for (size_t l = 0; l < k; l++)
+                own[k] -= diagonal[l * ld + k] * own[l];
+            *(four *)(x + k * PMA_LANES + 4 * h) = own[k];
+        }
+    }
+}
+
+PMA_INLINE void substitute_triangle_lanes(const double *diagonal, size_t ld, const size_t columns,
+                                          double *x)
+{
+#pragma GCC unroll 1
+    for (size_t h = 0; h < HALVES; h++) {
+        four own[GROUP];
+#pragma GCC unroll 8
+        for (size_t l = columns; l-- > 0;) {
+            own[l] = lanes_at(x, l)[h];
+#pragma GCC unroll 8
+            for (size_t k = columns; k-- > l + 1;)
+                own[l] -= diagonal[l * ld + k] * own[k];
+            *(four *)(x + l * PMA_LANES + 4 * h) = own[l];
+        }
+    }
+}
+
 /* ---- columns of a panel, of one vector (lanes = 1) or of those in lanes ---------------------- */
 
 /* Columns j..j+columns-1: their triangle, then all rows below it at once. */
@@ -286,9 +334,7 @@ PMA_INLINE void eliminate_group(const double *panel, size_t ld, size_t height, s
     const size_t below = height - j - columns;
     if (lanes > 1) {
         double *first = x + j * lanes;
-        for (size_t l = 0; l + 1 < columns; l++)
-            subtract_columns_lanes(diagonal + l * ld + l + 1, ld, columns - l - 1, 1,
-                                   first + l * lanes, first + (l + 1) * lanes);
+        eliminate_triangle_lanes(diagonal, ld, columns, first);
         subtract_columns_lanes(diagonal + columns, ld, below, columns, first,
                                first + columns * lanes);
         return;
@@ -312,12 +358,10 @@ PMA_INLINE void substitute_group(const double *panel, size_t ld, size_t height, 
     const size_t below = height - j - columns;
     double *own = x + j * lanes;
     if (lanes > 1) {
-        subtract_products_lanes(diagonal + columns, ld, below, columns, own + columns * lanes, own);
-        for (size_t l = columns; l-- > 0;) {
-            for (size_t k = columns; k-- > l + 1;)
-                subtract_columns_lanes(diagonal + l * ld + k, ld, 1, 1, own + k * lanes,
-                                       own + l * lanes);
-        }
+        if (below > 0)
+            subtract_products_lanes(diagonal + columns, ld, below, columns, own + columns * lanes,
+                                    own);
+        substitute_triangle_lanes(diagonal, ld, columns, own);
         return;
     }
     subtract_products(diagonal + columns, ld, below, columns, own + columns, own);
@@ -368,12 +412,14 @@ PMA_INLINE void subtract(const double *A, size_t ld, size_t rows, size_t columns
 {
     for (size_t j = 0, some; j < columns; j += some) {
         some = j + GROUP <= columns ? GROUP : 1;
-        if (lanes > 1)
+        if (lanes > 1) {
+            some = columns - j < LANE_COLUMNS ? columns - j : LANE_COLUMNS;
             subtract_columns_lanes(A + j * ld, ld, rows, some, x + j * lanes, y);
-        else if (some == GROUP)
+        } else if (some == GROUP) {
             subtract_columns(A + j * ld, ld, rows, GROUP, x + j, y);
-        else
+        } else {
             subtract_columns(A + j * ld, ld, rows, 1, x + j, y);
+        }
     }
 }
 

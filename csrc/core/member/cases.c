@@ -54,7 +54,7 @@ static void spread_set(const pma_spring_set *each, pma_spring_set *set, int32_t 
 static pma_status spread_springs(const pma_springs *each, pma_springs *out, void **block)
 {
     const size_t numbers = parameters_of(each) * PMA_LANES, dofs = 2 * each->total * PMA_LANES;
-    *out = (pma_springs){.count = each->count, .total = each->total * PMA_LANES};
+    *out = (pma_springs){.count = each->count, .total = each->total * PMA_LANES, .in_lanes = true};
     *block = malloc(each->count * sizeof(pma_spring_set) + numbers * sizeof(double) +
                     dofs * sizeof(int32_t) + 1);
     if (!*block)

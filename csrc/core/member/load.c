@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "algebra/lanes.h"
+#include "algebra/lists.h"
 
 /* Some dofs of a load; dof i is number i * stride of g. */
 typedef struct {
@@ -25,9 +25,9 @@ static void add_scaled(range rows, double scale, const double *x, double *g)
 
 /* Where t falls among the samples, in units of their step. A t that is a sample instant up to the
  * rounding of three operations is that instant: otherwise a record could end one step early. */
-static double sample_position(double dt, double t)
+static double sample_position(const pma_load *load, double t)
 {
-    const double x = t / dt, nearest = nearbyint(x);
+    const double x = (t - load->begin) / load->dt, nearest = nearbyint(x);
     return fabs(x - nearest) <= 16.0 * DBL_EPSILON * nearest ? nearest : x;
 }
 
@@ -37,11 +37,11 @@ typedef struct {
     double weight[2];
 } sum_of_samples;
 
-/* F(t) = shape ((1 - theta) s_j + theta s_{j+1}), t = begin + (j + theta) dt, the first sample
- * before begin (L1) */
-static sum_of_samples samples_at(const pma_load *load, double t)
+/* F(t) = shape ((1 - theta) s_j + theta s_{j+1}) at the position j + theta, the first sample before
+ * (L1) */
+static sum_of_samples samples_at(const pma_load *load, double position)
 {
-    const double x = fmax(0.0, sample_position(load->dt, t - load->begin));
+    const double x = position > 0.0 ? position : 0.0;
     const double last = (double)(load->samples - 1);
     if (x >= last)
         return (sum_of_samples){
@@ -78,31 +78,154 @@ static void add_value(const pma_load *load, range rows, double *g)
 
 /* ---- in lanes ------------------------------------------------------------------------------- */
 
-enum { PIECE = 256 }; /* dofs at a time, whose g stays in the first cache from lane to lane */
+enum { PIECE = 256 }; /* dofs at a time, whose g stays in the first cache from term to term */
 
-static void add_in_lane(const pma_load *own, double t, range rows, double *g)
+/* One of the loads that a load is the sum of; NULL: there are fewer. */
+static const pma_load *term_of(const pma_load *load, size_t i)
 {
-    if (own->kind == PMA_LOAD_CONSTANT)
-        add_scaled(rows, 1.0, own->values, g);
-    if (own->kind == PMA_LOAD_SAMPLED) {
-        const sum_of_samples sum = samples_at(own, t);
-        add_samples(own, &sum, rows, g);
-    }
-    for (size_t i = 0; own->kind == PMA_LOAD_SUM && i < own->count; i++)
-        add_in_lane(&own->each[i], t, rows, g);
+    if (load->kind == PMA_LOAD_SUM)
+        return i < load->count ? &load->each[i] : NULL;
+    return i == 0 ? load : NULL;
 }
 
-static void add_piece(const pma_load *load, double t, size_t begin, size_t end, double *g)
+/* The vectors that act on its dofs: of a constant load itself, with the factor 1. */
+static size_t series_of(const pma_load *term)
 {
-    const range rows = {begin, end, PMA_LANES};
+    if (!term)
+        return 0;
+    return term->kind == PMA_LOAD_CONSTANT ? 1 : term->shape ? term->k : 0;
+}
+
+static size_t most_series(const pma_load *each, size_t i)
+{
+    size_t most = 0;
     for (size_t l = 0; l < PMA_LANES; l++)
-        add_in_lane(&load->each[l], t, rows, g + l);
+        most = pma_most(most, series_of(term_of(&each[l], i)));
+    return most;
+}
+
+size_t pma_load_lane_terms(const pma_load *each)
+{
+    size_t most = 1;
+    for (size_t l = 0; l < PMA_LANES; l++)
+        most = pma_most(most, each[l].kind == PMA_LOAD_SUM ? each[l].count : 1);
+    return most;
+}
+
+size_t pma_load_lane_shapes(const pma_load *each)
+{
+    size_t series = 0;
+    for (size_t i = 0; i < pma_load_lane_terms(each); i++)
+        series += most_series(each, i);
+    return series * each->n * PMA_LANES;
+}
+
+/* Term i of the loads, with its shapes in an array of zeros. */
+static pma_lane_term take_lane_term(const pma_load *each, size_t i, double *shape)
+{
+    pma_lane_term term = {.series = most_series(each, i), .shape = shape};
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        const pma_load *own = term.of[l] = term_of(&each[l], i);
+        const size_t count = series_of(own) * each->n;
+        for (size_t k = 0; k < count; k++)
+            shape[k * PMA_LANES + l] = own->shape ? own->shape[k] : own->values[k];
+        term.has_units |= own && own->kind == PMA_LOAD_SAMPLED && !own->shape;
+    }
+    return term;
+}
+
+pma_load pma_load_in_lanes(const pma_load *each, pma_lane_term *terms, double *shapes)
+{
+    const pma_load load = {.kind = PMA_LOAD_IN_LANES,
+                           .n = each->n * PMA_LANES,
+                           .terms = terms,
+                           .count = pma_load_lane_terms(each)};
+    memset(shapes, 0, pma_load_lane_shapes(each) * sizeof *shapes);
+    for (size_t i = 0; i < load.count; i++) {
+        terms[i] = take_lane_term(each, i, shapes);
+        shapes += terms[i].series * load.n;
+    }
+    return load;
+}
+
+/* Of what samples the term of each lane is a sum. Most lanes have the times of the one before. */
+static void lane_samples(const pma_lane_term *term, double t, sum_of_samples *sums)
+{
+    const pma_load *before = NULL;
+    double position = 0.0;
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        const pma_load *own = term->of[l];
+        if (!own || own->kind != PMA_LOAD_SAMPLED) {
+            const bool is_constant = own && own->kind == PMA_LOAD_CONSTANT;
+            sums[l] = (sum_of_samples){.count = is_constant, .weight = {1.0}};
+            continue;
+        }
+        if (!before || own->dt != before->dt || own->begin != before->begin)
+            position = sample_position(own, t);
+        sums[l] = samples_at(own, position);
+        before = own;
+    }
+}
+
+/* g += scale shape, of each lane */
+PMA_COMPILED(void, add_series,
+             (const double *scale, const double *shape, size_t begin, size_t end, double *g), {
+                 const pma_eight s = *(const pma_eight *)scale;
+                 const pma_eight *from = (const pma_eight *)shape;
+                 pma_eight *to = (pma_eight *)g;
+                 for (size_t i = begin; i < end; i++) {
+                     to[i].low += s.low * from[i].low;
+                     to[i].high += s.high * from[i].high;
+                 }
+             })
+
+/* Weight and sample s of series c, of the lanes that have them; the others add zero. */
+static void lane_scales(const pma_lane_term *term, const sum_of_samples *sums, size_t s, size_t c,
+                        double *scale)
+{
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        const pma_load *own = term->of[l];
+        scale[l] = 0.0;
+        if (s >= sums[l].count)
+            continue;
+        if (own->kind == PMA_LOAD_CONSTANT)
+            scale[l] = c == 0 ? 1.0 : 0.0;
+        else if (own->shape && c < own->k)
+            scale[l] = sums[l].weight[s] * own->values[sums[l].row[s] * own->k + c];
+    }
+}
+
+static void add_lane_term(const pma_lane_term *term, const sum_of_samples *sums, size_t n,
+                          range rows, double *g)
+{
+    size_t most = 0;
+    for (size_t l = 0; l < PMA_LANES; l++)
+        most = pma_most(most, sums[l].count);
+    for (size_t s = 0; s < most; s++) {
+        for (size_t c = 0; c < term->series; c++) {
+            double scale[PMA_LANES];
+            lane_scales(term, sums, s, c, scale);
+            (pma_has_avx2() ? add_series_avx2 : add_series_plain)(scale, term->shape + c * n,
+                                                                  rows.begin, rows.end, g);
+        }
+    }
+    for (size_t l = 0; l < PMA_LANES && term->has_units; l++) {
+        const pma_load *own = term->of[l];
+        if (own && own->kind == PMA_LOAD_SAMPLED && !own->shape)
+            add_samples(own, &sums[l], rows, g + l);
+    }
 }
 
 static void add_lanes(const pma_load *load, double t, size_t begin, size_t end, double *g)
 {
-    for (; begin < end; begin += PIECE)
-        add_piece(load, t, begin, end - begin < PIECE ? end : begin + PIECE, g);
+    for (size_t i = 0; i < load->count; i++) {
+        sum_of_samples sums[PMA_LANES];
+        lane_samples(&load->terms[i], t, sums);
+        for (size_t from = begin; from < end; from += PIECE) {
+            const size_t to = end - from < PIECE ? end : from + PIECE;
+            add_lane_term(&load->terms[i], sums, load->n, (range){from, to, PMA_LANES}, g);
+        }
+    }
 }
 
 /* ---- any load ------------------------------------------------------------------------------- */
@@ -153,7 +276,7 @@ void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t be
         add_scaled(rows, 1.0, load->values, g);
         break;
     case PMA_LOAD_SAMPLED: {
-        const sum_of_samples sum = samples_at(load, t);
+        const sum_of_samples sum = samples_at(load, sample_position(load, t));
         add_samples(load, &sum, rows, g);
         break;
     }

@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/lanes.h"
 #include "status.h"
 
 typedef enum {
@@ -37,11 +38,24 @@ typedef struct pma_load {
     void *user;
     const int64_t *order;        /* called: n, the user's dof of each of ours, each in 0..n-1 */
     double *work;                /* called: n, the last value */
-    const struct pma_load *each; /* sum: count loads of n dofs, none of them a sum or in lanes;
-                                    in lanes: PMA_LANES loads of n / PMA_LANES dofs, constant,
-                                    sampled, sums of these, or none */
-    size_t count;                /* sum */
+    const struct pma_load *each; /* sum: count loads of n dofs, none of them a sum or in lanes */
+    const struct pma_lane_term *terms; /* in lanes: count */
+    size_t count;
 } pma_load;
+
+/* Terms side by side, of the sums that the loads of PMA_LANES lanes are. */
+typedef struct pma_lane_term {
+    const pma_load *of[PMA_LANES]; /* constant, sampled, or of the kind none; NULL: no term */
+    size_t series;                 /* vectors of the lane that has most; constant loads are one */
+    const double *shape;           /* series x n x PMA_LANES: a line for each dof; else zero */
+    bool has_units;                /* some sampled ones have no shape */
+} pma_lane_term;
+
+/* The loads `each` of PMA_LANES lanes as one: constant, sampled, sums of these, or none. They have
+ * to outlive it, and the arrays: so many terms, and so many numbers for the shapes of all. */
+size_t pma_load_lane_terms(const pma_load *each);
+size_t pma_load_lane_shapes(const pma_load *each);
+pma_load pma_load_in_lanes(const pma_load *each, pma_lane_term *terms, double *shapes);
 
 /* Whether it is of this kind, or one of a sum. */
 bool pma_load_has(const pma_load *load, pma_load_kind kind);

@@ -3,8 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "algebra/processors.h"
+#include "algebra/lanes.h"
 #include "member/laws.h"
+
+#define INLINE __attribute__((always_inline)) static inline
 
 /* Springs at a time, so that their deformations and forces stay in the first cache. */
 enum { CHUNK = 256 };
@@ -69,29 +71,38 @@ bool pma_springs_have_rates(const pma_springs *springs)
     return false;
 }
 
-static void measure(const chunk *at, const double *u, double *d)
+/* Springs of the same dofs in one lane after the other: 1 or PMA_LANES of them, which a compiler
+ * knows. The lanes of a dof follow one another. */
+INLINE void measure(const chunk *at, const size_t lanes, const double *u, double *d)
 {
     const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
-    for (size_t i = 0; i < at->count; i++)
-        d[i] = (first[i] < 0 ? 0.0 : u[first[i]]) - (second[i] < 0 ? 0.0 : u[second[i]]);
+    for (size_t i = 0; i < at->count; i += lanes) {
+        for (size_t l = 0; l < lanes; l++) {
+            const double u_first = first[i] < 0 ? 0.0 : u[(size_t)first[i] + l];
+            const double u_second = second[i] < 0 ? 0.0 : u[(size_t)second[i] + l];
+            d[i + l] = u_first - u_second;
+        }
+    }
 }
 
-static void measure_rate(const chunk *at, const double *v, double *rate)
+/* d := the difference of x at both ends */
+static void measure_set(const pma_springs *springs, const chunk *at, const double *x, double *d)
 {
-    if (v)
-        measure(at, v, rate);
+    if (springs->in_lanes)
+        measure(at, PMA_LANES, x, d);
     else
-        memset(rate, 0, at->count * sizeof(double));
+        measure(at, 1, x, d);
 }
 
-static void spread(const chunk *at, const double *f, double *y)
+INLINE void spread(const pma_spring_set *set, size_t begin, size_t count, const size_t lanes,
+                   double sign, const double *f, double *y)
 {
-    const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
-    for (size_t i = 0; i < at->count; i++) {
-        if (first[i] >= 0)
-            y[first[i]] -= f[i];
-        if (second[i] >= 0)
-            y[second[i]] += f[i];
+    const int32_t *first = set->first + begin, *second = set->second + begin;
+    for (size_t i = 0; i < count; i += lanes) {
+        for (size_t l = 0; l < lanes && first[i] >= 0; l++)
+            y[(size_t)first[i] + l] -= sign * f[i + l];
+        for (size_t l = 0; l < lanes && second[i] >= 0; l++)
+            y[(size_t)second[i] + l] += sign * f[i + l];
     }
 }
 
@@ -117,6 +128,16 @@ static void go(const chunk *at, size_t total, const double *d, const double *rat
     (best ? law->go : law->go_plain)(&path);
 }
 
+/* y -= sign f */
+static void spread_set(const pma_springs *springs, const chunk *at, double sign, const double *f,
+                       double *y)
+{
+    if (springs->in_lanes)
+        spread(at->set, at->begin, at->count, PMA_LANES, sign, f, y);
+    else
+        spread(at->set, at->begin, at->count, 1, sign, f, y);
+}
+
 static void subtract(const pma_springs *springs, const double *u, const double *v,
                      const double *from, double *to, double *y, bool best)
 {
@@ -128,12 +149,14 @@ static void subtract(const pma_springs *springs, const double *u, const double *
         for (at.begin = 0; at.begin < at.set->count; at.begin += CHUNK, at.position += at.count) {
             const size_t left = at.set->count - at.begin;
             at.count = left < CHUNK ? left : CHUNK;
-            measure(&at, u, d);
-            if (pma_laws[at.set->law].dashpot)
-                measure_rate(&at, v, rate);
+            measure_set(springs, &at, u, d);
+            if (pma_laws[at.set->law].dashpot && v)
+                measure_set(springs, &at, v, rate);
+            else if (pma_laws[at.set->law].dashpot)
+                memset(rate, 0, at.count * sizeof(double));
             go(&at, total, d, rate, from, to, best);
             memcpy(to + at.position, d, at.count * sizeof(double));
-            spread(&at, to + total + at.position, y);
+            spread_set(springs, &at, 1.0, to + total + at.position, y);
         }
     }
 }
@@ -218,11 +241,9 @@ void pma_springs_subtract_work(const pma_springs *springs, size_t lanes, const d
                                const double *to, double *out)
 {
     const size_t total = springs->total;
-    for (size_t lane = 0; lane < lanes; lane++) {
-        double sum = out[lane];
-        for (size_t i = lane; i < total; i += lanes)
-            sum -= 0.5 * (to[i] - from[i]) * (from[total + i] + to[total + i]);
-        out[lane] = sum;
+    for (size_t i = 0; i < total; i += lanes) {
+        for (size_t l = 0; l < lanes; l++)
+            out[l] -= 0.5 * (to[i + l] - from[i + l]) * (from[total + i + l] + to[total + i + l]);
     }
 }
 
@@ -237,12 +258,8 @@ void pma_springs_add(const pma_springs *springs, const double *level, double *r)
 {
     const double *f = level + springs->total;
     for (size_t s = 0; s < springs->count; s++) {
-        const pma_spring_set *set = &springs->sets[s];
-        for (size_t i = 0; i < set->count; i++, f++) {
-            if (set->first[i] >= 0)
-                r[set->first[i]] += *f;
-            if (set->second[i] >= 0)
-                r[set->second[i]] -= *f;
-        }
+        const chunk all = {.set = &springs->sets[s], .count = springs->sets[s].count};
+        spread_set(springs, &all, -1.0, f, r);
+        f += all.count;
     }
 }

@@ -45,7 +45,8 @@ typedef struct {
 typedef struct {
     size_t count; /* sets */
     const pma_spring_set *sets;
-    size_t total; /* springs in all of them */
+    size_t total;  /* springs in all of them */
+    bool in_lanes; /* each PMA_LANES times, one after the other, as the numbers of their dofs */
 } pma_springs;
 
 /* What springs remember of a time level: `total` deformations, forces, and for each inner variable

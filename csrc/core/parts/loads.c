@@ -89,6 +89,8 @@ pma_status pma_parts_load(const pma_field *f, size_t n, pma_load *out)
 pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out)
 {
     pma_load *each;
+    pma_lane_term *terms;
+    double *shapes;
     size_t count;
     *out = (pma_load){.kind = PMA_LOAD_NONE, .n = n};
     PMA_TRY(pma_field_tuple(f, &count));
@@ -101,7 +103,8 @@ pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out)
         if (pma_load_has(&each[l], PMA_LOAD_CALLED) || pma_load_has(&each[l], PMA_LOAD_TABLE))
             return pma_field_refuse(&item, "must not be a function or a table in lanes");
     }
-    out->kind = PMA_LOAD_IN_LANES;
-    out->each = each;
+    PMA_TRY(pma_field_allocate(f, pma_load_lane_terms(each), sizeof *terms, (void *)&terms));
+    PMA_TRY(pma_field_allocate(f, pma_load_lane_shapes(each), sizeof *shapes, (void *)&shapes));
+    *out = pma_load_in_lanes(each, terms, shapes);
     return PMA_OK;
 }
