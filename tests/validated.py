@@ -42,13 +42,6 @@ def at(history, times, dof):
     return np.interp(times, history.t, history.u[:, dof])
 
 
-def first_maxima(t, u, count):
-    """Times and values of the first maxima of samples, by parabolas."""
-    i = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:]))[:count] + 1
-    a, b = u[i + 1] - 2.0 * u[i] + u[i - 1], u[i + 1] - u[i - 1]
-    return t[i] - (t[1] - t[0]) * b / (2.0 * a), u[i] - b**2 / (8.0 * a)
-
-
 def stepped(cut, substeps):
     """The subdomains of a cut with other substeps, and their ties."""
     made = [
