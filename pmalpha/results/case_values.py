@@ -32,9 +32,9 @@ def over_rows(operation: np.ufunc, x: np.ndarray) -> np.ndarray:
     if some < 2 or rows < 2 * some or columns == 0:
         result: np.ndarray = operation.reduce(x, axis=0)
         return result
-    whole = rows // some * some
-    wide = operation.reduce(x[:whole].reshape(-1, some * columns), axis=0)
-    result = operation.reduce(np.vstack([wide.reshape(some, columns), x[whole:]]), axis=0)
+    multiple = rows // some * some
+    wide = operation.reduce(x[:multiple].reshape(-1, some * columns), axis=0)
+    result = operation.reduce(np.vstack([wide.reshape(some, columns), x[multiple:]]), axis=0)
     return result
 
 

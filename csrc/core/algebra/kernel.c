@@ -230,8 +230,8 @@ PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, cons
     }
 }
 
-/* The sums of the four parts, of rows that are a multiple of 4; some rows for all columns at a time,
- * so that they stay in the cache */
+/* The sums of the four parts, of rows that are a multiple of 4; some rows for all columns at a
+ * time, so that they stay in the cache */
 PMA_INLINE void sum_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
                                    const double *y, four (*sum)[HALVES])
 {
