@@ -32,9 +32,9 @@ def over_rows(operation: np.ufunc, x: np.ndarray) -> np.ndarray:
     if some < 2 or rows < 2 * some or columns == 0:
         result: np.ndarray = operation.reduce(x, axis=0)
         return result
-    whole = rows // some * some
-    wide = operation.reduce(x[:whole].reshape(-1, some * columns), axis=0)
-    result = operation.reduce(np.vstack([wide.reshape(some, columns), x[whole:]]), axis=0)
+    multiple = rows // some * some
+    wide = operation.reduce(x[:multiple].reshape(-1, some * columns), axis=0)
+    result = operation.reduce(np.vstack([wide.reshape(some, columns), x[multiple:]]), axis=0)
     return result
 
 
@@ -206,16 +206,11 @@ class Reducer:
         def nan(x: np.ndarray | None) -> Any:
             return None if x is None else np.full((self.count, x.shape[1]), np.nan)
 
-        motions = tuple(
-            s
-            and CaseMotion(
-                *(nan(getattr(s, name)) for name in MOTION),
-                {name: nan(x) for name, x in s.outputs.items()},
-                s.dofs,
-                s.n,
-                s.dof_names,
-            )
-            for s in history.subdomains
-        )
-        jumps = (nan(getattr(history, name)) for name in JUMPS)
-        return CaseValues(self.reduce, motions, *jumps, history.keys)
+        def motion(s: Any) -> CaseMotion:
+            fields: dict[str, Any] = {name: nan(getattr(s, name)) for name in MOTION}
+            outputs = {name: nan(x) for name, x in s.outputs.items()}
+            return CaseMotion(**fields, outputs=outputs, dofs=s.dofs, n=s.n, dof_names=s.dof_names)
+
+        motions = tuple(s and motion(s) for s in history.subdomains)
+        jumps: dict[str, Any] = {name: nan(getattr(history, name)) for name in JUMPS}
+        return CaseValues(self.reduce, motions, **jumps, keys=history.keys)

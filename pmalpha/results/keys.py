@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import counted
+from ..problem.dofs import dof_list
 from ..problem.subdomain import Subdomain
 
 
@@ -46,3 +47,21 @@ def by_index(
             raise ValueError(f"{name} must not name a subdomain twice, got {keys[i][0]!r} twice")
         result[i] = value
     return result
+
+
+def chosen_springs(
+    record_springs: Mapping[Any, Any] | None,
+    keys: Sequence[tuple[str, Subdomain]],
+    dofs: Sequence[np.ndarray | None],
+) -> list[np.ndarray | None]:
+    """The springs to record of each subdomain, None for a subdomain left out."""
+    chosen: list[np.ndarray | None] = [None] * len(keys)
+    for i, springs in by_index(record_springs, keys, "record_springs").items():
+        name, subdomain = keys[i]
+        count = sum(len(spring) for spring in subdomain.springs)
+        what = f"record_springs[{name!r}]"
+        if count == 0 or dofs[i] is None:
+            lack = "springs" if count == 0 else "recorded dofs"
+            raise ValueError(f"{what} must be of a subdomain with {lack}, got one without")
+        chosen[i] = np.arange(count) if springs is None else dof_list(springs, count, what)
+    return chosen

@@ -39,7 +39,7 @@ from .core_record import (
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
 from .history import History, SubdomainHistory
 from .history_file import HistoryFile, output_array, row_count
-from .keys import by_index
+from .keys import by_index, chosen_springs
 from .outputs import Outputs, chosen_outputs
 from .quantities import (
     IN_SUBDOMAIN,
@@ -584,24 +584,6 @@ def with_rigs(
         )
     none = np.arange(0)
     return [none if x is None and has else x for x, has in zip(dofs, has_rig)]
-
-
-def chosen_springs(
-    record_springs: Mapping[Any, Any] | None,
-    keys: Sequence[tuple[str, Subdomain]],
-    dofs: Sequence[np.ndarray | None],
-) -> list[np.ndarray | None]:
-    """The springs to record of each subdomain, None for a subdomain left out."""
-    chosen: list[np.ndarray | None] = [None] * len(keys)
-    for i, springs in by_index(record_springs, keys, "record_springs").items():
-        name, subdomain = keys[i]
-        count = sum(len(spring) for spring in subdomain.springs)
-        what = f"record_springs[{name!r}]"
-        if count == 0 or dofs[i] is None:
-            lack = "springs" if count == 0 else "recorded dofs"
-            raise ValueError(f"{what} must be of a subdomain with {lack}, got one without")
-        chosen[i] = np.arange(count) if springs is None else dof_list(springs, count, what)
-    return chosen
 
 
 def recorded_columns(

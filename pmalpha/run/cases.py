@@ -388,8 +388,8 @@ def run_each(
         with restoration(session):
             last = session.clock.end(*end, 0)
             together = LANES * max(session.threads_allowed[0], 1)
-            kept = paths if reduce is None else paths[:together]
-            recording = checked_recording(session, last, kept, chosen)
+            at_hand = paths if reduce is None else paths[:together]
+            recording = checked_recording(session, last, at_hand, chosen)
             with reporting(progress, 0, last * len(checked)) as report:
                 plan = Plan(checked, paths, last, chosen, recording, report, results)
                 run_groups(session, groups_of(session, plan), plan)
