@@ -36,8 +36,8 @@ typedef struct {
 /* Substeps in a macro step; with as many macro steps as a coupler takes, no count overflows. */
 #define PMA_MOST_SUBSTEPS ((size_t)1 << 31)
 
-/* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. Last is
- * what every substep reads, in the order in which it does. */
+/* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. Last
+ * is what every substep reads. */
 typedef struct {
     bool continues;      /* double steps in the first macro step too: it has a time level before the
                        present */
