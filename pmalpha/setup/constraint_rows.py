@@ -292,7 +292,8 @@ class ConstraintRows:
         """(p,) array of bool: rows of one dof alone, which leave no gap where it is displaced."""
         rows = joined(self.ranks, [link.index for link in self._given])
         counts = np.bincount(np.concatenate([np.empty(0, np.int32), *rows]), minlength=self.p)
-        return counts == 1
+        result: np.ndarray = counts == 1
+        return result
 
     def warn_of_displacements(self, displacements: Sequence[np.ndarray]) -> None:
         """ConstraintWarning unless sum L_i u_i = 0 at t = 0, or the row is held."""
