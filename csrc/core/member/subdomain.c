@@ -90,35 +90,14 @@ size_t pma_parts_memory(const pma_parts *parts)
     return pma_springs_numbers(&parts->springs) + parts->restoring.memory;
 }
 
-/* Not the link in lanes, whose arrays are those of each. */
-static void copy_link(pma_subdomain *s, size_t columns, size_t entries)
-{
-    pma_link *L = &s->parts.link;
-    if (columns == 0)
-        return;
-    memcpy(s->link_ptr, L->ptr, columns * sizeof *L->ptr);
-    if (entries > 0) {
-        memcpy(s->link_index, L->index, entries * sizeof *L->index);
-        memcpy(s->link_values, L->values, entries * sizeof *L->values);
-    }
-    L->ptr = s->link_ptr;
-    L->index = s->link_index;
-    L->values = s->link_values;
-}
-
 static pma_status lay_out(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     const size_t n = p->n, nb = p->nb, history = p->internal.history;
     const size_t scratch = pma_parts_scratch(p), given = p->restoring.function ? 2 * n : 0;
-    const size_t columns = p->link.each ? 0 : nb + 1;
-    const size_t entries = p->link.each ? 0 : (size_t)p->link.ptr[nb];
-    const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, closing, nb),
-                                PMA_ARRAY(pma_subdomain, link_ptr, columns),
-                                PMA_ARRAY(pma_subdomain, link_index, entries),
-                                PMA_ARRAY(pma_subdomain, link_values, entries),
-                                PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
+    const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
                                 PMA_ARRAY(pma_subdomain, product, p->has_internal ? n : 0),
+                                PMA_ARRAY(pma_subdomain, closing, nb),
                                 PMA_ARRAY(pma_subdomain, link, nb),
                                 PMA_ARRAY(pma_subdomain, work, scratch),
                                 PMA_ARRAY(pma_subdomain, link_work, scratch),
@@ -136,7 +115,6 @@ static pma_status lay_out(pma_subdomain *s)
     s->block = pma_object_fill(s, arrays);
     if (!s->block)
         return PMA_NO_MEMORY;
-    copy_link(s, columns, entries);
     return PMA_OK;
 }
 

@@ -84,10 +84,7 @@ struct pma_subdomain {
     double *product;          /* n: scratch, if it has internal forces */
     double *link, *link_work; /* as closing and work, of `compliance`, which may be called
                                  meanwhile */
-    int64_t *link_ptr;        /* the arrays of the link, beside what it multiplies */
-    int32_t *link_index;
-    double *link_values;
-    int code; /* what a function that failed returned */
+    int code;                 /* what a function that failed returned */
     void *block;
 };
 
