@@ -175,6 +175,7 @@ TABLES = {
     "many": lambda: pick(
         "growth", MANY, ROW, GRID, "constraints, implicit", "constraints, explicit"
     ),
+    "small": lambda: pick("setting_up", same("what", "ms", "over", "ratio", *ORIGIN)),
     "large": large,
     "uncoupled": lambda: pick("uncoupled", same(*UNCOUPLED)),
     "plate": lambda: pick("plate", PLATE),

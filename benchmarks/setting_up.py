@@ -1,8 +1,8 @@
-"""Set-up of small problems: two subdomains of two dofs, rows of subdomains of ten, the import.
+"""Small problems: two subdomains of two dofs, rows of up to 10 000 of ten dofs, the import.
 
 Each over what one would do oneself or cannot avoid: the factors and the interface matrix by SciPy,
-a row of a tenth of the subdomains, the import of NumPy and scipy.sparse. And a run of one step over
-that step.
+a row of a tenth of the subdomains, the import of NumPy and scipy.sparse. A run of one step over
+that step. Of rows set-up and a macro step, for each subdomain.
 """
 
 import os
@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -63,22 +64,37 @@ def imported(statement, times):
     return min(float(x.stdout) for x in done[1:])
 
 
+def rows_of_chains(counts):
+    """For each number of subdomains the seconds of set-up and of a macro step."""
+    seconds = {}
+    for count in counts:
+        setup, coupler = once(lambda n=count: row(n))
+        steps = max(1, 20_000 // count)
+        (step,) = in_turn(lambda c=coupler, n=steps: c.step(n))
+        seconds[count] = setup, step / steps
+    return seconds
+
+
 def line(what, seconds, over, other):
     return {"what": what, "ms": 1e3 * seconds, "over": over, "ratio": seconds / other}
 
 
 def rows(quick):
-    seconds, many = (0.0, 20) if quick else (3.0, 2000)
+    seconds, counts = (0.0, (2, 20)) if quick else (3.0, (100, 1000, 10_000))
     own, hand = in_turn(pair, pair_by_hand, seconds=seconds)
     coupler = pair()
     one, step = in_turn(lambda: coupler.run(steps=1), coupler.step, seconds=seconds)
-    few, _ = once(lambda: row(many // 10))
-    all_rows, _ = once(lambda: row(many))
+    of_rows = rows_of_chains(counts)
+    chains = []
+    for few, many in pairwise(counts):
+        for k, what in enumerate(("set-up", "macro step")):
+            each, of_few = of_rows[many][k] / many, of_rows[few][k] / few
+            chains.append(line(f"{what} of {many} in a row, each", each, f"of {few}", of_few))
     times = [imported(x, 1 if quick else 5) for x in IMPORTS]
     return [
         line("two of 2 dofs", own, "SciPy by hand", hand),
         line("run(steps=1)", one, "step()", step),
-        line(f"{many} in a row, each", all_rows / many, "each of a tenth", 10.0 * few / many),
+        *chains,
         line("import pmalpha", times[1], "NumPy, scipy.sparse", times[0]),
     ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,11 +15,14 @@ from .argument_types import DofsLike, MatrixLike
 from .dofs import dof_list, has_names
 from .forces import BaseAcceleration, SampledForce, checked_force
 from .frozen import Frozen
-from .matrices import rectangular
+from .matrices import read_only, rectangular
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
 
+
+# Up to this number of rows a selection of dofs is made once for equal ties.
+FEW = 20
 
 # Keys of a Mapping are invariant: a dict of one kind is none of both.
 MatricesLike: TypeAlias = (
@@ -141,10 +145,26 @@ class Chosen:
         return selection(dof_list(self.dofs, n, self.what, names), self.entry, n)
 
 
+class Selections(dict[Any, Any]):
+    """Rows with one entry each by subdomain, which need no other check."""
+
+
 def selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
-    """Rows with one entry each, (dofs, n)."""
+    """Rows with one entry each, (dofs, n), read-only."""
+    if dofs.size <= FEW:
+        return _few_rows(tuple(dofs.tolist()), entry, n)
+    return _selection(dofs, entry, n)
+
+
+@lru_cache(maxsize=256)
+def _few_rows(dofs: tuple[int, ...], entry: float, n: int) -> sp.csr_array:
+    return _selection(np.array(dofs, dtype=np.int64), entry, n)
+
+
+def _selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
     p = dofs.size
-    return sp.csr_array((np.full(p, entry), dofs, np.arange(p + 1)), shape=(p, n))
+    L = sp.csr_array((np.full(p, entry), dofs, np.arange(p + 1)), shape=(p, n))
+    return read_only(L)
 
 
 def by_subdomain(
@@ -153,13 +173,16 @@ def by_subdomain(
     """Checked matrices of constraints or contacts, `label` in errors, with this number of rows."""
     if not isinstance(matrices, Mapping) or not matrices:
         raise TypeError(f"{name} must be a dict of matrices by subdomain, got {matrices!r}")
-    blocks = {s: _rows_on(s, L, name, label) for s, L in matrices.items()}
+    selected = isinstance(matrices, Selections)
+    blocks = {s: L if selected else _rows_on(s, L, name, label) for s, L in matrices.items()}
     names = [name_of(s) for s in blocks]
     if len(set(names) - {None}) < len(names) - names.count(None):
         raise ValueError(f"{name} must not name a subdomain twice, got {listing(names)}")
     counts = {L.shape[0] for L in blocks.values()} | ({rows} if rows is not None else set())
     if len(counts) > 1:
         raise ValueError(f"{name} must have the same number of rows, got {sorted(counts)}")
+    if selected:
+        return blocks
     counts_of = [
         np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
         for L in blocks.values()
@@ -178,8 +201,6 @@ def by_subdomain(
 def _rows_on(subdomain: Any, L: Any, name: str, label: str) -> sp.csr_array | Chosen:
     if not isinstance(subdomain, (Subdomain, str)):
         raise TypeError(f"{name} must be keyed by Subdomain or name, got {subdomain!r}")
-    if isinstance(L, Chosen):  # of a tie
-        return L
     if has_names(L):
         return chosen(L, subdomain, 1.0, f"dofs of {name_of(subdomain)!r}")
     if isinstance(L, Mapping) and not sp.issparse(L):  # a dok_matrix is both
@@ -260,7 +281,7 @@ def pairs(
     dofs_b: Any,
     entries: tuple[float, float],
     names: tuple[str, str] = ("dofs_a", "dofs_b"),
-) -> dict[Any, Any]:
+) -> Selections:
     rows_a, rows_b = map(chosen, (dofs_a, dofs_b), (a, b), entries, names)
     counts = rows_a.shape[0], rows_b.shape[0]
     if counts[0] != counts[1] or counts[0] == 0:
@@ -268,7 +289,7 @@ def pairs(
             f"{names[0]} and {names[1]} must have the same length, at least one, got "
             f"{counts[0]} and {counts[1]}"
         )
-    return {a: rows_a, b: rows_b}
+    return Selections({a: rows_a, b: rows_b})
 
 
 def require_two(a: Any, b: Any) -> None:

@@ -111,6 +111,8 @@ def dof_list(
     if np.ndim(plain_array(value, name)) > 1:
         raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
     dofs = np.atleast_1d(dof_array(value, n, name, names))
+    if dofs.size == 1:
+        return dofs
     values, counts = np.unique(dofs, return_counts=True)
     if np.any(counts > 1):
         raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")

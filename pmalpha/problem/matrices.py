@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from copy import copy
 from typing import Any, TypeAlias
+from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,6 +42,11 @@ _ARRAYS = ("indptr", "indices", "data")
 
 # Up to this number of entries a product takes less time than setting the threads of BLAS.
 SMALL = 10_000
+
+# Matrices of up to this number of entries are kept by their contents while they are in use: equal
+# ones are one object, whose checks, orders and factors are made once.
+FEW = 2500
+_equal: WeakValueDictionary[tuple[Any, ...], Any] = WeakValueDictionary()
 
 # Most bytes of strips over those of rows with an index each, for which strips are stored: the
 # product with strips has vector code, which outweighs more bytes while the matrix is in the caches.
@@ -82,9 +88,39 @@ def canonical(
     symmetric: what the user said of the matrix: False admits an unsymmetric one, and where the user
         can say it, the error names it. One that is symmetric up to rounding becomes exactly
         symmetric in any case.
-    Returns the matrix is read-only, since factors that are made of it must remain valid.
+
+    The matrix is read-only, since factors that are made of it must remain valid; small equal ones
+    are one object.
     """
     value = plain_matrix(value)
+    contents = _contents(value, symmetric)
+    A = None if contents is None else _equal.get(contents)
+    if A is not None and n in (None, A.shape[0]):
+        return A, A.shape[0]
+    A, size = _checked(value, name, n, symmetric)
+    if A is not None and contents is not None:
+        _equal[contents] = A
+    return A, size
+
+
+def _contents(value: Any, symmetric: bool | None) -> tuple[Any, ...] | None:
+    """What equal matrices have in common; None of those that are large or of a rare kind."""
+    if type(value) is np.ndarray:
+        arrays: tuple[Any, ...] = (value,)
+    elif sp.issparse(value) and value.format in ("csr", "csc"):
+        arrays = (value.indptr, value.indices, value.data)
+    else:
+        return None
+    if not all(type(x) is np.ndarray and x.size <= FEW and x.dtype.kind in "iuf" for x in arrays):
+        return None
+    kind = value.shape if len(arrays) == 1 else (value.format, *value.shape)
+    return symmetric, kind, *((x.dtype.str, x.shape, x.tobytes()) for x in arrays)
+
+
+def _checked(
+    value: Any, name: str, n: int | None, symmetric: bool | None
+) -> tuple[Matrix | None, int]:
+    """A user's matrix in the inner form, read-only, and its size."""
     A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (0, 1, 2))
     if A.ndim == 0:
         if n not in (None, 1):

@@ -536,6 +536,8 @@ class Subdomain(Frozen):
             )
 
     def _check_mass(self) -> None:
+        if self.M is not None and (diagonal(self.M) > 0.0).all():
+            return
         label = "the subdomain" if self.name is None else f"subdomain {self.name!r}"
         digits = 0.0 if self.M is None else EXPORTED * float(np.max(np.abs(diagonal(self.M))))
         self._check_negative_mass(0.0 if self.scheme.explicit else digits)

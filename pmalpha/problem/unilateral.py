@@ -9,7 +9,16 @@ import numpy as np
 
 from .._checks import counted, plain_array, real_array
 from .argument_types import DofsLike
-from .constraints import MatricesLike, by_name, by_subdomain, chosen, labels_of, pairs, require_two
+from .constraints import (
+    MatricesLike,
+    Selections,
+    by_name,
+    by_subdomain,
+    chosen,
+    labels_of,
+    pairs,
+    require_two,
+)
 from .forces import SampledForce
 from .frozen import Frozen
 from .subdomain import Subdomain
@@ -227,11 +236,11 @@ def contact(
     return Contact(normal, tangents=along, motion=motion, name=name, **numbers)
 
 
-def _one_sided(a: Any, dofs: Any, name: str, sign: float) -> dict[Any, Any]:
+def _one_sided(a: Any, dofs: Any, name: str, sign: float) -> Selections:
     rows = chosen(dofs, a, sign, name)
     if not rows.shape[0]:
         raise ValueError(f"{name} must have at least one dof, got none")
-    return {a: rows}
+    return Selections({a: rows})
 
 
 def _numbers(value: Any, rows: int, name: str, low: float, high: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from .. import _core
+from .._cached import Once
 from ..blas import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
@@ -110,9 +111,10 @@ class Assemblies:
         warn_of_loose(keys, links, reached)
 
         # elimination order of each subdomain, and of the rows
+        self._once = Once()
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
         N = [None] * len(keys) if contacts is None else contacts.links(len(keys))
-        members = _ordered(keys, links, N, steps, options, threads[0])
+        members = _ordered(keys, links, N, steps, options, threads[0], self._once)
         if options.coupling == "mean":
             check_mean(members)
         self.rows = row_order(members, p, ranks)
@@ -154,12 +156,13 @@ class Assemblies:
     def _parts_of(self, layout: Layout) -> tuple[Member, ...]:
         """The subdomains with these steps: known ones, and others that are not built yet."""
         members = []
+        made: dict[int, dict[float, Operator]] = {}
+        for (i, *_), member in list(self._known.items()):
+            made[i] = made.get(i, {}) | member.known
         for i, first in enumerate(self.first.members, self.first_own):
             known = self._known.get((i, *layout.of(i)))
             if known is None:
-                operators: dict[float, Operator] = {}
-                for key, member in list(self._known.items()):
-                    operators |= member.known if key[0] == i else {}
+                operators = made.get(i, {})
                 has_responses = _has_responses(self.coupling, layout.substeps[i])
                 known = first.with_steps(*layout.of(i), operators, has_responses=has_responses)
             members.append(known)
@@ -168,8 +171,11 @@ class Assemblies:
     def _assemble(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
         # once, not for each factor; of a decorator a frame would be outside the package for `warn`
-        with one_thread():
-            return self._factored(layout, members)
+        try:
+            with one_thread():
+                return self._factored(layout, members)
+        finally:
+            self._once.clear()
 
     def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
@@ -346,6 +352,7 @@ def _ordered(
     steps: Sequence[tuple[float, int, bool, float | None]],
     options: Options,
     threads: int,
+    once: Once,
 ) -> tuple[Member, ...]:
     """The subdomains in elimination order, with warnings of factors that are large."""
     eliminations = Eliminations()
@@ -358,6 +365,7 @@ def _ordered(
             substeps,
             L,
             eliminations,
+            once,
             threads=threads,
             has_responses=_has_responses(options.coupling, substeps),
             mean=options.coupling == "mean",

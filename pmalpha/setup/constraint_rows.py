@@ -228,8 +228,12 @@ class ConstraintRows:
             if stacked.shares_dofs:
                 require_independent(sp.csr_array(stacked.matrix), self.name)
         self.scale = np.ldexp(1.0, np.frexp(self._sizes)[1] - 1)  # powers of two at or below them
-        self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][part]
-        self.links = [link.with_rows_divided(self.scale) for link in self._given]
+        blocks = [*zip(begins.tolist(), begins[1:].tolist())][part]
+        scaled = stacked.with_rows_divided(self.scale)
+        self._given = [stacked.of_dofs(i, j) for i, j in blocks]
+        self.links = self._given
+        if scaled is not stacked:
+            self.links = [scaled.of_dofs(i, j) for i, j in blocks]
 
     def _stacked(self, constraints: Sequence[Rows], begins: np.ndarray) -> Link:
         """(L_1, L_2, ...), whose columns begin at `begins`."""
@@ -286,8 +290,9 @@ class ConstraintRows:
     @cached_property
     def held(self) -> np.ndarray:
         """(p,) array of bool: rows of one dof alone, which leave no gap where it is displaced."""
-        counts = [np.bincount(link.index, minlength=self.p) for link in self._given]
-        result: np.ndarray = sum(joined(self.ranks, counts), np.zeros(self.p, dtype=int)) == 1
+        rows = joined(self.ranks, [link.index for link in self._given])
+        counts = np.bincount(np.concatenate([np.empty(0, np.int32), *rows]), minlength=self.p)
+        result: np.ndarray = counts == 1
         return result
 
     def warn_of_displacements(self, displacements: Sequence[np.ndarray]) -> None:
@@ -337,21 +342,25 @@ class ConstraintRows:
         terms = joined(
             self.ranks,
             [
-                (link.product(x), link.product_of_sizes(x), float(np.max(np.abs(x))))
+                (link.rows, *link.products(x), float(np.max(np.abs(x))))
                 for link, x in zip(self._given, values)
                 if x.any()
             ],
         )
         if not terms and not np.any(g):
             return np.empty(0, dtype=np.int64), np.empty(0)
-        jump = sum((jump for jump, _, _ in terms), np.zeros(self.p)) - g
-        size = sum((size for _, size, _ in terms), np.zeros(self.p)) + np.abs(g)
+        jump, size = np.zeros(self.p), np.zeros(self.p)
+        for rows, jump_of, size_of, _ in terms:
+            jump[rows] += jump_of
+            size[rows] += size_of
+        jump, size = jump - g, size + np.abs(g)
         largest = np.max(size / self._sizes, initial=0.0)
-        far = max((far for _, _, far in terms), default=0.0)
+        far = max((far for _, _, _, far in terms), default=0.0)
         rows = np.flatnonzero(np.abs(jump) / self._sizes > max(ROUNDING * largest, FAR * far))
         return rows, jump[rows]
 
 
 def _rows(L: sp.csr_array) -> np.ndarray:
     """The row of each entry of a matrix most of whose rows are empty."""
-    return np.searchsorted(L.indptr, np.arange(L.nnz), side="right") - 1
+    rows: np.ndarray = L.indptr.searchsorted(np.arange(L.indices.size), side="right") - 1
+    return rows

@@ -7,6 +7,7 @@ from collections.abc import Container, Sequence
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import Once
 from .._checks import counted, listing
 from ..blas import one_thread
 from ..errors import ConstraintWarning, StabilityWarning, warn
@@ -58,9 +59,9 @@ def warn_of_loose(
             "subdomain can be run alone by `solve`",
             ConstraintWarning,
         )
-    loose = {}
+    loose, once = {}, Once()
     for i, ((name, s), L, is_tied) in enumerate(zip(keys, links, reached)):
-        if is_tied and i not in contacts and _is_loose(s, L):
+        if is_tied and i not in contacts and _is_loose(s, L, once):
             loose[name] = counted(L.rows.size, "constraint")
     if len(loose) == 1:
         ((name, count),) = loose.items()
@@ -81,18 +82,25 @@ def warn_of_loose(
     )
 
 
-def _is_loose(s: Subdomain, L: Link) -> bool:
+def _is_loose(s: Subdomain, L: Link, once: Once) -> bool:
     """Whether a rigid-body motion satisfies the constraints."""
     if s.has_unknown_stiffness or s.has_feedback:  # which may hold it
         return False
     K = s.largest_tangent
     if K is None:
         return False
+    places = L.ptr.tobytes(), L.local.tobytes(), L.values.tobytes()
+    return once(lambda: _leaves_motion(K, L), (K,), *places)
+
+
+def _leaves_motion(K: Matrix, L: Link) -> bool:
+    """Whether a rigid-body motion without force in K satisfies the constraints."""
     if K.ndim == 1:
         return bool(np.any((K == 0.0) & (np.diff(L.ptr) == 0)))
-    if not isinstance(K, np.ndarray) and s.n <= SMALL:
+    n = K.shape[0]
+    if not isinstance(K, np.ndarray) and n <= SMALL:
         K = K.toarray()
-    translations = _translations(K, s.n)
+    translations = _translations(K, n)
     if not translations.shape[1]:
         return False
     entries = K.size if isinstance(K, np.ndarray) else K.nnz
@@ -149,13 +157,15 @@ def warn_of_growing(
 
     complete: whether these are all subdomains, and not those of one process of several.
     """
-    rates = {name: rate for name, s in keys if (rate := _rate(s)) > 0.0}
+    once = Once()
+    computed = ((name, _rate(s, once)) for name, s in keys)
+    rates = {name: rate for name, rate in computed if rate > 0.0}
     if not rates:
         return
     tied = any(L.values.size > 0 for L in links)
     subdomains = [s for _, s in keys]
     fastest, doubt = max(rates.values()), ", unless its constraints hold it" if tied else ""
-    if tied and complete and all(map(_is_linear, subdomains)):
+    if tied and complete and all(_is_linear(s, once) for s in subdomains):
         if sum(s.n for s in subdomains) <= TIED:
             fastest, doubt = _rate_with_ties(subdomains, links), ""
     if not fastest > 0.0:
@@ -173,19 +183,25 @@ def warn_of_growing(
     )
 
 
-def _is_linear(s: Subdomain) -> bool:
-    return s.restoring is None and s.internal is None and is_symmetric(s.K)
+def _is_linear(s: Subdomain, once: Once) -> bool:
+    if s.restoring is not None or s.internal is not None:
+        return False
+    return once(lambda: is_symmetric(s.K), (s.K,), "symmetric")
 
 
-def _rate(s: Subdomain) -> float:
+def _rate(s: Subdomain, once: Once) -> float:
     """The rate of growth of a free subdomain, 0 if none; nearly, of many dofs."""
-    if s.K is None or s.M is None or not _is_linear(s):
+    if s.K is None or s.M is None or not _is_linear(s, once):
         return 0.0
-    if s.n <= FEW:
+    return once(lambda: _rate_of_matrices(s.K, s.M), (s.K, s.M), "rate")
+
+
+def _rate_of_matrices(K: Matrix, M: Matrix) -> float:
+    if K.shape[0] <= FEW:
         with one_thread():
-            return _dense_rate(dense(s.K), dense(s.M))
-    x = _negative_direction(s.K)
-    return 0.0 if x is None else _quotient(x, s.K, s.M)
+            return _dense_rate(dense(K), dense(M))
+    x = _negative_direction(K)
+    return 0.0 if x is None else _quotient(x, K, M)
 
 
 def _quotient(x: sp.csr_array, K: Matrix, M: Matrix) -> float:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
+from .._cached import Once
 from .._checks import numbered
 from ..errors import StabilityWarning, warn
-from ..problem.matrices import diagonal
+from ..problem.matrices import Matrix, diagonal
 from .member import Member
 
 EPS = float(np.finfo(float).eps)
@@ -20,13 +22,13 @@ def warn_of_light(members: Iterable[Member]) -> None:
     A displacement u is out of balance by k u, hence the acceleration k u / m, and the predictor
     adds h^2 times that: beyond u / eps nothing of u is left in the sum.
     """
+    once = Once()
     for member in members:
         name, s, h = member.name, member.subdomain, member.step
         if s.scheme.explicit or s.M is None:
             continue
         stiffnesses = (s.tangent, None if member.internal is None else member.internal.K)
-        m, k = diagonal(s.M), np.abs(sum(diagonal(A) for A in stiffnesses if A is not None))
-        light = np.flatnonzero((m > 0.0) & (m < EPS * h * h * k))
+        light, m, k = once(partial(_light, s.M, stiffnesses, h), (s.M, *stiffnesses), h)
         if light.size:
             worst = light[np.argmax(k[light] / m[light])]
             ratio = h * h * k[worst] / m[worst]
@@ -38,3 +40,11 @@ def warn_of_light(members: Iterable[Member]) -> None:
                 "frequency",
                 StabilityWarning,
             )
+
+
+def _light(
+    M: Matrix, stiffnesses: Sequence[Matrix | None], h: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The dofs with 0 < m < eps h^2 k, m and k."""
+    m, k = diagonal(M), np.abs(sum(diagonal(A) for A in stiffnesses if A is not None))
+    return np.flatnonzero((m > 0.0) & (m < EPS * h * h * k)), m, k

@@ -57,9 +57,15 @@ class Link:
         return self.ptr.size - 1
 
     @property
+    def counts(self) -> np.ndarray:
+        """The number of entries of each column."""
+        result: np.ndarray = self.ptr[1:] - self.ptr[:-1]
+        return result
+
+    @property
     def dofs(self) -> np.ndarray:
         """The dofs with an entry, ascending."""
-        return np.flatnonzero(np.diff(self.ptr))
+        return self.counts.nonzero()[0]
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -69,16 +75,22 @@ class Link:
     @property
     def local(self) -> np.ndarray:
         """The number in `rows` of the constraint of each entry."""
-        return self._numbered[1].reshape(-1)
+        return self._numbered[1]
 
     @cached_property
     def _numbered(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.unique(self.index, return_inverse=True)
+        order = self.index.argsort(kind="stable")
+        ascending = self.index[order]
+        is_new = np.ones(ascending.size, dtype=bool)
+        is_new[1:] = ascending[1:] != ascending[:-1]
+        local = np.empty(ascending.size, dtype=np.int64)
+        local[order] = is_new.cumsum() - 1
+        return ascending[is_new], local
 
     @property
     def columns(self) -> np.ndarray:
         """The dof of each entry."""
-        return np.repeat(np.arange(self.n), np.diff(self.ptr))
+        return np.arange(self.n).repeat(self.counts)
 
     @property
     def pattern(self) -> Link:
@@ -88,16 +100,13 @@ class Link:
     @property
     def shares_dofs(self) -> bool:
         """Whether two constraints have a dof in common; those that have none are independent."""
-        return bool(np.any(np.diff(self.ptr) > 1))
+        return bool(np.any(self.counts > 1))
 
-    def product(self, x: np.ndarray) -> np.ndarray:
-        """L x, (p,), of (n,) values."""
+    def products(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """L x and |L| |x| on the constraints of `rows`, of (n,) values."""
         terms = self.values * x[self.columns]
-        return np.bincount(self.index, terms, minlength=self.p).astype(float)
-
-    def product_of_sizes(self, x: np.ndarray) -> np.ndarray:
-        """|L| |x|, (p,), with the sizes of all numbers."""
-        return replace(self, values=np.abs(self.values)).product(np.abs(x))
+        sums = [np.bincount(self.local, y, self.rows.size) for y in (terms, np.abs(terms))]
+        return sums[0], sums[1]
 
     @cached_property
     def matrix(self) -> sp.csc_array:
@@ -132,14 +141,17 @@ class Link:
 
     def in_order(self, order: np.ndarray) -> Link:
         """Column k is that of dof order[k]."""
-        begin, counts = self.ptr[order], np.diff(self.ptr)[order]
-        ptr = np.concatenate([[0], np.cumsum(counts)])
-        entries = np.arange(ptr[-1]) + np.repeat(begin - ptr[:-1], counts)
+        begin, counts = self.ptr[order], self.counts[order]
+        ptr = np.zeros_like(self.ptr)
+        counts.cumsum(out=ptr[1:])
+        entries = np.arange(ptr[-1]) + (begin - ptr[:-1]).repeat(counts)
         return Link(self.p, ptr, self.index[entries], self.values[entries])
 
     def with_rows(self, position: np.ndarray) -> Link:
         """Row k becomes row position[k]."""
         index = position[self.index].astype(np.int32)
+        if not self.shares_dofs:  # one entry in a column
+            return Link(self.p, self.ptr, index, self.values)
         entries = np.lexsort((index, self.columns))
         return Link(self.p, self.ptr, index[entries], self.values[entries])
 
@@ -202,7 +214,8 @@ class Block:
         """(values, rows, columns) of its entries in H."""
         rows = self.rows.astype(np.int32)
         if self.places is None:
-            return self.values.ravel(), np.repeat(rows, rows.size), np.tile(rows, rows.size)
+            k = rows.size
+            return self.values.ravel(), rows.repeat(k), rows[None].repeat(k, axis=0).ravel()
         return self.values, rows[self.places[0]], rows[self.places[1]]
 
 

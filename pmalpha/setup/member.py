@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
+from .._cached import Once
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
 from ..problem import forms
@@ -113,6 +115,7 @@ class Member:
     # tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign
     indefinite: bool = False
     N: Link | None = None  # the rows of contacts on it, dofs in elimination order
+    once: Once = field(default_factory=Once)  # what equal subdomains share, during set-up
 
     @property
     def step(self) -> float:
@@ -221,7 +224,11 @@ class Member:
     @property
     def massless(self) -> np.ndarray:
         """The positions of dofs without mass, rising."""
-        return np.flatnonzero(np.isin(self.order, self.subdomain.massless))
+        return self.once(self._massless, (self.M, self.order), "massless")
+
+    def _massless(self) -> np.ndarray:
+        massless = self.subdomain.massless
+        return np.flatnonzero(np.isin(self.order, massless)) if massless.size else massless
 
     @property
     def regular_mass(self) -> Matrix:
@@ -231,7 +238,10 @@ class Member:
 
     def factor_of_mass(self) -> Factor:
         """The factor of `regular_mass`."""
-        return self.mass_factor or self.factor(self.regular_mass, f"M of subdomain {self.name!r}")
+        what = f"M of subdomain {self.name!r}"
+        return self.mass_factor or self.once(
+            lambda: self.factor(self.regular_mass, what), (self.M, self.elimination), "M"
+        )
 
     def factor(self, A: Matrix | None, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
@@ -246,9 +256,22 @@ class Member:
             (block,) = diagonal_compliances([self.diagonal_inverse(twice)], [self.L])
         else:
             al2 = self.subdomain.scheme.coefficients(self.lengths[twice])[1]
-            block = compliance(self.factors[twice], self.L, self.nb, self.name).times(al2)
+            block = self.compliance(self.factors[twice], self.L).times(al2)
         self.blocks[twice] = block
         return block
+
+    def compliance(self, factor: Factor, L: Link) -> Block:
+        """L A^-1 L^T on the constraints of L, from the factor of A."""
+        places = L.ptr.tobytes(), L.local.tobytes(), L.values.tobytes()
+        make = partial(compliance, factor, L, self.nb, self.name)
+        return replace(self.once(make, tuple(factor), "compliance", *places), rows=L.rows)
+
+    def core_matrix(self, A: Matrix | None) -> Any:
+        """A matrix of the subdomain in a form of the core."""
+        if A is None or A.ndim == 1:
+            return core_matrix(A)
+        symmetric = self.symmetric
+        return self.once(lambda: core_matrix(A, symmetric=symmetric), (A,), "core", symmetric)
 
     def mbar(self, h: float) -> Matrix:
         return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
@@ -271,14 +294,20 @@ class Member:
             return Operator(h, *self.mass_factor)
         if h in self.known:
             return self.known[h]
+        make = partial(self._factor_of_mbar, h)
+        matrices = self.M, self.damping, self.stiffness, self.elimination
+        scheme, signs = self.subdomain.scheme, (self.symmetric, self.indefinite)
+        factor = self.once(make, matrices, "Mbar", scheme, h, *signs)
+        if self.stiffness is None and self.damping is None:
+            self.mass_factor = factor
+        return Operator(h, *factor)
+
+    def _factor_of_mbar(self, h: float) -> Factor:
         explicit = self.subdomain.scheme.explicit
         form = "Mbar = M + al2 C + al1 K of" if not explicit else "M + al2 C of explicit"
         what = f"{form} subdomain {self.name!r}"
         symmetric = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
-        factor = self.factor(self.mbar(h), what, symmetric=symmetric and not self.indefinite)
-        if self.stiffness is None and self.damping is None:
-            self.mass_factor = factor
-        return Operator(h, *factor)
+        return self.factor(self.mbar(h), what, symmetric=symmetric and not self.indefinite)
 
 
 def mbar(scheme: Scheme, h: float, M: Matrix, damping: Matrix, stiffness: Matrix) -> Matrix:
@@ -295,6 +324,7 @@ def make_member(
     substeps: int,
     L: Link,
     eliminations: Eliminations,
+    once: Once,
     *,
     threads: int = 1,
     has_responses: bool = False,
@@ -303,8 +333,8 @@ def make_member(
 ) -> Member:
     """Put a subdomain in its elimination order, interface dofs last.
 
-    `eliminations` are those of all subdomains, `threads` is the maximum number of threads that make
-    a factor, and `does` has the values of `reuses` and `mean`.
+    `eliminations` are those of all subdomains, `once` is what equal ones share, `threads` is the
+    maximum number of threads that make a factor, and `does` has the values of `reuses` and `mean`.
     """
     n, last = subdomain.n, L.dofs
     if N is not None:
@@ -317,15 +347,22 @@ def make_member(
     tangent = None
     if internal is not None and subdomain.iterates:
         tangent = tangent_pattern(internal.pattern, last)
-    graph = graph_of([subdomain.M, damping, stiffness])
-    if tangent is not None:
-        eliminated = Elimination(tangent.order, last.size, tangent.symbolic)
-    else:
-        eliminated = eliminations.of(n, graph, last)
-    eliminated = replace(eliminated, threads=threads)
+
+    def ordered() -> tuple[Elimination, np.ndarray, list[Matrix | None]]:
+        if tangent is not None:
+            eliminated = Elimination(tangent.order, last.size, tangent.symbolic)
+        else:
+            graph = graph_of([subdomain.M, damping, stiffness])
+            eliminated = eliminations.of(n, graph, last)
+        order = eliminated.order
+        known = {id(A): permuted(A, order) for A in {id(A): A for A in matrices.values()}.values()}
+        in_order = [known[id(A)] for A in matrices.values()]
+        return replace(eliminated, threads=threads), np.argsort(order), in_order
+
+    objects = (tangent, *matrices.values())
+    eliminated, position, in_order = once(ordered, objects, "order", n, last.tobytes())
     order = eliminated.order
-    different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices.values()}.values()}
-    fields: dict[str, Any] = {name: different[id(A)] for name, A in matrices.items()} | does
+    fields: dict[str, Any] = dict(zip(matrices, in_order)) | does
     return Member(
         subdomain,
         name,
@@ -333,7 +370,7 @@ def make_member(
         h,
         substeps,
         eliminated,
-        np.argsort(order),
+        position,
         L=L.in_order(order),
         nb=last.size,
         internal=internal,
@@ -342,6 +379,7 @@ def make_member(
         has_responses=has_responses and internal is None,
         feedback=Feedback(f"force of subdomain {name!r}", n) if subdomain.has_feedback else None,
         N=None if N is None else N.in_order(order),
+        once=once,
     )
 
 
@@ -357,7 +395,7 @@ def core_parts(
     **parts: Any,
 ) -> dict[str, Any]:
     """What the core takes of a subdomain with this operator, by name: csrc/core/parts/parts.h."""
-    matrices = {x: core_matrix(A, symmetric=member.symmetric) for x, A in matrices.items()}
+    matrices = {x: member.core_matrix(A) for x, A in matrices.items()}
     sizes = {"n": member.n, "nb": member.nb, "substeps": substeps}
     steps = {"single": _in_core(scheme, single)}
     steps |= {} if twice is None else {"twice": _in_core(scheme, twice)}
@@ -486,7 +524,7 @@ def _watch(member: Member) -> forms.Watch | None:
     if member.subdomain.restoring is None and member.internal is None:
         return None
     K_r = None if member.subdomain.scheme.explicit else member.K_r
-    return forms.Watch(*(core_matrix(A, symmetric=member.symmetric) for A in (member.M, K_r)))
+    return forms.Watch(*(member.core_matrix(A) for A in (member.M, K_r)))
 
 
 def _internal(member: Member, threads: int) -> dict[str, Any]:

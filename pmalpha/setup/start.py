@@ -29,7 +29,7 @@ from ..problem.forms import Factor, Operator
 from ..problem.matrices import EXPORTED, Matrix, combination, diagonal
 from ..problem.schemes import Scheme
 from .interface import interface_factor, summed, total
-from .link import Block, Link, compliance, diagonal_compliances
+from .link import Block, Link, diagonal_compliances
 from .member import Member, core_parts
 from .ranks import Ranks, check_stable, joined, processes
 
@@ -225,9 +225,7 @@ def _compliances(masses: Sequence[_Mass]) -> list[Block]:
     plain = [(1.0 / m.diagonal, m.linked) for m in masses if m.diagonal is not None]
     blocks = iter(diagonal_compliances([d for d, _ in plain], [L for _, L in plain]))
     return [
-        compliance(m.operator.factor, m.linked, m.member.nb, m.member.name)
-        if m.diagonal is None
-        else next(blocks)
+        m.member.compliance(m.operator.factor, m.linked) if m.diagonal is None else next(blocks)
         for m in masses
     ]
 
@@ -253,7 +251,7 @@ def _mass_factor(member: Member, M: Matrix) -> Factor:
     """
     what = f"M of subdomain {member.name!r}"
     try:
-        return member.factor(M, what)
+        return member.factor_of_mass()
     except FactorizationError as error:
         if member.subdomain.scheme.explicit or member.M is None:
             raise

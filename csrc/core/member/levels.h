@@ -14,19 +14,21 @@
 /* A closed substep, two that are open and the level before. */
 enum { PMA_MOST_LEVELS = 4 };
 
+/* First is what every substep reads. */
 typedef struct {
+    size_t substeps;
+    size_t opened;       /* substeps up to this time level are open, counted from the present */
+    size_t count, first; /* of `work`: how many there are, and where they begin */
+    size_t vf_most, vf_first; /* of `vf_work`: the last of 2 or 4, and where they begin */
+    bool doubled;
+    double *vf_present; /* stored free velocities */
+    double *vf_work[PMA_MOST_LEVELS];
+    pma_state present, work[PMA_MOST_LEVELS];
+    pma_state previous;      /* time level -1, for double steps */
+    double *vf_previous;     /* no step reads it */
     size_t n, nb;            /* sizes of a state and of a free velocity */
     size_t springs, history; /* ... of what springs and internal forces remember */
-    size_t substeps;
-    bool doubled;
-    size_t opened; /* substeps up to this time level are open, counted from the present */
-    pma_state present, previous;      /* time levels 0 and -1, the latter for double steps */
-    double *vf_present, *vf_previous; /* stored free velocities; no step reads the latter */
-    pma_state work[PMA_MOST_LEVELS];
-    double *vf_work[PMA_MOST_LEVELS];
-    size_t count, first;      /* of `work`: how many there are, and where they begin */
-    size_t vf_most, vf_first; /* of `vf_work`: the last of 2 or 4, and where they begin */
-    double *states;           /* those that were made last */
+    double *states;          /* those that were made last */
     void *block, *block_ahead;
 } pma_levels;
 

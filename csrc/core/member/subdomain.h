@@ -36,32 +36,35 @@ typedef struct {
 /* Substeps in a macro step; with as many macro steps as a coupler takes, no count overflows. */
 #define PMA_MOST_SUBSTEPS ((size_t)1 << 31)
 
-/* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. */
+/* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. Last
+ * is what every substep reads. */
 typedef struct {
-    size_t n, nb, substeps;
-    bool doubled;   /* takes double steps after the start */
-    bool continues; /* ... and in the first macro step: it has a time level before the present */
-    bool lagged;    /* C acts on vs, outside Mbar (R4) */
-    bool has_responses; /* has a link response (M3): substeps under macro coupling */
-    bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
-    pma_factor mass; /* of M, under mean coupling */
-    bool deferred;   /* ... with single steps, closed once the multipliers are known (K7) */
-    bool has_internal; /* forces, iterated or not: M */
-    pma_matrix M;      /* of a subdomain with internal forces */
-    pma_matrix K, C;
-    pma_restoring restoring;
+    bool continues;      /* double steps in the first macro step too: it has a time level before the
+                       present */
+    bool has_responses;  /* has a link response (M3): substeps under macro coupling */
+    bool has_internal;   /* forces, iterated or not: M */
+    pma_factor mass;     /* of M, under mean coupling */
+    pma_matrix M;        /* of a subdomain with internal forces */
     pma_springs springs; /* beside the restoring force, or iterated */
     pma_internal internal;
     const pma_iterate_parts *iterate; /* of an implicit subdomain with internal forces, else NULL;
                                          its factors are then not read */
-    pma_matrix D_r;                   /* estimate of the damping of both (R2) */
-    pma_matrix K_r;                   /* estimate of their stiffness, for the link response (M3) */
-    pma_operator single;              /* of the substep h */
+    pma_impulse_parts
+        impulse;        /* contacts: masses of the interface dofs that they reach; else zeroed */
+    pma_matrix D_r;     /* estimate of the damping of both (R2) */
+    pma_matrix K_r;     /* estimate of their stiffness, for the link response (M3) */
     pma_operator twice; /* of the double step, 2 h or, over a change of the step, the time from the
                             level before to the next one; read only if doubled */
+    pma_restoring restoring;
+
+    size_t n, nb, substeps;
+    bool doubled;  /* takes double steps after the start */
+    bool lagged;   /* C acts on vs, outside Mbar (R4) */
+    bool mean;     /* responds to a constant acceleration of the interface (K3): mean coupling */
+    bool deferred; /* ... with single steps, closed once the multipliers are known (K7) */
+    pma_operator single; /* of the substep h */
     pma_link link;
-    pma_impulse_parts
-        impulse; /* contacts: masses of the interface dofs that they reach; else zeroed */
+    pma_matrix K, C;
 } pma_parts;
 
 /* Checks the parts and allocates all that stepping needs, zeroed. PMA_BAD_STEP when the operator of

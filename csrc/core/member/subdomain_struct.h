@@ -53,34 +53,37 @@ typedef struct {
     int64_t number[2];
 } pma_evaluated;
 
+/* After its parts is what every substep reads. */
 struct pma_subdomain {
     pma_parts parts;
-    pma_member_table table;
-    pma_load load;
-    pma_levels levels;
-    const pma_update *update;
 
     /* what a subdomain or a run has, or NULL */
     pma_energy *energy;   /* that is summed up */
     pma_balance *balance; /* of forces that are watched */
-    pma_rig *rig;         /* of a specimen with limits, or in a paced run */
-    pma_response *response;
-    pma_iterate *iterate; /* of steps that are iterated */
-    pma_division *division;
     pma_mean *mean;
+    pma_iterate *iterate; /* of steps that are iterated */
+    const pma_update *update;
+    bool extrapolates;      /* a substep uses the velocity extrapolated from its start (R1) */
+    bool evaluates;         /* it has springs, or a force that depends on that velocity (R3) */
+    double *closing, *work; /* nb: L^T Lam; scratch of the factor: both of a substep */
+    pma_levels levels;
+    pma_load load;
+    pma_member_table table;
+
+    pma_rig *rig; /* of a specimen with limits, or in a paced run */
+    pma_response *response;
+    pma_division *division;
     pma_impulse *impulse;
     pma_internal_forces *internal;
     pma_tree *tree, *tree_twice; /* of the factors of both operators */
     void *spread;                /* springs in lanes */
 
-    bool extrapolates;  /* a substep uses the velocity extrapolated from its start (R1) */
-    bool evaluates;     /* it has springs, or a force that depends on that velocity (R3) */
     double *vs;         /* n: extrapolated velocity, if there is one */
     double *remembered; /* by the restoring function, at the next start */
     pma_evaluated evaluated;
     double *product;          /* n: scratch, if it has internal forces */
-    double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
-    double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
+    double *link, *link_work; /* as closing and work, of `compliance`, which may be called
+                                 meanwhile */
     int code;                 /* what a function that failed returned */
     void *block;
 };
