@@ -86,6 +86,37 @@ def iterated(coupling, n=3, substeps=1):
     return pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.04, coupling=coupling)
 
 
+def full(coupling, n, ties):
+    """Masses with cubic springs between all pairs, full matrices, on the first dofs of a frame.
+
+    Their tangents are factored in a panel: no band holds them for n > 33.
+    """
+    rng = np.random.default_rng(n)
+    pairs = [(i, j) for i in range(n) for j in range(i)]
+    springs = pm.CubicSpring(
+        pairs, k=1.0 + rng.random(len(pairs)), k3=200.0 * rng.random(len(pairs))
+    )
+    v0 = np.round(np.cos(np.arange(n)), 3)
+    mass, stiffness = 2.0 + 1.0 / (1.0 + np.arange(n)), 20.0 * np.eye(n) + 0.3
+    a = pm.Subdomain(
+        np.diag(mass) + 0.1,
+        stiffness,
+        scheme=pm.GeneralizedAlpha(0.8),
+        internal=springs,
+        v0=v0,
+        name="a",
+    )
+    b = pm.Subdomain(
+        np.eye(ties + 1) + 0.01,
+        30.0 * np.eye(ties + 1) + 0.7,
+        scheme=pm.GeneralizedAlpha(0.8),
+        v0=np.append(v0[:ties], 0.0),
+        name="b",
+    )
+    dofs = np.arange(ties)
+    return pm.Coupler([a, b], pm.tie(a, dofs, b, dofs), dt=0.02, coupling=coupling)
+
+
 def all_outputs(coupler):
     """u, v, a of all dofs, and the multipliers, in the order of `recorded`."""
     ports = {}

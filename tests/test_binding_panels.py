@@ -128,7 +128,7 @@ def test_anything_but_a_blas_routine_is_refused():
     # any capsule has a pointer; its name is the signature of the function
     code = """
 other = cython_blas.__pyx_capi__["drotg"]
-for blas in ((None, None), (5, 5), (BLAS[0], None), (other, BLAS[1]), (BLAS[0], other)):
+for blas in ((None, BLAS[1]), (5, 5), (BLAS[0], None), (other, BLAS[1]), (BLAS[0], other)):
     try:
         factor(*panels_of(TWO_BLOCKS), blas=blas)
         print("taken")

@@ -10,6 +10,7 @@ from frozen_couplers import (
     all_outputs,
     bouncing,
     frame,
+    full,
     iterated,
     plate,
     recorded,
@@ -116,8 +117,20 @@ def test_iterated_springs_move_as_in_a_run(library, tmp_path, coupling, substeps
     assert np.array_equal(model.rows(20), rest)
 
 
-def test_tangents_in_panels_are_factored_without_blas(library, tmp_path):
+@pytest.mark.parametrize("n, ties", [(40, 1), (50, 8), (120, 20)])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_tangents_in_panels_are_bitwise_those_of_a_run(library, tmp_path, coupling, n, ties):
+    coupler = full(coupling, n, ties)
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 10)
+
+
+def test_a_structure_of_narrow_panels_moves_as_in_a_run(library, tmp_path):
     coupler = iterated("gc", n=34**2)  # up to a width of 32 it would be a band
+    assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 5)
+
+
+def test_large_tangents_are_factored_without_blas(library, tmp_path):
+    coupler = full("gc", 420, 3)
     model = frozen(coupler, library, tmp_path)
     rows = model.rows(5)
     expected = recorded(coupler, coupler.run(steps=5), 5)

@@ -248,6 +248,8 @@ int pma_end(pma_argument *arg, pma_status status);
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
 int pma_take_panels(PyObject *obj, PyObject *arrays, pma_panels *out);
 int pma_take_factor(PyObject *obj, npy_intp n, pma_factor *out);
+int pma_take_bordered(PyObject *factor, PyObject *link, npy_intp n, npy_intp nb, pma_factor *f,
+                      pma_link *L); /* and the link of its last nb unknowns */
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_springs *out);
 int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_specimen **out);
 int pma_take_coupler(PyObject *obj, PyObject *arrays, const pma_members *members,

@@ -32,5 +32,8 @@ int pma_find_blas(PyObject *capsule, bool dgemm, pma_blas *out)
 
 int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *out)
 {
+    *out = (pma_blas){.from = PMA_BLAS_FROM};
+    if (dgemm == Py_None && dtrsm == Py_None)
+        return 0;
     return pma_find_blas(dgemm, true, out) < 0 ? -1 : pma_find_blas(dtrsm, false, out);
 }

@@ -4,6 +4,7 @@
 
 #include "algebra/elimination.h"
 #include "algebra/symbolic.h"
+#include "algebra/trapezoid.h"
 #include "workers/team.h"
 #include "workers/thread.h"
 
@@ -350,6 +351,53 @@ done:
     return result;
 }
 
+/* ---- dense ----------------------------------------------------------------------------------- */
+
+/* R (n, n) of A in place, by columns, zero above the diagonal; n, or the column whose pivot is
+ * refused */
+static size_t factor_in_place(size_t n, double *R, double *inverse, double lost,
+                              const pma_blas *blas)
+{
+    for (size_t j = 0; j < n; j++)
+        inverse[j] = R[j * n + j];
+    const size_t good = pma_trapezoid_factor(R, n, n, inverse, lost, false, blas);
+    if (good < n)
+        return good;
+    pma_trapezoid_scale(R, n, n, inverse);
+    for (size_t j = 1; j < n; j++)
+        memset(R + j * n, 0, j * sizeof *R);
+    return n;
+}
+
+static PyObject *factor_dense(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *A_obj, *dgemm, *dtrsm, *R_obj = NULL, *inverse_obj = NULL, *result = NULL;
+    double lost, *inverse;
+    pma_blas blas;
+    if (!PyArg_ParseTuple(args, "OdOO", &A_obj, &lost, &dgemm, &dtrsm) ||
+        pma_take_blas(dgemm, dtrsm, &blas) < 0)
+        return NULL;
+    R_obj = PyArray_FROMANY(A_obj, NPY_DOUBLE, 2, 2, NPY_ARRAY_CARRAY | NPY_ARRAY_ENSURECOPY);
+    if (!R_obj)
+        return NULL;
+    PyArrayObject *R = (PyArrayObject *)R_obj;
+    const npy_intp n = PyArray_DIM(R, 0);
+    if (PyArray_DIM(R, 1) != n)
+        pma_refuse(PyExc_ValueError, "A must be square");
+    else
+        inverse_obj = pma_new_array(n, NPY_DOUBLE, &inverse);
+    if (inverse_obj) {
+        pma_caller before = pma_gil_release();
+        const size_t good = factor_in_place((size_t)n, PyArray_DATA(R), inverse, lost, &blas);
+        pma_gil_acquire(before);
+        result = good == (size_t)n ? Py_BuildValue("OOO", inverse_obj, R_obj, Py_None)
+                                   : Py_BuildValue("OOn", inverse_obj, R_obj, (Py_ssize_t)good);
+    }
+    Py_DECREF(R_obj);
+    Py_XDECREF(inverse_obj);
+    return result;
+}
+
 /* ---- sweeps ---------------------------------------------------------------------------------- */
 
 static PyObject *solve_checked(const pma_factor *factor, const double *b)
@@ -379,6 +427,47 @@ static PyObject *solve(PyObject *Py_UNUSED(module), PyObject *args)
     return status == PMA_OK ? solve_checked(&factor, b) : pma_raise(status, "factor");
 }
 
+/* G_k = L_b S^-1 L_b^T e_k for all k, (p, p) by columns                                     (F6) */
+static PyObject *compliance_checked(const pma_factor *f, const pma_link *L)
+{
+    const npy_intp sides[2] = {(npy_intp)L->p, (npy_intp)L->p};
+    double *work = PyMem_Calloc(pma_factor_scratch(f) + f->nb + L->p + 1, sizeof *work);
+    double *x = work + pma_factor_scratch(f), *unit = x + f->nb;
+    PyObject *G = work ? PyArray_ZEROS(2, sides, NPY_DOUBLE, 1) : PyErr_NoMemory();
+    if (G) {
+        double *values = PyArray_DATA((PyArrayObject *)G);
+        pma_caller before = pma_gil_release();
+        for (size_t k = 0; k < L->p; k++) {
+            unit[k] = 1.0;
+            pma_link_load(L, unit, x);
+            unit[k] = 0.0;
+            pma_factor_interface(f, x, work);
+            pma_link_gather(L, 1.0, x, values + k * L->p);
+        }
+        pma_gil_acquire(before);
+    }
+    PyMem_Free(work);
+    return G;
+}
+
+static PyObject *compliance(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *factor, *link;
+    Py_ssize_t n, nb;
+    pma_factor f;
+    pma_link L;
+    if (!PyArg_ParseTuple(args, "OOnn", &factor, &link, &n, &nb))
+        return NULL;
+    if (nb < 0 || nb > n)
+        return PyErr_Format(PyExc_ValueError, "nb must lie in 0..n");
+    if (pma_take_bordered(factor, link, n, nb, &f, &L) < 0)
+        return NULL;
+    const pma_status factor_status = pma_factor_check(&f), link_status = pma_link_check(&L);
+    if (factor_status != PMA_OK)
+        return pma_raise(factor_status, "factor");
+    return link_status == PMA_OK ? compliance_checked(&f, &L) : pma_raise(link_status, "link");
+}
+
 PyMethodDef pma_factor_functions[] = {
     {"graph_of_groups", graph_of_groups, METH_VARARGS,
      "graph_of_groups(ptr, index, group, groups) -> (ptr, index), symmetric, without loops"},
@@ -391,6 +480,10 @@ PyMethodDef pma_factor_functions[] = {
     {"factor_panels", factor_panels, METH_VARARGS,
      "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads) -> "
      "None or a column"},
+    {"factor_dense", factor_dense, METH_VARARGS,
+     "factor_dense(A, lost, dgemm, dtrsm) -> (inverse, R by columns, None or a column)"},
+    {"compliance", compliance, METH_VARARGS,
+     "compliance(factor, link, n, nb) -> L_b S^-1 L_b^T of the last nb unknowns, (p, p)"},
     {"solve", solve, METH_VARARGS, "solve(factor, b) -> A^-1 b, (n,)"},
     {NULL, NULL, 0, NULL},
 };

@@ -16,6 +16,18 @@ int pma_take_factor(PyObject *obj, npy_intp n, pma_factor *out)
     return pma_end(&arg, pma_parts_factor(&root, (size_t)n, 0, out));
 }
 
+/* factor (n,), and link of its last nb unknowns */
+int pma_take_bordered(PyObject *factor, PyObject *link, npy_intp n, npy_intp nb, pma_factor *f,
+                      pma_link *L)
+{
+    pma_argument arg;
+    pma_field root = pma_read(&arg, factor, "factor", NULL);
+    if (pma_end(&arg, pma_parts_factor(&root, (size_t)n, (size_t)nb, f)) < 0)
+        return -1;
+    root = pma_read(&arg, link, "link", NULL);
+    return pma_end(&arg, pma_parts_link(&root, (size_t)nb, L));
+}
+
 int pma_take_panels(PyObject *obj, PyObject *arrays, pma_panels *out)
 {
     pma_argument arg;

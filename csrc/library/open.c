@@ -2,7 +2,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "algebra/blas.h"
 #include "library/model.h"
 
 /* ---- inputs, as the core calls them ---------------------------------------------------------- */
@@ -46,20 +45,14 @@ static int call_forces(double t, intptr_t n, double *f, void *user)
     return 0;
 }
 
-/* What a word of the file stands for: the inputs of the subdomain that is being taken, or the
- * loops that stand in for BLAS. */
+/* What a word of the file stands for: the inputs of the subdomain that is being taken. */
 static pma_status find(pma_fields *fields, const pma_node *node, pma_role role, void *out)
 {
     pmalpha_member *x = fields->ctx;
     const char *word = (const char *)(fields->base + (uintptr_t)node->is.at);
-    if (role == PMA_RESTORING_ROLE && x && strcmp(word, "inputs") == 0)
-        *(pma_function *)out = (pma_function){.function = call_specimens, .user = x};
-    else if (role == PMA_DGEMM_ROLE && strcmp(word, "loops") == 0)
-        ((pma_blas *)out)->dgemm = pma_blas_gemm;
-    else if (role == PMA_DTRSM_ROLE && strcmp(word, "loops") == 0)
-        ((pma_blas *)out)->dtrsm = pma_blas_trsm;
-    else
+    if (role != PMA_RESTORING_ROLE || !x || strcmp(word, "inputs") != 0)
         return PMA_REFUSED;
+    *(pma_function *)out = (pma_function){.function = call_specimens, .user = x};
     return PMA_OK;
 }
 

@@ -304,7 +304,7 @@ static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m,
     }
 }
 
-const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm};
+const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm, 0};
 
 void list_ascending(structure *m)
 {

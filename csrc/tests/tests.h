@@ -18,6 +18,7 @@ extern const test FIELDS_TESTS[];
 extern const test SCHEME_TESTS[];
 extern const test MATRIX_TESTS[];
 extern const test KERNEL_TESTS[];
+extern const test BLAS_TESTS[];
 extern const test FACTOR_TESTS[];
 extern const test STRIPS_TESTS[];
 extern const test SYMBOLIC_TESTS[];

@@ -16,7 +16,7 @@ from ..setup.member import Member
 from .ports import Input, Output, Ports
 
 # Words in place of functions: csrc/library/open.c.
-INPUTS, LOOPS = "inputs", "loops"
+INPUTS = "inputs"
 
 
 # ---- subdomains ----------------------------------------------------------------------------------
@@ -106,8 +106,8 @@ def _check_internal(member: Member) -> None:
 
 
 def _with_loops(pattern: forms.Numeric) -> forms.Numeric:
-    """The same with words in place of routines of BLAS."""
-    return pattern._replace(dgemm=LOOPS, dtrsm=LOOPS)
+    """The same without routines of BLAS."""
+    return pattern._replace(dgemm=None, dtrsm=None)
 
 
 # ---- the coupler ---------------------------------------------------------------------------------
@@ -121,7 +121,7 @@ def coupler(assembly: Assembly) -> dict[str, Any]:
     if isinstance(iteration, forms.Iteration):
         fields["iteration"] = iteration._replace(pattern=_with_loops(iteration.pattern))
     if contact is not None:
-        fields["contact"] = contact._replace(dgemm=LOOPS, dtrsm=LOOPS)
+        fields["contact"] = contact._replace(dgemm=None, dtrsm=None)
     return fields
 
 

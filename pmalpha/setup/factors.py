@@ -149,17 +149,15 @@ def factorize(
 
 
 def dense_columns(A: np.ndarray, names: Names) -> Factor:
-    """LAPACK's Cholesky factor, scaled to a unit diagonal."""
-    from scipy.linalg.lapack import dpotrf
-
+    """The factor of the core in one panel."""
     n = A.shape[0]
     require(16.0 * n * n, f"the factor of {names.what} ({n} dofs, dense)")
-    lower, info = dpotrf(A, lower=True, clean=True)
-    if info > 0:
-        raise names.not_definite(A, info - 1)
-    root = lower.diagonal().copy()
-    check_pivots(root**2, A, names)
-    return Factor(1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None]))
+    inverse, R, failed = _core.factor_dense(A, LOST, *gemm_and_trsm())
+    if failed is not None:
+        raise names.not_definite(A, failed)
+    with np.errstate(divide="ignore"):
+        check_pivots(1.0 / inverse, A, names)
+    return Factor(inverse, R)
 
 
 def supernodal(

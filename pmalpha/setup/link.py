@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
+from .. import _core
 from .._cached import cached_property
 from .._checks import counted
 from ..blas import one_thread
@@ -15,6 +16,9 @@ from ..memory import require
 from ..problem.forms import Columns, Factor
 from ..problem.matrices import core_sparse
 from .factors import interface_block, sides
+
+# Multiplications from which on LAPACK is faster than sweeps for the constraints one by one.
+SWEPT = 128 * 64 * 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +160,12 @@ class Link:
         part = self.of_dofs(begin, self.n)
         return Columns(part.p, part.ptr, part.index, part.values)
 
+    def local_columns(self, nb: int) -> Columns:
+        """The last nb columns in the form of the core, with the constraints of `rows` alone."""
+        ptr = self.ptr[self.n - nb :]
+        local = self.local[ptr[0] :].astype(np.int32, copy=False)
+        return Columns(self.rows.size, ptr - ptr[0], local, self.values[ptr[0] :])
+
     def without(self, dofs: np.ndarray) -> Link:
         """The columns of these dofs are emptied."""
         counts = np.diff(self.ptr)
@@ -232,6 +242,9 @@ def compliance(factor: Factor, L: Link, nb: int, name: str) -> Block:
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
     require(size, f"the interface matrix of {counted(rows.size, 'constraint')} of {name!r}")
     inverse, _ = factor
+    if rows.size * nb**2 < SWEPT:
+        block = _core.compliance(factor, L.local_columns(nb), inverse.size, nb)
+        return Block(rows, block if len(sides(factor)) > 1 else 0.5 * (block + block.T))
     R_bb, *Q_bb = (interface_block(side, nb) for side in sides(factor))
     block = _compliance_of_last(inverse[inverse.size - nb :], R_bb, L, *Q_bb)
     if len(sides(factor)) > 1:

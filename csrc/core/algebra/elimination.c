@@ -10,178 +10,8 @@
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
 #include "algebra/symbolic.h"
+#include "algebra/trapezoid.h"
 #include "object.h"
-
-/* ---- one panel, a dense trapezoid by columns ------------------------------------------------- */
-
-/* Columns of a dense factor made before what is right of them is updated. */
-enum { BLOCK = 48 };
-
-/* G of a small block, column by column; `columns` or the first that fails */
-static size_t factor_block(double *block, size_t columns, size_t ld, const double *diagonal,
-                           double lost, bool indefinite)
-{
-    for (size_t j = 0; j < columns; j++) {
-        double *column = block + j * ld;
-        const double size = indefinite ? fabs(column[j]) : column[j];
-        if (!(size > lost * fabs(diagonal[j])))
-            return j;
-        const double root = sqrt(size), sign = copysign(1.0, column[j]);
-        column[j] = sign * root;
-        for (size_t i = j + 1; i < columns; i++)
-            column[i] /= root;
-        for (size_t k = j + 1; k < columns; k++) {
-            const double factor = sign * column[k];
-            for (size_t i = k; i < columns; i++)
-                block[k * ld + i] -= column[i] * factor;
-        }
-    }
-    return columns;
-}
-
-/* Columns from j on whose pivots have one sign. */
-static size_t alike(const double *G, size_t j, size_t width, size_t ld)
-{
-    size_t end = j + 1;
-    while (end < width && signbit(G[end * ld + end]) == signbit(G[j * ld + j]))
-        end++;
-    return end - j;
-}
-
-/* C (m x columns) := beta C + alpha X S Y^T, with `width` columns of X and Y, ld the distance
- * between two of them and of the diagonal entries of G, whose signs S are. */
-static void multiply_signed(const double *G, size_t width, size_t ld, double alpha, double *X,
-                            size_t m, double *Y, size_t columns, double beta, double *C,
-                            size_t ld_C, const pma_blas *blas)
-{
-    int rows = (int)m, count = (int)columns, ldx = (int)ld, ldc = (int)ld_C;
-    double one = 1.0;
-    for (size_t j = 0, some = 0; j < width; j += some) {
-        some = alike(G, j, width, ld);
-        int k = (int)some;
-        double signed_alpha = copysign(1.0, G[j * ld + j]) * alpha;
-        blas->dgemm("N", "T", &rows, &count, &k, &signed_alpha, X + j * ld, &ldx, Y + j * ld, &ldx,
-                    j == 0 ? &beta : &one, C, &ldc);
-    }
-}
-
-/* X := X S */
-static void change_signs(const double *G, size_t columns, size_t ld, double *X, size_t m)
-{
-    for (size_t j = 0; j < columns; j++) {
-        for (size_t i = 0; signbit(G[j * ld + j]) && i < m; i++)
-            X[j * ld + i] = -X[j * ld + i];
-    }
-}
-
-/* A = G S G^T in place, in blocks, where S has the signs of the diagonal of G: its Cholesky factor
- * if they are positive. Its width, or the first column whose pivot is not above the part `lost` of
- * its diagonal entry, diagonal (width); indefinite: whose size is not. */
-static size_t factor_trapezoid(double *panel, size_t width, size_t height, const double *diagonal,
-                               double lost, bool indefinite, const pma_blas *blas)
-{
-    double one = 1.0;
-    int ld = (int)height;
-    for (size_t begin = 0; begin < width; begin += BLOCK) {
-        const size_t columns = width - begin < BLOCK ? width - begin : BLOCK;
-        const size_t end = begin + columns;
-        double *block = panel + begin * height + begin, *below = block + columns;
-        const size_t good =
-            factor_block(block, columns, height, diagonal + begin, lost, indefinite);
-        int m = (int)(height - end), k = (int)columns;
-        if (good < columns)
-            return begin + good;
-        if (m == 0)
-            continue;
-        blas->dtrsm("R", "L", "T", "N", &m, &k, &one, block, &ld, below, &ld); /* G S */
-        change_signs(block, columns, height, below, height - end);
-        if (width > end)
-            multiply_signed(block, columns, height, -1.0, below, height - end, below, width - end,
-                            1.0, panel + end * height + end, height, blas);
-    }
-    return width;
-}
-
-/* From G to a unit diagonal: R_ij = G_ij / G_jj, D_j = S_j G_jj^2. inverse (width): output, of D */
-static void scale_trapezoid(double *panel, size_t width, size_t height, double *inverse)
-{
-    for (size_t j = 0; j < width; j++) {
-        double *column = panel + j * height;
-        const double root = column[j];
-        inverse[j] = 1.0 / (root * fabs(root));
-        column[j] = 1.0;
-        for (size_t i = j + 1; i < height; i++)
-            column[i] /= root;
-    }
-}
-
-/* ---- unsymmetric ---------------------------------------------------------------------------- */
-
-/* R and D Q of a small block, column by column, D on the diagonal of both; `columns`, or the first
- * that fails with its pivot in its diagonal entry */
-static size_t factor_block_pair(double *R, double *Q, size_t columns, size_t ld, double *diagonal,
-                                double lost)
-{
-    for (size_t j = 0; j < columns; j++) {
-        double *r = R + j * ld, *q = Q + j * ld;
-        const double pivot = q[j];
-        if (!(fabs(pivot) > lost * fabs(diagonal[j]))) {
-            diagonal[j] = pivot;
-            return j;
-        }
-        for (size_t i = j + 1; i < columns; i++)
-            r[i] /= pivot;
-        for (size_t k = j + 1; k < columns; k++) {
-            for (size_t i = k; i < columns; i++) {
-                R[k * ld + i] -= r[i] * q[k];
-                Q[k * ld + i] -= q[i] * r[k];
-            }
-        }
-    }
-    return columns;
-}
-
-/* Unsymmetric: R has the columns, Q the rows of what is factored. R becomes the unit factor, Q that
- * of the transpose times D, with D on its diagonal. As above, pivots of any sign; the one that
- * fails goes to its diagonal entry. */
-static size_t factor_trapezoid_pair(double *R, double *Q, size_t width, size_t height,
-                                    double *diagonal, double lost, const pma_blas *blas)
-{
-    double one = 1.0, minus = -1.0;
-    int ld = (int)height;
-    for (size_t begin = 0; begin < width; begin += BLOCK) {
-        const size_t columns = width - begin < BLOCK ? width - begin : BLOCK;
-        const size_t end = begin + columns, at = begin * height + begin;
-        double *r = R + at, *q = Q + at, *r_below = r + columns, *q_below = q + columns;
-        const size_t good = factor_block_pair(r, q, columns, height, diagonal + begin, lost);
-        int m = (int)(height - end), k = (int)columns, right = (int)(width - end);
-        if (good < columns)
-            return begin + good;
-        if (m == 0)
-            continue;
-        blas->dtrsm("R", "L", "T", "N", &m, &k, &one, q, &ld, r_below, &ld);
-        blas->dtrsm("R", "L", "T", "U", &m, &k, &one, r, &ld, q_below, &ld);
-        if (right == 0)
-            continue;
-        blas->dgemm("N", "T", &m, &right, &k, &minus, r_below, &ld, q_below, &ld, &one,
-                    R + end * height + end, &ld);
-        blas->dgemm("N", "T", &m, &right, &k, &minus, q_below, &ld, r_below, &ld, &one,
-                    Q + end * height + end, &ld);
-    }
-    return width;
-}
-
-/* Q to a unit diagonal. inverse (width): output, of D */
-static void scale_trapezoid_pair(double *R, double *Q, size_t width, size_t height, double *inverse)
-{
-    for (size_t j = 0; j < width; j++) {
-        double *q = Q + j * height;
-        inverse[j] = 1.0 / q[j];
-        R[j * height + j] = q[j] = 1.0;
-        for (size_t i = j + 1; i < height; i++)
-            q[i] *= inverse[j];
-    }
-}
 
 /* How often a worker looks for an update before it rests. */
 enum { LOOKS = 2000 };
@@ -347,28 +177,26 @@ static void update_panel(const pma_elimination *e, const hand *h, size_t d, size
                          size_t end, size_t s, size_t X, size_t Y)
 {
     const pma_panels *p = e->p;
-    const size_t height = pma_panels_height(p, s);
+    const size_t height = pma_panels_height(p, s), k = pma_panels_width(p, d);
+    const size_t m = pma_panels_rows(p, d) - begin, columns = end - begin;
     const int32_t *rows = p->rows + p->row_ptr[d];
-    double *below = p->values + p->start[d] + pma_panels_width(p, d) + begin;
-    double *panel = p->values + X + p->start[s];
-    int m = (int)(pma_panels_rows(p, d) - begin), columns = (int)(end - begin);
-    int k = (int)pma_panels_width(p, d), ld = (int)pma_panels_height(p, d);
-    double one = 1.0, zero = 0.0;
+    double *values = p->values + p->start[d], *panel = p->values + X + p->start[s];
+    const pma_block source = {values, pma_panels_height(p, d)}, update = {h->update, m};
+    const pma_block below = pma_block_at(source, k + begin, 0);
     if (p->Q > 0)
-        e->blas.dgemm("N", "T", &m, &columns, &k, &one, below + X, &ld, below + Y, &ld, &zero,
-                      h->update, &m);
+        pma_blas_multiply(&e->blas, m, columns, k, 1.0, (pma_block){below.values + X, below.next},
+                          (pma_block){below.values + Y, below.next}, true, 0.0, update);
     else
-        multiply_signed(p->values + p->start[d], (size_t)k, (size_t)ld, 1.0, below, (size_t)m,
-                        below, (size_t)columns, 0.0, h->update, (size_t)m, &e->blas);
+        pma_trapezoid_multiply(source, k, 1.0, below, m, below, columns, 0.0, update, &e->blas);
     const int64_t first = h->position[rows[begin]];
-    const bool adjoined = h->position[rows[begin + (size_t)m - 1]] == first + m - 1;
-    for (size_t j = 0; j < (size_t)columns; j++) {
+    const bool adjoined = h->position[rows[begin + m - 1]] == first + (int64_t)m - 1;
+    for (size_t j = 0; j < columns; j++) {
         double *column = panel + (size_t)h->position[rows[begin + j]] * height;
-        const double *u = h->update + j * (size_t)m;
+        const double *u = h->update + j * m;
         if (adjoined)
-            subtract(u + j, (size_t)m - j, column + first + j);
+            subtract(u + j, m - j, column + first + j);
         else
-            scatter(u, rows + begin, h->position, j, (size_t)m, column);
+            scatter(u, rows + begin, h->position, j, m, column);
     }
 }
 
@@ -395,8 +223,9 @@ static size_t factor_panel(const pma_elimination *e, size_t s)
     double *R = p->values + p->start[s], *diagonal = e->inverse + p->first[s];
     const size_t width = pma_panels_width(p, s), height = pma_panels_height(p, s);
     if (p->Q > 0)
-        return factor_trapezoid_pair(R, R + p->Q, width, height, diagonal, e->A->lost, &e->blas);
-    return factor_trapezoid(R, width, height, diagonal, e->A->lost, e->A->indefinite, &e->blas);
+        return pma_trapezoid_factor_pair(R, R + p->Q, width, height, diagonal, e->A->lost,
+                                         &e->blas);
+    return pma_trapezoid_factor(R, width, height, diagonal, e->A->lost, e->A->indefinite, &e->blas);
 }
 
 /* ---- workers -------------------------------------------------------------------------------- */
@@ -539,9 +368,9 @@ static void scale(const pma_panels *p, size_t s, double *inverse)
     double *R = p->values + p->start[s];
     const size_t width = pma_panels_width(p, s), height = pma_panels_height(p, s);
     if (p->Q > 0)
-        scale_trapezoid_pair(R, R + p->Q, width, height, inverse);
+        pma_trapezoid_scale_pair(R, R + p->Q, width, height, inverse);
     else
-        scale_trapezoid(R, width, height, inverse);
+        pma_trapezoid_scale(R, width, height, inverse);
 }
 
 /* What went wrong in the first supernode of all. */

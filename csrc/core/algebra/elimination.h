@@ -12,17 +12,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/blas.h"
 #include "algebra/panels.h"
 #include "status.h"
-
-/* The two BLAS routines that factors are made with, as Fortran has them. Workers call
- * them at the same time, so that each call has to use one thread. */
-typedef struct {
-    void (*dgemm)(char *, char *, int *, int *, int *, double *, double *, int *, double *, int *,
-                  double *, double *, int *);
-    void (*dtrsm)(char *, char *, char *, char *, int *, int *, double *, double *, int *, double *,
-                  int *);
-} pma_blas;
 
 /* A matrix by rows, whose symmetric pattern the panels were made for. If its values are not
  * symmetric, the entries of a row ascend. */

@@ -314,9 +314,12 @@ enum { TOGETHER = 128 };
  * another */
 size_t pma_numeric_compliance_scratch(const pma_numeric *f, size_t count)
 {
-    if (count < PMA_NUMERIC_MANY || f->factor.form != PMA_PANELS)
+    const pma_blas *blas = &f->parts.blas;
+    const size_t nb = f->parts.nb, some = pma_least(count, TOGETHER);
+    if (count < PMA_NUMERIC_MANY || f->factor.form != PMA_PANELS || !blas->dgemm ||
+        nb * nb * some < blas->from)
         return 0;
-    return f->parts.nb * ((f->factor.Q > 0 ? 2 : 1) * count + 2 * pma_least(count, TOGETHER));
+    return nb * ((f->factor.Q > 0 ? 2 : 1) * count + 2 * some);
 }
 
 /* X := R_bb^-1 X for the columns given, nb rows each; with the panels of Q, where they begin */

@@ -174,8 +174,8 @@ static size_t rightmost(const double *A, size_t n, size_t begin, size_t end)
 
 static void factor(pma_complementarity *x, size_t n)
 {
-    double *A = x->factor, one = 1.0, minus = -1.0;
-    int ld = (int)n;
+    double *A = x->factor;
+    const pma_block all = {A, n};
     for (size_t j = 0; j < n; j++) {
         for (size_t i = 0; i < n; i++)
             A[j * n + i] = entry(x, x->in[i], x->in[j]);
@@ -185,10 +185,9 @@ static void factor(pma_complementarity *x, size_t n)
         const size_t low = lowest(A, n, begin, end), right = rightmost(A, n, begin, end);
         factor_columns(x, n, begin, end, low);
         finish_rows(x, n, begin, end, right);
-        int m = (int)(low - end), c = (int)(right - end), k = (int)(end - begin);
-        if (m > 0 && c > 0)
-            x->parts.blas.dgemm("N", "N", &m, &c, &k, &minus, A + begin * n + end, &ld,
-                                A + end * n + begin, &ld, &one, A + end * n + end, &ld);
+        pma_blas_multiply(&x->parts.blas, low - end, right - end, end - begin, -1.0,
+                          pma_block_at(all, end, begin), pma_block_at(all, begin, end), false, 1.0,
+                          pma_block_at(all, end, end));
     }
     x->factor_rows = n;
     for (size_t j = 0; j < n; j++) {

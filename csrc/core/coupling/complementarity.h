@@ -20,7 +20,7 @@ typedef struct {
     size_t contacts;
     const int64_t *first; /* contacts+1: their rows; a normal one, then none, one or two tangents */
     const double *friction; /* contacts: mu */
-    pma_blas blas;          /* dgemm alone is called */
+    pma_blas blas;
 } pma_complementarity_parts;
 
 typedef struct pma_complementarity pma_complementarity;

@@ -28,7 +28,7 @@ typedef struct {
     size_t sides;
     const pma_contact_side *side; /* copied */
     pma_load obstacle; /* 2 contacts: d and d' of what moves against them, by fine steps; or none */
-    pma_blas blas;     /* dgemm alone is called */
+    pma_blas blas;
 } pma_contact_parts;
 
 typedef struct pma_contact pma_contact;

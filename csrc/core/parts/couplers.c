@@ -144,7 +144,6 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     const pma_field friction = pma_field_at(f, "friction"), sides = pma_field_at(f, "sides");
     const pma_field friction_static = pma_field_at(f, "friction_static");
     const pma_field obstacle = pma_field_at(f, "obstacle");
-    const pma_field dgemm = pma_field_at(f, "dgemm"), dtrsm = pma_field_at(f, "dtrsm");
     pma_contact_parts *contact = &out->contact;
     pma_contact_side *side;
     const void *data = NULL;
@@ -163,8 +162,7 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
     PMA_TRY(pma_field_doubles(&restitution, contact->contacts, &contact->restitution));
     PMA_TRY(pma_field_doubles(&friction, contact->contacts, &contact->friction));
     PMA_TRY(pma_field_doubles(&friction_static, contact->contacts, &contact->friction_static));
-    PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &contact->blas));
-    PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &contact->blas));
+    PMA_TRY(pma_parts_blas(f, &contact->blas));
     PMA_TRY(pma_parts_load(&obstacle, 2 * contact->contacts, &contact->obstacle));
     if (pma_load_has(&contact->obstacle, PMA_LOAD_CALLED))
         return pma_field_refuse(&obstacle, "must not be a compiled function");

@@ -197,10 +197,19 @@ pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out)
     return pma_field_doubles(&values, (size_t)out->ptr[nb], &out->values);
 }
 
+pma_status pma_parts_blas(const pma_field *of, pma_blas *out)
+{
+    const pma_field dgemm = pma_field_at(of, "dgemm"), dtrsm = pma_field_at(of, "dtrsm");
+    *out = (pma_blas){.from = PMA_BLAS_FROM};
+    if (pma_field_is_none(&dgemm) && pma_field_is_none(&dtrsm))
+        return PMA_OK;
+    PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, out));
+    return pma_field_find(&dtrsm, PMA_DTRSM_ROLE, out);
+}
+
 pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out)
 {
     const pma_field structure = pma_field_at(f, "structure"), flag = pma_field_at(f, "unsymmetric");
-    const pma_field dgemm = pma_field_at(f, "dgemm"), dtrsm = pma_field_at(f, "dtrsm");
     const pma_field owner = pma_field_at(&structure, "owner");
     *out = (pma_numeric_parts){.n = n, .nb = nb};
     PMA_TRY(pma_field_dict(f));
@@ -208,8 +217,7 @@ pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeri
     PMA_TRY(take_pattern(f, n, &out->ptr, &out->index));
     if (pma_field_is_none(&structure))
         return PMA_OK;
-    PMA_TRY(pma_field_find(&dgemm, PMA_DGEMM_ROLE, &out->blas));
-    PMA_TRY(pma_field_find(&dtrsm, PMA_DTRSM_ROLE, &out->blas));
+    PMA_TRY(pma_parts_blas(f, &out->blas));
     PMA_TRY(take_structure(&structure, &out->panels));
     return pma_field_longs(&owner, n, &out->owner);
 }

@@ -43,6 +43,9 @@ pma_status pma_parts_panels(const pma_field *f, pma_panels *out);
 /* {p, ptr, indices, values}: L_b by columns */
 pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out);
 
+/* {dgemm, dtrsm}, among others: both None for loops alone */
+pma_status pma_parts_blas(const pma_field *of, pma_blas *out);
+
 /* {ptr, indices, structure, dgemm, dtrsm, unsymmetric}: what is factored again and again; structure
  * is None of a diagonal, else {first, row_ptr, rows, start, owner (n,)}. Without a crew. */
 pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out);
