@@ -171,7 +171,8 @@ def test_amplitudes_are_those_at_all_time_levels_of_a_history_with_all_dofs():
     t, amplitudes = chain.modal_amplitudes(run())
     thin_t, thin_amplitudes = chain.modal_amplitudes(run(every=5))
     np.testing.assert_array_equal(thin_t, t[::5])
-    np.testing.assert_array_equal(thin_amplitudes, amplitudes[::5])
+    # a product of another number of rows adds in another order, under some kernels of BLAS
+    np.testing.assert_allclose(thin_amplitudes, amplitudes[::5], rtol=0.0, atol=1e-15)
     with pytest.raises(ValueError, match="all dofs of A and B"):
         chain.modal_amplitudes(run(record={"A": [0], "B": None}))
 

@@ -11,13 +11,10 @@ strings under prestress, at rest. `iterations`: corrections in a substep, and ev
 chains, contact, oscillators and pendula in all schedules. Balance is in tolerances, each row of the
 residual relative to the sum of its absolute terms. Minutes in all. `--kernels`, with `held` and
 `wrong`: once for each of these kernels of OpenBLAS (Prescott, Nehalem, Haswell, SkylakeX), and the
-runs that do not end alike under all of them. Of these, where forces jump: how the run ends with
-each choice of the side of the jump on which the dofs are that constraints hold on it, a letter
-each, so that no rounding chooses (docs/method/newton.md, "Forces that jump").
+runs that do not end alike under all of them.
 """
 
 import argparse
-import itertools
 import json
 import os
 import subprocess
@@ -36,7 +33,6 @@ from test_newton_held import DT, STEPS, PrestressedString, held, imbalance, with
 import pmalpha as pm
 
 TOL = 1e-8
-BESIDE = 1e-9  # above rounding of held displacements, below the motion of the others
 REFUSED = (pm.ConvergenceError, pm.FactorizationError)
 
 
@@ -53,42 +49,6 @@ def balance(seed, coupling, wrong):
     members = zip(subdomains, L, history, strict=True)
     found = [imbalance(s, Li, x, history.multipliers, jump) for s, Li, x in members if s.internal]
     return max(found) / TOL
-
-
-def held_dofs(L):
-    """For each subdomain, whether constraints alone keep each of its dofs at zero."""
-    matrix = np.hstack(L)
-    free = np.linalg.svd(matrix)[2][np.linalg.matrix_rank(matrix) :]
-    sizes = np.cumsum([Li.shape[1] for Li in L])[:-1]
-    return [abs(part).max(axis=0, initial=0.0) < 1e-12 for part in np.split(free, sizes, axis=1)]
-
-
-def moved(internal, by):
-    """The force, evaluated beside the displacement; with jumps at zero these move to -by."""
-    return lambda u, v, t, q: internal(u + by, v, t, q)
-
-
-def ends_by_sides(seed, coupling):
-    """How a run ends with held dofs on the upper or lower side of the jump of the force, for all
-    choices: A is accepted, C a ConvergenceError."""
-    subdomains, L = held(seed, coupling)
-    subdomains, _ = with_fault(subdomains, seed)
-    sides = [on & (s.internal is not None) for s, on in zip(subdomains, held_dofs(L), strict=True)]
-    ends = ""
-    for choice in itertools.product((1.0, -1.0), repeat=sum(on.sum() for on in sides)):
-        by = np.zeros(sum(on.size for on in sides))
-        by[np.concatenate(sides)] = np.array(choice) * BESIDE
-        parts = np.split(by, np.cumsum([on.size for on in sides])[:-1])
-        jumping = [
-            replace(s, internal=moved(s.internal, x)) if s.internal else s
-            for s, x in zip(subdomains, parts, strict=True)
-        ]
-        try:
-            coupler(jumping, L, DT, coupling, newton=newton_of(seed)).run(steps=STEPS)
-            ends += "A"
-        except pm.PmalphaError as error:
-            ends += type(error).__name__[0]
-    return ends
 
 
 def newton_of(seed):
@@ -130,8 +90,6 @@ def compare(kernels, seeds, wrong):
     print(f"not alike: {len(unlike)} of {len(runs)}")
     for run, x in unlike.items():
         print("   ", run, *x)
-        if wrong and int(run.split()[0]) % 2:
-            print("        by sides of the jump:", *(under(k, "--sides", run) for k in kernels))
 
 
 def survey(seeds, wrong):
@@ -232,16 +190,11 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kernels", nargs="*", default=[])
-    parser.add_argument("--sides", metavar="RUN", help='such as "31 gc": ends by sides of jumps')
     parser.add_argument("--json", action="store_true", help="balances only, of one kind")
     given = parser.parse_args()
     seeds = range(given.first, given.first + given.seeds)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        if given.sides:
-            seed, coupling = given.sides.split()
-            print(ends_by_sides(int(seed), coupling), end="")
-            sys.exit()
         for what in given.what:
             if given.json:
                 print(json.dumps(balances(seeds, what == "wrong")))
