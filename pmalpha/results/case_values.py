@@ -84,10 +84,19 @@ class CaseMotion:
         Parameters
         ----------
         dof : int or str
+            Number of a dof of the subdomain, or its name.
 
         Returns
         -------
         int
+            Number of the column of `u`, `v` and `a`.
+
+        Raises
+        ------
+        TypeError
+            If `dof` is neither a number nor a name.
+        ValueError
+            If the dof was not recorded, or there is none of this name or number.
         """
         (j,) = columns_of(dof, self.dofs, self.n, self.dof_names, "dof", one=True)
         return int(j)
