@@ -23,6 +23,7 @@ from timing import in_turn, run
 
 import pmalpha as pm
 from pmalpha import _core, models, structures
+from pmalpha.problem.forms import Numeric
 from pmalpha.problem.matrices import core_sparse
 from pmalpha.setup.factors import GROWTH, LOST
 from pmalpha.setup.internal_forces import tangent_pattern
@@ -94,10 +95,11 @@ def parts_of_iteration(structure, subdomain):
         structure.M, K, scheme=subdomain.scheme, v0=subdomain.v0, name="linear block"
     )
     coupler = pm.Coupler([linear], dt=0.02, threads=1)
-    factor_panels = partial(_core.factor_panels, core_sparse(A), panels, values, inverse)
+    entries = core_sparse(A)
+    pattern = Numeric(entries.ptr, entries.indices, panels, *blas, unsymmetric=False)
     return (
         partial(force, subdomain.u0),
-        partial(factor_panels, LOST, GROWTH, *blas, 1),
+        partial(_core.factor_panels, pattern, entries.values, values, inverse, LOST, GROWTH, 1),
         coupler.step,
     )
 

@@ -275,8 +275,9 @@ def held(path: Path, name: str) -> Held:
 class NewFile(Held):
     """A file without a name, or with a hidden one, until it is whole.
 
-    Where the system can, it has none, so that nothing is left of a process that was killed. The
-    permissions are those of the file that has the name.
+    Where the system can, it has none, so that nothing is left of a process that was killed, except
+    in the instant of replacing, which takes a hidden name for the whole file. The permissions are
+    those of the file that has the name.
     """
 
     def __init__(self, path: Path):

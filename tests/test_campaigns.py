@@ -49,9 +49,9 @@ def test_files_that_others_write_replace_or_cut_off_mix_and_lose_nothing():
 @pytest.mark.skipif(sys.platform != "linux", reason="compiled with the sanitizers of gcc")
 def test_damaged_frozen_models_are_opened_or_refused_without_a_fault():
     counts = campaign_frozen.campaign(range(1), copies=100)
-    assert counts["models"] == 18 and counts["copies"] == 1800
+    assert counts["models"] > 15 and counts["copies"] == 100 * counts["models"]
     # a change of a number of the data is no damage; a quarter has a check sum that is wrong
-    assert 100 < counts["stepped"] <= counts["opened"] < 900
+    assert 100 < counts["stepped"] <= counts["opened"] < 0.5 * counts["copies"]
 
 
 def test_strangers_on_a_connection_end_it_in_time():
