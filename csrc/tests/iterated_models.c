@@ -43,7 +43,7 @@ void fill_inner(subdomain *x, bool used, const chain *chosen)
         in->plastic = 4.0;
         in->yield = 0.25;
     } else if (chosen->sprung) {
-        x->springs = (pma_springs){1, &LINEAR_SPRINGS, 2};
+        x->springs = (pma_springs){.count = 1, .sets = &LINEAR_SPRINGS, .total = 2};
         in->springs_K[0] = STIFF[0];
         in->springs_K[1] = in->springs_K[x->n] = -STIFF[0];
         in->springs_K[x->n + 1] = STIFF[0] + STIFF[1];

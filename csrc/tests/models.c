@@ -387,8 +387,8 @@ static const pma_spring_set SETS[4] = {
 /* A has the first two, B the third one, C the last two. */
 static void fill_springs(model *m)
 {
-    m->subdomains[0].springs = (pma_springs){2, SETS, 2};
-    m->subdomains[1].springs = (pma_springs){1, SETS + 2, 1};
+    m->subdomains[0].springs = (pma_springs){.count = 2, .sets = SETS, .total = 2};
+    m->subdomains[1].springs = (pma_springs){.count = 1, .sets = SETS + 2, .total = 1};
     m->subdomains[2].springs = (pma_springs){2, SETS + 2, 2};
 }
 
