@@ -157,7 +157,7 @@ class Structure:
             - np.array([q.load(ti) for ti in t])
             for q in self.pieces
         ]  # fmt: skip
-        return np.linalg.lstsq(np.hstack(L).T, np.hstack(left).T)[0].T
+        return np.linalg.lstsq(np.hstack(L).T, np.hstack(left).T, rcond=None)[0].T
 
     def constraints(self):
         L = [np.zeros((len(self.ties), len(q.dofs))) for q in self.pieces]

@@ -237,7 +237,6 @@ def test_ctrl_c_while_an_npz_file_is_written_is_a_keyboard_interrupt(tmp_path, m
             sent.append(os.kill(os.getpid(), signal.SIGINT))
 
     monkeypatch.setattr(np.lib.format, "write_array", interrupted)
-    monkeypatch.setattr(np.lib._npyio_impl.format, "write_array", interrupted)
     coupler.step()
     with pytest.raises(KeyboardInterrupt):
         coupler.save(path)

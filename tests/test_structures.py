@@ -783,7 +783,7 @@ def test_dofs_computed_from_nodes_and_nodes_with_one_dof_are_dofs():
     edge = plate.nodes_at(x=0.0)
     by_hand = pm.reduce(plate.M, plate.K, fixed=2 * edge)
     np.testing.assert_array_equal(by_hand.fixed, plate.dofs(edge, "ux"))
-    assert type(edge.max()) is np.int64
+    assert edge.max() == 2 and not isinstance(edge.max(), type(edge))
     rod = structures.rod(4, 1.0, EA=1.0, rhoA=1.0)
     assert pm.reduce(rod.M, rod.K, fixed=rod.nodes_at(x=0.0)).fixed.tolist() == [0]
 

@@ -389,7 +389,7 @@ static void fill_springs(model *m)
 {
     m->subdomains[0].springs = (pma_springs){.count = 2, .sets = SETS, .total = 2};
     m->subdomains[1].springs = (pma_springs){.count = 1, .sets = SETS + 2, .total = 1};
-    m->subdomains[2].springs = (pma_springs){2, SETS + 2, 2};
+    m->subdomains[2].springs = (pma_springs){.count = 2, .sets = SETS + 2, .total = 2};
 }
 
 static void fill_chain(model *m, const plan *chosen, double scale)

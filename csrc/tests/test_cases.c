@@ -296,7 +296,7 @@ static void only_an_explicit_linear_subdomain_with_single_steps_is_shared(void)
     bad[0].single.factor.form = PMA_BAND;
     bad[1].doubled = true;
     bad[2].lagged = true;
-    bad[3].springs = (pma_springs){1, &SET, SPRINGS};
+    bad[3].springs = (pma_springs){.count = 1, .sets = &SET, .total = SPRINGS};
     bad[4].restoring = (pma_restoring){.function = pull, .n = LONG, .order = order, .work = work};
     bad[5].D_r = good.C;
     for (size_t i = 0; i < 6; i++)
@@ -313,7 +313,7 @@ static void a_member_is_what_its_parts_are(void)
     CHECK_INT(plain.substeps, 2);
     CHECK(plain.h == 0.1);
     CHECK(plain.doubling == PMA_DOUBLED && plain.forces == PMA_NO_FORCES);
-    parts.springs = (pma_springs){1, &SET, SPRINGS};
+    parts.springs = (pma_springs){.count = 1, .sets = &SET, .total = SPRINGS};
     CHECK(member_of(&parts).entries > plain.entries);
     CHECK_INT(member_of(&parts).forces, PMA_NO_FORCES);
     parts.doubled = false;

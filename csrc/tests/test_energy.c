@@ -106,7 +106,7 @@ static void check_springs_by_hand(size_t substeps)
                                 .first = &first,
                                 .second = &ground,
                                 .parameters = {&one, &three, &half}};
-    const pma_springs springs = {1, &set, 1};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = 1};
     double springs_at[3][3] = {{0.25, 1.0, 0.0}, {1.0, 2.5, 0.5}, {-1.0, -2.5, -0.5}};
     double u[3][2] = {{0.0, 0.25}, {0.0, 1.0}, {0.0, -1.0}}, v[2] = {0.0, 0.0};
     /* 3/4 7/2 / 2 + 1/8 - 7/8;  a double step, from the first level: 5/4 3/2 / 2 + 1/8 - 7/8 */

@@ -23,7 +23,7 @@ static void lead(pma_spring_law law, const double *parameters, size_t count, con
     set.elements = law == PMA_MULTILINEAR || law == PMA_ELASTIC ? 2 : 0;
     for (size_t k = 0; k < pma_spring_parameters(&set); k++)
         set.parameters[k] = &parameters[k];
-    const pma_springs springs = {1, &set, 1};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = 1};
     double memory[NUMBERS] = {0.0};
     CHECK_STATUS(pma_springs_check(&springs, 1), PMA_OK);
     for (size_t i = 0; i < count; i++) {
@@ -60,7 +60,7 @@ static void a_damped_gap_pushes_with_both_and_never_pulls(void)
                                 .first = &first,
                                 .second = &ground,
                                 .parameters = {&k, &gap, &c}};
-    const pma_springs springs = {1, &set, 1};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = 1};
     CHECK(pma_springs_have_rates(&springs));
     for (size_t i = 0; i < 5; i++) {
         double level[3] = {0.0}, y = 0.0, slope;
@@ -118,7 +118,7 @@ static void bouc_wen_springs_follow_their_paths_bitwise_as_each_alone(void)
     }
     pma_spring_set set = {.law = PMA_BOUC_WEN, .count = COUNT, .first = dofs, .second = ground};
     memcpy(set.parameters, parameters, sizeof parameters);
-    const pma_springs springs = {1, &set, COUNT};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = COUNT};
     for (size_t step = 0; step < 3; step++) {
         double before[3 * COUNT], force, inner;
         memcpy(before, memory, sizeof before);
@@ -132,7 +132,8 @@ static void bouc_wen_springs_follow_their_paths_bitwise_as_each_alone(void)
                 .law = PMA_BOUC_WEN, .count = 1, .first = &first, .second = ground};
             for (size_t k = 0; k < 7; k++)
                 one.parameters[k] = &P[k][i];
-            pma_springs_subtract(&(pma_springs){1, &one, 1}, &u[i], NULL, own, own, &y_own);
+            pma_springs_subtract(&(pma_springs){.count = 1, .sets = &one, .total = 1}, &u[i], NULL,
+                                 own, own, &y_own);
             force = own[1], inner = own[2];
             CHECK_BITS(1, &memory[COUNT + i], &force);
             CHECK_BITS(1, &memory[2 * COUNT + i], &inner);
@@ -162,7 +163,8 @@ static void springs_that_do_not_fit_are_refused(void)
                                     .first = &places[i],
                                     .second = &places[2],
                                     .parameters = {k, k}};
-        const pma_springs springs = {1, &set, 1}, other = {1, &set, 2};
+        const pma_springs springs = {.count = 1, .sets = &set, .total = 1},
+                          other = {.count = 1, .sets = &set, .total = 2};
         CHECK_STATUS(pma_springs_check(&springs, 2), i % 2 ? PMA_BAD_INDEX : PMA_OK);
         CHECK_STATUS(pma_springs_check(&other, 2), i % 2 ? PMA_BAD_INDEX : PMA_BAD_SIZE);
     }
@@ -186,7 +188,7 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
          .second = second,
          .parameters = {k, zero}},
         {.law = PMA_GAP, .count = 1, .first = first, .second = second, .parameters = {k, zero}}};
-    const pma_springs springs = {2, sets, MANY_SPRINGS};
+    const pma_springs springs = {.count = 2, .sets = sets, .total = MANY_SPRINGS};
     pma_springs_subtract(&springs, u, NULL, from, to, y);
     CHECK(y[0] == 1.0 - MANY_SPRINGS * 0.25 * 1.5 && y[1] == 1.0 + MANY_SPRINGS * 0.25 * 1.5);
     CHECK(from[0] == 0.0 && to[0] == 1.5 && to[1] == -1.5 && to[MANY_SPRINGS] == 0.375);
@@ -218,7 +220,7 @@ static void springs_pull_bitwise_identically_on_all_processors(void)
             P[6][i] = 10.0 * fabs(P[6][i]) + 0.1;
         }
         for (set.count = 1; set.count <= COUNT; set.count++) {
-            const pma_springs springs = {1, &set, set.count};
+            const pma_springs springs = {.count = 1, .sets = &set, .total = set.count};
             memset(from, 0, sizeof from);
             draw_vector(set.count, &seed, from);
             memset(to, 0, sizeof to);
@@ -289,7 +291,7 @@ static void check_energy(pma_spring_law law, size_t elements, const double *para
         .law = law, .count = 1, .elements = elements, .first = &first, .second = &ground};
     for (size_t k = 0; k < pma_spring_parameters(&set); k++)
         set.parameters[k] = &parameters[k];
-    const pma_springs springs = {1, &set, 1};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = 1};
     double level[NUMBERS] = {0.0}, to[NUMBERS] = {0.0}, work = 0.0, lost = 0.0, y = 0.0,
            first_top = 0.0;
     for (size_t i = 1; i <= 10000; i++) {
@@ -326,7 +328,7 @@ static double pull_to(pma_spring_law law, const double *parameters, const double
     set.elements = law == PMA_MULTILINEAR || law == PMA_ELASTIC ? 2 : 0;
     for (size_t k = 0; k < pma_spring_parameters(&set); k++)
         set.parameters[k] = &parameters[k];
-    const pma_springs springs = {1, &set, 1};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = 1};
     double y = 0.0;
     pma_springs_subtract(&springs, &d, NULL, from, to, &y);
     pma_springs_tangent(&springs, from, to, 1.0, 0.0, slope);
@@ -401,7 +403,7 @@ static void tangents_are_in_the_order_of_the_sets(void)
     const pma_spring_set sets[2] = {
         {.law = PMA_CUBIC, .count = 2, .first = dofs, .second = ground, .parameters = {k, k3}},
         {.law = PMA_GAP, .count = 2, .first = dofs, .second = ground, .parameters = {k, gaps}}};
-    const pma_springs springs = {2, sets, 4};
+    const pma_springs springs = {.count = 2, .sets = sets, .total = 4};
     double from[12] = {0.0}, to[12], y[2] = {0.0, 0.0}, slopes[4];
     pma_springs_subtract(&springs, u, NULL, from, to, y);
     pma_springs_tangent(&springs, from, to, 1.0, 0.0, slopes);
