@@ -29,14 +29,13 @@ struct pma_energy {
     double *start_load;    /* n: F at the beginning, without what depends on the motion */
     bool knows_functions;  /* both with what restoring functions gave there */
     double start_potential;
-    double start_stored; /* T + U there, without that potential */
-    bool has_new_chain;  /* (B14) holds in this macro step, at time level 1 */
-    double
-        *first_velocity; /* n: at time level 1 after it, where a double step is completed later */
-    bool conserves;      /* E* is asked for, */
-    double weight;       /* ... with this multiple of K beside M */
-    double *product;     /* n: scratch */
-    double *numbers;     /* of all levels */
+    double start_stored;    /* T + U there, without that potential */
+    bool has_new_chain;     /* (B14) holds in this macro step, at time level 1 */
+    double *first_velocity; /* n: at time level 1, of a double step that is completed later */
+    bool conserves;         /* E* is asked for, */
+    double weight;          /* ... with this multiple of K beside M */
+    double *product;        /* n: scratch */
+    double *numbers;        /* of all levels */
 };
 
 /* ---- making --------------------------------------------------------------------------------- */

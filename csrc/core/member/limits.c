@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "member/state.h"
 #include "object.h"
 
 /* Commands of the last substeps, and those before a macro step that may be taken again; vectors of
@@ -11,13 +12,12 @@
 enum { RING = 4, KEPT = 2, COMMANDS = RING + KEPT + 1, VECTORS = 2 * COMMANDS + 3 };
 
 typedef struct {
-    int64_t number; /* of the substep, or NONE */
+    int64_t number; /* of the substep, or PMA_NO_SUBSTEP */
     double *u, *r;  /* command and force, n each */
     double work;    /* of the forces since the first one */
     bool measured;
 } command;
 
-#define NONE INT64_MIN
 #define BEFORE (-1) /* the first substep of a run has number 0 */
 
 /* The last command by the clock, and the one before it from which its rate is taken: the rate of
@@ -58,7 +58,7 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
     l->drive.u = l->numbers + (size_t)(2 * COMMANDS) * n;
     l->drive.before = l->drive.u + n;
     l->drive.rate = l->drive.before + n;
-    l->start.number = NONE;
+    l->start.number = PMA_NO_SUBSTEP;
     pma_limits_begin(l);
     *out = l;
     return PMA_OK;
@@ -72,9 +72,9 @@ void pma_limits_destroy(pma_limits *l)
 void pma_limits_begin(pma_limits *l)
 {
     for (size_t i = 0; i < RING; i++)
-        l->ring[i].number = NONE;
+        l->ring[i].number = PMA_NO_SUBSTEP;
     for (size_t i = 0; i < KEPT; i++)
-        l->kept[i].number = NONE;
+        l->kept[i].number = PMA_NO_SUBSTEP;
     l->last = &l->ring[0];
     l->drive.known = false;
 }
@@ -259,19 +259,19 @@ bool pma_limits_measure_first(pma_limits *l, double t)
     l->t = t;
     if (force_within(l, l->start.r))
         return true;
-    l->start.number = NONE;
+    l->start.number = PMA_NO_SUBSTEP;
     return false;
 }
 
 void pma_limits_begin_first(pma_limits *l, const double *v)
 {
     pma_limits_begin(l);
-    if (l->start.number == NONE)
+    if (l->start.number == PMA_NO_SUBSTEP)
         return;
     assume(l, BEFORE + 1, l->start.u, v);
     memcpy(slot(l, BEFORE)->r, l->start.r, l->parts.n * sizeof(double));
     slot(l, BEFORE)->measured = true;
-    l->start.number = NONE;
+    l->start.number = PMA_NO_SUBSTEP;
 }
 
 bool pma_limits_measure(pma_limits *l)

@@ -28,6 +28,9 @@ typedef struct {
     double *values;
 } pma_state_array;
 
+/* The number of no substep. */
+#define PMA_NO_SUBSTEP INT64_MIN
+
 /* One step of one subdomain: the value that every operation of a step is given, made in one place,
  * coupling/clock.h, from the number of the fine step. Time levels of a subdomain are counted from
  * the present, which is time level 0: `substeps` of them in a macro step. They go on beyond it

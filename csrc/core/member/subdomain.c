@@ -397,9 +397,6 @@ size_t pma_subdomain_kept(const pma_subdomain *s, pma_state_array out[PMA_LEVEL_
     return pma_levels_arrays(&s->levels, out);
 }
 
-/* Number of no substep. */
-#define UNKNOWN INT64_MIN
-
 /* ---- balance -------------------------------------------------------------------------------- */
 
 static pma_status watch(pma_subdomain *s, const pma_balance_parts *parts)
@@ -458,7 +455,7 @@ pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each
 
 void pma_subdomain_watch_again(pma_subdomain *s)
 {
-    s->evaluated.number[0] = s->evaluated.number[1] = UNKNOWN;
+    s->evaluated.number[0] = s->evaluated.number[1] = PMA_NO_SUBSTEP;
     if (s->balance)
         pma_balance_begin(s->balance);
     if (s->rig)
