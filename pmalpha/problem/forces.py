@@ -126,26 +126,13 @@ class SampledForce(Frozen):
         """The k samples at (m,) times, (m, k), for t >= 0, evaluated like in the core."""
         last = len(self.values) - 1
         x = _position((t - self._begin) / self.dt)
-        j = np.clip(x, 0, max(last - 1, 0)).astype(np.int64)
+        j = np.minimum(np.maximum(x, 0.0), max(last - 1, 0)).astype(np.int64)
         s = (np.minimum(x, last) - j)[:, None]
         f, after = self.values[j], self.values[np.minimum(j + 1, last)]
         series: np.ndarray = (1.0 - s) * f + s * after
         if not self.hold:
             series[x > last] = 0.0
         return series
-
-    def _sample(self, t: float) -> np.ndarray:
-        """`_series` at one time, (k,), bitwise: without arrays of one number."""
-        last, x = len(self.values) - 1, (t - self._begin) / self.dt
-        nearest = float(round(x)) if abs(x) < 2.0**52 else x
-        if abs(x - nearest) <= 16.0 * float_info.epsilon * nearest:
-            x = nearest
-        if x > last and not self.hold:
-            return np.zeros_like(self.values[0])
-        j = int(min(max(x, 0.0), max(last - 1, 0)))
-        s = min(x, last) - j
-        result: np.ndarray = (1.0 - s) * self.values[j] + s * self.values[min(j + 1, last)]
-        return result
 
     def _changed(self, **attributes: Any) -> Self:
         new = object.__new__(type(self))
@@ -154,7 +141,7 @@ class SampledForce(Frozen):
 
     def __call__(self, t: float) -> np.ndarray:
         """F(t), shape (n,), for t >= 0, evaluated like in the core."""
-        sample = self._sample(float(t))
+        sample = self._series(np.array([t]))[0]
         result: np.ndarray = sample if self.shape is None else self.shape @ sample
         return result
 
