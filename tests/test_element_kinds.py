@@ -254,13 +254,13 @@ def of_skfem(kind):
         "quad9": (skfem.MeshQuad, skfem.ElementQuad2),
         "tetra": (skfem.MeshTet, skfem.ElementTetP1),
         "tetra10": (skfem.MeshTet, skfem.ElementTetP2),
+        "hexahedron": (skfem.MeshHex, skfem.ElementHex1),
         "hexahedron20": (skfem.MeshHex, skfem.ElementHexS2),
     }[kind]
 
 
-# hexahedra of first order are compared in test_structures.py; its weights of quadrature in a wedge
-# sum up to a quarter instead of a half
-@pytest.mark.parametrize("kind", [*PLANE, "tetra", "tetra10", "hexahedron20"])
+# its weights of quadrature in a wedge sum up to a quarter instead of a half
+@pytest.mark.parametrize("kind", [*PLANE, "tetra", "tetra10", "hexahedron", "hexahedron20"])
 def test_matrices_are_those_of_scikit_fem(kind):
     skfem = pytest.importorskip("skfem")
     from skfem.helpers import dot
@@ -271,7 +271,7 @@ def test_matrices_are_those_of_scikit_fem(kind):
     d = points.shape[1]
     points = points + 0.2 * points[:, ::-1] * np.arange(1, d + 1)  # sheared: straight, parallel
     order = slice(None)
-    if kind == "hexahedron20":  # corners in the order of that program
+    if kind.startswith("hexahedron"):  # corners in the order of that program
         unit = SHAPES["hexahedron"].nodes.tolist()
         order = [unit.index(x) for x in mesh_of.init_refdom().p.T.tolist()]
     mesh = mesh_of(points.T.copy(), corners[:, order].T.copy())

@@ -4,9 +4,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-import skfem
-from skfem.helpers import dot
-from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
 
 import pmalpha as pm
 from pmalpha import models, structures
@@ -339,60 +336,6 @@ def test_a_structure_moves_as_a_subdomain_of_the_coupler(kind):
     np.testing.assert_allclose(history.u[-1], u0, rtol=0.0, atol=1e-10)
 
 
-# ---- patch tests ----------------------------------------------------------------------------
-
-GRADIENT = np.array([[0.3, -0.2, 0.5], [0.7, 0.1, -0.4], [0.2, 0.6, -0.1]])
-
-
-def hooke(gradient, lam, mu):
-    """Stress of a displacement gradient."""
-    strain = (gradient + gradient.T) / 2.0
-    return lam * np.trace(strain) * np.eye(len(strain)) + 2.0 * mu * strain
-
-
-def boundary_forces(structure, shape, edge, stress):
-    """(N, dim): sigma n on the sides of a box with a regular boundary, shared by the corners.
-
-    Each side has faces of edge^(dim - 1), of which each corner takes an equal share.
-    """
-    dim = len(shape)
-    forces = np.zeros_like(structure.points)
-    corner_share = (edge / 2.0) ** (dim - 1)
-    index = np.indices([c + 1 for c in shape]).reshape(dim, -1).T
-    faces = np.where((index == 0) | (index == np.array(shape)), 1, 2)  # along each axis
-    for axis in range(dim):
-        others = np.delete(faces, axis, axis=1).prod(axis=1)
-        for side, normal in ((0, -1.0), (shape[axis], 1.0)):
-            on = index[:, axis] == side
-            forces[on] += normal * corner_share * others[on, None] * stress[:, axis]
-    return forces
-
-
-def patch_test(structure, shape, stress, thickness):
-    dim = len(shape)
-    gradient = GRADIENT[:dim, :dim]
-    u = structure.points @ gradient.T + 0.4
-    found = (structure.K @ u.ravel()).reshape(u.shape)
-    expected = thickness * boundary_forces(structure, shape, 0.5, stress)
-    # rounding of rows of up to 81 terms of the size of K u
-    bound = 1e-14 * largest(structure.K) * largest(u)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=bound)
-    assert largest(expected) > 1e10 * bound
-    energy = 0.5 * u.ravel() @ structure.K @ u.ravel()
-    volume = thickness * np.prod(shape) * 0.5**dim
-    assert energy == pytest.approx(0.5 * volume * np.sum(stress * gradient), rel=1e-13)
-
-
-def test_a_linear_displacement_strains_a_distorted_plate_or_solid_evenly():
-    E, nu = STEEL["E"], STEEL["nu"]
-    mu = E / 2.0 / (1.0 + nu)
-    # plane stress: the third principal stress is zero
-    flat = hooke(GRADIENT[:2, :2], E * nu / (1.0 - nu**2), mu)
-    patch_test(distorted_plate(t=0.2), (4, 3), flat, 0.2)
-    stress = hooke(GRADIENT, E * nu / (1.0 + nu) / (1.0 - 2.0 * nu), mu)
-    patch_test(distorted_solid(), (3, 4, 3), stress, 1.0)
-
-
 # ---- plates and solids: numbers -------------------------------------------------------------
 
 
@@ -481,88 +424,6 @@ def test_two_plates_coupled_by_gc_have_the_displacements_of_another_program():
     # all nine digits of the other program
     expected = [1.31801162e-3, 4.11251227e-4]
     np.testing.assert_allclose(coupler.state("right").u[:2], expected, rtol=1e-8)
-
-
-# ---- scikit-fem -----------------------------------------------------------------------------
-
-# Where meshio's corners of a hexahedron are in the unit cube.
-CUBE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-
-
-def skfem_mesh(structure):
-    """The mesh of a plate or solid, and the element for one component."""
-    ((kind, elements),) = structure.elements.items()
-    if kind == "quad":
-        return skfem.MeshQuad(structure.points.T, elements.T), skfem.ElementQuad1()
-    corners = [CUBE.index(tuple(p)) for p in skfem.MeshHex.init_refdom().p.T.astype(int)]
-    return skfem.MeshHex(structure.points.T, elements[:, corners].T), skfem.ElementHex1()
-
-
-def by_skfem(structure, lam, mu, rho, elements=None):
-    """M and K of some elements in our order of dofs; lam, mu, rho (E,) of all elements."""
-    mesh, element = skfem_mesh(structure)
-    chosen = np.arange(mesh.t.shape[1]) if elements is None else elements
-    # degree 2 takes two Gauss points along each axis
-    basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=2, elements=chosen)
-    lam, mu, rho = (x[chosen, None] for x in (lam, mu, rho))
-    M = skfem.BilinearForm(lambda u, v, w: rho * dot(u, v)).assemble(basis)
-    K = linear_elasticity(lam, mu).assemble(basis)
-    order = basis.nodal_dofs.T.ravel()
-    return [sp.csr_array(A)[order][:, order] for A in (M, K)]
-
-
-def case(kind):
-    """A distorted structure with another material in each element: function, options, lam, mu
-    and density for scikit-fem."""
-    structure = {"plate": distorted_plate, "solid": distorted_solid}[kind]()
-    (elements,) = structure.elements.values()
-    rng = np.random.default_rng(5)
-    E, rho, t = rng.uniform(1.0, 9.0, (3, len(elements)))
-    nu = rng.uniform(0.1, 0.4, len(elements))
-    if kind == "plate":
-        lam, mu = plane_stress(E, nu)
-        options = {"E": E, "nu": nu, "rho": rho, "t": t}
-        return structures.plate_on, structure, options, (t * lam, t * mu, t * rho)
-    lam, mu = lame_parameters(E, nu)
-    return structures.solid_on, structure, {"E": E, "nu": nu, "rho": rho}, (lam, mu, rho)
-
-
-def assert_same(ours, theirs):
-    """Up to rounding, of integrals over up to 8 elements and 8 points."""
-    assert ours.shape == theirs.shape
-    assert largest(ours - theirs) < 1e-14 * largest(theirs)
-
-
-@pytest.mark.parametrize("kind", ["plate", "solid"])
-def test_matrices_are_those_of_scikit_fem(kind):
-    build, mesh, options, coefficients = case(kind)
-    (elements,) = mesh.elements.values()
-    ours = build(mesh.points, elements, **options)
-    M, K = by_skfem(mesh, *coefficients)
-    assert_same(ours.M, M)
-    assert_same(ours.K, K)
-
-
-@pytest.mark.parametrize("kind", ["plate", "solid"])
-def test_matrices_over_some_of_the_elements_sum_to_the_whole(kind):
-    build, mesh, options, coefficients = case(kind)
-    (elements,) = mesh.elements.values()
-    whole = build(mesh.points, elements, **options)
-    left = mesh.points[elements].mean(axis=1)[:, 0] < 0.8
-    totals = [np.zeros((whole.n, whole.n)) for _ in range(4)]
-    for chosen in (np.flatnonzero(left), np.flatnonzero(~left)):
-        points, renumbered, nodes = structures.submesh(mesh.points, elements[chosen])
-        some = build(points, renumbered, **{name: x[chosen] for name, x in options.items()})
-        assert some.n < whole.n
-        dofs = whole.dofs(nodes)
-        for total, A in zip(totals[:2], (some.M, some.K), strict=True):
-            total[np.ix_(dofs, dofs)] += A.toarray()
-        for total, A in zip(totals[2:], by_skfem(mesh, *coefficients, chosen), strict=True):
-            total += A.toarray()
-            # no entries outside the nodes of the chosen elements
-            assert np.count_nonzero(np.delete(A.toarray(), dofs, axis=0)) == 0
-    for total, A in zip(totals, (whole.M, whole.K) * 2, strict=True):
-        assert_same(total, A.toarray())
 
 
 # ---- modes ----------------------------------------------------------------------------------
