@@ -351,6 +351,29 @@ def pieces(run):
     require_equal("three threads", one, results_of(threads))
 
 
+def records(run):
+    """Other things recorded, before and after a snapshot: the motion is the same, and energies."""
+    whole, one = run.whole, run.results
+    name = whole.members[-1].name
+    coupler = whole.coupler(threads=2)
+    full = coupler.run(steps=STEPS, energy=True)
+    require_equal("with energies", one, results_of(full))
+    coupler.reset()
+    coupler.step(2)
+    before = coupler.snapshot()
+    for _ in range(2):  # the second time from what was restored
+        some = coupler.run(steps=STEPS - 2, record={name: [0]}, every=2)
+        last = {("u", name): one["u", name][-1:, :1], ("v", name): one["v", name][-1:, :1]}
+        found = {(q, name): getattr(some[name], q)[-1:] for q in "uv"}
+        require_equal("one dof at the end, from a snapshot", last, found)
+        coupler.restore(before)
+    coupler.reset()
+    ends = coupler.run(steps=STEPS, energy=True, every=STEPS, record={}).energy
+    for kind in ("kinetic", "strain", "dissipated", "external", "interface", "balance"):
+        sums, rest = ({(kind, "all"): getattr(x, kind)[-1:]} for x in (full.energy, ends))
+        require_equal("energies at the end", sums, rest)
+
+
 def cases(run):
     """Several cases by `run_each`, and each by `reset` and `run`."""
     rng, whole = run.rng, run.whole
@@ -455,7 +478,9 @@ def rest(run):
         require_equal("rest", {(x, p.name): zero for x in "va"}, first, spread)
 
 
-RELATIONS = {x.__name__: x for x in (order, units, forms, linear_force, pieces, cases, uncut, rest)}
+RELATIONS = {
+    x.__name__: x for x in (order, units, forms, linear_force, pieces, records, cases, uncut, rest)
+}
 
 
 def attempt(seed, counts, names=tuple(RELATIONS)):

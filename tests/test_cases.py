@@ -9,7 +9,6 @@ import waits
 from agreement import assert_identical
 from pairwise import in_turn
 from test_checkpoint import chain, coupler, snapshot
-from test_snapshot import nonlinear
 
 import pmalpha as pm
 from pmalpha.results.quantities import arrays_of
@@ -80,14 +79,6 @@ def test_histories_share_no_array():
     found = [[x for r in (h, *h.subdomains) for x in arrays_of(r).values()] for h in histories]
     for one, other in combinations(found, 2):
         assert not any(np.shares_memory(x, y) for x, y in zip(one, other, strict=True))
-
-
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-def test_internal_forces_and_springs_run_bitwise_as_one_by_one(coupling):
-    ours, theirs = nonlinear(coupling), nonlinear(coupling)
-    cases = [{"force": {"a": [f, 0.0]}} for f in (0.0, 1.0, -2.0)]
-    for x, y in zip(ours.run_each(cases, steps=8), one_by_one(theirs, cases, steps=8)):
-        assert_identical(x, y)
 
 
 def softened(coupling="pm", **options):

@@ -1,10 +1,8 @@
 """Energy of internal forces: potentials, what histories dissipate, and the first time level."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from agreement import assert_identical, assert_order
+from agreement import assert_order
 
 import pmalpha as pm
 from pmalpha import structures
@@ -185,26 +183,6 @@ def test_a_shear_test_of_a_plastic_square_dissipates_what_its_loop_encloses():
 
 
 # ---- nothing else changes -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-def test_recording_the_energy_changes_no_result(coupling):
-    schemes, substeps = (pm.GeneralizedAlpha(0.5), EXPLICIT), (1, 1 if coupling == "macro" else 4)
-    plain = pair(0.02, schemes, substeps, coupling).run(0.5)
-    energy = pair(0.02, schemes, substeps, coupling).run(0.5, energy=True)
-    assert_identical(plain, replace(energy, energy=None))
-
-
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-def test_the_energy_with_threads_is_that_without(coupling):
-    """Potentials are Python functions: the thread that called `run` evaluates them."""
-    schemes, substeps = (pm.GeneralizedAlpha(0.5), EXPLICIT), (1, 1 if coupling == "macro" else 4)
-    one, two = (
-        pair(0.02, schemes, substeps, coupling, threads).run(1.0, energy=True).energy
-        for threads in (1, 2)
-    )
-    for kind in ("kinetic", "strain", "dissipated", "interface", "balance"):
-        assert np.array_equal(getattr(one, kind), getattr(two, kind))
 
 
 def test_a_file_and_every_have_the_same_energy(tmp_path):

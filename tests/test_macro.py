@@ -1,14 +1,14 @@
 """Macro coupling: agreement with the reference, order, stability, energy and errors."""
 
 import warnings
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
 import reference
 import scipy.sparse as sp
 import waits
-from agreement import assert_identical, assert_run_agrees, assert_same_levels, largest
+from agreement import assert_run_agrees, assert_same_levels, largest
 from pairwise import in_turn, pairwise
 from problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
@@ -91,40 +91,6 @@ def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_d
 
 
 # ---- what must not change a run ---------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("seed", "storing"), in_turn(range(6), "stored", "repeated"))
-def test_run_step_and_every_record_are_bitwise_identical(seed, storing, monkeypatch):
-    if storing == "repeated":
-        monkeypatch.setattr(macro, "STORED", 0)
-    problem = random_macro_problem(seed)
-    recorded, sparsely, stepped, some = (made(problem) for _ in range(4))
-    at_all_levels = recorded.run(steps=STEPS)
-    at_macro_steps = sparsely.run(steps=STEPS, every=1)
-    for _ in range(STEPS):
-        stepped.step()
-    one_dof = some.run(steps=STEPS, record={0: [0]})
-    for other in (sparsely, stepped, some):
-        assert_same_levels(recorded, other)
-    np.testing.assert_array_equal(one_dof[0].u[:, 0], at_all_levels[0].u[:, 0])
-    for i, s in enumerate(problem.subdomains):
-        np.testing.assert_array_equal(at_macro_steps[i].t, at_all_levels[i].t[:: s.substeps])
-        np.testing.assert_array_equal(at_macro_steps[i].u, at_all_levels[i].u[:: s.substeps])
-
-
-@pytest.mark.parametrize("seed", [0, 4, 11])
-def test_any_number_of_threads_gives_bitwise_identical_results(seed, monkeypatch):
-    problem = random_macro_problem(seed)
-    alone = made(problem)
-    expected = alone.run(steps=STEPS)
-    make = pm.Coupler
-    for threads in (2, 5):
-        monkeypatch.setattr(pm, "Coupler", partial(make, threads=threads))
-        shared = made(problem)
-        history = shared.run(steps=STEPS)
-        assert shared.threads == min(threads, len(problem.subdomains))
-        assert_same_levels(alone, shared)
-        assert_identical(history, expected)
 
 
 @pytest.mark.parametrize("coupling", ["macro", "mean"])

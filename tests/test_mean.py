@@ -159,26 +159,6 @@ def test_recorded_accelerations_are_those_of_the_present():
         assert np.array_equal(second[name].a[-1], coupler.state(name).a)
 
 
-@pytest.mark.parametrize(("double", "threads"), [(False, 3), (True, 1)])
-def test_runs_in_pieces_and_from_a_file_are_bitwise_the_same(tmp_path, double, threads):
-    substeps = (1, 1, 1) if double else (1, 3, 7)
-    whole = loop(substeps, MIXED, 0.05, double=double).run(steps=30)
-    coupler = loop(substeps, MIXED, 0.05, double=double, threads=threads)
-    coupler.step(11)
-    coupler.save(tmp_path / "state")
-    other = loop(substeps, MIXED, 0.05, double=double)
-    other.load(tmp_path / "state")
-    rest = other.run(steps=19)
-    for name in "012":
-        for x in "uva":
-            assert np.array_equal(getattr(rest[name], x)[-1], getattr(whole[name], x)[-1])
-    assert np.array_equal(rest.multipliers[-1], whole.multipliers[-1])
-    coupler.reset()
-    again = coupler.run(steps=30, every=5)
-    assert np.array_equal(again["2"].u[-1], whole["2"].u[-1])
-    assert np.array_equal(again["2"].a[-1], whole["2"].a[-1])
-
-
 def test_stored_and_repeated_responses_agree(monkeypatch):
     """1e-12: two orders of the same sums."""
     stored = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)

@@ -102,14 +102,6 @@ def test_a_mixed_list_moves_the_structure_like_one_function_of_the_sum(coupling)
         assert np.abs(mixed[name].u - linear[name].u).max() > 0.1
 
 
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-def test_threads_give_bitwise_identical_results(coupling):
-    alone, many = (run(MIXED, coupling, threads=threads) for threads in (1, 2))
-    for name in "ab":
-        np.testing.assert_array_equal(many[name].u, alone[name].u)
-    np.testing.assert_array_equal(many.multipliers, alone.multipliers)
-
-
 def test_compiled_functions_alone_are_summed_too_in_any_thread():
     def sum_of_both(u, v, t):
         r = 0.5 * u / (1.0 + u * u)
