@@ -180,10 +180,10 @@ def shifted(whole, rng):
 class Run:
     """A problem, its results, and how much they may differ."""
 
-    def __init__(self, seed):
+    def __init__(self, seed, draw=drawn):
         self.seed = seed
         self.begin("spread")
-        self.whole = drawn(seed)
+        self.whole = draw(seed)
         self.results = computed(self.whole)
         self.spread = Spread(self.whole, self.results, self.rng)
 
@@ -483,12 +483,12 @@ RELATIONS = {
 }
 
 
-def attempt(seed, counts, names=tuple(RELATIONS)):
+def attempt(seed, counts, names=tuple(RELATIONS), draw=drawn):
     """One problem and all relations, or some."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            run = run_of(seed)
+            run = run_of(seed, draw)
         except (ValueError, pm.PmalphaError) as error:
             counts[f"refused, {type(error).__name__}"] += 1
             return

@@ -84,28 +84,6 @@ def test_constraints_are_constraints():
 # ---- running ------------------------------------------------------------------------------------
 
 
-def test_t_end_must_be_a_whole_number_of_macro_steps():
-    coupler = coupled()
-    for t_end in (0.05, 0.35, 0.1 + 2e-7, 0.3 - 2e-7):
-        refused(ValueError, lambda: coupler.run(t_end), "t_end", "whole number", repr(t_end))
-    assert coupler.run(0.1 + 0.9e-7).macro_times[-1] == 0.1  # to 1e-6 of a step
-    assert coupler.run(0.3).macro_times[-1] == 3 * 0.1
-
-
-def test_t_end_before_the_present_time_is_a_value_error():
-    coupler = moved(coupled(), 5)
-    refused(ValueError, lambda: coupler.run(0.4), "t_end", "behind", "0.5", "0.4")
-    refused(ValueError, lambda: coupler.run(-0.1), "t_end", "behind", "-0.1")
-    with pytest.warns(UserWarning, match="the time is 0.5 already"):
-        assert coupler.run(0.5)["a"].t.size == 1
-
-
-def test_t_end_or_steps_is_given_and_not_both():
-    coupler = coupled()
-    refused(TypeError, lambda: coupler.run(), "t_end", "steps")
-    refused(TypeError, lambda: coupler.run(0.1, steps=1), "t_end", "steps")
-
-
 def test_t_end_so_far_away_that_its_steps_cannot_be_counted_is_a_value_error():
     coupler = pm.Coupler([single()], dt=1e-300)
     refused(ValueError, lambda: coupler.run(1e300, record={}), "t_end", "1e+300")

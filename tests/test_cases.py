@@ -4,10 +4,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 import waits
 from agreement import assert_identical
-from pairwise import in_turn
 from test_checkpoint import chain, coupler, snapshot
 
 import pmalpha as pm
@@ -326,23 +324,3 @@ def test_progress_counts_the_steps_of_all_cases(count):
     assert seen[-1] == (5 * count, 5 * count) and sorted(seen) == seen
     with pytest.raises(ZeroDivisionError):
         coupler().run_each([{}] * count, steps=5, progress=lambda done, total: 1 / 0)
-
-
-@pytest.mark.filterwarnings(GROWS)
-@pytest.mark.parametrize(
-    ("coupling", "form"), in_turn(["pm", "gc", "macro", "mean"], np.asarray, sp.csr_array)
-)
-def test_unsymmetric_subdomains_run_bitwise_as_one_by_one(coupling, form):
-    M, K = chain(6)
-    spin = 2.0 * (np.eye(6, k=1) - np.eye(6, k=-1))  # gyroscopic
-    follow = np.zeros((6, 6))
-    follow[4, 5] = -5.0
-    options = {"scheme": DAMPED, "symmetric": False}
-    a = pm.Subdomain(M, form(K + follow), form(spin), **options, name="a")
-    b = pm.Subdomain(M, K, scheme=DAMPED, substeps=2, name="b")
-    ours, theirs = (
-        pm.Coupler([a, b], pm.tie(a, [0], b, [5]), dt=0.02, coupling=coupling) for _ in range(2)
-    )
-    cases = random_cases(ours, 9)
-    for x, y in zip(ours.run_each(cases, 0.2), one_by_one(theirs, cases, 0.2), strict=True):
-        assert_identical(x, y)

@@ -32,18 +32,6 @@ def test_dofs_of_a_tie_must_be_in_range_whole_and_different():
     refused(ValueError, lambda: pm.tie(a, [0, 1, 2], b, [3, 1, 3]), "dofs_b", "repeat", "3")
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [[0.0], [True], ["0"], [[0]], True, 0.0, None, {0}, [None], np.array([0j]), [[0], [0, 1]]],
-)
-def test_dofs_of_a_tie_must_be_whole_numbers(bad):
-    a, b = single(3), single(4)
-    with pytest.raises((TypeError, ValueError), match="dofs_a"):
-        pm.tie(a, bad, b, [0])
-    with pytest.raises((TypeError, ValueError), match="dofs_b"):
-        pm.tie(a, [0], b, bad)
-
-
 def test_masked_dofs_are_refused():
     a, b = single(3), single(3)
     masked = np.ma.array([0, 1], mask=[False, True])
@@ -292,61 +280,6 @@ def test_independent_rows_of_extreme_scale_are_not_reported_as_dependent(scale):
 
 
 # ---- initial values -----------------------------------------------------------------------------
-
-
-def test_initial_velocities_that_violate_a_constraint_are_named_with_row_and_amount():
-    a = subdomain(v0=[0.5, 0.25])
-    b = subdomain(v0=[0.5, -0.5])
-    message = refused(
-        pm.ConstraintError,
-        lambda: pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1, coupling="pm"),
-        "velocities v0",
-    )
-    assert "1 by 0.75" in message and "0 by" not in message
-    split = [pm.tie(a, [0], b, [0]), pm.tie(a, [1], b, [1])]
-    message = refused(
-        pm.ConstraintError, lambda: pm.Coupler([a, b], split, dt=0.1, coupling="pm"), "0.75"
-    )
-    assert "row 0 of constraint 1" in message
-
-
-def test_initial_velocities_that_agree_to_rounding_are_accepted():
-    third = 1.0 / 3.0
-    a, b = subdomain(v0=[third, 1.0]), subdomain(v0=[1.0 - 2.0 * third, 1.0])
-    pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm")
-
-
-@pytest.mark.parametrize("scale", [1e-150, 1e-12, 1e-6, 1e6, 1e12, 1e150])
-def test_a_violated_constraint_is_detected_at_any_scale_of_its_row(scale):
-    # a constraint times a number is the same constraint
-    a, b = subdomain(v0=[1.0, 1.0]), subdomain(v0=[1.0, 0.5])
-    L = np.diag([1.0, scale])
-    refused(
-        pm.ConstraintError,
-        lambda: pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1, coupling="pm"),
-        "velocities v0",
-    )
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
-def test_a_gap_is_detected_at_any_scale_of_its_row(scale):
-    a, b = subdomain(u0=[1.0, 1.0]), subdomain(u0=[1.0, 0.5])
-    L = np.diag([1.0, scale])
-    with pytest.warns(pm.ConstraintWarning, match="row 1"):
-        pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1, coupling="pm")
-
-
-def test_a_gap_of_the_displacements_is_a_warning_with_rows_and_amounts():
-    a, b = subdomain(u0=[0.5, 0.25]), subdomain(u0=[0.5, -0.5])
-    with pytest.warns(pm.ConstraintWarning, match=r"gap.* row 1: 0\.75$") as caught:
-        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1, coupling="pm")
-    assert [w.filename for w in caught] == [__file__]
-
-
-def test_a_gap_is_detected_at_once_also_under_a_load_that_is_evaluated_later():
-    a, b = subdomain(u0=[0.5, 0.25], force=lambda t: np.zeros(2)), subdomain()
-    with pytest.warns(pm.ConstraintWarning, match=r"row 0: 0\.5"):
-        pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm")
 
 
 def test_initial_values_whose_forces_overflow_are_an_error():

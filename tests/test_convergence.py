@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-import reference
-import scipy.linalg
 import scipy.sparse as sp
 from pairwise import in_turn
 from scipy.integrate import solve_ivp
@@ -165,9 +163,9 @@ class Structure:
             L[i][row, a], L[j][row, b] = 1.0, -1.0
         return L
 
-    def run(self, t_end, count, schemes, substeps, form=np.asarray, double=None, **options):
+    def run(self, t_end, count, schemes, substeps, double=None, **options):
         parts = [
-            pm.Subdomain(form(q.M), form(q.K), form(q.C), scheme=s, substeps=ss, force=q.force,
+            pm.Subdomain(q.M, q.K, q.C, scheme=s, substeps=ss, force=q.force,
                          double_step=d, u0=self.u0[q.dofs], v0=self.v0[q.dofs])
             for q, s, ss, d in zip(
                 self.pieces, schemes, substeps, double or [None] * len(substeps)
@@ -291,63 +289,6 @@ def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(
     assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.15)
 
 
-# ---- a sparse chain -------------------------------------------------------------------------
-
-CUTS = [(0, 17), (17, 34), (34, 49)]
-CHAIN_SCHEMES = pm.GeneralizedAlpha(0.8), FAST, pm.HHT(0.2)
-
-
-def bar(count, m, k, clamped):
-    """Lumped mass and springs of a bar with `count` nodes, clamped or free on the left."""
-    M = np.full(count, m / 50)
-    M[[0, -1]] /= 2
-    K = 50 * k * (2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1))
-    K[-1, -1] /= 2
-    if not clamped:
-        K[0, 0] /= 2
-    return np.diag(M), 0.1 * np.diag(M) + 0.002 * K, K
-
-
-@functools.cache
-def chain():
-    """50 dofs in three bars, each of its own material, moving in its three lowest modes."""
-    materials = [(1.0, 1.0), (0.7, 1.3), (1.5, 0.8)]
-    pieces = [
-        Piece(*bar(b - a + 1, m, k, a == 0), list(range(a, b + 1)))
-        for (a, b), (m, k) in zip(CUTS, materials)
-    ]
-    rest = np.zeros(50)
-    whole = Structure(pieces, [(0, 17, 1, 0), (1, 17, 2, 0)], rest, rest)
-    modes = scipy.linalg.eigh(whole.K, whole.M)[1][:, :3]
-    whole.u0, whole.v0 = modes @ [1.0, 0.5, -0.3], modes @ [0.0, 1.0, 1.0]
-
-    def truth(t):
-        found = reference.exact(whole.M, whole.C, whole.K, whole.u0, whole.v0, t)
-        return *found, whole.tie_forces(t, *found)
-
-    whole.truth = truth  # free vibration: the matrix exponential
-    return whole
-
-
-@pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_a_sparse_chain_cut_in_three_has_order_two_with_equal_steps(coupling):
-    options = {"schemes": CHAIN_SCHEMES, "form": sp.csr_array, "coupling": coupling}
-    errors = chain().errors(2.0, [640, 1280], (1, 1, 1), sample=4, **options)
-    # three modes up to 7.7 / s: dt omega = 0.02, and half of the waves at the cuts is shorter
-    assert orders(errors) == pytest.approx(2.0, abs=0.1)
-
-
-@pytest.mark.parametrize("substeps, coupling", [((1, 6, 2), "pm"), ((1, 4, 4), "gc")])
-def test_a_sparse_chain_cut_in_three_has_order_one_with_subcycling(substeps, coupling):
-    options = {"schemes": CHAIN_SCHEMES, "form": sp.csr_array, "coupling": coupling}
-    errors = chain().errors(2.0, [160, 2560, 5120], substeps, sample=4, **options)
-    # at least order 1: a factor 16, less a tenth for terms of opposite sign
-    assert (errors[1] < errors[0] / 16 * 1.1).all()
-    # the cuts carry little of the mass, so the dt term is small: it dominates a at the smallest
-    # steps only, where the dt^2 term is a fifth of it, 0.2 / 2 / ln 2 in the slope
-    assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.15)
-
-
 # ---- the start ------------------------------------------------------------------------------
 
 
@@ -357,13 +298,6 @@ def start_errors(start, ss, count):
     got = whole.run(2.0 / count, 2, (SECOND, FAST), (1, ss), start=start)
     t = got[1].t
     return (got[1].a - whole.truth(t)[2])[ss + 1 :, 0]
-
-
-@pytest.mark.parametrize("ss", [2, 20])
-def test_after_the_rebased_start_the_acceleration_error_shrinks_with_the_step(ss):
-    errors = [np.abs(start_errors("rebased", ss, count)).max() for count in (160, 2560)]
-    # order 1 at least: 16, with a quarter for the dt^2 term of the larger step
-    assert errors[1] < errors[0] / 16 * 1.25
 
 
 @pytest.mark.parametrize("ss", [2, 20])
@@ -380,7 +314,7 @@ def test_after_the_plain_start_the_acceleration_error_does_not_shrink(ss):
     assert abs(rebased) < 1e-2 * abs(expected)
 
 
-@pytest.mark.parametrize("ss", [2, 20])
+@pytest.mark.parametrize("ss", [2, 5])
 def test_the_plain_start_leaves_the_order_of_the_run_as_it_is(ss):
     options = {"schemes": (SECOND, FAST), "start": "plain"}
     errors = cut_oscillator().errors(1.0, [640, 1280], (1, ss), **options)

@@ -10,7 +10,6 @@ from refusals import (
     EXPLICIT,
     PAIR,
     chain,
-    single,
     subdomain,
 )
 
@@ -117,20 +116,6 @@ def test_the_limit_is_where_runs_begin_to_grow(scheme):
 def test_unconditionally_stable_schemes_never_warn(scheme):
     # a larger h^2 K / M than 1 / eps is warned of, since the mass is lost in rounding
     pm.Coupler([subdomain([1.0], [1e9], scheme=scheme)], dt=1e3)
-
-
-def test_a_double_step_explicit_subdomain_has_half_the_limit():
-    rig = subdomain([1.0], [4.0], scheme=EXPLICIT, double_step=True, name="rig")
-    other = single(substeps=2)
-    critical = limit(EXPLICIT) / 2.0
-    pm.Coupler([rig, other], dt=0.5 * critical * (1.0 - CLOSE), coupling="pm")
-    with pytest.warns(pm.StabilityWarning, match="'rig'") as caught:
-        pm.Coupler([rig, other], dt=0.5 * critical * (1.0 + CLOSE), coupling="pm")
-    # besides the one that no constraint reaches the two
-    assert len([w for w in caught if w.category is pm.StabilityWarning]) == 1
-    pm.Coupler([rig, other], dt=critical * (1.0 - CLOSE), coupling="gc")  # single there
-    single_step = subdomain([1.0], [4.0], scheme=EXPLICIT)
-    pm.Coupler([single_step, other], dt=critical * (1.0 - CLOSE), coupling="pm")
 
 
 def test_the_row_sum_bound_alone_never_warns():

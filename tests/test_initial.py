@@ -521,7 +521,8 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(
-    ("name", "row", "weight"), pairwise(["u0", "v0"], list(BROKEN), [1e-12, 1.0, 1e12])
+    ("name", "row", "weight"),
+    pairwise(["u0", "v0"], list(BROKEN), [1e-150, 1e-12, 1.0, 1e12, 1e150]),
 )
 def test_a_constraint_times_a_factor_is_checked_as_before(name, row, weight):
     three(**{name: ([1.0, 2.0], [2.0, 1.0], [2.0])}, weight=weight)

@@ -27,6 +27,23 @@ def test_it_holds_for_random_problems(name):
     assert counts[name] >= len(SEEDS) - 1  # few are refused or unstable
 
 
+# Of wholes.varied, one for each coupling: unsymmetric, with compiled functions.
+VARIED = (13, 16, 19, 22)
+
+
+@pytest.mark.parametrize("name", ["pieces", "records", "cases"])
+def test_bitwise_ones_hold_for_unsymmetric_matrices_and_compiled_functions(name):
+    counts = Counter()
+    for seed in VARIED:
+        try:
+            relations.attempt(seed, counts, [name], wholes.varied)
+        except AssertionError as error:
+            raise AssertionError(f"seed {seed}, {error}") from None
+    assert counts[name] == len(VARIED)
+    members = [p for seed in VARIED for p in wholes.varied(seed).members]
+    assert any(not p.symmetric for p in members) and any(p.compiled for p in members)
+
+
 def test_the_problems_are_of_all_kinds():
     drawn = [wholes.drawn(seed) for seed in SEEDS]
     members = [p for whole in drawn for p in whole.members]

@@ -96,8 +96,8 @@ def described(s: Any, name: str) -> str:
     return " and ".join([counted(count, "spring")] * bool(count) + ["functions"] * functions)
 
 
-def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
-    """Of the linear subdomain by itself; None where they take time, or dofs have no mass."""
+def longest_periods(s: Any) -> np.ndarray | None:
+    """The three longest of the linear subdomain alone; None where dofs are many or have no mass."""
     K = s.tangent
     if s.n > FEW or s.massless.size or K is None or not is_symmetric(K):
         return None
@@ -105,7 +105,7 @@ def longest_periods(s: Any, count: int = 3) -> np.ndarray | None:
 
     squares = eigh(dense(K), dense(s.M), eigvals_only=True)
     oscillating = squares[squares > 1e-10 * np.abs(squares).max()]
-    periods: np.ndarray = 2.0 * np.pi / np.sqrt(oscillating[:count])
+    periods: np.ndarray = 2.0 * np.pi / np.sqrt(oscillating[:3])
     return periods
 
 

@@ -228,13 +228,12 @@ def _limit_of_springs(s: Subdomain) -> float:
     return np.inf if is_rounding else float(np.sqrt(Omega2 / value))
 
 
-def at_springs(s: Subdomain, A: Matrix, dofs: np.ndarray | None = None) -> tuple[Matrix, Matrix]:
-    """A and M; of many dofs, or where some have no mass, those of springs' dofs or of `dofs`."""
+def at_springs(s: Subdomain, A: Matrix) -> tuple[Matrix, Matrix]:
+    """A and M; of many dofs, or where some have no mass, those of the dofs of springs."""
     M = np.zeros(s.n) if s.M is None else s.M
     if s.n <= SMALL and not s.massless.size:
         return A, M
-    if dofs is None:
-        dofs = np.unique(np.concatenate([spring.dofs.ravel() for spring in s.springs]))
+    dofs = np.unique(np.concatenate([spring.dofs.ravel() for spring in s.springs]))
     rows = dofs[dofs >= 0]
     return _of_dofs(A, rows), _of_dofs(M, rows)
 
