@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import waits
-from agreement import assert_identical, assert_same_levels
+from agreement import assert_same_levels
 from core_objects import coupler, i64, record, started
 from pairwise import in_turn
 
@@ -155,19 +155,6 @@ def test_ctrl_c_ends_a_single_macro_step_of_many_substeps():
     with pytest.raises(KeyboardInterrupt), waits.ctrl_c_when(lambda: waits.is_stepped(c), 0.1):
         c.step()
     assert c.step_count == 0 and c.state(0).u[0] == 1.0
-
-
-def test_the_history_of_an_interrupted_run_is_that_of_a_short_one():
-    c, steps = long_run(100)
-    options = {"record": {"a": [0, 99]}, "every": 10}
-    waits.interrupted_run(c, steps, **options)
-    history, done = c.last_history, c.step_count
-    assert 0 < done < steps
-    other, _ = long_run(100)
-    assert_identical(history, other.run(steps=done, **options))
-    assert_same_levels(c, other)
-    after, whole = c.run(steps=7), other.run(steps=7)
-    np.testing.assert_array_equal(after["a"].u, whole["a"].u)
 
 
 def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice():

@@ -564,7 +564,7 @@ def test_a_client_of_many_dofs_takes_no_memory_before_it_asks_for_a_matrix():
 # ---- ends ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("k", range(10))
+@pytest.mark.parametrize("k", [0, 1, 4, 7])
 def test_a_client_that_is_killed_is_named(k):
     behaviour = ("die", "half")[k % 2]
     with served(lambda u, v, t: 4.0 * u) as (address, results):
@@ -614,7 +614,7 @@ def test_a_client_that_ends_is_no_error():
     assert results == [5]
 
 
-@pytest.mark.parametrize("k", range(1, 11))
+@pytest.mark.parametrize("k", [1, 2, 5, 10])
 def test_a_rig_that_is_killed_leaves_the_coupler_at_its_last_macro_step(k):
     with serving_peer(("die", "half")[k % 2], 3 * k) as address:
         there = connected(address)
