@@ -404,13 +404,3 @@ def test_every_kind_moves_explicitly_below_its_critical_step_and_not_above(kind)
     )
     # the bound of the largest frequency may be safe, but not by much
     assert 0.9 * 2.0 / highest < critical < 2.0 / highest * (1.0 + 1e-6)
-
-
-@KIND
-def test_every_kind_is_drawn(kind):
-    pytest.importorskip("matplotlib")
-    from pmalpha import plot
-
-    structure = build(*box(kind, 1))
-    axes = plot.deformed(structure.points, structure.elements, 0.01 * structure.points)
-    axes.figure.canvas.draw()

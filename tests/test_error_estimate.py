@@ -66,7 +66,7 @@ def random(seed, dt):
 
 
 MAKERS = {
-    **{f"random {k}": (lambda dt, k=k: random(k, dt)) for k in range(6)},
+    **{f"random {k}": (lambda dt, k=k: random(k, dt)) for k in range(3)},
     **{c: (lambda dt, c=c: pair(dt, c, v0=[1.0, 0.0])) for c in ("gc", "pm", "macro")},
     "mean": lambda dt: models.split_oscillator(10.0).coupler(dt, coupling="mean"),
     "moved support": moved_support,

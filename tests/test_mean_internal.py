@@ -166,29 +166,6 @@ def test_a_linear_force_given_as_internal_is_the_linear_subdomain():
         np.testing.assert_allclose(*interface, atol=1e-10)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_run_that_is_restored_or_saved_continues_bitwise_identically(tmp_path, threads):
-    def made():
-        a, b, _ = two_bodies((TRAPEZOIDAL, EXPLICIT), (1, 4), True)
-        return pm.Coupler(
-            [a, b], pm.tie(a, 1, b, 0), dt=0.1, coupling="mean", newton=TIGHT, threads=threads
-        )
-
-    whole, other = made(), made()
-    whole.step(7)
-    kept = whole.snapshot()
-    whole.save(tmp_path / "state")
-    first = whole.run(steps=9)
-    whole.restore(kept)
-    other.load(tmp_path / "state")
-    for history in (whole.run(steps=9), other.run(steps=9)):
-        for name in "ab":
-            for field in "uva":
-                found, expected = (getattr(x[name], field) for x in (history, first))
-                np.testing.assert_array_equal(found, expected)
-        np.testing.assert_array_equal(history.multipliers, first.multipliers)
-
-
 @pytest.mark.parametrize(("coupling", "double"), [("mean", False), ("mean", True), ("macro", True)])
 def test_a_change_of_steps_keeps_the_order_with_internal_forces(coupling, double):
     ends = []

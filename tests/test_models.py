@@ -1,6 +1,5 @@
 """The ready-made problems: their published properties, and the record against published peaks."""
 
-import doctest
 from types import SimpleNamespace
 
 import numpy as np
@@ -275,9 +274,3 @@ def test_an_oscillator_under_the_record_reaches_the_published_peak(period):
     # the peak between two points of the record is up to 0.5 % above the published one at a
     # point (T = 0.5 s); the period error (omega 0.005)^2 / 12 = 0.03 % comes on top
     assert peak == pytest.approx(PUBLISHED[period], rel=0.01)
-
-
-def test_the_examples_in_the_docstrings_run():
-    result = doctest.testmod(models)
-    assert result.attempted > 10
-    assert result.failed == 0

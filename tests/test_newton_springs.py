@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 from agreement import assert_motion_agrees
-from newton_coupled import same_bits
 from newton_problems import bilinear, chain, contact, cubic
 from newton_reference import Newton, run, run_macro
 from scipy.integrate import solve_ivp
@@ -175,22 +174,3 @@ def test_newton_is_quadratic_on_a_smooth_spring(dt):
     exact = solve_ivp(rates, (0.0, history.t[-1]), [1.0, 0.0], **options).y[0]
     # order 2: (omega h)^2 of a phase of 30, omega up to 13
     assert abs(history.u[:, 0] - exact).max() < 0.5 * (13 * dt) ** 2 * 3.0
-
-
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
-def test_springs_and_their_loops_are_kept_by_a_checkpoint(tmp_path, coupling):
-    def made():
-        subdomains, L = chain(N, LAWS["bilinear"], history=0.0, ss=(1, 3), v0=np.ones(2 * N - 1))
-        twins = sides(lambda pairs: pm.BoucWen(pairs, k=1e3, fy=20.0), subdomains)
-        return pm.Coupler(twins, pm.Constraint(dict(zip(twins, L))), dt=0.01, coupling=coupling)
-
-    loops = {"0": None, "1": [0]}
-    whole = made()
-    whole.step(7)
-    expected = whole.run(steps=9, record_springs=loops)
-    one, other = made(), made()
-    one.step(7)
-    one.save(tmp_path / "state")
-    other.load(tmp_path / "state")
-    same_bits(other.run(steps=9, record_springs=loops), expected)
-    assert abs(np.ptp(expected["0"].force)) > 1.0

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import pairwise
 from test_checkpoint import coupler, require_same_history, snapshot
 
 import pmalpha as pm
@@ -59,9 +60,10 @@ def bits_of(history):
     return [x.tobytes() for x in (*parts, history.multipliers)]
 
 
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-@pytest.mark.parametrize("steps", [0, 1, 6])
+@pytest.mark.parametrize(
+    ("steps", "coupling", "tangent"),
+    pairwise([0, 1, 6], ["pm", "gc", "macro"], ["full", "reuse"]),
+)
 def test_a_restored_coupler_repeats_the_run_bitwise(coupling, tangent, steps):
     ours = nonlinear(coupling, tangent)
     ours.step(steps)

@@ -290,17 +290,6 @@ def test_each_chain_of_a_double_step_subdomain_has_its_own_history(coupling):
             np.testing.assert_allclose(f[:, j], expected, atol=1e-13)
 
 
-def test_springs_work_under_macro_coupling():
-    fine = coupled((1, 4, 2), (None,) * 3, coupling="gc")
-    with pytest.warns(pm.StabilityWarning, match="combined with substeps under"):
-        macro = coupled((1, 4, 2), (None,) * 3, coupling="macro")
-    for c in (fine, macro):
-        c.run(steps=20, record_springs=ALL)
-    # the errors of both methods are some percent at this step
-    scale = np.abs(all_springs(fine)).max()
-    assert np.abs(all_springs(macro) - all_springs(fine)).max() < 0.1 * scale
-
-
 def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
     def counted(u, v, t):  # in the middle of a macro step, when springs have moved
         if 1.01 < t < 1.04 and fails.pop(0):
