@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from pairwise import in_turn
 from refusals import (
     PAIR,
     chain,
@@ -16,6 +17,13 @@ from refusals import (
 )
 
 import pmalpha as pm
+
+
+def all_of_one(names, values):
+    """One argument with all values, each other one with one: they are checked by one function."""
+    first, *others = names
+    return [*((first, value) for value in values), *in_turn(others, *values)]
+
 
 # ---- arrays -------------------------------------------------------------------------------------
 
@@ -65,21 +73,20 @@ ARGUMENTS = {  # the name in the message, and the call that brings the value
 }
 
 
-@pytest.mark.parametrize("kind", NOT_REAL)
-@pytest.mark.parametrize("name", ARGUMENTS)
+@pytest.mark.parametrize(("name", "kind"), all_of_one(ARGUMENTS, NOT_REAL))
 def test_an_array_without_real_numbers_is_a_type_error(name, kind):
     refused(TypeError, lambda: ARGUMENTS[name](NOT_REAL[kind]), name)
 
 
-@pytest.mark.parametrize("kind", NOT_FINITE)
-@pytest.mark.parametrize("name", ARGUMENTS)
+@pytest.mark.parametrize(("name", "kind"), all_of_one(ARGUMENTS, NOT_FINITE))
 def test_the_first_entry_that_is_not_finite_is_named(name, kind):
     values, value, position = NOT_FINITE[kind]
     refused(ValueError, lambda: ARGUMENTS[name](values), name, "finite", value, position)
 
 
-@pytest.mark.parametrize("kind", ["scalar", "three axes", "ragged", "empty"])
-@pytest.mark.parametrize("name", ARGUMENTS)
+@pytest.mark.parametrize(
+    ("name", "kind"), all_of_one(ARGUMENTS, ["scalar", "three axes", "ragged", "empty"])
+)
 def test_an_unusable_array_is_a_value_error_with_its_name(name, kind):
     refused(ValueError, lambda: ARGUMENTS[name](WRONG_SHAPE[kind]), name)
 
@@ -168,14 +175,15 @@ NUMBERS = {
 }
 
 
-@pytest.mark.parametrize("value", [True, np.True_, "0.5", [0.5], 0.5j, np.array([0.5, 0.5])])
-@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize(
+    ("name", "value"),
+    all_of_one(NUMBERS, [True, np.True_, "0.5", [0.5], 0.5j, np.array([0.5, 0.5])]),
+)
 def test_a_bool_or_anything_but_a_number_is_a_type_error(name, value):
     refused(TypeError, lambda: NUMBERS[name](value), name, "real number", repr(value))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize(("name", "value"), all_of_one(NUMBERS, [np.nan, np.inf, -np.inf]))
 def test_a_number_that_is_not_finite_is_a_value_error(name, value):
     refused(ValueError, lambda: NUMBERS[name](value), name, str(value))
 
@@ -225,8 +233,9 @@ WHOLE = {
 }
 
 
-@pytest.mark.parametrize("value", [True, False, np.True_, 1.0, 2.5, "2", [2], np.nan])
-@pytest.mark.parametrize("name", WHOLE)
+@pytest.mark.parametrize(
+    ("name", "value"), all_of_one(WHOLE, [True, False, np.True_, 1.0, 2.5, "2", [2], np.nan])
+)
 def test_anything_but_a_whole_number_is_a_type_error(name, value):
     refused(TypeError, lambda: WHOLE[name](value), name, "whole number", repr(value))
 
