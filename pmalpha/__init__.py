@@ -30,8 +30,6 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
-from .meshes.coincident import contact_coincident, tie_coincident
-from .meshes.interpolation import interpolate
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
 from .problem.forces import BaseAcceleration, SampledForce
@@ -42,7 +40,6 @@ from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, R
 from .problem.subdomain import Subdomain
 from .problem.supports import SupportMotion
 from .problem.unilateral import Contact, contact
-from .reduction.fixed_dofs import reduce
 from .results.history import History, SubdomainHistory
 from .run.coupler import Coupler, solve
 
@@ -56,6 +53,9 @@ if _TYPE_CHECKING:
     from .frozen.installed import c_library
     from .gradients.misfit import Misfit
     from .gradients.parameters import Parameters
+    from .meshes.coincident import contact_coincident, tie_coincident
+    from .meshes.interpolation import interpolate
+    from .reduction.fixed_dofs import reduce
     from .run.study import Study
 
 __all__ = [
@@ -124,12 +124,16 @@ __all__ = [
 # The modules of what is loaded when it is first used, for a third of the time of the import.
 _LATER = {
     "c_library": "frozen.installed",
+    "contact_coincident": "meshes.coincident",
     "cut": "cutting.cut",
     "element_parameters": "cutting.element_factors",
     "Elements": "cutting.elements",
     "Cut": "cutting.result",
     "Misfit": "gradients.misfit",
     "Parameters": "gradients.parameters",
+    "tie_coincident": "meshes.coincident",
+    "interpolate": "meshes.interpolation",
+    "reduce": "reduction.fixed_dofs",
     "Study": "run.study",
 }
 _MODULES = ("analysis", "export", "models", "plot", "readers", "rig", "structures")

@@ -17,18 +17,13 @@ from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
-from ..results.case_values import CaseValues
 from ..results.history import History, SubdomainHistory
 from ..results.interpolated import Instant
-from ..setup.eliminated_rows import Assembled
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
-from . import advance, recorded_run, session, whole_structure
-from . import cases as load_cases
-from . import freeze as frozen
+from . import advance, recorded_run, session
 from . import snapshot as snapshots
 from . import state as present
-from . import tolerance as tolerance_run
 from .progress import reporting
 from .session import begin, made, require_alone, require_linear
 from .snapshot import Snapshot
@@ -38,6 +33,8 @@ if TYPE_CHECKING:
     from ..gradients.gradient import Gradient
     from ..gradients.misfit import Misfit
     from ..gradients.parameters import Parameters
+    from ..results.case_values import CaseValues
+    from ..setup.eliminated_rows import Assembled
     from .error_estimate import ErrorEstimate
 
 __all__ = ["Coupler", "solve"]
@@ -377,6 +374,8 @@ class Coupler:
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
         chosen |= dict(record_springs=record_springs, outputs=outputs, rig=flag(rig, "rig") or None)
         if tolerance is not None:
+            from . import tolerance as tolerance_run
+
             return tolerance_run.run(s, tolerance, end, files, until, progress, **chosen)
         return recorded_run.run(s, end, files, until, progress, **chosen)
 
@@ -726,6 +725,8 @@ class Coupler:
         >>> coupler.run_each(cases, 1.0, reduce="peak")["mass"].u.round(1).tolist()
         [[0.5], [1.0], [1.5]]
         """
+        from . import cases as load_cases
+
         end, files = (t_end, steps), (record_to, overwrite)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
         chosen |= dict(record_springs=record_springs, outputs=outputs)
@@ -1084,7 +1085,9 @@ class Coupler:
         ...     path.read_bytes()[:7]
         b'pmalpha'
         """
-        frozen.freeze(self._session, path, inputs, outputs)
+        from .freeze import freeze
+
+        freeze(self._session, path, inputs, outputs)
 
     def export_fmu(
         self,
@@ -1134,7 +1137,9 @@ class Coupler:
         ...     "modelDescription.xml" in zipfile.ZipFile(path).namelist()
         True
         """
-        frozen.export_fmu(self._session, path, inputs, outputs, fmi, license, units)
+        from .freeze import export_fmu
+
+        export_fmu(self._session, path, inputs, outputs, fmi, license, units)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the present state to a file; a run continues from it bitwise identically.
@@ -1265,6 +1270,8 @@ class Coupler:
         >>> float(coupler.static()["a"][0].round(12))
         1.0
         """
+        from . import whole_structure
+
         return whole_structure.static(self._session, steps)
 
     def assembled(self) -> Assembled:
@@ -1306,6 +1313,8 @@ class Coupler:
         >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
+        from . import whole_structure
+
         return whole_structure.assembled(self._session)
 
     def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -1362,6 +1371,8 @@ class Coupler:
         >>> coupler.modes(1)[0].round(6).tolist()  # sqrt(1 + 3 u^2)
         [3.605551]
         """
+        from . import whole_structure
+
         return whole_structure.modes(self._session, k)
 
     def harmonic(self, omega: ArrayLike, force: Mapping[Any, Any]) -> dict[str, np.ndarray]:
@@ -1399,6 +1410,8 @@ class Coupler:
         >>> abs(x).round(6).tolist(), round(float(np.angle(x[1], deg=True)), 6)
         ([0.25, 5.0], -90.0)
         """
+        from . import whole_structure
+
         return whole_structure.harmonic(self._session, omega, force)
 
 
