@@ -461,6 +461,8 @@ class Subdomain(Frozen):
         """The largest damping of springs that are evaluated once a step, None without any."""
         springs = self.springs if self.scheme.explicit else self.restoring_springs
         damped = tuple(x for x in springs if x.largest_damping is not None)
+        if not damped:
+            return None
         return canonical(stiffness(damped, "largest_damping", self.n), "springs", self.n)[0]
 
     @property

@@ -71,8 +71,9 @@ def elimination_order(n: int, graph: Graph | None, last: np.ndarray) -> np.ndarr
     last: (nb,) sorted array of int, interface dofs, which come last.
     """
     if n == 0 or graph is None:
-        interior = np.setdiff1d(np.arange(n), last, assume_unique=True)
-        return np.concatenate([interior, last])
+        is_interior = np.ones(n, dtype=bool)
+        is_interior[last] = False
+        return np.concatenate([np.flatnonzero(is_interior), last])
     nodes = node_graph(graph, last)
     best = _least_fill(nodes)
     best = best[_core.postorder(*rows_of(nodes.graph, best), nodes.border)]

@@ -124,7 +124,7 @@ def _translations(K: Matrix, n: int) -> np.ndarray:
     for d in DOFS_OF_A_NODE:
         if n % d or d <= best.shape[1]:
             continue
-        shapes = np.tile(np.eye(d), (n // d, 1))
+        shapes = np.eye(d)[np.arange(n) % d]
         for rows in tried:
             if shapes.shape[1]:  # K x is rounding, in rows of K
                 some, sizes = rows

@@ -96,6 +96,8 @@ def summed(blocks: Sequence[Block], p: int) -> Matrix | None:
     """The sum of the subdomains' blocks of H, in the form that is factored fastest."""
     if p == 0:
         return None
+    if p == 1:
+        return np.cumsum(np.concatenate([[0.0], *(b.values.ravel() for b in blocks)]))[-1:]
     largest = max((b.rows.size for b in blocks if b.is_dense), default=0)
     if largest**2 > DENSE_SHARE * p**2:
         return _dense_sum(blocks, p)
@@ -107,9 +109,6 @@ def summed(blocks: Sequence[Block], p: int) -> Matrix | None:
 
 def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
     """The sum where one block alone makes it dense."""
-    if p == 1:
-        values = np.concatenate([[0.0], *(b.values.ravel() for b in blocks)])
-        return np.cumsum(values)[-1:]
     require(8.0 * p**2, f"the interface matrix of {counted(p, 'constraint')}")
     H = np.zeros((p, p))
     for block in blocks:

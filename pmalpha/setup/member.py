@@ -233,8 +233,11 @@ class Member:
     @property
     def regular_mass(self) -> Matrix:
         """M, with ones where dofs have no mass."""
-        ones = np.isin(self.order, self.subdomain.massless).astype(float)
-        return combination([(1.0, self.M), (1.0, ones)]) if ones.any() else self.M
+        if not self.massless.size:
+            return self.M
+        ones = np.zeros(self.n)
+        ones[self.massless] = 1.0
+        return combination([(1.0, self.M), (1.0, ones)])
 
     def factor_of_mass(self) -> Factor:
         """The factor of `regular_mass`."""

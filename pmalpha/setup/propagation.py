@@ -59,8 +59,9 @@ class Layout:
         # the state has the multipliers under "macro" only
         self.rows = rows if macro else CoreRows(np.arange(0), np.ones(0))
         self.size = self.motion_size + self.rows.p
+        self.fields = tuple(self._fields())
 
-    def fields(self) -> Iterator[tuple[int, str, np.ndarray]]:
+    def _fields(self) -> Iterator[tuple[int, str, np.ndarray]]:
         """Index of the subdomain, name of its array in the core, and dofs in elimination order, as
         X has them.
 
@@ -81,7 +82,7 @@ class Layout:
             for subdomain in cores
         ]
         begin = 0
-        for i, field, indices in self.fields():
+        for i, field, indices in self.fields:
             arrays[i][field][indices] = X[begin : begin + indices.size]
             begin += indices.size
         for subdomain, levels in zip(cores, arrays):
@@ -96,14 +97,14 @@ class Layout:
         """The present state X, (size, lanes), of a coupler of the core."""
         levels = [subdomain.levels() for subdomain in cores]
         numbers = [
-            levels[i][field].reshape(-1, lanes)[indices] for i, field, indices in self.fields()
+            levels[i][field].reshape(-1, lanes)[indices] for i, field, indices in self.fields
         ]
         lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
         return np.concatenate([*numbers, self.rows.forces(lam.T).T])
 
     def names(self) -> tuple[str, ...]:
         names = []
-        for i, field, indices in self.fields():
+        for i, field, indices in self.fields:
             member = self.members[i]
             symbol = field.removeprefix("previous_")
             when = "n" if symbol == field else "n-1"

@@ -256,8 +256,9 @@ def limiting_terms(
         A = subdomain.largest_tangent if closed else subdomain.initial_tangent
         A = A if internal is None else combination([(1.0, A), (1.0, internal)])
     B = subdomain.C if subdomain.damping == "lagged" else None
-    if closed and subdomain.dampers is not None:
-        B = combination([(1.0, B), (1.0, subdomain.dampers)])
+    dampers = subdomain.dampers if closed else None
+    if dampers is not None:
+        B = combination([(1.0, B), (1.0, dampers)])
     factor = 0.0 if B is None else 1.0 / critical_damping_product(subdomain.scheme)
     return [(1.0 / Omega**2, A), (factor, B)]
 
