@@ -154,7 +154,7 @@ def dof_array(
         ends = f"{-n}..{n - 1}" if outside.min() < 0 else f"0..{n - 1}"
         raise ValueError(f"{name} must lie in {ends}, got {listing(outside)}")
     dofs = dofs.astype(np.int64)
-    return dofs if n is None else np.where(dofs < 0, dofs + n, dofs)
+    return dofs if n is None else dofs % n
 
 
 def numbers_of(value: Any, name: str, names: Sequence[str] | None) -> Any:

@@ -508,7 +508,9 @@ class Subdomain(Frozen):
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
         if value is None:
-            value = np.zeros(self.n)
+            zeros = np.zeros(self.n)
+            zeros.setflags(write=False)
+            return zeros
         return vector(value, self.n, name)
 
     def _check_lagged(self) -> None:
