@@ -1,5 +1,6 @@
 #include "algebra/kernel.h"
 
+#include <stdbool.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
@@ -202,16 +203,18 @@ PMA_INLINE void subtract_columns_lanes(const double *A, size_t ld, size_t rows, 
         subtract_rows_lanes(A + i, ld, 1, columns, x, y + i * PMA_LANES);
 }
 
-/* part_k += the sum over every fourth row, from the k-th on, of a_i y_i, for each of some columns;
- * rows is a multiple of 4. What is read of y serves all columns. */
+/* part_k := or += the sum over every fourth row, from the k-th on, of a_i y_i, for each of some
+ * columns; rows is a multiple of 4. What is read of y serves all columns. */
 PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
-                                   const size_t k, const double *y, four (*part)[4][HALVES])
+                                   const size_t k, bool adds, const double *y,
+                                   four (*part)[4][HALVES])
 {
+    const four zero = {0.0};
     four sum[ROWS][HALVES];
 #pragma GCC unroll 4
     for (size_t j = 0; j < columns; j++) {
-        sum[j][0] = part[j][k][0];
-        sum[j][1] = part[j][k][1];
+        sum[j][0] = adds ? part[j][k][0] : zero;
+        sum[j][1] = adds ? part[j][k][1] : zero;
     }
 #pragma GCC unroll 1
     for (size_t i = k; i < rows; i += 4) {
@@ -235,14 +238,14 @@ PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, cons
 PMA_INLINE void sum_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
                                    const double *y, four (*sum)[HALVES])
 {
-    four part[GROUP][4][HALVES] = {{{{0.0}}}};
+    four part[GROUP][4][HALVES];
     const size_t together = columns < ROWS ? columns : ROWS;
     for (size_t begin = 0; begin < rows; begin += LANE_PIECE) {
         const size_t size = rows - begin < LANE_PIECE ? rows - begin : LANE_PIECE;
         for (size_t j = 0; j < columns; j += together) {
             for (size_t k = 0; k < 4; k++)
-                add_products_lanes(A + j * ld + begin, ld, size, together, k, y + begin * PMA_LANES,
-                                   part + j);
+                add_products_lanes(A + j * ld + begin, ld, size, together, k, begin > 0,
+                                   y + begin * PMA_LANES, part + j);
         }
     }
     for (size_t j = 0; j < columns; j++) {
@@ -255,17 +258,25 @@ PMA_INLINE void sum_products_lanes(const double *A, size_t ld, size_t rows, cons
 PMA_INLINE void subtract_products_lanes(const double *A, size_t ld, size_t rows,
                                         const size_t columns, const double *y, double *x)
 {
-    four sum[GROUP][HALVES] = {{{0.0}}};
+    const four zero = {0.0};
+    four sum[GROUP][HALVES];
     const size_t whole = rows / 4 * 4;
     if (whole > 0)
         sum_products_lanes(A, ld, whole, columns, y, sum);
-    for (size_t j = 0; j < columns; j++) {
-        for (size_t h = 0; h < HALVES; h++) {
-            four rest = {0.0};
-            for (size_t i = whole; i < rows; i++)
-                rest += A[j * ld + i] * lanes_at(y, i)[h];
-            *(four *)(x + j * PMA_LANES + 4 * h) -= sum[j][h] + rest;
+    for (size_t h = 0; h < HALVES; h++) {
+        four rest[GROUP];
+#pragma GCC unroll 8
+        for (size_t j = 0; j < columns; j++)
+            rest[j] = zero;
+        for (size_t i = whole; i < rows; i++) {
+            const four yi = lanes_at(y, i)[h];
+#pragma GCC unroll 8
+            for (size_t j = 0; j < columns; j++)
+                rest[j] += A[j * ld + i] * yi;
         }
+#pragma GCC unroll 8
+        for (size_t j = 0; j < columns; j++)
+            *(four *)(x + j * PMA_LANES + 4 * h) -= (whole > 0 ? sum[j][h] : zero) + rest[j];
     }
 }
 

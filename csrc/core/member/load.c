@@ -80,28 +80,49 @@ static void add_value(const pma_load *load, range rows, double *g)
 
 enum { PIECE = 256 }; /* dofs at a time, whose g stays in the first cache from term to term */
 
-/* One of the loads that a load is the sum of; NULL: there are fewer. */
-static const pma_load *term_of(const pma_load *load, size_t i)
+/* One of the loads that a load is the sum of, or itself, as a sampled one: a constant load is a
+ * sample that is held, times a shape; what is no load has no series. */
+static pma_load term_of(const pma_load *load, size_t i)
 {
+    static const double one = 1.0;
+    const pma_load *term = load;
     if (load->kind == PMA_LOAD_SUM)
-        return i < load->count ? &load->each[i] : NULL;
-    return i == 0 ? load : NULL;
+        term = i < load->count ? &load->each[i] : NULL;
+    else if (i > 0)
+        term = NULL;
+    if (term && term->kind == PMA_LOAD_SAMPLED)
+        return *term;
+    const bool is_constant = term && term->kind == PMA_LOAD_CONSTANT;
+    return (pma_load){.kind = PMA_LOAD_SAMPLED,
+                      .n = load->n,
+                      .values = &one,
+                      .shape = is_constant ? term->values : &one,
+                      .samples = 1,
+                      .k = is_constant ? 1 : 0,
+                      .dt = 1.0,
+                      .hold = true};
 }
 
-/* The vectors that act on its dofs: of a constant load itself, with the factor 1. */
+/* The vectors that act on all of its dofs. */
 static size_t series_of(const pma_load *term)
 {
-    if (!term)
-        return 0;
-    return term->kind == PMA_LOAD_CONSTANT ? 1 : term->shape ? term->k : 0;
+    return term->shape ? term->k : 0;
 }
 
 static size_t most_series(const pma_load *each, size_t i)
 {
     size_t most = 0;
-    for (size_t l = 0; l < PMA_LANES; l++)
-        most = pma_most(most, series_of(term_of(&each[l], i)));
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        const pma_load term = term_of(&each[l], i);
+        most = pma_most(most, series_of(&term));
+    }
     return most;
+}
+
+static bool have_equal_times(const pma_load *load, const pma_load *other)
+{
+    return load->dt == other->dt && load->begin == other->begin &&
+           load->samples == other->samples && load->hold == other->hold;
 }
 
 size_t pma_load_lane_terms(const pma_load *each)
@@ -123,13 +144,14 @@ size_t pma_load_lane_shapes(const pma_load *each)
 /* Term i of the loads, with its shapes in an array of zeros. */
 static pma_lane_term take_lane_term(const pma_load *each, size_t i, double *shape)
 {
-    pma_lane_term term = {.series = most_series(each, i), .shape = shape};
+    pma_lane_term term = {.series = most_series(each, i), .shape = shape, .has_equal_times = true};
     for (size_t l = 0; l < PMA_LANES; l++) {
-        const pma_load *own = term.of[l] = term_of(&each[l], i);
-        const size_t count = series_of(own) * each->n;
+        const pma_load own = term.of[l] = term_of(&each[l], i);
+        const size_t count = series_of(&own) * own.n;
         for (size_t k = 0; k < count; k++)
-            shape[k * PMA_LANES + l] = own->shape ? own->shape[k] : own->values[k];
-        term.has_units |= own && own->kind == PMA_LOAD_SAMPLED && !own->shape;
+            shape[k * PMA_LANES + l] = own.shape[k];
+        term.has_units |= !own.shape;
+        term.has_equal_times = term.has_equal_times && have_equal_times(&own, &term.of[0]);
     }
     return term;
 }
@@ -148,23 +170,18 @@ pma_load pma_load_in_lanes(const pma_load *each, pma_lane_term *terms, double *s
     return load;
 }
 
-/* Of what samples the term of each lane is a sum. Most lanes have the times of the one before. */
+/* Of what samples the term of each lane is a sum; of equal times the first is that of all lanes. */
 static void lane_samples(const pma_lane_term *term, double t, sum_of_samples *sums)
 {
-    const pma_load *before = NULL;
-    double position = 0.0;
-    for (size_t l = 0; l < PMA_LANES; l++) {
-        const pma_load *own = term->of[l];
-        if (!own || own->kind != PMA_LOAD_SAMPLED) {
-            const bool is_constant = own && own->kind == PMA_LOAD_CONSTANT;
-            sums[l] = (sum_of_samples){.count = is_constant, .weight = {1.0}};
-            continue;
-        }
-        if (!before || own->dt != before->dt || own->begin != before->begin)
-            position = sample_position(own, t);
-        sums[l] = samples_at(own, position);
-        before = own;
-    }
+    const size_t count = term->has_equal_times ? 1 : PMA_LANES;
+    for (size_t l = 0; l < count; l++)
+        sums[l] = samples_at(&term->of[l], sample_position(&term->of[l], t));
+}
+
+static inline const sum_of_samples *sum_of_lane(const pma_lane_term *term,
+                                                const sum_of_samples *sums, size_t l)
+{
+    return &sums[term->has_equal_times ? 0 : l];
 }
 
 /* g += scale shape, of each lane */
@@ -179,19 +196,15 @@ PMA_COMPILED(void, add_series,
                  }
              })
 
-/* Weight and sample s of series c, of the lanes that have them; the others add zero. */
-static void lane_scales(const pma_lane_term *term, const sum_of_samples *sums, size_t s, size_t c,
-                        double *scale)
+/* Weight times sample s of series c, of the lanes that have them; the others add zero. */
+static inline void lane_scales(const pma_lane_term *term, const sum_of_samples *sums, size_t s,
+                               size_t c, double *scale)
 {
     for (size_t l = 0; l < PMA_LANES; l++) {
-        const pma_load *own = term->of[l];
-        scale[l] = 0.0;
-        if (s >= sums[l].count)
-            continue;
-        if (own->kind == PMA_LOAD_CONSTANT)
-            scale[l] = c == 0 ? 1.0 : 0.0;
-        else if (own->shape && c < own->k)
-            scale[l] = sums[l].weight[s] * own->values[sums[l].row[s] * own->k + c];
+        const pma_load *own = &term->of[l];
+        const sum_of_samples *sum = sum_of_lane(term, sums, l);
+        const bool has = s < sum->count && c < own->k && own->shape;
+        scale[l] = has ? sum->weight[s] * own->values[sum->row[s] * own->k + c] : 0.0;
     }
 }
 
@@ -200,7 +213,7 @@ static void add_lane_term(const pma_lane_term *term, const sum_of_samples *sums,
 {
     size_t most = 0;
     for (size_t l = 0; l < PMA_LANES; l++)
-        most = pma_most(most, sums[l].count);
+        most = pma_most(most, sum_of_lane(term, sums, l)->count);
     for (size_t s = 0; s < most; s++) {
         for (size_t c = 0; c < term->series; c++) {
             double scale[PMA_LANES];
@@ -210,9 +223,8 @@ static void add_lane_term(const pma_lane_term *term, const sum_of_samples *sums,
         }
     }
     for (size_t l = 0; l < PMA_LANES && term->has_units; l++) {
-        const pma_load *own = term->of[l];
-        if (own && own->kind == PMA_LOAD_SAMPLED && !own->shape)
-            add_samples(own, &sums[l], rows, g + l);
+        if (!term->of[l].shape)
+            add_samples(&term->of[l], sum_of_lane(term, sums, l), rows, g + l);
     }
 }
 

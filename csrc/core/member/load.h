@@ -45,10 +45,11 @@ typedef struct pma_load {
 
 /* Terms side by side, of the sums that the loads of PMA_LANES lanes are. */
 typedef struct pma_lane_term {
-    const pma_load *of[PMA_LANES]; /* constant, sampled, or of the kind none; NULL: no term */
-    size_t series;                 /* vectors of the lane that has most; constant loads are one */
-    const double *shape;           /* series x n x PMA_LANES: a line for each dof; else zero */
-    bool has_units;                /* some sampled ones have no shape */
+    pma_load of[PMA_LANES]; /* sampled, also what is constant or no load */
+    size_t series;          /* vectors of the lane that has most */
+    const double *shape;    /* series x n x PMA_LANES: a line for each dof; else zero */
+    bool has_units;         /* some have no shape */
+    bool has_equal_times;   /* the samples of all lanes have the same times */
 } pma_lane_term;
 
 /* The loads `each` of PMA_LANES lanes as one: constant, sampled, sums of these, or none. They have

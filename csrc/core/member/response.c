@@ -141,13 +141,12 @@ static bool add_stored(const pma_response *r, size_t field, const double *lam, d
 }
 
 /* x += scale U for one unit response, side by side */
-static void add_lanes(size_t n, const double *restrict scale, const double *U, double *restrict x)
-{
-    for (size_t i = 0; i < n; i++) {
-        for (size_t l = 0; l < PMA_LANES; l++)
-            x[i * PMA_LANES + l] += scale[l] * U[i];
-    }
-}
+PMA_COMPILED(void, add_lanes, (size_t n, const double *scale, const double *U, double *x), {
+    const pma_eight factor = *(const pma_eight *)scale;
+    pma_eight *to = (pma_eight *)x;
+    for (size_t i = 0; i < n; i++)
+        PMA_ADD(U[i], &factor, &to[i]);
+})
 
 /* The same in lanes; what is stored is that of each lane. */
 static bool add_stored_lanes(const pma_response *r, size_t field, const double *lam, double *x)
@@ -158,8 +157,9 @@ static bool add_stored_lanes(const pma_response *r, size_t field, const double *
     for (size_t i = 0; i < n; i += PIECE) {
         const size_t size = n - i < PIECE ? n - i : PIECE;
         for (size_t k = 0; k < U->count; k++)
-            add_lanes(size, lam + (size_t)U->rows[k] * PMA_LANES,
-                      U->values + (4 * k + field) * n + i, x + i * PMA_LANES);
+            (pma_has_avx2() ? add_lanes_avx2 : add_lanes_plain)(
+                size, lam + (size_t)U->rows[k] * PMA_LANES, U->values + (4 * k + field) * n + i,
+                x + i * PMA_LANES);
     }
     return pma_is_finite(n * PMA_LANES, x);
 }
