@@ -192,7 +192,8 @@ void check_lanes(const pma_factor *f,
     draw_lanes(f->nb, seed, f_b);
     memcpy(x, b, f->n * PMA_LANES * sizeof *x);
     pma_factor_open(&lanes, x, x_b, work);
-    memcpy(opened, x, sizeof x);
+    memcpy(opened, b, sizeof opened);
+    pma_factor_open_interior(&lanes, opened, work);
     pma_factor_close(&lanes, f_b, x, work);
     check_lane_bits(f, b, f_b, solved, opened, x_b, x);
     for (size_t k = 0; k < on_b; k++)
@@ -247,6 +248,10 @@ void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
     draw_vector(f->nb, seed, f_b);
     memcpy(x, b, sizeof x);
     pma_factor_open(f, x, x_b, work);
+    double apart[SIZE];
+    memcpy(apart, b, sizeof apart);
+    pma_factor_open_interior(f, apart, work);
+    CHECK_BITS(f->n, apart, x);
     double unloaded[SIZE], unused[SIZE] = {0.0};
     memcpy(unloaded, x, sizeof x);
     pma_factor_close(f, unused, unloaded, work);

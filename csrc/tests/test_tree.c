@@ -55,7 +55,9 @@ static void check_orders(const pma_factor *f, const double *b)
     double *work = take_scratch(f);
     memcpy(opened, b, sizeof opened);
     pma_factor_open(f, opened, x_b, work);
-    memcpy(x, opened, sizeof x);
+    memcpy(x, b, sizeof x);
+    pma_factor_open_interior(f, x, work);
+    CHECK_BITS(f->n, x, opened);
     pma_factor_close(f, zero, x, work);
 
     double visited[UNKNOWNS];

@@ -375,10 +375,15 @@ void pma_factor_divide(const pma_factor *f, size_t begin, size_t end, double *x)
     divide_some(f->inverse + begin, end - begin, x + begin);
 }
 
-void pma_factor_open_border(const pma_factor *f, double *x, double *xb, double *work)
+static void add_to_border(const pma_factor *f, double *x, double *work)
 {
     if (pma_factor_tree(f))
         pma_tree_add_to_border(pma_factor_tree(f), lanes_of(f), updates_in(f, work), x);
+}
+
+void pma_factor_open_border(const pma_factor *f, double *x, double *xb, double *work)
+{
+    add_to_border(f, x, work);
     for (size_t i = 0; i < f->nb; i++)
         xb[i] = x[f->n - f->nb + i];
     pma_factor_interface(f, xb, work);
@@ -392,13 +397,26 @@ void pma_factor_close_border(const pma_factor *f, const double *fb, double *x, d
     pma_factor_interface(f, xb, work);
 }
 
-__attribute__((noinline)) static void open_swept(const pma_factor *f, double *x, double *xb,
-                                                 double *work)
+static inline void sweep_interior(const pma_factor *f, double *x, double *work)
 {
     if (pma_factor_tree(f))
         open_nodes(f, x, work);
     else
         eliminate(f, 0, f->n - f->nb, x, work);
+}
+
+void pma_factor_open_interior(const pma_factor *f, double *x, double *work)
+{
+    if (f->form == PMA_DIAGONAL)
+        return;
+    sweep_interior(f, x, work);
+    add_to_border(f, x, work);
+}
+
+__attribute__((noinline)) static void open_swept(const pma_factor *f, double *x, double *xb,
+                                                 double *work)
+{
+    sweep_interior(f, x, work);
     pma_factor_open_border(f, x, xb, work);
 }
 

@@ -53,6 +53,9 @@ size_t pma_factor_entries(const pma_factor *f);
  * x (n): swept as far as the interface needs; xb (nb) := (A^-1 x)_b              (F2) (F3) */
 void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work);
 
+/* The same without xb, which only an interface problem needs. */
+void pma_factor_open_interior(const pma_factor *f, double *x, double *work);
+
 /* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) */
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work);
 

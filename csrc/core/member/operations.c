@@ -4,7 +4,8 @@
 
 /* ---- a substep ------------------------------------------------------------------------------ */
 
-/* Several workers, or the multipliers held in the only substep of a free run (M6) */
+/* Several workers; or a free run, in whose only substep the multipliers are held (M6), and where
+ * there are several the velocities at its end are those of the last one */
 __attribute__((noinline)) static pma_status
 advance_otherwise(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
                   const double *lam, const pma_workers *workers)
@@ -12,10 +13,13 @@ advance_otherwise(pma_subdomain *s, const pma_substep *closed, const pma_substep
     if (workers)
         return closed ? pma_division_close(s, closed, lam, workers)
                       : pma_division_open(s, opened, workers);
-    const pma_status status = pma_substep_open(s, opened);
-    if (s->parts.substeps == 1 && !s->parts.mean && status == PMA_OK)
-        pma_substep_hold(s, opened, lam);
-    return status;
+    if (s->parts.mean)
+        return s->parts.deferred ? pma_substep_open(s, opened) : pma_substep_open_apart(s, opened);
+    if (s->parts.substeps > 1)
+        return pma_substep_open_apart(s, opened);
+    PMA_TRY(pma_substep_open(s, opened));
+    pma_substep_hold(s, opened, lam);
+    return PMA_OK;
 }
 
 static pma_status advance(void *self, const pma_substep *closed, const pma_substep *opened,

@@ -131,6 +131,10 @@ static inline size_t pma_parts_scratch(const pma_parts *p)
 /* ---- a substep: substep.c ------------------------------------------------------------------- */
 
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step);
+
+/* The same for a substep without an interface problem at its end: vf is the predictor. */
+pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step);
+
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam);
 
 /* vf at the end of the open substep += al2 S^-1 L_b^T lam                                  (M6) */

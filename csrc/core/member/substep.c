@@ -177,7 +177,7 @@ void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, siz
     add_forces(s, step, pma_levels_at(&s->levels, step->j + 1), begin, end);
 }
 
-/* The free problem (13) up to its acceleration on the interface */
+/* The free problem (13) up to its acceleration on the interface, or NULL */
 static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
                                     const pma_operator *op, const pma_state *to, double *wf_b)
 {
@@ -201,7 +201,10 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
         PMA_TRY(subtract_restoring(s, step, from, to));
 
     /* (F2), (F3) */
-    pma_factor_open(&op->factor, to->w, wf_b, s->work);
+    if (wf_b)
+        pma_factor_open(&op->factor, to->w, wf_b, s->work);
+    else
+        pma_factor_open_interior(&op->factor, to->w, s->work);
     return PMA_OK;
 }
 
@@ -234,6 +237,19 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     find_free_velocity(s, step, op, to, vf);
     if (s->parts.deferred)
         s->mean->open = op;
+    return PMA_OK;
+}
+
+pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step)
+{
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    if (s->balance && pma_balance_is_broken(s->balance))
+        return PMA_UNBOUNDED;
+    PMA_TRY(pma_substep_load(s, step));
+    PMA_TRY(solve_free(s, step, pma_operator_of(s, step->twice), to, NULL));
+    memcpy(pma_levels_free_velocity(&s->levels, step->j + 1), pma_interface_of(s, to->v),
+           s->parts.nb * sizeof(double));
+    s->levels.opened = step->j + 1;
     return PMA_OK;
 }
 
