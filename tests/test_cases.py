@@ -71,12 +71,17 @@ def test_loads_of_many_dofs_are_added_bitwise_in_every_case():
         assert_identical(ours, theirs)
 
 
-def test_histories_share_no_array():
+def test_histories_share_no_array_that_can_be_written():
     c = softened()
     histories = c.run_each([{}] * 9, steps=20)
     found = [[x for r in (h, *h.subdomains) for x in arrays_of(r).values()] for h in histories]
-    for one, other in combinations(found, 2):
-        assert not any(np.shares_memory(x, y) for x, y in zip(one, other, strict=True))
+    shared = [
+        x
+        for one, other in combinations(found, 2)
+        for x, y in zip(one, other, strict=True)
+        if np.shares_memory(x, y)
+    ]
+    assert len(shared) > 0 and not any(x.flags.writeable for x in shared)
 
 
 def softened(coupling="pm", **options):

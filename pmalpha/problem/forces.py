@@ -6,6 +6,7 @@ A load is evaluated at the end of a step only, as its value there or as a mean (
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from numbers import Number
 from sys import float_info
 from typing import Any, NamedTuple, Self, TypeAlias, TypeGuard, overload
@@ -124,15 +125,16 @@ class SampledForce(Frozen):
 
     def _series(self, t: np.ndarray) -> np.ndarray:
         """The k samples at (m,) times, (m, k), for t >= 0, evaluated like in the core."""
-        last = len(self.values) - 1
-        x = _position((t - self._begin) / self.dt)
-        j = np.minimum(np.maximum(x, 0.0), max(last - 1, 0)).astype(np.int64)
-        s = (np.minimum(x, last) - j)[:, None]
-        f, after = self.values[j], self.values[np.minimum(j + 1, last)]
-        series: np.ndarray = (1.0 - s) * f + s * after
+        places = _places(t, self._begin, self.dt, len(self.values) - 1)
+        series = self._between(places._replace(share=places.share[:, None]))
         if not self.hold:
-            series[x > last] = 0.0
+            series[places.is_over] = 0.0
         return series
+
+    def _between(self, places: _Places) -> np.ndarray:
+        s = places.share
+        result: np.ndarray = (1.0 - s) * self.values[places.j] + s * self.values[places.after]
+        return result
 
     def _changed(self, **attributes: Any) -> Self:
         new = object.__new__(type(self))
@@ -141,9 +143,37 @@ class SampledForce(Frozen):
 
     def __call__(self, t: float) -> np.ndarray:
         """F(t), shape (n,), for t >= 0, evaluated like in the core."""
-        sample = self._series(np.array([t]))[0]
+        place = _place(t, self._begin, self.dt, len(self.values) - 1)
+        sample = self._between(place)
+        if place.is_over and not self.hold:
+            sample[:] = 0.0
         result: np.ndarray = sample if self.shape is None else self.shape @ sample
         return result
+
+
+class _Places(NamedTuple):
+    """Times among samples: those before and after, the share of the latter, whether all are before.
+
+    Arrays, or of one time the numbers.
+    """
+
+    j: Any
+    after: Any
+    share: Any
+    is_over: Any
+
+
+def _places(t: np.ndarray, begin: float, dt: float, last: int) -> _Places:
+    """Of (m,) times, among the samples 0..last from `begin` on."""
+    x = _position((t - begin) / dt)
+    j = np.minimum(np.maximum(x, 0.0), max(last - 1, 0)).astype(np.int64)
+    return _Places(j, np.minimum(j + 1, last), np.minimum(x, last) - j, x > last)
+
+
+@lru_cache(maxsize=64)
+def _place(t: float, begin: float, dt: float, last: int) -> _Places:
+    """Of one time: many loads have the same times."""
+    return _Places(*(x.item() for x in _places(np.array([t]), begin, dt, last)))
 
 
 def _position(x: np.ndarray) -> np.ndarray:
@@ -238,17 +268,19 @@ class BaseAcceleration(SampledForce):
             )
         return super().__call__(t)
 
-    def _of(self, M: Matrix | None, n: int, name: str) -> BaseAcceleration:
+    def _of(self, mass: Mass, n: int, name: str) -> BaseAcceleration:
         """The load of a subdomain with this mass; ValueError for another M that was given."""
         if self._mass == "part":
             return self
         direction = np.ones((n, 1)) if self.direction is None else self.direction
         if direction.shape[1] != self.values.shape[1]:
             raise ValueError(_columns_differ(self, direction.shape[1]))
-        shape = _against(M, direction)
+        shape = mass.against(direction)
         if self._mass == "own":
             return self._changed(shape=shape, direction=direction)
         assert self.shape is not None  # that of the M given
+        if np.array_equal(self.shape, shape):
+            return self
         largest = np.abs(shape).max()
         wrong = np.abs(self.shape - shape).max(axis=1)
         if wrong.max() <= SAME_MASS * largest:
@@ -343,7 +375,7 @@ def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = N
     if force is None:
         return None
     if isinstance(force, BaseAcceleration) and mass is not None and force.n in (0, n):
-        force = force._of(mass.M, n, name)
+        force = force._of(mass, n, name)
     if isinstance(force, SampledForce):
         if force.n != n:
             kind = type(force).__name__
@@ -368,10 +400,19 @@ def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = N
     return vector(force, n, name)
 
 
-class Mass(NamedTuple):
-    """A mass matrix in inner form; None is zero."""
+class Mass:
+    """A mass matrix in inner form, None is zero, and its forces against unit ground motions."""
 
-    M: Matrix | None
+    def __init__(self, M: Matrix | None):
+        self.M = M
+        self._forces: dict[tuple[Any, ...], np.ndarray] = {}
+
+    def against(self, direction: np.ndarray) -> np.ndarray:
+        """-M direction, finite; that of equal directions is one array."""
+        key = direction.shape, direction.tobytes()
+        if key not in self._forces:
+            self._forces[key] = _against(self.M, direction)
+        return self._forces[key]
 
 
 def has_ground(force: Any) -> bool:
@@ -421,7 +462,7 @@ def load_of_free(force: Any, reduced: Any, M: Matrix | None) -> Any:
     if _is_list_of_loads(force):
         return [load_of_free(x, reduced, M) for x in force]
     if isinstance(force, BaseAcceleration) and force.n in (0, reduced.n):
-        return force._of(M, reduced.n, "force")._part(reduced.free)
+        return force._of(Mass(M), reduced.n, "force")._part(reduced.free)
     if isinstance(force, SampledForce):
         return force._part(reduced.free) if force.n == reduced.n else force
     if callable(force) or isinstance(force, LowLevelCallable) or np.shape(force) != (reduced.n,):

@@ -137,7 +137,8 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
-    common: of the records that `again` makes, the arrays that are equal in all of them; else None.
+    common: of the records that `again` makes, the arrays that all of them share, read-only; else
+        None.
     """
 
     common: dict[tuple[str, int, int], np.ndarray] | None = None
@@ -247,12 +248,13 @@ class Recording:
         return self._once(("times", levels, end), lambda: self._times(levels, end))
 
     def _once(self, key: tuple[str, int, int], make: Callable[[], np.ndarray]) -> np.ndarray:
-        """An array of its own, which is made once for all cases."""
+        """An array that is made once, and read-only, where several cases have it."""
         if self.common is None:
             return make()
         if key not in self.common:
             self.common[key] = make()
-        return self.common[key].copy()
+            self.common[key].flags.writeable = False
+        return self.common[key]
 
     def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
@@ -268,7 +270,11 @@ class Recording:
         return clock.t0 + done * clock.dt
 
     def multiplier_times(self, end: int) -> np.ndarray:
-        times = self.times(self.of.fine, end)
+        key = "multiplier times", self.of.fine, end
+        return self._once(key, lambda: self._multiplier_times(end))
+
+    def _multiplier_times(self, end: int) -> np.ndarray:
+        times = self._times(self.of.fine, end)
         if self.coupling == "mean":
             times -= 0.5 * self.clock.dt
             if self.begin == self.clock.origin:  # the middle of the macro step before

@@ -39,6 +39,7 @@ from .session import (
     Case,
     Session,
     checked_forces,
+    masses_of,
     require_alone,
     return_to_start,
     take,
@@ -253,6 +254,7 @@ def checked_cases(
         raise TypeError(f"cases must be a list of dicts, got {cases!r}")
     checked: list[Case] = []
     plain: InitialValues | None = None  # of all cases without initial values of their own
+    masses = masses_of(keys)
     for k, case in enumerate(cases):
         if not isinstance(case, Mapping):
             raise TypeError(f"cases[{k}] must be a dict of arguments of reset, got {case!r}")
@@ -264,7 +266,7 @@ def checked_cases(
         known = None if has_own else plain
         try:
             initial = known or InitialValues(keys, rows, case.get("u0"), case.get("v0"))
-            forces = checked_forces(keys, case.get("force"))
+            forces = checked_forces(keys, case.get("force"), masses)
             if known is None:
                 initial.check(motions, tied=tied)
             checked.append(Case(initial, forces))

@@ -675,8 +675,9 @@ class Coupler:
         Returns
         -------
         list of History
-            One for each case. With `reduce` a `results.case_values.CaseValues`: arrays with a row
-            for each case, ``values["frame"].u`` (cases, dofs).
+            One for each case; arrays of times are shared by them and read-only. With `reduce` a
+            `results.case_values.CaseValues`: arrays with a row for each case,
+            ``values["frame"].u`` (cases, dofs).
 
         Raises
         ------

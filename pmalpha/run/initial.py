@@ -146,7 +146,7 @@ def consistent_in_lanes(
     loads: with the prescribed velocities of all cases.
     """
     members, p = loads.members, rows.p
-    states = {initial: initial.in_order(members) for initial in initials}
+    states = {initial: initial.in_order(members) for initial in dict.fromkeys(initials)}
     moving = {initial: loads.terms_of_motion(state) for initial, state in states.items()}
     u, v = (
         [columns([states[initial][i][k] for initial in initials]) for i in range(len(members))]
@@ -170,7 +170,7 @@ def consistent_in_lanes(
 
 def columns(vectors: Sequence[np.ndarray]) -> np.ndarray:
     """(n, k) array of k vectors."""
-    return np.stack(vectors, axis=-1)
+    return np.ascontiguousarray(np.array(vectors).T)
 
 
 def _chosen(argument: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:

@@ -321,17 +321,23 @@ class Case(NamedTuple):
     forces: list[Force]
 
 
-def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Force]:
+def checked_forces(
+    keys: Sequence[tuple[str, Subdomain]], force: Any, masses: Sequence[Mass]
+) -> list[Force]:
     """The force on each subdomain, that of the `Subdomain` where none is given."""
     forces = by_index(force, keys, "force")
     return [
-        _checked_force(forces[i], s, name) if i in forces else s.force
-        for i, (name, s) in enumerate(keys)
+        _checked_force(forces[i], s, name, mass) if i in forces else s.force
+        for i, ((name, s), mass) in enumerate(zip(keys, masses))
     ]
 
 
-def _checked_force(force: Any, s: Subdomain, name: str) -> Force:
-    checked = checked_force(force, s.n, mass=Mass(s.M))
+def masses_of(keys: Sequence[tuple[str, Subdomain]]) -> list[Mass]:
+    return [Mass(s.M) for _, s in keys]
+
+
+def _checked_force(force: Any, s: Subdomain, name: str, mass: Mass) -> Force:
+    checked = checked_force(force, s.n, mass=mass)
     if depends_on_motion(checked) and not s.has_feedback:
         raise ValueError(
             f"force of {name!r} can only be a function of t, u and v where that of the Subdomain "
@@ -349,7 +355,7 @@ def reset(
     with together(session):
         check_call(session, "reset")
         initial = InitialValues(session.keys, session.rows, u0, v0)
-        case = Case(initial, checked_forces(session.keys, force))
+        case = Case(initial, checked_forces(session.keys, force, masses_of(session.keys)))
         case.initial.check(session.loads.motions, tied=session.coupling == "mean")
         warn_of_records(session, [case])
         before = session.initial, session.loads, session.started, session.steps, session.assembly
