@@ -157,6 +157,7 @@ THREADS = "problem", "size", "us a macro step", "two over one", "threads by None
 PLATE = {x: x for x in ("mesh", "dofs per subdomain", "macro step ms", "loop over ours")}
 PLATE |= {"Kratos over ours": "Kratos over ours", "difference of Kratos": "difference of Kratos"}
 UNCOUPLED = "problem", "n", "us a step", "us a step of the loop", "loop over ours"
+EXECUTED = "problem", "by", "workers", "us a case, workers", "us a case, program", "efficiency"
 CUBES = "explicit hex8, dofs", "implicit hex8, dofs"
 SCALED = "what", "step over own", "mass added %", "processor s", "faster", "error"
 ROW, GRID = "subdomains in a row", "subdomains in a grid"
@@ -188,6 +189,7 @@ TABLES = {
         "threads", same(*THREADS), "balanced, gc", "parallel to 20 substeps", "split", "branches"
     ),
     "ensembles": lambda: read("ensembles"),
+    "executors": lambda: pick("executors", same(*EXECUTED)),
     "cases": lambda: pick(
         "cases", same("problem", "one, us a macro step", "eight, us a macro step", "gain")
     ),

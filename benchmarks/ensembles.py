@@ -200,7 +200,7 @@ def rows(quick):
             for options in recorded.values()
         ]
         check_peaks(loop(), coupler.run_each(cases, steps=steps, reduce="peak"))
-        of_loop, *times = in_turn(loop, *calls, rounds=1 if quick else 5)
+        of_loop, *times = in_turn(loop, *calls, rounds=1 if quick else 9)
         for what, t in zip(recorded, times):
             row = {"problem": name, "what": what, "us a case": 1e6 * t / count}
             row |= {"us a case of the loop": 1e6 * of_loop / count, "over the loop": t / of_loop}

@@ -23,6 +23,7 @@ SCRIPTS = [
     "cutting",
     "elements",
     "ensembles",
+    "executors",
     "fine_step",
     "growth",
     "large",
