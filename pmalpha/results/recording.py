@@ -137,8 +137,7 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
-    common: of the records that `again` makes, the arrays that all of them share, read-only; else
-        None.
+    common: of the records that `again` makes, the arrays that all share, read-only; else None.
     """
 
     common: dict[tuple[str, int, int], np.ndarray] | None = None
@@ -170,8 +169,7 @@ class Recording:
         self._make_arrays()
 
     def again(self, loads: Sequence[Loads], memory: Recording | np.ndarray) -> Recording:
-        """The same record of a case with other loads, in a block of this size, which is not
-        checked, or in the arrays of a record that is done."""
+        """The same of a case with other loads, in a block of this size or a record that is done."""
         self.of.check_ground(loads)
         other = copy(memory if isinstance(memory, Recording) else self)
         other.loads, other.common = loads, {} if self.common is None else self.common
@@ -270,8 +268,7 @@ class Recording:
         return clock.t0 + done * clock.dt
 
     def multiplier_times(self, end: int) -> np.ndarray:
-        key = "multiplier times", self.of.fine, end
-        return self._once(key, lambda: self._multiplier_times(end))
+        return self._once(("multiplier times", 1, end), lambda: self._multiplier_times(end))
 
     def _multiplier_times(self, end: int) -> np.ndarray:
         times = self._times(self.of.fine, end)
