@@ -137,10 +137,8 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
-    common: of the records that `again` makes, the arrays that are equal in all of them; else None.
+    common: the arrays that several quantities have, and all records that `again` makes.
     """
-
-    common: dict[tuple[str, int, int], np.ndarray] | None = None
 
     def __init__(
         self,
@@ -156,6 +154,7 @@ class Recording:
         problem: Mapping[str, Any] | None = None,
     ):
         self.loads, self.problem = loads, problem
+        self.common: dict[tuple[str, int, int, int], np.ndarray] = {}
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
@@ -173,8 +172,7 @@ class Recording:
         checked, or in the arrays of a record that is done."""
         self.of.check_ground(loads)
         other = copy(memory if isinstance(memory, Recording) else self)
-        other.loads, other.common = loads, {} if self.common is None else self.common
-        self.common = other.common
+        other.loads, other.common = loads, self.common
         if isinstance(memory, np.ndarray):
             other.block = memory
             other._make_arrays()
@@ -244,15 +242,17 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
-        return self._once(("times", levels, end), lambda: self._times(levels, end))
+        return self._once("times", levels, end, lambda: self._times(levels, end))
 
-    def _once(self, key: tuple[str, int, int], make: Callable[[], np.ndarray]) -> np.ndarray:
-        """An array of its own, which is made once for all cases."""
-        if self.common is None:
-            return make()
-        if key not in self.common:
-            self.common[key] = make()
-        return self.common[key].copy()
+    def _once(self, name: str, levels: int, end: int, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """An array of its own, a copy of one that is made once."""
+        key = name, levels, self.begin, end
+        made = self.common.get(key)
+        if made is None:
+            if any(other[2:] != key[2:] for other in [*self.common]):  # of another interval
+                self.common.clear()
+            made = self.common[key] = make()
+        return made.copy()
 
     def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
@@ -278,7 +278,7 @@ class Recording:
     def substeps(self, end: int) -> np.ndarray:
         """The substeps of each subdomain at each macro time level."""
         rows = self.rows(1, end)
-        return self._once(("substeps", 1, end), lambda: self.of.substeps.repeat(rows, axis=0))
+        return self._once("substeps", 1, end, lambda: self.of.substeps.repeat(rows, axis=0))
 
     def core_record(self) -> CoreRecord:
         """The record in the form of the core."""
