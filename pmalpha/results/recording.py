@@ -137,7 +137,8 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
-    common: the arrays that several quantities have, and all records that `again` makes.
+    common: of an interval, the arrays that are equal in several quantities, and in all records that
+        `again` makes.
     """
 
     def __init__(
@@ -154,7 +155,7 @@ class Recording:
         problem: Mapping[str, Any] | None = None,
     ):
         self.loads, self.problem = loads, problem
-        self.common: dict[tuple[str, int, int, int], np.ndarray] = {}
+        self.common: dict[tuple[int, int], dict[tuple[str, int], np.ndarray]] = {}
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
@@ -246,13 +247,13 @@ class Recording:
 
     def _once(self, name: str, levels: int, end: int, make: Callable[[], np.ndarray]) -> np.ndarray:
         """An array of its own, a copy of one that is made once."""
-        key = name, levels, self.begin, end
-        made = self.common.get(key)
-        if made is None:
-            if any(other[2:] != key[2:] for other in [*self.common]):  # of another interval
-                self.common.clear()
-            made = self.common[key] = make()
-        return made.copy()
+        of_interval = self.common.get((self.begin, end))
+        if of_interval is None:
+            self.common.clear()
+            of_interval = self.common[self.begin, end] = {}
+        if (name, levels) not in of_interval:
+            of_interval[name, levels] = make()
+        return of_interval[name, levels].copy()
 
     def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock

@@ -5,33 +5,45 @@
 
 #include "algebra/lanes.h"
 
+/* Dofs whose terms are summed side by side. */
+enum { BLOCK = 4 };
+
+/* The terms of dof i, added to number l of each sum. */
+PMA_INLINE void add_dof(size_t n, const pma_passage *p, const bool is_diagonal, size_t i, size_t l,
+                        double sum[PMA_PASSAGE_TERMS][BLOCK])
+{
+    const double *from = p->from, *fixed = p->fixed, w = p->w[i], v = p->v[i], u = p->u[i];
+    double *to = p->to;
+    const double du = u - from[i];
+    const double acting = is_diagonal ? p->r[i] + fixed[n + i] * (p->al1 * w) : to[n + i];
+    const double inertia = is_diagonal ? fixed[2 * n + i] * w : to[2 * n + i];
+    sum[PMA_PASSAGE_WORK][l] += (from[n + i] + acting) * du;
+    sum[PMA_PASSAGE_START][l] += fixed[i] * du;
+    sum[PMA_PASSAGE_RESULTANT][l] += (from[2 * n + i] + inertia) * du;
+    sum[PMA_PASSAGE_SIZE][l] += fabs(p->r[i] * u);
+    if (is_diagonal)
+        sum[PMA_PASSAGE_KINETIC][l] += v * (fixed[2 * n + i] * v);
+    to[i] = u;
+    to[n + i] = acting;
+    to[2 * n + i] = inertia;
+}
+
 PMA_INLINE void sum_one(size_t n, const pma_passage *p, const bool is_diagonal, double *terms)
 {
-    const double *u0 = p->from, *f0 = u0 + n, *q0 = f0 + n;
-    const double *start = p->fixed, *k = start + n, *m = k + n;
-    const double *u1 = p->u, *v1 = p->v, *w1 = p->w, *r1 = p->r, al1 = p->al1;
-    double *u = p->to, *f = u + n, *q = f + n;
-    double work = 0.0, fixed = 0.0, resultant = 0.0, size = 0.0, kinetic = 0.0;
-#pragma omp simd reduction(+ : work, fixed, resultant, size, kinetic)
-    for (size_t i = 0; i < n; i++) {
-        const double du = u1[i] - u0[i];
-        const double acting = is_diagonal ? r1[i] + k[i] * (al1 * w1[i]) : f[i];
-        const double inertia = is_diagonal ? m[i] * w1[i] : q[i];
-        work += (f0[i] + acting) * du;
-        fixed += start[i] * du;
-        resultant += (q0[i] + inertia) * du;
-        size += fabs(r1[i] * u1[i]);
-        if (is_diagonal)
-            kinetic += v1[i] * (m[i] * v1[i]);
-        u[i] = u1[i];
-        f[i] = acting;
-        q[i] = inertia;
+    const pma_passage x = *p; /* or it would be read again after each number that is stored */
+    double sum[PMA_PASSAGE_TERMS][BLOCK] = {{0.0}};
+    size_t i = 0;
+    for (; i + BLOCK <= n; i += BLOCK) {
+#pragma omp simd
+        for (size_t l = 0; l < BLOCK; l++)
+            add_dof(n, &x, is_diagonal, i + l, l, sum);
     }
-    terms[PMA_PASSAGE_WORK] = 0.5 * work;
-    terms[PMA_PASSAGE_START] = fixed;
-    terms[PMA_PASSAGE_RESULTANT] = 0.5 * resultant;
-    terms[PMA_PASSAGE_SIZE] = size;
-    terms[PMA_PASSAGE_KINETIC] = kinetic;
+    for (; i < n; i++)
+        add_dof(n, &x, is_diagonal, i, 0, sum);
+    for (size_t k = 0; k < PMA_PASSAGE_TERMS; k++)
+        terms[k] = (sum[k][0] + sum[k][1]) + (sum[k][2] + sum[k][3]);
+    terms[PMA_PASSAGE_WORK] *= 0.5;
+    terms[PMA_PASSAGE_RESULTANT] *= 0.5;
 }
 
 PMA_INLINE void sum_lanes(size_t n, const pma_passage *p, double *terms)

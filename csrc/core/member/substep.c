@@ -100,22 +100,14 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
     return PMA_OK;
 }
 
-/* r (n) := -y, before forces are subtracted from y; no copy, a call that eight dofs would notice */
-static void begin_forces(size_t n, const double *y, double *r)
-{
-#pragma omp simd
-    for (size_t i = 0; i < n; i++)
-        r[i] = -y[i];
-}
-
-/* r (n) := what has been subtracted since r was -y, without loads that depend on the motion */
+/* r (n) := what has been subtracted since y was r, without loads that depend on the motion */
 static void watch_forces(const pma_subdomain *s, const double *y, double *r)
 {
     const pma_restoring *restoring = &s->parts.restoring;
     const size_t n = s->parts.n;
 #pragma omp simd
     for (size_t i = 0; i < n; i++)
-        r[i] = 0.0 - (r[i] + y[i]);
+        r[i] -= y[i];
     for (size_t i = 0; restoring->function && restoring->load && i < n; i++)
         r[i] += restoring->load[restoring->order[i]];
 }
@@ -128,7 +120,7 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
     const pma_parts *p = &s->parts;
     double *r = s->balance ? pma_balance_open(s->balance, step->number, to->u) : NULL;
     if (r)
-        begin_forces(p->n, to->w, r);
+        memcpy(r, to->w, p->n * sizeof(double));
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
