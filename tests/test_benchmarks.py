@@ -40,6 +40,7 @@ SCRIPTS = [
     "subcycling",
     "threads",
     "uncoupled",
+    "watched",
 ]
 TOLERANCE = 1e-10  # both sum the same terms in another order, 20 steps long
 

@@ -116,40 +116,60 @@ static void an_estimate_above_the_stiffness_is_a_mass(void)
     pma_balance_destroy(b);
 }
 
-/* Three dofs in lanes and each lane alone, of small integers: no rounding, any order. By hand the
- * one below: acting 3 + 2 (1/2 4) = 7, inertia 1 + 5 x 4 = 21, du = 2. */
+/* Three dofs in lanes and each lane alone, of small integers: no rounding, any order. */
 static void a_passage_in_lanes_is_that_of_each_lane(void)
 {
-    enum { DOFS = 3, ALL = DOFS * PMA_LANES, INPUTS = 9, OUTPUTS = 3 };
-    static double x[INPUTS][ALL], out[OUTPUTS][ALL], terms[PMA_PASSAGE_TERMS * PMA_LANES];
-    static const double zeros[ALL] = {0.0};
+    enum { DOFS = 3, ALL = DOFS * PMA_LANES, INPUTS = 13 };
+    static double x[INPUTS][ALL], terms[PMA_PASSAGE_TERMS * PMA_LANES];
     for (size_t k = 0; k < INPUTS * ALL; k++)
         x[k / ALL][k % ALL] = (double)((7 * k + 3 * (k / ALL)) % 11) - 5.0;
-    const pma_passage lanes = {x[0], x[1], x[2], out[0], out[1], out[2], x[3], x[4],
-                               x[5], x[6], x[6], x[7],   zeros,  zeros,  x[8], 1.0};
+    double y[PMA_LANES][INPUTS][DOFS];
+    for (size_t k = 0; k < INPUTS * ALL; k++)
+        y[k % PMA_LANES][k / ALL][k % ALL / PMA_LANES] = x[k / ALL][k % ALL];
+    const pma_passage lanes = {.from = x[0],
+                               .to = x[3],
+                               .u = x[6],
+                               .v = x[7],
+                               .w = x[8],
+                               .r = x[9],
+                               .fixed = x[10],
+                               .al1 = 1.0};
     pma_passage_sum(ALL, PMA_LANES, &lanes, terms);
     for (size_t l = 0; l < PMA_LANES; l++) {
-        double y[INPUTS][DOFS], u1[DOFS], f1[DOFS], q1[DOFS], one[PMA_PASSAGE_TERMS];
-        for (size_t k = 0; k < INPUTS * DOFS; k++)
-            y[k / DOFS][k % DOFS] = x[k / DOFS][k % DOFS * PMA_LANES + l];
-        const pma_passage alone = {y[0], y[1], y[2], u1,   f1,    q1,    y[3], y[4],
-                                   y[5], y[6], y[6], y[7], zeros, zeros, y[8], 1.0};
+        double one[PMA_PASSAGE_TERMS];
+        const pma_passage alone = {.from = y[l][0],
+                                   .to = y[l][3],
+                                   .u = y[l][6],
+                                   .v = y[l][7],
+                                   .w = y[l][8],
+                                   .r = y[l][9],
+                                   .fixed = y[l][10],
+                                   .al1 = 1.0};
         pma_passage_sum(DOFS, 1, &alone, one);
         for (size_t k = 0; k < PMA_PASSAGE_KINETIC; k++)
             CHECK(terms[k * PMA_LANES + l] == one[k]);
-        for (size_t i = 0; i < DOFS; i++)
-            CHECK(out[0][i * PMA_LANES + l] == u1[i] && out[1][i * PMA_LANES + l] == f1[i] &&
-                  out[2][i * PMA_LANES + l] == q1[i]);
+        for (size_t i = 0; i < 3 * DOFS; i++)
+            CHECK(x[3 + i / DOFS][i % DOFS * PMA_LANES + l] == y[l][3 + i / DOFS][i % DOFS]);
     }
-    const double u0 = 1.0, f0 = 1.0, q0 = -1.0, u = 3.0, v = 2.0, w = 4.0, r = -3.0, f = 3.0;
-    const double q = 1.0, k = 2.0, m = 5.0, start = 0.5;
-    double u1, f1, q1, one[PMA_PASSAGE_TERMS];
-    const pma_passage hand = {&u0, &f0, &q0, &u1, &f1, &q1, &u,     &v,
-                              &w,  &r,  &f,  &q,  &k,  &m,  &start, 0.5};
-    pma_passage_sum(1, 1, &hand, one);
-    const double expected[PMA_PASSAGE_TERMS] = {8.0, 1.0, 20.0, 9.0, 20.0};
-    CHECK_BITS(PMA_PASSAGE_TERMS, one, expected);
-    CHECK(u1 == 3.0 && f1 == 7.0 && q1 == 21.0);
+}
+
+/* By hand: acting -3 + 2 (1/2 4) = 1, inertia 5 x 4 = 20, du = 2; where they are given, 7 and 21 */
+static void a_passage_sums_the_works_of_one_step(void)
+{
+    static const double from[] = {1.0, 1.0, -1.0}, fixed[] = {0.5, 2.0, 5.0};
+    static const double u = 3.0, v = 2.0, w = 4.0, r = -3.0;
+    double to[3] = {0.0, 7.0, 21.0}, terms[PMA_PASSAGE_TERMS];
+    pma_passage hand = {
+        .from = from, .to = to, .u = &u, .v = &v, .w = &w, .r = &r, .fixed = fixed, .al1 = 0.5};
+    pma_passage_sum(1, 1, &hand, terms);
+    static const double given[PMA_PASSAGE_TERMS] = {8.0, 1.0, 20.0, 9.0, 0.0};
+    CHECK_BITS(PMA_PASSAGE_TERMS, terms, given);
+    CHECK(to[0] == 3.0 && to[1] == 7.0 && to[2] == 21.0);
+    hand.is_diagonal = true;
+    pma_passage_sum(1, 1, &hand, terms);
+    static const double diagonal[PMA_PASSAGE_TERMS] = {2.0, 1.0, 19.0, 9.0, 20.0};
+    CHECK_BITS(PMA_PASSAGE_TERMS, terms, diagonal);
+    CHECK(to[0] == 3.0 && to[1] == 1.0 && to[2] == 20.0);
 }
 
 const test BALANCE_TESTS[] = {
@@ -157,5 +177,6 @@ const test BALANCE_TESTS[] = {
     TEST(a_weight_is_no_source),
     TEST(an_estimate_above_the_stiffness_is_a_mass),
     TEST(a_passage_in_lanes_is_that_of_each_lane),
+    TEST(a_passage_sums_the_works_of_one_step),
     END_OF_TESTS,
 };

@@ -137,10 +137,9 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
-    common: of the records that `again` makes, the arrays that all share, read-only; else None.
+    common: of an interval, the arrays that are equal in several quantities and in all records that
+        `again` makes; `shares`: cases have these themselves, read-only, a run has copies.
     """
-
-    common: dict[tuple[str, int, int], np.ndarray] | None = None
 
     def __init__(
         self,
@@ -155,7 +154,8 @@ class Recording:
         loads: Sequence[Loads] = (),
         problem: Mapping[str, Any] | None = None,
     ):
-        self.loads, self.problem = loads, problem
+        self.loads, self.problem, self.shares = loads, problem, False
+        self.common: dict[tuple[int, int], dict[tuple[str, int], np.ndarray]] = {}
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
@@ -172,8 +172,7 @@ class Recording:
         """The same of a case with other loads, in a block of this size or a record that is done."""
         self.of.check_ground(loads)
         other = copy(memory if isinstance(memory, Recording) else self)
-        other.loads, other.common = loads, {} if self.common is None else self.common
-        self.common = other.common
+        other.loads, other.common, other.shares = loads, self.common, True
         if isinstance(memory, np.ndarray):
             other.block = memory
             other._make_arrays()
@@ -243,16 +242,17 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
-        return self._once(("times", levels, end), lambda: self._times(levels, end))
+        return self._once("times", levels, end, lambda: self._times(levels, end))
 
-    def _once(self, key: tuple[str, int, int], make: Callable[[], np.ndarray]) -> np.ndarray:
-        """An array that is made once, and read-only, where several cases have it."""
-        if self.common is None:
-            return make()
-        if key not in self.common:
-            self.common[key] = make()
-            self.common[key].flags.writeable = False
-        return self.common[key]
+    def _once(self, name: str, levels: int, end: int, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """An array that is made once for an interval, or a copy of it."""
+        if (self.begin, end) not in self.common:
+            self.common.clear()
+        arrays = self.common.setdefault((self.begin, end), {})
+        if (name, levels) not in arrays:
+            arrays[name, levels] = make()
+            arrays[name, levels].flags.writeable = False
+        return arrays[name, levels] if self.shares else arrays[name, levels].copy()
 
     def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
@@ -268,7 +268,7 @@ class Recording:
         return clock.t0 + done * clock.dt
 
     def multiplier_times(self, end: int) -> np.ndarray:
-        return self._once(("multiplier times", 1, end), lambda: self._multiplier_times(end))
+        return self._once("multiplier times", 1, end, lambda: self._multiplier_times(end))
 
     def _multiplier_times(self, end: int) -> np.ndarray:
         times = self._times(self.of.fine, end)
@@ -281,7 +281,7 @@ class Recording:
     def substeps(self, end: int) -> np.ndarray:
         """The substeps of each subdomain at each macro time level."""
         rows = self.rows(1, end)
-        return self._once(("substeps", 1, end), lambda: self.of.substeps.repeat(rows, axis=0))
+        return self._once("substeps", 1, end, lambda: self.of.substeps.repeat(rows, axis=0))
 
     def core_record(self) -> CoreRecord:
         """The record in the form of the core."""

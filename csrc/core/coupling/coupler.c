@@ -356,7 +356,7 @@ static bool is_observed(const pma_coupled *m)
 
 static void begin(pma_coupler *c, int64_t steps, const pma_record *record, const pma_poll *poll)
 {
-    c->record = record;
+    c->record = record && pma_recorder_begin(c, record) ? record : NULL;
     c->poll = poll;
     c->end = c->present.number + steps;
     c->observed = pma_coupler_has(c, is_observed);

@@ -15,16 +15,23 @@ static inline int64_t count_before(const pma_record *record, int64_t macro)
     return (macro + 1) / record->every - record->begin / record->every - 1;
 }
 
-size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t levels)
+static inline size_t row_of(const pma_record *record, int64_t macro, size_t j, size_t levels)
 {
     const pma_ring *ring = record->ring;
+    if (record->every > 0 && j != levels)
+        return PMA_NO_ROW;
     int64_t before = count_before(record, macro);
-    if (before < 0 || (record->every > 0 && j != levels))
+    if (before < 0)
         return PMA_NO_ROW;
     if (ring && ring->steps[before % ring->size] != before)
         return PMA_NO_ROW;
     before = ring ? before % ring->size : before;
     return record->every == 0 ? (size_t)before * levels + j : (size_t)before + 1;
+}
+
+size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t levels)
+{
+    return row_of(record, macro, j, levels);
 }
 
 void pma_record_begin(const pma_record *record, int64_t macro)
@@ -44,10 +51,25 @@ void pma_record_end(const pma_record *record, int64_t macro)
     atomic_store_explicit(&record->ring->written, macro, memory_order_release);
 }
 
-size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
+static inline size_t row_at(const pma_coupler *c, size_t j, size_t levels)
 {
     const int64_t macro = c->origin.number + c->present.number + (j > levels);
-    return pma_record_row(c->record, macro, j > levels ? j - levels : j, levels);
+    return row_of(c->record, macro, j > levels ? j - levels : j, levels);
+}
+
+size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
+{
+    return row_at(c, j, levels);
+}
+
+bool pma_recorder_begin(pma_coupler *c, const pma_record *record)
+{
+    const int64_t every = record->every, present = c->origin.number + c->present.number;
+    c->recorded = every > 0 ? (present / every + 1) * every : 0;
+    bool has_rows = c->parts.p > 0 || record->ring || record->energy || record->contact_gap;
+    for (const pma_coupled *m = c->own; m < c->end_of_own && !has_rows; m++)
+        has_rows = !pma_selection_is_empty(&record->selections[m - c->coupled]);
+    return has_rows;
 }
 
 /* ---- jumps ---------------------------------------------------------------------------------- */
@@ -99,17 +121,14 @@ static void write_members(const pma_coupler *c)
         const pma_selection *selection = &c->record->selections[m - c->coupled];
         if (!pma_is_ending(m) || pma_look_ahead_is_deferred(m) || pma_selection_is_empty(selection))
             continue;
-        const size_t row = pma_recorder_row(c, m->now.j + 1, m->member.substeps);
-        if (row != PMA_NO_ROW)
-            m->member.table->record(m->member.self, PMA_MOTION, m->now.j + 1, NULL, selection, row);
+        const size_t row = row_at(c, m->now.j + 1, m->member.substeps);
+        m->member.table->record(m->member.self, PMA_MOTION, m->now.j + 1, NULL, selection, row);
     }
 }
 
 static void write_interface(const pma_coupler *c, bool deferred)
 {
-    const size_t p = c->parts.p, row = pma_recorder_row(c, c->k, c->fine);
-    if (p == 0 || row == PMA_NO_ROW)
-        return;
+    const size_t p = c->parts.p, row = row_at(c, c->k, c->fine);
     memcpy(c->record->multipliers + row * p, c->working.lam, p * sizeof(double));
     if (!deferred)
         velocity_jump(c, c->record->velocity_jump + row * p);
@@ -133,9 +152,7 @@ static void write_energy(const pma_coupler *c, const pma_record *record, size_t 
 
 static void write_macro_level(const pma_coupler *c, bool deferred)
 {
-    const size_t macro = c->k / c->fine, row = pma_recorder_row(c, macro, 1);
-    if (row == PMA_NO_ROW)
-        return;
+    const size_t macro = c->k == c->fine ? 1 : 2, row = row_at(c, macro, 1);
     if (c->record->energy)
         write_energy(c, c->record, macro, row);
     if (c->parts.p == 0 || deferred)
@@ -143,12 +160,31 @@ static void write_macro_level(const pma_coupler *c, bool deferred)
     displacement_jump(c, macro, c->working.moved, c->record->displacement_jump + row * c->parts.p);
 }
 
-void pma_recorder_write(const pma_coupler *c)
+/* Does the fine step at hand end where all arrays have a row? */
+static bool has_row(pma_coupler *c)
 {
+    const int64_t every = c->record->every;
+    if (c->record->ring)
+        return row_at(c, c->k, c->fine) != PMA_NO_ROW;
+    if (every == 0)
+        return true;
+    if (c->k != c->fine && c->k != 2 * c->fine)
+        return false;
+    const int64_t end = c->origin.number + c->present.number + (c->k == c->fine ? 1 : 2);
+    if (end > c->recorded)
+        c->recorded += every;
+    return end == c->recorded;
+}
+
+void pma_recorder_write(pma_coupler *c)
+{
+    if (!has_row(c))
+        return;
     const bool deferred =
         pma_look_ahead_is_used(c) && pma_coupler_has(c, pma_look_ahead_is_deferred);
     write_members(c);
-    write_interface(c, deferred);
+    if (c->parts.p > 0)
+        write_interface(c, deferred);
     if (c->k == c->fine || c->k == 2 * c->fine)
         write_macro_level(c, deferred);
 }

@@ -78,6 +78,7 @@ struct pma_coupler {
     /* of the call at hand */
     int64_t end;              /* macro step at which it ends */
     const pma_record *record; /* or NULL */
+    int64_t recorded;         /* with `every`, the macro step of the present or next row */
     const pma_poll *poll;     /* or NULL */
     pma_pace *pace;           /* or NULL */
     size_t unpolled;          /* entries read since the last poll */
@@ -400,8 +401,11 @@ pma_status pma_fine_take(pma_coupler *c);
 /* The row of time level j, counted from the present, of a grid of `levels` in a macro step. */
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels);
 
+/* From the present on. Does the record have an array that is written? */
+bool pma_recorder_begin(pma_coupler *c, const pma_record *record);
+
 /* Records the end of the fine step at hand. */
-void pma_recorder_write(const pma_coupler *c);
+void pma_recorder_write(pma_coupler *c);
 
 /* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */
 void pma_recorder_complete(const pma_coupler *c);

@@ -35,7 +35,7 @@ typedef struct {
  * where forces were evaluated and what they were, how far from there the state is, velocity, the
  * extrapolated one, and what springs remember. */
 typedef struct {
-    double *ut, *r, *x, *acting, *inertia, *u, *v, *vs, *springs;
+    double *ut, *r, *x, *u, *acting, *inertia, *v, *vs, *springs; /* u to inertia: a passage */
     double *iterated;              /* the forces that are evaluated at the state, */
     double *functions, *stiffness; /* ... and of functions among them */
     bool bends;                    /* the stiffness is known */
@@ -60,17 +60,18 @@ struct pma_balance {
     level *levels, **at; /* all of them; the present, and those after it */
     size_t kept;         /* after the present; two take turns, or one for each substep */
     bool is_diagonal;    /* M and K_r are, and nothing else corrects the forces */
-    double *zeros;       /* n */
     double *opened;      /* 2 x 2 n: ut and r of substeps that are open */
     bool keeps;          /* where forces were evaluated, for what is summed or completed later */
     double *product, *scratch; /* n each */
     double *w;                 /* n: at the end of a substep, of which it is found later */
-    double *start;             /* n: what acts at the time level at which the sums begin */
+    double *start;             /* n: what acts at the time level at which the sums begin; */
+                               /* ... after it the diagonals of K_r and M, if is_diagonal */
     pma_first_forces first;    /* at the next start */
     double *stored;            /* energy of the springs of each lane */
     double bent;               /* (B12) of a substep */
     bool has_stored;           /* the energy is that of the level that is judged */
     bool begun;                /* the present is known */
+    bool is_broken;            /* it is no motion any more */
     bool is_passive;           /* the path is not known */
     judgement *judged;         /* of each lane */
     double *numbers;           /* of all levels, */
@@ -95,9 +96,9 @@ static level take_level(const pma_balance *b, size_t number)
     return (level){.ut = x,
                    .r = x + p->n,
                    .x = x + 2 * p->n,
-                   .acting = x + 3 * p->n,
-                   .inertia = x + 4 * p->n,
-                   .u = x + 5 * p->n,
+                   .u = x + 3 * p->n,
+                   .acting = x + 4 * p->n,
+                   .inertia = x + 5 * p->n,
                    .v = x + 6 * p->n,
                    .vs = x + 7 * p->n,
                    .springs = springs,
@@ -127,14 +128,13 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
     const pma_array arrays[] = {
         PMA_ARRAY(pma_balance, levels, kept + 1),
         PMA_ARRAY(pma_balance, at, kept + 1),
-        PMA_ARRAY(pma_balance, zeros, n),
         PMA_ARRAY(pma_balance, judged, lanes),
         PMA_ARRAY(pma_balance, sums, (kept + 1) * lanes),
         PMA_ARRAY(pma_balance, opened, 4 * n),
         PMA_ARRAY(pma_balance, product, n),
         PMA_ARRAY(pma_balance, scratch, n),
         PMA_ARRAY(pma_balance, w, parts->has_responses ? n : 0),
-        PMA_ARRAY(pma_balance, start, n),
+        PMA_ARRAY(pma_balance, start, 3 * n),
         PMA_ARRAY(pma_balance, first.once, n),
         PMA_ARRAY(pma_balance, first.iterated, n),
         PMA_ARRAY(pma_balance, first.stiffness, entries),
@@ -153,6 +153,10 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
     b->kept = kept;
     b->keeps = sums_path(parts) || parts->estimates || parts->has_responses;
     b->is_diagonal = is_diagonal(parts);
+    for (size_t i = 0; i < n && b->is_diagonal; i++) {
+        b->start[n + i] = parts->K_r.form == PMA_DIAGONAL ? parts->K_r.values[i] : 0.0;
+        b->start[2 * n + i] = parts->M.values[i];
+    }
     for (size_t k = 0; k <= kept; k++) {
         b->levels[k] = take_level(b, k);
         b->at[k] = &b->levels[k];
@@ -176,6 +180,17 @@ static void multiply(pma_balance *b, const pma_matrix *A, const double *x)
 {
     memset(b->product, 0, b->parts.n * sizeof(double));
     pma_matrix_subtract(A, x, b->product);
+}
+
+/* fmax and fmin are calls */
+INLINE double larger(double a, double b)
+{
+    return b > a ? b : a;
+}
+
+INLINE double smaller(double a, double b)
+{
+    return b < a ? b : a;
 }
 
 /* x . y of a lane */
@@ -205,6 +220,7 @@ void pma_balance_begin(pma_balance *b)
 {
     b->begun = false;
     b->is_passive = b->parts.is_passive;
+    b->is_broken = false;
     for (size_t l = 0; l < b->parts.lanes; l++) {
         b->at[0]->sums[l] = (sums){0};
         b->judged[l] = (judgement){0};
@@ -322,7 +338,7 @@ INLINE void sum_up(const sums *before, const double *terms, size_t lanes, double
     now->since = before->since + since;
     now->resultant = before->resultant + terms[PMA_PASSAGE_RESULTANT * lanes];
     now->gross = before->gross + fabs(since);
-    now->size = fmax(before->size, terms[PMA_PASSAGE_SIZE * lanes]);
+    now->size = larger(before->size, terms[PMA_PASSAGE_SIZE * lanes]);
     now->kinetic = terms[PMA_PASSAGE_KINETIC * lanes];
 }
 
@@ -361,48 +377,38 @@ static void begin_sums(pma_balance *b, level *at, const double *v, const double 
     }
 }
 
-/* q and f where they are not diagonal, in the level at the end, which has x = u - ut */
-static void find_forces(pma_balance *b, const double *vs, level *to, pma_passage *p)
+/* What acts and the resultant where matrices are not diagonal, in the level at the end, which has
+ * x = u - ut */
+static void find_forces(pma_balance *b, const double *vs, level *to, const pma_passage *p)
 {
-    const size_t n = b->parts.n;
     multiply_mass(b, p->w, to->inertia);
     correct_forces(b, vs, p->v, to->x);
-    for (size_t i = 0; i < n; i++)
+    for (size_t i = 0; i < b->parts.n; i++)
         to->acting[i] = p->r[i] - b->product[i];
-    p->q = to->inertia;
-    p->f = to->acting;
 }
 
 /* To level j + 1, where the substep ends with u, v, w; it has evaluated the forces r. */
 static void come_to(pma_balance *b, size_t j, double al1, const double *r, const pma_state *x)
 {
     const size_t lanes = b->parts.lanes;
-    const bool known = j > 0 || b->begun, is_diagonal = b->is_diagonal;
+    const bool known = j > 0 || b->begun;
     const level *from = level_at(b, j);
     level *to = level_at(b, j + 1);
-    pma_passage p = {.u0 = from->u,
-                     .f0 = from->acting,
-                     .q0 = from->inertia,
-                     .u1 = to->u,
-                     .f1 = to->acting,
-                     .q1 = to->inertia,
-                     .u = x->u,
-                     .v = x->v,
-                     .w = x->w,
-                     .r = r,
-                     .f = r,
-                     .q = b->zeros,
-                     .k = is_diagonal && b->parts.K_r.form == PMA_DIAGONAL ? b->parts.K_r.values
-                                                                           : b->zeros,
-                     .m = is_diagonal ? b->parts.M.values : b->zeros,
-                     .start = b->start,
-                     .al1 = al1};
+    const pma_passage p = {.from = from->u,
+                           .to = to->u,
+                           .u = x->u,
+                           .v = x->v,
+                           .w = x->w,
+                           .r = r,
+                           .fixed = b->start,
+                           .is_diagonal = b->is_diagonal,
+                           .al1 = al1};
     double terms[PMA_PASSAGE_TERMS * PMA_LANES], path = 0.0;
     if (b->parts.estimates && known)
         add_estimate(b, from, to, al1);
     if (sums_path(&b->parts) && known)
         path = work_of_path(b, from, to, x->u);
-    if (!is_diagonal)
+    if (!b->is_diagonal)
         find_forces(b, known ? from->vs : x->v, to, &p);
     pma_passage_sum(b->parts.n, lanes, &p, terms);
     if (lanes == 1)
@@ -461,14 +467,18 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
     const size_t n = b->parts.n, bytes = n * sizeof(double), j = step->j;
     level *to = level_at(b, j + 1);
     const double *ut = opened_at(b, step->number), *r = ut + n;
-    const double share = b->parts.has_responses && !b->parts.corrects ? 0.0 : al1;
     to->t = step->t1;
     if (b->keeps) {
         memcpy(to->ut, ut, bytes);
         memcpy(to->r, r, bytes);
         memcpy(to->springs, x->springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     }
-    for (size_t i = 0; i < n && !b->is_diagonal; i++)
+    if (b->is_diagonal) {
+        come_to(b, j, al1, r, x);
+        return;
+    }
+    const double share = b->parts.has_responses && !b->parts.corrects ? 0.0 : al1;
+    for (size_t i = 0; i < n; i++)
         to->x[i] = share * x->w[i];
     if (b->parts.has_responses) { /* until the link response is known */
         memcpy(to->v, x->v, bytes);
@@ -503,16 +513,16 @@ static double added(pma_balance *b, const level *at, const double *springs, size
 {
     const judgement *so_far = &b->judged[lane];
     const sums *now = &at->sums[lane];
-    const double passive = fmin(-now->since, -now->work);
+    const double passive = smaller(-now->since, -now->work);
     const double lost = now->resultant - (so_far->last - so_far->start);
-    const double dissipated = b->parts.is_pushed ? 0.0 : fmax(lost, 0.0);
+    const double dissipated = b->parts.is_pushed ? 0.0 : larger(lost, 0.0);
     if (b->is_passive || passive - dissipated <= least)
         return passive - dissipated;
     if (!b->has_stored)
         store(b, springs);
     b->has_stored = true;
     const double path = now->path + (b->stored[lane] - so_far->stored);
-    return fmin(passive, path - now->work) - dissipated;
+    return smaller(passive, path - now->work) - dissipated;
 }
 
 /* (B10)  Does the gain exceed what is reported, where the motion is faster than ever before? */
@@ -524,15 +534,15 @@ static bool exceeds(pma_balance *b, const level *at, const double *springs, size
     const double kinetic = so_far->last;
     if (!isfinite(kinetic) || kinetic < (1.0 - EQUAL) * so_far->largest)
         return so_far->exceeds;
-    so_far->largest = fmax(so_far->largest, kinetic);
-    const double least = fmax(fmax(SHARE * now->gross, ROUNDING * now->size), gain->added);
+    so_far->largest = larger(so_far->largest, kinetic);
+    const double least = larger(larger(SHARE * now->gross, ROUNDING * now->size), gain->added);
     const double energy = added(b, at, springs, lane, least);
     if (energy > least)
         gain->added = energy;
     if (!(gain->added > REPORTED * kinetic))
         return false;
     multiply(b, &b->parts.K, at->u);
-    gain->energy = fmax(gain->energy, kinetic + half_square(b, at->u, lane));
+    gain->energy = larger(gain->energy, kinetic + half_square(b, at->u, lane));
     return gain->added > REPORTED * gain->energy;
 }
 
@@ -542,6 +552,7 @@ static void judge(pma_balance *b, const level *at, const double *springs, size_t
     const bool before = so_far->exceeds;
     so_far->first = so_far->first > 0.0 ? so_far->first : so_far->last;
     so_far->exceeds = exceeds(b, at, springs, lane);
+    b->is_broken = b->is_broken || so_far->last > BROKEN * so_far->first;
     if (!before)
         so_far->since = at->t;
     else if (so_far->exceeds && !(so_far->gain.t > 0.0))
@@ -584,10 +595,5 @@ double pma_balance_added_mass(const pma_balance *b)
 
 bool pma_balance_is_broken(const pma_balance *b)
 {
-    for (size_t l = 0; l < b->parts.lanes; l++) {
-        const judgement *x = &b->judged[l];
-        if (x->last > BROKEN * x->first)
-            return true;
-    }
-    return false;
+    return b->is_broken;
 }

@@ -190,7 +190,7 @@ static void advance_response(void *self, size_t j, const double *lam, const doub
     if (s->energy)
         pma_energy_advance_response(s->energy, j, s->response->twice, &s->response->state, lam,
                                     dlam);
-    if (s->balance)
+    if (s->balance && s->parts.nb > 0)
         pma_balance_advance_response(s->balance, j, s->parts.single.step.al1, &s->response->state);
 }
 
@@ -208,7 +208,7 @@ static size_t repeats(const void *self, bool recorded)
 {
     const pma_subdomain *s = self;
     const bool tied = s->parts.nb > 0;
-    if (s->energy || s->balance || (tied && !pma_response_is_stored(s->response)))
+    if (s->energy || (tied && (s->balance || !pma_response_is_stored(s->response))))
         return s->parts.substeps;
     return tied && recorded ? s->parts.substeps - 1 : 0;
 }

@@ -2,10 +2,11 @@
 #ifndef PMA_PASSAGE_H
 #define PMA_PASSAGE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 /* Sums over the dofs: work of what acts, of r_*, and of the resultant; |r| |u|; and v . M v at the
- * end, where M is diagonal and there is one lane. */
+ * end, where matrices are diagonal. */
 enum {
     PMA_PASSAGE_WORK,
     PMA_PASSAGE_START,
@@ -15,13 +16,15 @@ enum {
     PMA_PASSAGE_TERMS
 };
 
-/* Arrays of n. The state at the end is u, v, w, the forces that were evaluated are r. What acts is
- * f + k al1 w with diagonal k, the resultant q + m w with diagonal m; in lanes f and q alone. */
+/* From a time level, and to the next one, with the state u, v, w (n each) and the forces r (n) that
+ * were evaluated. Of both levels displacement, what acts, and resultant (n each) follow each other;
+ * at the end they are r + K_r al1 w and M w where these matrices are diagonal, otherwise there. */
 typedef struct {
-    const double *u0, *f0, *q0; /* displacement, what acted, and resultant at the beginning */
-    double *u1, *f1, *q1;       /* the same at the end, to be written; may be u, f and q */
-    const double *u, *v, *w, *r, *f, *q, *k, *m;
-    const double *start; /* r_* */
+    const double *from; /* 3 n */
+    double *to;         /* 3 n, to be written */
+    const double *u, *v, *w, *r;
+    const double *fixed; /* 3 n: r_*, and the diagonals of K_r and M */
+    bool is_diagonal;    /* in one lane alone */
     double al1;
 } pma_passage;
 

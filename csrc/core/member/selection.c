@@ -2,14 +2,6 @@
 
 #include <string.h>
 
-bool pma_selection_is_empty(const pma_selection *selection)
-{
-    return selection->count + selection->springs + selection->history + selection->outputs +
-                   selection->commands ==
-               0 &&
-           !selection->corrections;
-}
-
 /* y (rows) += A x */
 static void add_product(const pma_combination *A, size_t rows, const double *x, double *y)
 {
@@ -23,19 +15,12 @@ static void add_product(const pma_combination *A, size_t rows, const double *x, 
     }
 }
 
-/* A row := or += what the state has at the positions selected, and its outputs. */
-static void take_motion(const pma_selection *selection, const pma_state *state, bool adds,
-                        size_t row)
+/* y := A_u u + A_v v + A_a w, or += */
+static void take_outputs(const pma_selection *selection, const pma_state *state, bool adds,
+                         size_t row)
 {
-    const size_t outputs = selection->outputs, at = row * selection->count;
-    double *u = selection->u + at, *v = selection->v + at, *w = selection->w + at;
+    const size_t outputs = selection->outputs;
     double *y = selection->output + row * outputs;
-    for (size_t i = 0; i < selection->count; i++) {
-        const int64_t k = selection->position[i];
-        u[i] = adds ? u[i] + state->u[k] : state->u[k];
-        v[i] = adds ? v[i] + state->v[k] : state->v[k];
-        w[i] = adds ? w[i] + state->w[k] : state->w[k];
-    }
     if (outputs == 0)
         return;
     if (!adds)
@@ -43,6 +28,33 @@ static void take_motion(const pma_selection *selection, const pma_state *state, 
     add_product(&selection->of_u, outputs, state->u, y);
     add_product(&selection->of_v, outputs, state->v, y);
     add_product(&selection->of_w, outputs, state->w, y);
+}
+
+/* A row := what the state has at the positions selected. */
+static void write_motion(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    const size_t count = selection->count, at = row * count;
+    double *u = selection->u + at, *v = selection->v + at, *w = selection->w + at;
+    const pma_state x = *state; /* or it would be read again after each number that is stored */
+    const int64_t *position = selection->position;
+    for (size_t i = 0; i < count; i++) {
+        const int64_t k = position[i];
+        u[i] = x.u[k];
+        v[i] = x.v[k];
+        w[i] = x.w[k];
+    }
+}
+
+static void add_motion(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    const size_t at = row * selection->count;
+    double *u = selection->u + at, *v = selection->v + at, *w = selection->w + at;
+    for (size_t i = 0; i < selection->count; i++) {
+        const int64_t k = selection->position[i];
+        u[i] += state->u[k];
+        v[i] += state->v[k];
+        w[i] += state->w[k];
+    }
 }
 
 static void write_springs(const pma_selection *selection, const pma_state *state, size_t row)
@@ -86,7 +98,8 @@ static void write_rig(const pma_selection *selection, const pma_state *state, si
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
 {
     for (; selection; selection = selection->next) {
-        take_motion(selection, state, false, row);
+        write_motion(selection, state, row);
+        take_outputs(selection, state, false, row);
         write_springs(selection, state, row);
         write_history(selection, state, row);
         write_rig(selection, state, row);
@@ -95,8 +108,10 @@ void pma_selection_write(const pma_selection *selection, const pma_state *state,
 
 void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row)
 {
-    for (; selection; selection = selection->next)
-        take_motion(selection, state, true, row);
+    for (; selection; selection = selection->next) {
+        add_motion(selection, state, row);
+        take_outputs(selection, state, true, row);
+    }
 }
 
 void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row)

@@ -38,7 +38,12 @@ typedef struct pma_selection {
 } pma_selection;
 
 /* True if nothing is recorded. */
-bool pma_selection_is_empty(const pma_selection *selection);
+static inline bool pma_selection_is_empty(const pma_selection *selection)
+{
+    return (selection->count | selection->springs | selection->history | selection->outputs |
+            selection->commands) == 0 &&
+           !selection->corrections;
+}
 
 /* Copies the selected dofs and springs of a state into a row, and computes its outputs; and all
  * that for the selections that follow it, in this function and in those below. */

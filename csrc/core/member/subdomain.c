@@ -414,12 +414,13 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
     const pma_parts *p = &s->parts;
     const pma_matrix none = {.form = PMA_ZERO, .n = p->n};
     const bool follows = !p->doubled; /* vs is that of the level before */
+    const bool responds = p->has_responses && p->nb > 0;
     const bool bends = s->iterate && p->internal.count > 0;
     const pma_balance_parts parts = {
         .n = p->n,
         .lanes = 1,
         .substeps = p->substeps,
-        .has_responses = p->has_responses,
+        .has_responses = responds,
         .corrects = K_r.form != PMA_ZERO,
         .is_passive = p->restoring.function || (!s->iterate && p->internal.count > 0),
         .estimates = p->restoring.function && !p->has_responses && K_r.form != PMA_ZERO,
@@ -427,7 +428,7 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
         .h = p->single.step.h,
         .M = M,
         .K = p->K,
-        .K_r = p->has_responses ? p->K_r : K_r,
+        .K_r = responds ? p->K_r : K_r,
         .D_r = follows ? p->D_r : none,
         .springs = &p->springs,
         .iterates = s->iterate != NULL,
