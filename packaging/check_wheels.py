@@ -120,8 +120,9 @@ def check_shared(content: bytes, tag: str, name: str, exports: str) -> None:
 
 
 def check_archive(header: bytes, content: bytes, tag: str) -> None:
-    """That a program is compiled and linked with them."""
+    """That a program is compiled and linked with them, and where they were made is not in them."""
     platform = PLATFORMS[tag]
+    require(b"/zig/" not in content, f"the archive of {tag} has the path of a temporary file")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for name, data in ("pmalpha.h", header), ("libpmalpha.a", content), ("main.c", PROGRAM):

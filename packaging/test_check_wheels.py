@@ -125,3 +125,9 @@ def test_a_wheel_without_a_file_of_the_library_is_refused():
 def test_an_archive_without_the_functions_is_refused():
     with pytest.raises(SystemExit, match="no program of the archive of manylinux_2_17_x86_64"):
         check_archive(HEADER, b"!<arch>\n", "manylinux_2_17_x86_64")
+
+
+def test_an_archive_that_says_where_it_was_made_is_refused():
+    content = b"!<arch>\n/home/a/.cache/zig/tmp/b55efa0d-blas.obj"
+    with pytest.raises(SystemExit, match="the archive of win_amd64 has the path of a temporary"):
+        check_archive(HEADER, content, "win_amd64")

@@ -190,7 +190,9 @@ class Compiler:
     def objects(self, sources: Iterable[str]) -> list[Path]:
         def compile_one(source: str) -> Path:
             out = self.folder / (source.replace("/", "_") + ".o")
-            run(ZIG, "cc", *self.flags, "-c", source, "-o", out)
+            # objects for Windows have a name, by itself that of a temporary file
+            name = "-Xclang", f"-object-file-name={out.name}"
+            run(ZIG, "cc", *self.flags, *name, "-c", source, "-o", out)
             return out
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
