@@ -1,6 +1,5 @@
 #include "algebra/kernel.h"
 
-#include <stdbool.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
@@ -203,18 +202,16 @@ PMA_INLINE void subtract_columns_lanes(const double *A, size_t ld, size_t rows, 
         subtract_rows_lanes(A + i, ld, 1, columns, x, y + i * PMA_LANES);
 }
 
-/* part_k := or += the sum over every fourth row, from the k-th on, of a_i y_i, for each of some
- * columns; rows is a multiple of 4. What is read of y serves all columns. */
+/* part_k += the sum over every fourth row, from the k-th on, of a_i y_i, for each of some columns;
+ * rows is a multiple of 4. What is read of y serves all columns. */
 PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
-                                   const size_t k, bool adds, const double *y,
-                                   four (*part)[4][HALVES])
+                                   const size_t k, const double *y, four (*part)[4][HALVES])
 {
-    const four zero = {0.0};
     four sum[ROWS][HALVES];
 #pragma GCC unroll 4
     for (size_t j = 0; j < columns; j++) {
-        sum[j][0] = adds ? part[j][k][0] : zero;
-        sum[j][1] = adds ? part[j][k][1] : zero;
+        sum[j][0] = part[j][k][0];
+        sum[j][1] = part[j][k][1];
     }
 #pragma GCC unroll 1
     for (size_t i = k; i < rows; i += 4) {
@@ -238,14 +235,14 @@ PMA_INLINE void add_products_lanes(const double *A, size_t ld, size_t rows, cons
 PMA_INLINE void sum_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
                                    const double *y, four (*sum)[HALVES])
 {
-    four part[GROUP][4][HALVES];
+    four part[GROUP][4][HALVES] = {{{{0.0}}}};
     const size_t together = columns < ROWS ? columns : ROWS;
     for (size_t begin = 0; begin < rows; begin += LANE_PIECE) {
         const size_t size = rows - begin < LANE_PIECE ? rows - begin : LANE_PIECE;
         for (size_t j = 0; j < columns; j += together) {
             for (size_t k = 0; k < 4; k++)
-                add_products_lanes(A + j * ld + begin, ld, size, together, k, begin > 0,
-                                   y + begin * PMA_LANES, part + j);
+                add_products_lanes(A + j * ld + begin, ld, size, together, k, y + begin * PMA_LANES,
+                                   part + j);
         }
     }
     for (size_t j = 0; j < columns; j++) {

@@ -92,13 +92,13 @@ static pma_load term_of(const pma_load *load, size_t i)
         term = NULL;
     if (term && term->kind == PMA_LOAD_SAMPLED)
         return *term;
-    const bool is_constant = term && term->kind == PMA_LOAD_CONSTANT;
+    const double *constant = term && term->kind == PMA_LOAD_CONSTANT ? term->values : NULL;
     return (pma_load){.kind = PMA_LOAD_SAMPLED,
                       .n = load->n,
                       .values = &one,
-                      .shape = is_constant ? term->values : &one,
+                      .shape = constant ? constant : &one,
                       .samples = 1,
-                      .k = is_constant ? 1 : 0,
+                      .k = constant ? 1 : 0,
                       .dt = 1.0,
                       .hold = true};
 }
