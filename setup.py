@@ -33,6 +33,10 @@ SHARED = {"win32": "pmalpha.dll", "darwin": "libpmalpha.dylib"}.get(sys.platform
 WITHOUT_A_COMPILER = "a C compiler is needed; without one, see docs/install.md#without-a-compiler"
 
 
+def newer(path, other):
+    return path.exists() and path.stat().st_mtime >= other.stat().st_mtime
+
+
 class Build(build_ext):
     """With all processors, and without earlier libraries for one version of Python.
 
@@ -61,8 +65,14 @@ class Build(build_ext):
         return {**files, "sources.zip": content.getvalue()}
 
     def build_extension(self, ext):
+        # skipped where it is newer than all that the library and it are made of, and the library is
+        # newer than it: that of a build which was interrupted is not
+        ext.depends = [*ext.depends, *glob("csrc/library/*.[ch]"), *glob("csrc/fmu/*.[ch]")]
+        extension, last = Path(self.get_ext_fullpath(ext.name)), self.library_path("fmu3")
+        if extension.exists() and not newer(last, extension):
+            self.force = True
         compiler = self.compiler.compile
-        core = []
+        core, core_options = [], {}
 
         def together(sources, **options):
             with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -73,12 +83,15 @@ class Build(build_ext):
                 core_options.update(options)
             return sum(objects, [])
 
-        core_options = {}
         self.compiler.compile = together
         super().build_extension(ext)
-        library = core + together(self.of_library, **core_options)
-        fmu = together([*self.of_fmu, *self.of_version.values()], **core_options)
-        self.build_library(library, fmu)
+        if core:
+            library = core + together(self.of_library, **core_options)
+            fmu = together([*self.of_fmu, *self.of_version.values()], **core_options)
+            self.build_library(library, fmu)
+
+    def library_path(self, stem):
+        return Path(self.build_lib, self.LIBRARY, stem).with_suffix(Path(SHARED).suffix)
 
     def build_library(self, objects, fmu):
         """`pmalpha.c_library()` beside the extension, and what FMUs are made of."""
@@ -86,14 +99,15 @@ class Build(build_ext):
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in self.texts().items():
             (folder / name).write_bytes(content)
+        (folder / "libpmalpha.a").unlink(missing_ok=True)  # objects are only ever added to it
         self.compiler.create_static_lib(objects, "pmalpha", output_dir=str(folder))
         small = ["-Wl,--strip-debug"] if sys.platform == "linux" else []
         link = {"libraries": ["m"], "extra_postargs": ["-pthread", *small]}
         self.compiler.link_shared_object(objects, str(folder / SHARED), **link)
         count = len(self.of_fmu)
         for name, version in zip(self.of_version, fmu[count:]):
-            path = folder / Path(name).with_suffix(Path(SHARED).suffix)
-            self.compiler.link_shared_object([*objects, *fmu[:count], version], str(path), **link)
+            path = str(self.library_path(name))
+            self.compiler.link_shared_object([*objects, *fmu[:count], version], path, **link)
 
     def run(self):
         try:

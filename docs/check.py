@@ -1,10 +1,10 @@
 """Checks of the built site: `python docs/check.py build/docs/html`.
 
 Every public name has a page, formulas are drawn, and no page, style or script loads anything from
-another address: the site reads the same without a network. A browser, where one is installed, draws
-the pages with formulas at the widths of a desk and of a telephone: nothing is on something else or
-cut off. Its search, run by node where that is
-installed, has the page that answers each question among its first three results.
+another address: the site reads the same without a network. A browser, where one is installed and
+starts, draws the pages with formulas at the widths of a desk and of a telephone: nothing is on
+something else or cut off. The search of the site, run by node where that is installed, has the page
+that answers each question among its first three results.
 """
 
 import html
@@ -69,17 +69,44 @@ def questions_without_answer(site):
             yield question, pages
 
 
-def browser():
-    """The command of a browser that draws without a screen, or None."""
-    names = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-    return next(filter(None, map(shutil.which, names)), None)
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
+# --headless: the shell is so by itself, all others want a screen without it. Not --single-process:
+# under load 20 of 420 such browsers crashed, of others none of 420.
+DRAWING = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
+
+
+def page_as_drawn(name, address, folder):
+    """What the browser `name` prints of a page after its scripts, and what it says in errors."""
+    options = [*DRAWING, "--allow-file-access-from-files", "--dump-dom"]
+    command = [name, *options, f"--user-data-dir={folder}", address]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=600)
+    return done.stdout, f"{done.stderr.strip() or 'no word'} (exit status {done.returncode})"
+
+
+def browser(folder):
+    """The path of the first browser that draws a page without a screen, or None."""
+    for path in filter(None, map(shutil.which, BROWSERS)):
+        try:
+            drawn, words = page_as_drawn(path, "data:text/html,<p>drawn</p>", folder)
+        except OSError as error:
+            drawn, words = "", str(error)
+        if "<p>drawn</p>" in drawn:
+            return path
+        print(f"{path} cannot start: {words[-400:]}")
+    print("no browser: the pages are not looked at")
+    return None
 
 
 def faults_as_drawn(site, widths=(1400, 390)):
     """(page, width of the window, fault) of the pages with formulas, as a browser draws them."""
-    if browser() is None:
-        print("no browser: the pages are not looked at")
-        return
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        path = browser(folder)
+        if path is not None:
+            yield from faults_by(path, site, widths, Path(folder))
+
+
+def faults_by(browser, site, widths, folder):
+    """The same, by this browser."""
     pages = [
         path
         for path in sorted((site / "docs").rglob("*.html"))
@@ -92,17 +119,13 @@ def faults_as_drawn(site, widths=(1400, 390)):
         for width in widths
     )
     script = Path(__file__).with_name("measure.js").read_text()
-    with tempfile.TemporaryDirectory() as folder:
-        whole = Path(folder, "pages.html")
-        whole.write_text(
-            f"<!doctype html><meta charset=utf-8><script>{script}</script><body>{frames}"
-        )
-        # not --single-process: under load 20 of 420 such browsers crashed, of others none of 420
-        options = ["--no-sandbox", "--disable-gpu"]
-        options += ["--disable-dev-shm-usage", "--allow-file-access-from-files", "--dump-dom"]
-        command = [browser(), *options, f"--user-data-dir={folder}", whole.as_uri()]
-        done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600)
-    measured = json.loads(html.unescape(re.search(r"<body>(.*)</body>", done.stdout, re.S)[1]))
+    whole = folder / "pages.html"
+    whole.write_text(f"<!doctype html><meta charset=utf-8><script>{script}</script><body>{frames}")
+    drawn, words = page_as_drawn(browser, whole.as_uri(), folder)
+    match = re.search(r"<body>(\[.*\])</body>", drawn, re.S)
+    if not match:
+        raise RuntimeError(f"{browser} has not drawn the pages: {words[-400:]}")
+    measured = json.loads(html.unescape(match[1]))
     if len(measured) != len(pages) * len(widths) or not all(count for _, _, count, _ in measured):
         raise RuntimeError(f"the browser has not drawn all pages: {measured}")
     for page, width, _, faults in measured:

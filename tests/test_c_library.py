@@ -222,6 +222,28 @@ def test_without_threads_it_needs_libc_and_libm_and_gives_the_same_numbers(model
     assert one.get(0) == model[1]
 
 
+@pytest.mark.gate
+def test_other_flags_are_not_answered_with_the_objects_of_earlier_ones(tmp_path):
+    """Of a copy of the sources, with one file, so that the objects of this tree stay."""
+    shutil.copytree(ROOT / "csrc", tmp_path / "csrc")
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+
+    def compile_(*options, check=True):
+        words = ["make", "-C", tmp_path, "build/c-cc/csrc/core/status.o", "CC=cc", *options]
+        return subprocess.run(words, check=check, capture_output=True, text=True)
+
+    compile_("CFLAGS=-O1")
+    assert "status.c" not in compile_("CFLAGS=-O1").stdout
+    assert "-O0" in compile_("CFLAGS=-O0").stdout
+    assert "-O1" in compile_("CFLAGS=-O1").stdout
+    nonsense = compile_("CFLAGS=-O1 --no-such-option", check=False)
+    assert nonsense.returncode != 0 and "--no-such-option" in nonsense.stderr
+    quoted = """CFLAGS=-O1 -DWORD='"a b"'"""
+    compile_(quoted)
+    assert "status.c" not in compile_(quoted).stdout
+
+
 # ---- another processor ---------------------------------------------------------------------------
 
 ARM, EMULATOR = "arm-linux-gnueabihf-gcc", "qemu-arm-static"
@@ -267,3 +289,38 @@ def test_a_32_bit_arm_gives_the_same_numbers(model, tmp_path):
     numbers = run(EMULATOR, program, model[0]).split()
     assert len(set(numbers)) > STEPS // 4  # the output is held over three fine steps
     assert numbers == run(here, model[0]).split()
+
+
+def compiles_for_32_bits(*flags):
+    """Whether gcc has a library of C for x86 of 32 bits, and these flags compile the core."""
+    source = '#include <float.h>\n#include <stdio.h>\n#include "status.h"\nint main(void) {}\n'
+    words = ["gcc", "-m32", *flags, "-std=c11", "-I", ROOT / "csrc" / "core", "-x", "c", "-"]
+    words += ["-o", os.devnull]
+    return subprocess.run(words, input=source, capture_output=True, text=True)
+
+
+X86 = pytest.mark.skipif(
+    shutil.which("gcc") is None or compiles_for_32_bits("-msse2", "-mfpmath=sse").returncode != 0,
+    reason="needs gcc with libraries for x86 of 32 bits",
+)
+
+
+@pytest.mark.gate
+@X86
+def test_a_32_bit_x86_gives_the_same_numbers_by_registers_of_doubles(model, tmp_path):
+    installed(tmp_path, "CC=gcc -m32", "CFLAGS=-O1 -msse2 -mfpmath=sse")
+    (tmp_path / "print.c").write_text(PRINTING)
+    program, folder = tmp_path / "print", tmp_path / "lib"
+    words = ["-I", tmp_path / "include", tmp_path / "print.c", folder / "libpmalpha.a"]
+    run("gcc", "-m32", *words, "-lm", "-pthread", "-o", program)
+    here = compiled(tmp_path / "print.c", tmp_path)
+    assert run(program, model[0]).split() == run(here, model[0]).split()
+
+
+@pytest.mark.gate
+@X86
+@pytest.mark.parametrize("flags", [[], ["-msse2"]])
+def test_a_32_bit_x86_without_registers_of_doubles_is_refused_in_one_sentence(flags):
+    errors = compiles_for_32_bits(*flags).stderr
+    assert errors.count("error:") == 1
+    assert "for x86 of 32 bits: -msse2 -mfpmath=sse" in errors

@@ -4,9 +4,11 @@ import contextlib
 import doctest
 import importlib
 import io
+import os
 import pkgutil
 import re
 import runpy
+import shutil
 from operator import attrgetter
 from pathlib import Path
 
@@ -217,29 +219,80 @@ def test_the_check_of_the_site_finds_formulas_that_are_not_drawn(tmp_path):
     assert not list(check["formulas_not_drawn"](tmp_path))
 
 
+def only_browser(folder, monkeypatch, name, program):
+    """Let `name` be the one browser on the path, a script that runs `program`."""
+    (folder / name).write_text(f'#!/bin/sh\n{program} "$@"\n')
+    (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder))
+
+
+def site_of_one_formula(folder, css, formula):
+    (folder / "docs").mkdir(exist_ok=True)
+    (folder / "docs" / "page.html").write_text(
+        f"<!doctype html><meta name=viewport content='width=device-width'><style>{css}</style>"
+        f'<div class="math"><math display="block">{formula}</math>'
+        '<span class="eqno">(R3)</span></div>'
+    )
+    return folder
+
+
+BROWSERS = runpy.run_path(str(ROOT / "docs" / "check.py"))["BROWSERS"]
+LITERAL = "a formula has & as it is written"
+
+
+def test_without_a_browser_the_look_at_the_site_is_skipped(tmp_path, monkeypatch, capsys):
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    site = site_of_one_formula(tmp_path, "", "<mi>&amp;</mi>")
+    assert list(check["faults_as_drawn"](site)) == []
+    assert capsys.readouterr().out == "no browser: the pages are not looked at\n"
+
+
+@pytest.mark.parametrize("name", BROWSERS)
+def test_a_browser_that_cannot_start_is_named_with_its_words(name, tmp_path, monkeypatch, capsys):
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    only_browser(tmp_path, monkeypatch, name, "echo Missing X server >&2; exit 1 #")
+    site = site_of_one_formula(tmp_path, "", "<mi>&amp;</mi>")
+    assert list(check["faults_as_drawn"](site)) == []
+    assert capsys.readouterr().out == (
+        f"{tmp_path / name} cannot start: Missing X server (exit status 1)\n"
+        "no browser: the pages are not looked at\n"
+    )
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("name", BROWSERS)
+def test_each_browser_looks_at_the_site(name, tmp_path, monkeypatch, capsys):
+    """That of this name; where it is not installed, a script of that name runs another one."""
+    installed = [path for x in (name, *BROWSERS) if (path := shutil.which(x))]
+    if not installed:
+        pytest.skip("no browser")
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    path = os.environ["PATH"]
+    only_browser(tmp_path, monkeypatch, name, f"PATH='{path}' exec '{installed[0]}'")
+    site = site_of_one_formula(tmp_path, "", "<mi>&amp;</mi>")
+    found = list(check["faults_as_drawn"](site))
+    assert found == [("docs/page.html", width, LITERAL) for width in ("1400", "390")]
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.gate
 def test_the_check_of_the_site_finds_a_number_that_is_drawn_on_its_formula(tmp_path):
     """With the style of the site they are in one line, or below each other on a telephone."""
     check = runpy.run_path(str(ROOT / "docs" / "check.py"))
-    if check["browser"]() is None:
+    if not any(map(shutil.which, BROWSERS)):
         pytest.skip("no browser")
     style = (ROOT / "docs" / "_static" / "site.css").read_text()
     formula = "<mrow>" + 12 * "<mi>w</mi><mo>+</mo>" + "<mi>b</mi></mrow>"
-    number = '<span class="eqno">(R3)</span>'
     theme = "div.math { position: relative; overflow-x: auto }"
     theme += "div.math span.eqno { position: absolute; right: 0; top: 50%; "
     theme += "transform: translateY(-50%) }"
-    (tmp_path / "docs").mkdir()
 
     def faults(css, formula):
-        (tmp_path / "docs" / "page.html").write_text(
-            f"<!doctype html><meta name=viewport content='width=device-width'><style>{css}</style>"
-            f'<div class="math"><math display="block">{formula}</math>{number}</div>'
-        )
-        return list(check["faults_as_drawn"](tmp_path))
+        return list(check["faults_as_drawn"](site_of_one_formula(tmp_path, css, formula)))
 
     on_it = "the number (R3) is drawn on its formula"
     assert faults(theme, formula) == [("docs/page.html", "390", on_it)]
     assert faults(theme + style, formula) == []
-    literal = "a formula has & as it is written"
     found = faults(theme + style, "<mi>x</mi><mi>&amp;</mi>")
-    assert found == [("docs/page.html", width, literal) for width in ("1400", "390")]
+    assert found == [("docs/page.html", width, LITERAL) for width in ("1400", "390")]

@@ -91,6 +91,41 @@ def test_samples_and_a_function_of_the_same_motion_agree():
     np.testing.assert_allclose(by_samples["a"].u, by_function["a"].u, atol=1e-12)
 
 
+SAMPLES = 0.01 * np.arange(300)[:, None]
+FACTOR = 1024.0  # a power of two: the quotients are exact
+
+
+@pytest.mark.parametrize(
+    "velocity",
+    [
+        lambda f: np.array([0.25 * f]),
+        lambda f: pm.SampledForce(f * SAMPLES, 0.01),
+        lambda f: pm.SampledForce(SAMPLES[:, 0], 0.01, np.array([f])),
+        lambda f: lambda t: f * g(t),
+    ],
+    ids=["constant", "samples", "shape", "function"],
+)
+def test_a_row_times_a_factor_moves_with_the_velocity_times_that_factor(velocity):
+    u0 = [0.0, 0.0]
+    runs = []
+    for factor in (1.0, FACTOR):
+        v0 = [0.25 if isinstance(velocity(1.0), np.ndarray) else 0.0, 0.0]
+        a = pm.Subdomain(
+            [1.0, 1.0],
+            [[K_LINK, -K_LINK], [-K_LINK, K_LINK]],
+            scheme=pm.GeneralizedAlpha(0.5),
+            u0=u0,
+            v0=v0,
+            name="a",
+        )
+        drive = pm.Constraint({a: [[factor, 0.0]]}, velocity=velocity(factor))
+        runs.append(pm.Coupler([a], drive, dt=0.01).run(1.0))
+    by_one, by_factor = runs
+    assert abs(by_one["a"].u[-1, 0]) > 0.1  # it moves
+    np.testing.assert_array_equal(by_one["a"].u, by_factor["a"].u)
+    np.testing.assert_array_equal(by_one.multipliers, FACTOR * by_factor.multipliers)
+
+
 def test_a_function_is_evaluated_once_at_every_fine_step_and_near_the_start():
     times = []
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -177,3 +178,68 @@ def test_a_build_without_a_compiler_ends_with_where_to_read_on(tmp_path):
     assert done.returncode != 0
     assert done.stderr.splitlines()[-1].endswith("see docs/install.md#without-a-compiler")
     assert "\n## Without a compiler\n" in (ROOT / "docs" / "install.md").read_text()
+
+
+# ---- builds --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def installed_tree(tmp_path_factory):
+    """A copy of the sources from which pip has installed, and the environment of its builds."""
+    pytest.importorskip("setuptools", "77")
+    tree = tmp_path_factory.mktemp("tree")
+    names = ["setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"]
+    for name in names:
+        shutil.copy(ROOT / name, tree)
+    shutil.copytree(ROOT / "csrc", tree / "csrc")
+    without = shutil.ignore_patterns("__pycache__", "*.so", "c")
+    shutil.copytree(ROOT / "pmalpha", tree / "pmalpha", ignore=without)
+    compiler = tree / "cc"  # without optimization, which takes most of the time
+    compiler.write_text('#!/bin/sh\nexec cc "$@" -O0\n')
+    compiler.chmod(0o755)
+    words = ["-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-compile"]
+    environment = dict(os.environ, CC=str(compiler))
+    subprocess.run(
+        [sys.executable, *words, "--target", tree / "installed", "."],
+        check=True, cwd=tree, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    return tree, environment
+
+
+def build_in_place(tree, environment):
+    words = [sys.executable, "setup.py", "build_ext", "--inplace"]
+    options = {"cwd": tree, "env": environment, "capture_output": True, "text": True}
+    done = subprocess.run(words, **options)
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+LIBRARY_FILES = ["fmu2.so", "fmu3.so", "libpmalpha.a", "libpmalpha.so"]
+
+
+@pytest.mark.gate
+@pytest.mark.skipif(sys.platform != "linux", reason="names of libraries")
+def test_after_an_installation_the_same_tree_is_built_in_place(installed_tree):
+    tree, environment = installed_tree
+    build_in_place(tree, environment)
+    library = tree / "pmalpha" / "c"
+    assert {*LIBRARY_FILES} <= {path.name for path in library.iterdir()}
+    assert (tree / "pmalpha" / "_core.abi3.so").exists()
+
+    # nothing changed: nothing is compiled
+    assert "-O0" not in build_in_place(tree, environment)
+    before = (library / "libpmalpha.so").read_bytes()
+    # a source of the library alone changed
+    with (tree / "csrc" / "library" / "pmalpha.c").open("a") as file:
+        file.write("PMALPHA_API int pmalpha_of_this_test(void);\n")
+        file.write("int pmalpha_of_this_test(void)\n{\n    return 1;\n}\n")
+    build_in_place(tree, environment)
+    after = (library / "libpmalpha.so").read_bytes()
+    assert b"pmalpha_of_this_test" in after and b"pmalpha_of_this_test" not in before
+
+    # a build that was interrupted before the library was there is completed
+    for path in tree.glob("build/lib*/pmalpha/c/fmu3.so"):
+        path.unlink()
+    (library / "fmu3.so").unlink()
+    build_in_place(tree, environment)
+    assert (library / "fmu3.so").exists()

@@ -403,6 +403,24 @@ def test_without_lateral_contraction_the_axial_modes_are_those_of_a_rod(kind, ma
         assert largest(residual) < 1e-14 * largest(bar.K)  # rounding of rows of K u, |u| <= 1
 
 
+@pytest.mark.parametrize("nu", [-0.5, 0.3, 0.5])
+def test_a_plate_that_is_stretched_gets_narrower_by_nu_also_where_it_is_incompressible(nu):
+    """Plane stress, uniaxial: sigma_xx = E e on the ends, no force on the sides or inside."""
+    E, t, e, height = 7.0, 0.2, 1e-3, 1.0
+    plate = structures.plate(3, 2, 0.5, E=E, nu=nu, rho=1.0, t=t)
+    x, y = plate.points.T
+    u = np.column_stack([e * x, -nu * e * y]).ravel()
+    forces = (plate.K @ u).reshape(-1, 2)
+    ends = np.array([forces[at].sum(axis=0) for at in (x == 0.0, x == x.max())])
+    pull = E * e * t * height
+    rounding = 100 * np.finfo(float).eps * pull  # of sums of some ten products
+    np.testing.assert_allclose(ends, [[-pull, 0.0], [pull, 0.0]], rtol=1e-13, atol=rounding)
+    np.testing.assert_allclose(forces[(x > 0.0) & (x < x.max())], 0.0, atol=rounding)
+    for component, stress in (("xx", E * e), ("yy", 0.0), ("xy", 0.0)):
+        values = plate.stress(u, component)
+        np.testing.assert_allclose(values, stress, rtol=1e-13, atol=rounding / t)
+
+
 def test_two_plates_coupled_by_gc_have_the_displacements_of_another_program():
     nx, ny, h = 99, 24, 0.1
     material = {"E": 1000.0, "nu": 0.3, "rho": 100.0}

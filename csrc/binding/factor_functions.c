@@ -366,7 +366,7 @@ static PyObject *factor_dense(PyObject *Py_UNUSED(module), PyObject *args)
     PyArrayObject *R = (PyArrayObject *)R_obj;
     const npy_intp n = PyArray_DIM(R, 0);
     if (PyArray_DIM(R, 1) != n)
-        pma_refuse(PyExc_ValueError, "A must be square");
+        (void)pma_refuse(PyExc_ValueError, "A must be square");
     else
         inverse_obj = pma_new_array(n, NPY_DOUBLE, &inverse);
     if (inverse_obj) {

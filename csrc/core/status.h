@@ -5,6 +5,13 @@
 #ifndef PMA_STATUS_H
 #define PMA_STATUS_H
 
+#include <float.h>
+
+/* Registers of the x87 round to more digits than are written to memory: not the same numbers. */
+#if FLT_EVAL_METHOD != 0
+#error "doubles must be computed as doubles; for x86 of 32 bits: -msse2 -mfpmath=sse"
+#endif
+
 #define PMA_STATUS_LIST(X)                                        \
     X(PMA_OK, "no error")                                         \
     X(PMA_NO_MEMORY, "out of memory")                             \

@@ -141,7 +141,7 @@ pma_status pma_field_integer(const pma_field *f, int64_t least, int64_t *out)
 
 pma_status pma_field_count(const pma_field *f, size_t least, size_t *out)
 {
-    int64_t number;
+    int64_t number = 0;
     PMA_TRY(pma_field_integer(f, (int64_t)least, &number));
     *out = (size_t)number;
     if ((uint64_t)number > SIZE_MAX)
@@ -206,7 +206,7 @@ pma_status pma_field_vector(const pma_field *f, pma_kind kind, size_t *length, c
 static pma_status take(const pma_field *f, pma_kind kind, size_t n, const void **out)
 {
     int64_t extent = (int64_t)n;
-    return n > INT64_MAX ? pma_field_refuse(f, "is too large")
+    return (uint64_t)n > INT64_MAX ? pma_field_refuse(f, "is too large")
                          : pma_field_array(f, kind, 1, &extent, out);
 }
 
