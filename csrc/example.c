@@ -12,8 +12,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "coupling/coupler.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "subdomain/subdomain.h"
 
 static const double DT = 0.01, OMEGA_SQUARED = 10.0;
 static const pma_scheme TRAPEZOIDAL = {.beta = 0.25, .gamma = 0.5}, CENTRAL = {.gamma = 0.5};

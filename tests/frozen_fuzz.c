@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "fields/file.h"
+#include "describe/file.h"
 #include "library/pmalpha.h"
 
 enum { HEADER = 64, STEPS = 9, LONGEST = 120 };

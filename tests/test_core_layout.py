@@ -8,15 +8,38 @@ CORE = CSRC / "core"
 FILES = sorted(path.relative_to(CORE) for path in CORE.rglob("*.[ch]"))
 SOURCES = sorted(CSRC.rglob("*.c"))
 
-# What a folder may include, besides its own files and status.h.
+# The folders from the ground up. A folder includes files of its own, status.h, object.h and state.h, and
+# of those before it what stands here.
 BELOW = {
     "": set(),
-    "fields": set(),
     "algebra": set(),
-    "member": {"algebra"},
+    "factor": {"algebra"},
     "workers": set(),
-    "coupling": {"algebra", "member", "workers"},
-    "parts": {"fields", "algebra", "member", "coupling"},
+    "solve": {"algebra", "factor"},
+    "forces": {"algebra"},
+    "observe": {"algebra", "forces"},
+    "rig": {"forces", "workers"},
+    "subdomain": {"algebra", "factor", "solve", "forces", "observe", "rig"},
+    "couple": {
+        "algebra",
+        "factor",
+        "workers",
+        "solve",
+        "forces",
+        "observe",
+        "rig",
+        "subdomain",
+    },
+    "describe": {
+        "algebra",
+        "factor",
+        "solve",
+        "forces",
+        "observe",
+        "rig",
+        "subdomain",
+        "couple",
+    },
 }
 
 
@@ -44,28 +67,35 @@ def test_a_folder_of_the_core_includes_what_is_below_it():
             assert (name.split("/")[0] if "/" in name else "") in allowed, f"{path}: {name}"
 
 
+def test_folders_of_the_core_are_listed_after_those_that_they_include():
+    assert {path.parent.name for path in FILES} == BELOW.keys()
+    listed = list(BELOW)
+    for folder, below in BELOW.items():
+        assert below <= set(listed[: listed.index(folder)]), folder
+
+
 def test_the_core_includes_no_header_of_python():
     for path in FILES:
         assert "Python.h" not in (CORE / path).read_text()
 
 
-def test_files_in_c_have_at_most_600_lines_and_lines_100_columns():
+def test_files_in_c_have_at_most_900_lines_and_lines_100_columns():
     for path in sorted(CSRC.rglob("*.[ch]")):
         lines = path.read_text().splitlines()
-        assert len(lines) <= 600, path.name
+        assert len(lines) <= 900, path.name
         for number, line in enumerate(lines, 1):
             assert len(line) <= 100, f"{path.name}, line {number}"
 
 
-def test_functions_in_c_have_at_most_60_lines():
+def test_functions_in_c_have_at_most_90_lines():
     for path in SOURCES:
         for begin, lines in functions(path.read_text()):
-            assert lines <= 60, f"{path.name}, line {begin}"
+            assert lines <= 90, f"{path.name}, line {begin}"
 
 
 def test_a_long_function_would_be_seen():
-    text = "static void f(void)\n{\n" + 60 * "    g();\n" + "}\n"
-    assert list(functions(text)) == [(2, 62)]
+    text = "static void f(void)\n{\n" + 90 * "    g();\n" + "}\n"
+    assert list(functions(text)) == [(2, 92)]
 
 
 DEFINED = re.compile(

@@ -15,14 +15,14 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "algebra/elimination.h"
 #include "algebra/lanes.h"
-#include "coupling/coupler.h"
-#include "fields/field.h"
-#include "member/remote.h"
-#include "member/subdomain.h"
-#include "parts/parts.h"
+#include "couple/coupler.h"
+#include "describe/describe.h"
+#include "describe/field.h"
+#include "factor/elimination.h"
 #include "status.h"
+#include "subdomain/remote.h"
+#include "subdomain/subdomain.h"
 #include "workers/denormals.h"
 #include "workers/team.h"
 
@@ -232,7 +232,7 @@ PyObject *pma_new_array(npy_intp length, int type, void *data);
 /* A new tuple, which takes these references over; NULL where one of them is NULL. */
 PyObject *pma_pack(Py_ssize_t count, PyObject *const *items);
 
-/* ---- by named fields: parts/parts.h has what is taken from which ---------------------------- */
+/* ---- by named fields: describe/describe.h has what is taken from which ---------------------- */
 
 /* An argument as a tree of fields. */
 typedef struct {

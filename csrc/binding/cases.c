@@ -1,9 +1,9 @@
 /* Several load cases side by side: objects that are PMA_LANES times another one
- * (member/cases.h). */
+ * (subdomain/cases.h). */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "member/cases.h"
+#include "subdomain/cases.h"
 
 /* ---- a subdomain ---------------------------------------------------------------------------- */
 

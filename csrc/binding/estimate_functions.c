@@ -2,7 +2,7 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "member/scheme.h"
+#include "subdomain/scheme.h"
 
 /* An array, levels x columns, converted only if it is one of a file of another program. */
 static int take_rows(PyObject *obj, PyObject *arrays, npy_intp *levels, pma_motion_rows *motion,

@@ -2,9 +2,9 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "algebra/elimination.h"
-#include "algebra/symbolic.h"
-#include "algebra/trapezoid.h"
+#include "factor/elimination.h"
+#include "factor/symbolic.h"
+#include "factor/trapezoid.h"
 #include "workers/team.h"
 #include "workers/thread.h"
 

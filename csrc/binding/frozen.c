@@ -1,7 +1,7 @@
 /* The check sum of frozen models. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
-#include "fields/file.h"
+#include "describe/file.h"
 
 static PyObject *check_sum(PyObject *Py_UNUSED(module), PyObject *obj)
 {

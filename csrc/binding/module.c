@@ -1,7 +1,7 @@
 /* The module: its types, functions and constants. */
 #include "binding.h"
 
-#include "coupling/cone.h"
+#include "solve/cone.h"
 
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
 {

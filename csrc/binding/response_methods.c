@@ -4,7 +4,7 @@
 
 #include <stdatomic.h>
 
-#include "member/cases.h"
+#include "subdomain/cases.h"
 #include "workers/team.h"
 
 /* ---- compliance --------------------------------------------------------------------------- */

@@ -2,7 +2,7 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include "member/laws.h"
+#include "forces/laws.h"
 
 /* (levels, slopes, f) of springs that go from `from` to u */
 static PyObject *follow(const pma_springs *springs, npy_intp n, const double *u, const double *from)

@@ -306,7 +306,7 @@ static PyGetSetDef subdomain_getset[] = {
 
 static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
-     "set_load(load): in a form of csrc/core/parts; in lanes a tuple, one for each"},
+     "set_load(load): in a form of csrc/core/describe; in lanes a tuple, one for each"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"rebase", (PyCFunction)subdomain_rebase, METH_VARARGS,
      "rebase(twice, lam): the stored free velocity that gives the present velocity with lam"},

@@ -1,4 +1,4 @@
-/* Python objects as a tree of fields (fields/field.h). */
+/* Python objects as a tree of fields (describe/field.h). */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 

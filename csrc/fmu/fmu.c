@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fields/file.h"
+#include "describe/file.h"
 
 /* Masters add up times with rounding: a communication step may differ by this part of a step. */
 #define ROUNDING 1e-6

@@ -10,11 +10,11 @@
 
 #include <stdbool.h>
 
-#include "coupling/coupler.h"
-#include "fields/file.h"
+#include "couple/coupler.h"
+#include "describe/describe.h"
+#include "describe/file.h"
 #include "library/pmalpha.h"
-#include "member/subdomain.h"
-#include "parts/parts.h"
+#include "subdomain/subdomain.h"
 
 typedef struct {
     const char *name;

@@ -9,9 +9,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "algebra/numeric.h"
-#include "member/internal.h"
-#include "member/iterate.h"
+#include "factor/numeric.h"
+#include "forces/internal.h"
+#include "subdomain/iterate.h"
 
 enum {
     MOST = 3,   /* dofs of a subdomain */

@@ -4,7 +4,7 @@
 
 #include <stddef.h>
 
-#include "coupling/interface.h"
+#include "solve/interface.h"
 
 enum { MOST_ROWS = 2 };
 

@@ -6,8 +6,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "coupling/coupler.h"
-#include "coupling/iteration.h"
+#include "couple/coupler.h"
+#include "couple/iteration.h"
 #include "inner.h"
 #include "subdomains.h"
 

@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "algebra/lanes.h"
-#include "algebra/symbolic.h"
 #include "check.h"
+#include "factor/symbolic.h"
 
 /* ---- rows without zeros --------------------------------------------------------------------- */
 

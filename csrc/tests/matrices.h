@@ -6,9 +6,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "algebra/elimination.h"
 #include "algebra/factor.h"
 #include "algebra/panels.h"
+#include "factor/elimination.h"
 #include "naive.h"
 
 /* ---- rows without zeros --------------------------------------------------------------------- */

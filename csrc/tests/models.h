@@ -6,14 +6,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coupling/coupler.h"
-#include "coupling/interface.h"
-#include "coupling/record.h"
+#include "couple/coupler.h"
 #include "interfaces.h"
 #include "iterated_models.h"
-#include "member/member.h"
-#include "member/subdomain.h"
 #include "naive_member.h"
+#include "observe/record.h"
+#include "solve/interface.h"
+#include "subdomain/member.h"
+#include "subdomain/subdomain.h"
 #include "subdomains.h"
 
 enum { SUBDOMAINS = 3 };

@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "member/member.h"
+#include "subdomain/member.h"
 #include "subdomains.h"
 
 enum { AHEAD = 2 }; /* time levels that may be open beyond the last macro step */

@@ -7,12 +7,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "forces/load.h"
+#include "forces/springs.h"
 #include "inner.h"
-#include "member/load.h"
-#include "member/scheme.h"
-#include "member/springs.h"
-#include "member/subdomain.h"
 #include "naive.h"
+#include "subdomain/scheme.h"
+#include "subdomain/subdomain.h"
 
 /* ---- schemes -------------------------------------------------------------------------------- */
 

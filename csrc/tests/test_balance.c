@@ -4,8 +4,8 @@
 
 #include "algebra/lanes.h"
 #include "check.h"
-#include "member/balance.h"
-#include "member/passage.h"
+#include "observe/balance.h"
+#include "observe/passage.h"
 #include "tests.h"
 
 enum { N = 2 };

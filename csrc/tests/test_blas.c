@@ -5,8 +5,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "algebra/blas.h"
 #include "check.h"
+#include "factor/blas.h"
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"

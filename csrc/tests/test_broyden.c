@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupling/broyden.h"
 #include "naive.h"
+#include "solve/broyden.h"
 #include "tests.h"
 
 enum { FEW = 6, DENSE = PMA_BROYDEN_DENSE, MANY = PMA_BROYDEN_DENSE + 1, RANK = 4 };

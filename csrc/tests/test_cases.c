@@ -7,10 +7,10 @@
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
 #include "check.h"
-#include "member/cases.h"
-#include "member/subdomain.h"
-#include "member/subdomain_struct.h"
 #include "naive.h"
+#include "subdomain/cases.h"
+#include "subdomain/inside.h"
+#include "subdomain/subdomain.h"
 #include "subdomains.h"
 #include "tests.h"
 

@@ -4,7 +4,7 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "coupling/clock.h"
+#include "couple/clock.h"
 #include "tests.h"
 
 enum { RATIOS = 12, SUBSTEPS = 12 };

@@ -6,13 +6,13 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupling/complementarity.h"
-#include "coupling/contact.h"
-#include "coupling/coupler.h"
+#include "couple/contact.h"
+#include "couple/coupler.h"
 #include "matrices.h"
-#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
+#include "solve/complementarity.h"
+#include "subdomain/subdomain.h"
 #include "subdomains.h"
 #include "tests.h"
 

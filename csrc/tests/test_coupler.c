@@ -8,12 +8,12 @@
 #include "algebra/factor.h"
 #include "allocations.h"
 #include "check.h"
-#include "coupling/coupler.h"
-#include "coupling/interface.h"
-#include "member/load.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "forces/load.h"
 #include "models.h"
 #include "naive.h"
+#include "solve/interface.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 /* ---- the coupler as an object --------------------------------------------------------------- */

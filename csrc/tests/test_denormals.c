@@ -5,7 +5,7 @@
 #include <stddef.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
+#include "couple/coupler.h"
 #include "models.h"
 #include "tests.h"
 #include "workers/denormals.h"

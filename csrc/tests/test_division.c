@@ -5,12 +5,12 @@
 
 #include "allocations.h"
 #include "check.h"
-#include "coupling/schedule.h"
+#include "couple/inside.h"
 #include "matrices.h"
-#include "member/cases.h"
-#include "member/subdomain.h"
-#include "member/subdomain_struct.h"
 #include "naive.h"
+#include "subdomain/cases.h"
+#include "subdomain/inside.h"
+#include "subdomain/subdomain.h"
 #include "subdomains.h"
 #include "tests.h"
 

@@ -7,10 +7,10 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 /* ---- order ----------------------------------------------------------------------------------- */

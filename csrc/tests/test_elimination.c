@@ -3,8 +3,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "algebra/elimination.h"
 #include "check.h"
+#include "factor/elimination.h"
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"

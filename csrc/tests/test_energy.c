@@ -6,9 +6,9 @@
 #include <string.h>
 
 #include "check.h"
-#include "member/energy.h"
-#include "member/subdomain.h"
 #include "models.h"
+#include "observe/energy.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 static const double LINK_VALUE = -2.0;

@@ -1,6 +1,6 @@
 /* test_estimate.c - local errors of recorded steps, against hand calculation. */
 #include "check.h"
-#include "member/scheme.h"
+#include "subdomain/scheme.h"
 #include "tests.h"
 
 enum { LEVELS = 5, COLUMNS = 3, STEPS = 2 };

@@ -1,11 +1,11 @@
 /* test_fields.c - what is taken from a tree of fields, and which field a refusal names. */
-#include "fields/field.h"
+#include "describe/field.h"
 
 #include <stdint.h>
 #include <string.h>
 
 #include "check.h"
-#include "parts/parts.h"
+#include "describe/describe.h"
 #include "tests.h"
 
 /* A tree that is written by hand: nodes in their order, arrays and words by their addresses. */

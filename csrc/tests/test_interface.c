@@ -5,9 +5,9 @@
 
 #include "algebra/factor.h"
 #include "check.h"
-#include "coupling/interface.h"
 #include "matrices.h"
 #include "naive.h"
+#include "solve/interface.h"
 #include "tests.h"
 
 /* ---- H = R D R^T ---------------------------------------------------------------------------- */

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "check.h"
-#include "member/internal.h"
-#include "member/subdomain.h"
+#include "forces/internal.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 enum { N = 3, ENTRIES = 4 };

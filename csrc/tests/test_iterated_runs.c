@@ -6,10 +6,10 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 enum { SPAN = 3, KINDS = 8 }; /* macro steps of a run; kinds of runs */

@@ -7,8 +7,8 @@
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
 #include "check.h"
-#include "member/update.h"
 #include "naive.h"
+#include "subdomain/update.h"
 #include "tests.h"
 
 /* Two groups of eight columns and all that can be left of a third; rows of more than a vector. */

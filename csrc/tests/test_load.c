@@ -4,7 +4,7 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "member/load.h"
+#include "forces/load.h"
 #include "tests.h"
 
 /* F(t) of a load of three dofs, found by adding it to something else. */

@@ -7,12 +7,12 @@
 #include "algebra/factor.h"
 #include "algebra/lanes.h"
 #include "check.h"
-#include "coupling/coupler.h"
-#include "coupling/interface.h"
-#include "member/cases.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
 #include "models.h"
 #include "naive.h"
+#include "solve/interface.h"
+#include "subdomain/cases.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 enum { SS = 3 }; /* substeps of B */

@@ -3,12 +3,12 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "algebra/elimination.h"
-#include "algebra/numeric.h"
-#include "algebra/symbolic.h"
 #include "algebra/tree.h"
 #include "allocations.h"
 #include "check.h"
+#include "factor/elimination.h"
+#include "factor/numeric.h"
+#include "factor/symbolic.h"
 #include "matrices.h"
 #include "naive.h"
 #include "object.h"

@@ -4,12 +4,12 @@
 #include <stddef.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "member/load.h"
-#include "member/scheme.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "forces/load.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/scheme.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 /* Both sides under one and the same rule have the same predictors, so the tie never has to correct

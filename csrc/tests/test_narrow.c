@@ -2,8 +2,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "algebra/numeric.h"
 #include "check.h"
+#include "factor/numeric.h"
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"

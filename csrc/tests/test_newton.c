@@ -4,8 +4,8 @@
 #include <stddef.h>
 
 #include "check.h"
-#include "member/newton.h"
 #include "naive.h"
+#include "solve/newton.h"
 #include "tests.h"
 
 /* ---- a scalar equation f(x) = 0, and a diary of what was done ------------------------------- */

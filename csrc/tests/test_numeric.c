@@ -6,8 +6,8 @@
 #include <string.h>
 
 #include "algebra/factor.h"
-#include "algebra/numeric.h"
 #include "check.h"
+#include "factor/numeric.h"
 #include "inner.h"
 #include "matrices.h"
 #include "naive.h"

@@ -5,11 +5,11 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "coupling/pace.h"
-#include "member/limits.h"
-#include "member/subdomain_struct.h"
+#include "couple/coupler.h"
 #include "models.h"
+#include "rig/limits.h"
+#include "rig/pace.h"
+#include "subdomain/inside.h"
 #include "tests.h"
 #include "workers/thread.h"
 

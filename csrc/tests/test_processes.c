@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "check.h"
-#include "member/remote.h"
 #include "models.h"
+#include "subdomain/remote.h"
 #include "tests.h"
 #include "workers/thread.h"
 

@@ -5,12 +5,12 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "coupling/record.h"
-#include "member/selection.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
 #include "models.h"
 #include "naive.h"
+#include "observe/record.h"
+#include "observe/selection.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 static void the_row_of_a_time_level_follows_from_its_number(void)

@@ -4,11 +4,11 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "member/restoring.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "forces/restoring.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 static const plan RESTORED = {{2, 6, 3}, true, true, true, true, true};

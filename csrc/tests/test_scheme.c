@@ -3,9 +3,9 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "member/scheme.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/scheme.h"
 #include "tests.h"
 
 /* Coefficients are sums of a few products of numbers of order one. */

@@ -5,9 +5,9 @@
 
 #include "algebra/factor.h"
 #include "check.h"
-#include "member/response.h"
-#include "member/subdomain.h"
-#include "member/subdomain_struct.h"
+#include "subdomain/inside.h"
+#include "subdomain/response.h"
+#include "subdomain/subdomain.h"
 #include "subdomains.h"
 #include "tests.h"
 #include "workers/team.h"

@@ -5,11 +5,11 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "member/actuator.h"
-#include "member/adaptive.h"
-#include "member/inverse.h"
-#include "member/linkage.h"
-#include "member/specimen.h"
+#include "rig/actuator.h"
+#include "rig/adaptive.h"
+#include "rig/inverse.h"
+#include "rig/linkage.h"
+#include "rig/specimen.h"
 #include "tests.h"
 
 enum { MEMORY = 4096 };

@@ -5,11 +5,11 @@
 #include <stdlib.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "coupling/interface.h"
-#include "coupling/schedule.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "couple/inside.h"
 #include "naive.h"
+#include "solve/interface.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 #include "workers/roster.h"
 

@@ -5,10 +5,10 @@
 #include <string.h>
 
 #include "check.h"
-#include "member/springs.h"
-#include "member/subdomain.h"
+#include "forces/springs.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 enum { NUMBERS = 64 };       /* that any spring remembers, at most */

@@ -6,11 +6,11 @@
 
 #include "algebra/factor.h"
 #include "check.h"
-#include "coupling/coupler.h"
-#include "member/load.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "forces/load.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 /* ---- stopped -------------------------------------------------------------------------------- */

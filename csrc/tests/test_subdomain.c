@@ -8,12 +8,12 @@
 #include "algebra/factor.h"
 #include "algebra/matrix.h"
 #include "check.h"
-#include "member/load.h"
-#include "member/scheme.h"
-#include "member/subdomain.h"
-#include "member/subdomain_struct.h"
+#include "forces/load.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/inside.h"
+#include "subdomain/scheme.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)

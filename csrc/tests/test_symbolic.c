@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "algebra/panels.h"
-#include "algebra/symbolic.h"
 #include "check.h"
+#include "factor/symbolic.h"
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"

@@ -7,11 +7,11 @@
 #include <time.h>
 
 #include "check.h"
-#include "coupling/coupler.h"
-#include "coupling/schedule.h"
-#include "member/subdomain.h"
+#include "couple/coupler.h"
+#include "couple/inside.h"
 #include "models.h"
 #include "naive.h"
+#include "subdomain/subdomain.h"
 #include "tests.h"
 
 enum { MOST_THREADS = 4, PLANS = 25, EXCHANGED = 64 };

@@ -6,8 +6,8 @@
 
 #include "algebra/factor.h"
 #include "algebra/matrix.h"
-#include "algebra/numeric.h"
 #include "check.h"
+#include "factor/numeric.h"
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"

@@ -1,6 +1,6 @@
 """A tree of None, numbers, words, arrays, tuples and dicts as the bytes of a file.
 
-The form is that of csrc/core/fields/file.h: what the core is made of, written down.
+The form is that of csrc/core/describe/file.h: what the core is made of, written down.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ class Assembly:
         Member, ...
     ]  # the subdomains in elimination order, each with its object of the core
     core: _core.Coupler
-    parts: dict[str, Any]  # what that is made of, by the names of csrc/core/parts/parts.h
+    parts: dict[str, Any]  # what that is made of, by the names of csrc/core/describe/describe.h
     first: int = 0  # the number of the first of these subdomains among those of all processes
 
 

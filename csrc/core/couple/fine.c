@@ -1,0 +1,239 @@
+/* fine.c - the schedules "pm" and "gc": an interface problem in every fine step.
+ *
+ * To be read with section 5 of docs/method.md. */
+#include <string.h>
+
+#include "couple/inside.h"
+
+/* ---- which numbers of substeps, and what there is to do ------------------------------------- */
+
+size_t pma_fine_instants(const pma_coupler_parts *parts)
+{
+    size_t most = 1;
+    for (size_t i = 0; i < parts->count; i++)
+        most = parts->members[i].substeps > most ? parts->members[i].substeps : most;
+    return most;
+}
+
+pma_status pma_fine_check(const pma_coupler_parts *parts)
+{
+    const size_t most = pma_fine_instants(parts);
+    for (size_t i = 0; i < parts->count; i++) {
+        if (most % parts->members[i].substeps != 0)
+            return PMA_BAD_SIZE;
+    }
+    return PMA_OK;
+}
+
+pma_duty pma_fine_duty(const pma_member *member)
+{
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->forces == PMA_BY_CALLER,
+                      .divides = member->alone < member->entries,
+                      .alone = member->alone};
+}
+
+static pma_duty duty_in_parallel(const pma_member *member)
+{
+    pma_duty duty = pma_fine_duty(member);
+    duty.parallel = member->doubling != PMA_SINGLE && member->forces == PMA_NO_FORCES;
+    return duty;
+}
+
+/* ---- free problems (13) --------------------------------------------------------------------- */
+
+static bool begins(const pma_coupled *m)
+{
+    return m->now.phase == 1 && !(m->ahead && pma_look_ahead_has_open(m, m->now.j));
+}
+
+pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
+{
+    (void)c;
+    return m->member.table->advance(m->member.self, NULL, &m->step, NULL, m->workers);
+}
+
+/* The substeps that begin with this fine step, as far as they are not open yet. */
+pma_status pma_fine_begin(pma_coupler *c)
+{
+    c->unpolled += c->entries;
+    PMA_TRY(pma_share(c, pma_fine_open, begins));
+    if (pma_look_ahead_is_used(c))
+        pma_look_ahead_open(c);
+    return PMA_OK;
+}
+
+/* ---- interface problem (18) ----------------------------------------------------------------- */
+
+void pma_fine_right_side(pma_coupler *c)
+{
+    memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
+    const pma_coupled *const end = c->coupled + c->parts.count;
+    for (const pma_coupled *m = c->coupled; m < end; m++)
+        pma_add_free_velocity(m, -1.0, c->working.lam);
+}
+
+/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
+pma_status pma_fine_solve(pma_coupler *c)
+{
+    if (c->parts.p == 0)
+        return PMA_OK;
+    if (c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
+    pma_fine_right_side(c);
+    return pma_coupler_solve(c);
+}
+
+/* ---- link problems (14) --------------------------------------------------------------------- */
+
+static bool ends(const pma_coupled *m)
+{
+    return pma_is_ending(m) && !m->assigned.closes;
+}
+
+pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
+{
+    return m->member.table->advance(m->member.self, &m->step, NULL, c->working.lam, m->workers);
+}
+
+/* The substeps that end with this fine step: deferred, or closed now. */
+static pma_status end_substeps(pma_coupler *c)
+{
+    if (pma_look_ahead_is_used(c))
+        pma_look_ahead_defer(c);
+    return pma_share(c, pma_fine_close, ends);
+}
+
+/* ---- the schedule --------------------------------------------------------------------------- */
+
+/* Members beside the fine steps whose substep ends here are awaited. The macro step before is
+ * committed as soon as it is known to be finite in all of them. */
+static pma_status complete_deferred(pma_coupler *c)
+{
+    PMA_TRY(pma_look_ahead_await(c));
+    if (!pma_is_pending(c) || pma_look_ahead_is_busy(c))
+        return PMA_OK;
+    pma_recorder_complete(c);
+    pma_coupler_commit(c);
+    pma_coupler_move_to(c, c->k);
+    return PMA_OK;
+}
+
+/* Several processes meet in between. Members beside the fine steps (look_ahead.c) work on
+ * meanwhile, but all have arrived at the end of a macro step before it is committed. */
+static pma_status meeting_step(pma_coupler *c)
+{
+    PMA_TRY(pma_fine_begin(c));
+    PMA_TRY(pma_exchange_interface(c));
+    PMA_TRY(pma_fine_solve(c));
+    if (pma_look_ahead_is_used(c))
+        PMA_TRY(pma_look_ahead_await(c));
+    PMA_TRY(end_substeps(c));
+    return pma_exchange_jumps(c);
+}
+
+static pma_status fine_step(pma_coupler *c)
+{
+    if (c->exchange)
+        return meeting_step(c);
+
+    /* free problems that begin here, up to the free velocity on the interface */
+    PMA_TRY(pma_fine_begin(c));
+
+    /* interface problem at the end of this fine step */
+    PMA_TRY(pma_fine_solve(c));
+
+    /* what ends here beside the fine steps: awaited, and the macro step before committed */
+    if (pma_look_ahead_is_used(c))
+        PMA_TRY(complete_deferred(c));
+
+    /* link problems that end here, added */
+    return end_substeps(c);
+}
+
+/* (S3)  After the first macro step, for the members that take double steps from now on */
+static void rebase(pma_coupler *c)
+{
+    for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_member *member = &m->member;
+        if (member->doubling != PMA_SINGLE && member->table->rebase)
+            member->table->rebase(member->self, member->substeps, c->working.lam);
+    }
+}
+
+/* Sleeps until the fine step is due, and takes it. */
+__attribute__((noinline)) static pma_status take_paced(pma_coupler *c)
+{
+    bool is_due;
+    do {
+        is_due = pma_pace_wait(c->pace);
+        if (c->poll && pma_coupler_poll(c))
+            return PMA_STOPPED;
+    } while (!is_due);
+    pma_pace_begin(c->pace);
+    PMA_TRY(c->parts.schedule->fine_step(c));
+    return pma_pace_end(c->pace);
+}
+
+static inline void move(pma_coupler *c, bool is_first)
+{
+    if (is_first)
+        pma_coupler_move_to(c, c->k + 1);
+    else
+        pma_coupler_move_on(c);
+}
+
+static inline void finish(pma_coupler *c)
+{
+    if (c->present.number == 0 && c->parts.rebased)
+        rebase(c);
+}
+
+pma_status pma_fine_steps(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->fine; i++) {
+        move(c, i == 0);
+        if (pma_coupler_is_stopped(c))
+            return PMA_STOPPED;
+        PMA_TRY(c->pace ? take_paced(c) : c->parts.schedule->fine_step(c));
+        if (c->record)
+            pma_recorder_write(c);
+    }
+    finish(c);
+    return PMA_OK;
+}
+
+pma_status pma_fine_take(pma_coupler *c)
+{
+    const pma_schedule *schedule = c->parts.schedule;
+    if (c->k == 0 && schedule->begin)
+        schedule->begin(c);
+    move(c, c->k == 0);
+    PMA_TRY(schedule->fine_step(c));
+    if (c->k < c->fine)
+        return PMA_OK;
+    finish(c);
+    if (schedule->end)
+        schedule->end(c);
+    return PMA_OK;
+}
+
+/* The free velocity at the end of every substep that has begun. */
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces)
+{
+    (void)c, (void)round;
+    pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
+    return m->now.phase == 1 ? 1 : 0;
+}
+
+const pma_schedule pma_fine_schedule = {.check = pma_fine_check,
+                                        .instants = pma_fine_instants,
+                                        .duty = duty_in_parallel,
+                                        .step = pma_fine_steps,
+                                        .fine_step = fine_step,
+                                        .interface_pieces = interface_pieces,
+                                        .move_to = pma_coupler_move_to,
+                                        .rebases = true,
+                                        .internal = true};

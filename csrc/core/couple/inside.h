@@ -1,0 +1,472 @@
+/* inside.h - the coupler from inside: what its files share.
+ *
+ * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
+ * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
+ * contacts, macro.c and mean.c those with one in a macro step;
+ * iterated_fine.c and shooting.c are the first and macro.c with internal forces; recorder.c what is
+ * recorded, exchange.c what processes send each other, look_ahead.c what is done beside the fine
+ * steps. */
+#ifndef PMA_COUPLE_INSIDE_H
+#define PMA_COUPLE_INSIDE_H
+
+#include <stdatomic.h>
+
+#include "couple/clock.h"
+#include "couple/coupler.h"
+#include "couple/iteration.h"
+#include "workers/roster.h"
+#include "workers/team.h"
+#include "workers/trial.h"
+
+/* What a worker beside the fine steps is assigned to do with one subdomain, until it is awaited. */
+typedef struct {
+    bool closes, opens;
+    pma_substep closed, opened;
+    const pma_selection *selection; /* where the end of `closed` is recorded */
+    size_t row;                     /* ... or PMA_NO_ROW */
+    pma_status status;              /* of the closing, or of the opening */
+} pma_assignment;
+
+/* A member in a coupler, and where it is in the macro step. */
+typedef struct {
+    pma_member member;
+    size_t ratio;               /* fine steps in a substep */
+    int64_t first_double;       /* number of the first substep that is a double step */
+    pma_moment now;             /* at the end of the fine step at hand */
+    pma_substep step;           /* ... and the substep that it is in */
+    size_t worker;              /* that has it */
+    const pma_workers *workers; /* who share it, or NULL */
+    bool ahead;                 /* with look-ahead: its next substep may be open already */
+    pma_status status;          /* of the last open or close; written when it is not PMA_OK */
+    pma_assignment assigned;
+    double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
+} pma_coupled;
+
+/* A macro time level, `number` macro steps after the origin of the clock: multipliers, prescribed
+ * velocities and what these have moved since t = 0 (p each). */
+typedef struct {
+    int64_t number;
+    double *lam, *g, *moved;
+} pma_macro_level;
+
+static inline void pma_macro_level_swap(pma_macro_level *a, pma_macro_level *b)
+{
+    const pma_macro_level kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+typedef struct pma_exchange pma_exchange;
+
+/* Work to be done with one subdomain, on whatever worker has it. */
+typedef pma_status (*pma_task)(pma_coupler *c, pma_coupled *m);
+typedef bool (*pma_due)(const pma_coupled *m);
+
+struct pma_coupler {
+    pma_coupler_parts parts;
+    pma_coupled *coupled;          /* one for each member */
+    pma_coupled *own, *end_of_own; /* those of this process */
+    size_t fine;                   /* interface problems in a macro step */
+    size_t k;                      /* fine steps since the present, with the one at hand */
+    size_t entries;                /* read by the members in a fine step, on average */
+    pma_origin origin;             /* where macro steps are counted from */
+
+    /* The present is committed. All members have arrived at `reached`, which waits to be committed
+     * while it has another number. `working` is that of the fine step at hand, without a number. */
+    pma_macro_level present, reached, working;
+
+    /* of the call at hand */
+    int64_t end;              /* macro step at which it ends */
+    const pma_record *record; /* or NULL */
+    int64_t recorded;         /* with `every`, the macro step of the present or next row */
+    const pma_poll *poll;     /* or NULL */
+    pma_pace *pace;           /* or NULL */
+    size_t unpolled;          /* entries read since the last poll */
+    atomic_bool stopped;      /* by the poll */
+    size_t failed;
+    bool started;
+    bool evaluates, observed; /* some member has a restoring force; is observed */
+
+    pma_motion *motions;
+    double *scratch;    /* p */
+    double *dlam;       /* p: macro coupling: Lam_{n+1} - Lam_n */
+    double *lam_end;    /* p: mean coupling: multipliers at the present, */
+    double *lam_before; /* ... and those before the last ones */
+    double *lengths;    /* 2: ... of the last two macro steps; 0 where there was none */
+    double *sums;       /* p: scratch */
+    double *lam_deferred;
+
+    pma_exchange *exchange;   /* with members in other processes, else NULL */
+    pma_iteration *iteration; /* with members that have internal forces, else NULL */
+    pma_contact *contact;     /* of the schedule with contacts, else NULL */
+
+    pma_roster roster;   /* which worker has which subdomains */
+    pma_coupled *split;  /* the one that all workers of the fine steps do together, or NULL */
+    pma_workers workers; /* ... these */
+    pma_team *team;      /* NULL when the caller is alone */
+    pma_trial trial;     /* of the team, where its size is not the user's choice */
+    pma_task task;       /* what the team does, and with which members */
+    pma_due due;
+    atomic_bool has_failed; /* the task, with some member */
+    struct {                /* work on the member that is split, by each of them */
+        bool (*work)(void *self, size_t worker);
+        void *self;
+        atomic_bool failed; /* with one of them it returned false */
+    } shared;
+};
+
+struct pma_schedule {
+    /* Are these numbers of substeps possible? PMA_BAD_SIZE if not. */
+    pma_status (*check)(const pma_coupler_parts *parts);
+    /* Interface problems in a macro step. */
+    size_t (*instants)(const pma_coupler_parts *parts);
+    /* What there is to do for one member. */
+    pma_duty (*duty)(const pma_member *member);
+    /* A macro step, up to where all have arrived at its end; `working` is then that of its end. */
+    pma_status (*step)(pma_coupler *c);
+    /* ... of fine steps (pma_fine_steps): one of them, before it is recorded */
+    pma_status (*fine_step)(pma_coupler *c);
+    /* ... what is done before the first and after the last of them; NULL if nothing */
+    void (*begin)(pma_coupler *c);
+    void (*end)(pma_coupler *c);
+    /* What it needs more, to iterate say; NULL if nothing. */
+    pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
+    /* Records the accelerations that no state has, of the present; NULL if there are none. */
+    void (*record_present)(const pma_coupler *c, const pma_record *record);
+    /* Members in other processes: what a round (1, 2, ... in a macro step) needs of a member, their
+     * number returned: one for each interface problem; every member where it is in round k; does
+     * (S3) apply? */
+    size_t (*interface_pieces)(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces);
+    void (*move_to)(pma_coupler *c, size_t k);
+    bool rebases;
+    /* In place of velocities, at the end of a macro step? */
+    bool ties_displacements;
+    /* May members have steps that are iterated, or in macro steps internal forces at all? */
+    bool iterates, internal;
+};
+
+/* ---- clock ---------------------------------------------------------------------------------- */
+
+static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled *m, size_t j)
+{
+    return pma_clock_substep(c->origin.t, c->parts.dt, c->present.number, m->member.substeps, j,
+                             m->first_double);
+}
+
+/* Every member where it is at the end of fine step k, counted from the present. */
+void pma_coupler_move_to(pma_coupler *c, size_t k);
+
+/* ... at the end of the next one, from where move_to left it. */
+static inline void pma_coupler_move_on(pma_coupler *c)
+{
+    c->k++;
+    pma_coupled *const end = c->coupled + c->parts.count;
+    for (pma_coupled *m = c->coupled; m < end; m++) {
+        if (m->now.phase < m->ratio) {
+            m->now.phase++;
+            continue;
+        }
+        m->now = (pma_moment){.j = m->now.j + 1, .phase = 1};
+        m->step = pma_substep_of(c, m, m->now.j);
+    }
+}
+
+static inline bool pma_is_ending(const pma_coupled *m)
+{
+    return m->now.phase == m->ratio;
+}
+
+/* Number i of the roster, which has the members of this process. */
+static inline pma_coupled *pma_member_of(const pma_coupler *c, size_t i)
+{
+    return &c->own[c->roster.order[i]];
+}
+
+static inline bool pma_is_doubled(const pma_coupled *m)
+{
+    return m->member.doubling != PMA_SINGLE;
+}
+
+/* Is this true of some member, of any process? */
+static inline bool pma_coupler_has(const pma_coupler *c, bool (*is)(const pma_coupled *m))
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is(&c->coupled[i]))
+            return true;
+    }
+    return false;
+}
+
+/* For a task of all members. */
+static inline bool pma_is_any(const pma_coupled *m)
+{
+    (void)m;
+    return true;
+}
+
+/* sum (p) += L of all values of this kind at a macro time level: 0 is the present, 1 the end of the
+ * first macro step */
+static inline void pma_coupler_gather(const pma_coupler *c, pma_interface_kind kind, size_t macro,
+                                      double *sum)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        pma_member_gather(member, kind, macro * member->substeps, 1.0, sum);
+    }
+}
+
+/* sum (p) += scale L vf where it is in its substep                                        (15) */
+static inline void pma_add_free_velocity(const pma_coupled *m, double scale, double *sum)
+{
+    if (pma_is_ending(m)) {
+        pma_member_gather(&m->member, PMA_FREE_VELOCITY, m->now.j + 1, scale, sum);
+    } else {
+        const double theta = (double)(int64_t)m->now.phase / (double)(int64_t)m->ratio;
+        pma_member_free_velocity(&m->member, m->now.j, theta, scale, sum);
+    }
+}
+
+/* The macro step before is not committed yet. */
+static inline bool pma_is_pending(const pma_coupler *c)
+{
+    return c->reached.number > c->present.number;
+}
+
+/* ---- stages of a macro step: stages.c ------------------------------------------------------- */
+
+/* working.g (p) := g of interface problem k, working.moved its integral up to there       (G2);
+ * once for each, if there are motions */
+void pma_coupler_prescribe(pma_coupler *c);
+
+/* working.lam := H^-1 working.lam. PMA_NOT_FINITE, with the member at fault found. */
+pma_status pma_coupler_solve(pma_coupler *c);
+
+/* The end of the macro step that all have reached becomes the present. Cannot fail. */
+void pma_coupler_commit(pma_coupler *c);
+
+/* Stop? Calls the poll if enough entries were read since the last time. */
+bool pma_coupler_poll(pma_coupler *c);
+static inline bool pma_coupler_is_stopped(pma_coupler *c)
+{
+    if (atomic_load_explicit(&c->stopped, memory_order_relaxed))
+        return true;
+    return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
+}
+
+/* Contacts: contact.c */
+void pma_contact_destroy(pma_contact *x); /* NULL is allowed */
+pma_state_array pma_contact_array(pma_coupler *c);
+
+/* ---- members in other processes: exchange.c ------------------------------------------------- */
+
+pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts);
+void pma_exchange_destroy(pma_exchange *x); /* NULL is allowed */
+
+/* Rounds in which all processes meet. Each returns PMA_ELSEWHERE when another one has failed:
+ * before the first macro step of a call, where the status is what happened here so far; before an
+ * interface problem; before its jumps are recorded, if they are. */
+pma_status pma_exchange_present(pma_coupler *c, pma_status status);
+pma_status pma_exchange_interface(pma_coupler *c);
+pma_status pma_exchange_jumps(pma_coupler *c);
+/* What to return when all know that the macro step has failed in member c->failed: PMA_ELSEWHERE
+ * unless it is one of this process; do all know of a failure? */
+pma_status pma_exchange_fail(pma_coupler *c, pma_status status);
+bool pma_exchange_is_ended(const pma_coupler *c);
+
+/* Around a macro step: whatever happened in it, all return PMA_OK or none does. */
+void pma_exchange_begin(pma_coupler *c);
+pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
+
+/* ---- iterated steps in several processes -------------------------------------------------- */
+
+/* The pieces of the interface problem; the round at the beginning of a fine step, where substeps
+ * begin; which members have a factor that can be kept. */
+size_t pma_messages_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                           pma_piece *pieces);
+pma_status pma_messages_begin(pma_coupler *c);
+pma_status pma_messages_factors(pma_coupler *c);
+
+/* After residuals, laws and corrections: what all members have, and whether some process failed in
+ * making them. PMA_NOT_FINITE in all processes when a residual is not finite. */
+pma_status pma_messages_residuals(pma_coupler *c, pma_status status);
+pma_status pma_messages_laws(pma_coupler *c, pma_status status);
+pma_status pma_messages_measures(pma_coupler *c);
+
+/* After the runs of a pass of shooting: the ends of all runs, and their measures. */
+pma_status pma_messages_runs(pma_coupler *c, pma_status status);
+
+/* ---- macro coupling without internal forces: macro.c ---------------------------------------- */
+
+/* Can all members do what macro coupling needs? PMA_BAD_SIZE if not. */
+pma_status pma_macro_check(const pma_coupler_parts *parts);
+size_t pma_macro_instants(const pma_coupler_parts *parts); /* one */
+pma_duty pma_macro_duty(const pma_member *member);
+
+/* All are at the end of their last substep; k = 1. */
+void pma_macro_move_to(pma_coupler *c, size_t k);
+
+/* Members in other processes: the velocity at the end of the free run. */
+size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                        pma_piece *pieces);
+
+/* The substeps of a member, each taken by `take` and recorded. */
+pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
+                         pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j));
+
+/* A macro step: the free runs, the interface problem, the link responses, recorded. */
+typedef struct {
+    pma_task free_run, link_response;
+    pma_status (*solve)(pma_coupler *c);
+} pma_macro_stages;
+pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages);
+
+/* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
+ * adds to the velocity on the interface at the end of the free run, added to sum (p). */
+pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
+pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m);
+void pma_macro_free_velocity(const pma_coupled *m, double *sum);
+
+/* The substeps of a link response under the multipliers lam (p), as many as have to be repeated,
+ * each recorded by `record` too, unless NULL. */
+pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m, const double *lam,
+                             void (*record)(const pma_coupler *c, const pma_coupled *m, size_t j,
+                                            const pma_selection *inner));
+
+/* Is the run to be stopped? Before a substep, on any worker. */
+bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m);
+
+/* The same as a callback, of a member in a coupler. */
+typedef struct {
+    pma_coupler *c;
+    const pma_coupled *m;
+} pma_stop_context;
+bool pma_macro_stops(void *context);
+
+/* What is recorded of the inner time levels of a macro step, or NULL. */
+const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m);
+
+/* ---- mean coupling: mean.c ------------------------------------------------------------------ */
+
+/* Can all members do what mean coupling needs, with internal forces or not? PMA_BAD_SIZE if not. */
+pma_status pma_mean_check(const pma_coupler_parts *parts);
+
+/* The free macro run of a member without internal forces, and its link response under working.lam,
+ * added. */
+pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m);
+pma_status pma_mean_link_response(pma_coupler *c, pma_coupled *m);
+
+/* Members in other processes: the displacement at the end of the free run, and where a velocity is
+ * prescribed the present one. */
+size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces);
+
+/* right (p) := what sum L u has to be at the end, minus that of the free runs, and of the
+ * multipliers of the last macro step, which a double step feels too                         (K4) */
+void pma_mean_right_side(pma_coupler *c, double *right);
+
+/* Accelerations (K5) of what was recorded: of the inner time levels of a run, of the end of the
+ * macro step when all else of it was recorded, and of the present. */
+pma_status pma_mean_accelerate(pma_coupler *c, pma_coupled *m);
+void pma_mean_record(pma_coupler *c);
+void pma_mean_record_present(const pma_coupler *c, const pma_record *record);
+
+/* ---- fine steps: fine.c --------------------------------------------------------------------- */
+
+/* The largest number of substeps; PMA_BAD_SIZE unless it is a multiple of all others. */
+size_t pma_fine_instants(const pma_coupler_parts *parts);
+pma_status pma_fine_check(const pma_coupler_parts *parts);
+
+/* The free problem of a substep, and the link problem under working.lam. */
+pma_status pma_fine_open(pma_coupler *c, pma_coupled *m);
+pma_status pma_fine_close(pma_coupler *c, pma_coupled *m);
+
+/* working.lam := g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (G1) */
+void pma_fine_right_side(pma_coupler *c);
+
+/* Stages of a fine step: the substeps that begin are opened, H Lam = g - sum_i L_i vf_i solved. */
+pma_status pma_fine_begin(pma_coupler *c);
+pma_status pma_fine_solve(pma_coupler *c);
+
+/* Of a member in the fine steps, none of which is left beside them. */
+pma_duty pma_fine_duty(const pma_member *member);
+
+/* A macro step of fine steps, as the schedule has them. */
+pma_status pma_fine_steps(pma_coupler *c);
+
+/* The next fine step of a macro step alone, of a coupler without a team. */
+pma_status pma_fine_take(pma_coupler *c);
+
+/* ---- recorder.c ----------------------------------------------------------------------------- */
+
+/* The row of time level j, counted from the present, of a grid of `levels` in a macro step. */
+size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels);
+
+/* From the present on. Does the record have an array that is written? */
+bool pma_recorder_begin(pma_coupler *c, const pma_record *record);
+
+/* Records the end of the fine step at hand. */
+void pma_recorder_write(pma_coupler *c);
+
+/* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */
+void pma_recorder_complete(const pma_coupler *c);
+
+/* ---- several threads ------------------------------------------------------------------- */
+
+/* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
+ * last. What went wrong with the first member, in order, with which it did. (stages.c) */
+pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due);
+
+/* The same, in a loop of the caller's for a small system, which is short. */
+static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
+{
+    if (c->team)
+        return pma_teamwork_do(c, task, due);
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_status status = due(m) ? task(c, m) : PMA_OK;
+        if (status != PMA_OK) {
+            c->failed = (size_t)(m - c->coupled);
+            return status;
+        }
+    }
+    return PMA_OK;
+}
+
+/* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (stages.c) */
+void pma_teamwork_await(pma_coupler *c, size_t worker);
+void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work);
+
+/* All workers of the fine steps, to share the work of one member. */
+pma_workers pma_teamwork_workers(pma_coupler *c);
+
+/* Members beside the fine steps (look_ahead.c). Room for them; allocates. */
+pma_status pma_look_ahead_create(pma_coupler *c);
+/* Are there any? If not, nothing below has to be called. */
+static inline bool pma_look_ahead_is_used(const pma_coupler *c)
+{
+    return c->roster.fine < c->roster.workers;
+}
+/* Is the substep from time level j open, or being opened? */
+static inline bool pma_look_ahead_has_open(const pma_coupled *m, size_t j)
+{
+    return m->assigned.opens ? m->assigned.opened.j >= j
+                             : m->member.table->opened(m->member.self) > j;
+}
+/* Is the closing of the substep that ends with this fine step under way? */
+static inline bool pma_look_ahead_is_deferred(const pma_coupled *m)
+{
+    return m->assigned.closes && pma_is_ending(m);
+}
+/* Is anything under way, or did it fail? */
+bool pma_look_ahead_is_busy(const pma_coupler *c);
+/* Those that begin a substep, and have it open, begin to open the next one. */
+void pma_look_ahead_open(pma_coupler *c);
+/* Those that end a substep are awaited, and all if a macro step waits to be committed.
+ * PMA_NOT_FINITE when what is awaited was not. */
+pma_status pma_look_ahead_await(pma_coupler *c);
+/* Those that end a substep have its closing deferred where that is possible. */
+void pma_look_ahead_defer(pma_coupler *c);
+/* All is awaited after what ended the fine step at hand with this status. A failure that belongs to
+ * an earlier time is the one that is returned, and the macro step before committed if it can. */
+pma_status pma_look_ahead_end(pma_coupler *c, pma_status status);
+
+#endif

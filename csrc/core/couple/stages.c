@@ -1,0 +1,197 @@
+/* stages.c - what the schedules share: where members are, the interface problem, the commit; and a
+ * stage of a step by all workers, each with the subdomains that it has, or several with one. */
+#include <string.h>
+
+#include "couple/inside.h"
+
+void pma_coupler_move_to(pma_coupler *c, size_t k)
+{
+    c->k = k;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        m->now = pma_clock_moment(k, m->ratio);
+        if (m->now.phase == 1 || m->step.j != m->now.j)
+            m->step = pma_substep_of(c, m, m->now.j);
+    }
+}
+
+void pma_coupler_prescribe(pma_coupler *c)
+{
+    const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
+    const double t = pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
+    const bool is_first = (c->k - 1) % c->fine == 0;
+    const pma_macro_level *begin = pma_is_pending(c) ? &c->reached : &c->present;
+    const pma_macro_level *before = is_first ? begin : &c->working;
+    const double half = 0.5 * c->parts.dt / (double)(int64_t)c->fine;
+    for (size_t i = 0; i < c->parts.motion_count; i++) {
+        const pma_motion *motion = &c->motions[i];
+        memset(c->scratch, 0, motion->load.n * sizeof(double));
+        pma_load_add(&motion->load, t, number, c->scratch);
+        for (size_t k = 0; k < motion->load.n; k++) {
+            const int64_t row = motion->rows[k];
+            c->working.moved[row] =
+                before->moved[row] + half * (before->g[row] + c->scratch[k]); /* (G2) */
+            c->working.g[row] = c->scratch[k];
+        }
+    }
+}
+
+/* The member whose free velocity made the multipliers infinite. */
+static size_t find_unstable(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *m = &c->coupled[i].member;
+        const size_t j = c->coupled[i].now.j + 1;
+        if (!pma_is_finite(m->link->nb,
+                           m->table->values(m->self, PMA_FREE_VELOCITY, j, false, NULL)))
+            return i;
+    }
+    return PMA_INTERFACE;
+}
+
+pma_status pma_coupler_solve(pma_coupler *c)
+{
+    const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
+    pma_interface_solve(H, c->working.lam);
+    c->unpolled += H->entries;
+    if (pma_is_finite(c->parts.p, c->working.lam))
+        return PMA_OK;
+    c->failed = find_unstable(c);
+    return PMA_NOT_FINITE;
+}
+
+bool pma_coupler_poll(pma_coupler *c)
+{
+    c->unpolled = 0;
+    if (c->poll->stop(c->poll->ctx))
+        atomic_store(&c->stopped, true);
+    return atomic_load(&c->stopped);
+}
+
+void pma_coupler_commit(pma_coupler *c)
+{
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++)
+        m->member.table->commit(m->member.self);
+    pma_macro_level_swap(&c->present, &c->reached);
+    c->reached.number = c->present.number;
+    c->k -= c->fine;
+    if (c->record && c->record->ring)
+        pma_record_end(c->record, c->origin.number + c->present.number);
+}
+
+/* ---- waiting -------------------------------------------------------------------------------- */
+
+/* Once stopped the poll is not called again: what made it stop is still to be reported. */
+static void look(void *ctx)
+{
+    pma_coupler *c = ctx;
+    if (c->poll && !atomic_load(&c->stopped))
+        pma_coupler_poll(c);
+}
+
+void pma_teamwork_await(pma_coupler *c, size_t worker)
+{
+    pma_team_await(c->team, worker, look, c);
+}
+
+void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work)
+{
+    pma_teamwork_await(c, worker);
+    pma_team_post(c->team, worker, work, c);
+}
+
+/* ---- shares --------------------------------------------------------------------------------- */
+
+static bool is_due(const pma_coupler *c, const pma_coupled *m)
+{
+    return c->due(m) && m != c->split;
+}
+
+/* The first that goes wrong ends a worker's share; in ascending order, so that what went wrong
+ * first of all is found whichever worker has it. */
+static void work_through(void *ctx, size_t worker)
+{
+    pma_coupler *c = ctx;
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        pma_coupled *m = pma_member_of(c, i);
+        const pma_status status = is_due(c, m) ? c->task(c, m) : PMA_OK;
+        if (status != PMA_OK) {
+            m->status = status;
+            atomic_store(&c->has_failed, true);
+            return;
+        }
+    }
+}
+
+static bool has_work(const pma_coupler *c, size_t worker)
+{
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        if (is_due(c, pma_member_of(c, i)))
+            return true;
+    }
+    return false;
+}
+
+/* What went wrong first in the order of the members; all are PMA_OK again. */
+static pma_status take_status(pma_coupler *c)
+{
+    pma_status first = PMA_OK;
+    atomic_store(&c->has_failed, false);
+    for (size_t i = c->parts.count; i-- > 0;) {
+        if (c->coupled[i].status == PMA_OK)
+            continue;
+        first = c->coupled[i].status;
+        c->coupled[i].status = PMA_OK;
+        c->failed = i;
+    }
+    return first;
+}
+
+pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due)
+{
+    c->task = task;
+    c->due = due;
+    if (c->split && due(c->split)) {
+        c->split->status = task(c, c->split);
+        atomic_store(&c->has_failed, c->split->status != PMA_OK);
+    }
+    for (size_t w = 1; w < c->roster.workers; w++) {
+        if (has_work(c, w))
+            pma_teamwork_post(c, w, work_through);
+    }
+    work_through(c, 0);
+    for (size_t w = 1; w < c->roster.workers; w++) {
+        if (pma_team_is_at(c->team, w, work_through))
+            pma_teamwork_await(c, w);
+    }
+    return atomic_load(&c->has_failed) ? take_status(c) : PMA_OK;
+}
+
+/* ---- one member by several workers ---------------------------------------------------------- */
+
+static void work_on_split(void *ctx, size_t worker)
+{
+    pma_coupler *c = ctx;
+    if (!c->shared.work(c->shared.self, worker))
+        atomic_store(&c->shared.failed, true);
+}
+
+/* Every worker of the fine steps; all wait for the last. */
+static bool share(void *ctx, bool (*work)(void *self, size_t worker), void *self)
+{
+    pma_coupler *c = ctx;
+    c->shared.work = work;
+    c->shared.self = self;
+    atomic_store(&c->shared.failed, false);
+    for (size_t w = 1; w < c->roster.fine; w++)
+        pma_teamwork_post(c, w, work_on_split);
+    work_on_split(c, 0);
+    for (size_t w = 1; w < c->roster.fine; w++)
+        pma_teamwork_await(c, w);
+    return !atomic_load(&c->shared.failed);
+}
+
+pma_workers pma_teamwork_workers(pma_coupler *c)
+{
+    return (pma_workers){.count = c->roster.fine, .ctx = c, .share = share};
+}

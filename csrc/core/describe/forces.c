@@ -1,0 +1,182 @@
+/* Restoring and internal forces, and what impulses meet, from their fields. */
+#include <string.h>
+
+#include "describe/describe.h"
+
+/* ---- restoring forces ----------------------------------------------------------------------- */
+
+/* Several functions as one: their sum, in this order. */
+typedef struct {
+    double *work; /* 3 n: scratch */
+    size_t count;
+    pma_function *each;
+} series;
+
+static int call_series(double t, intptr_t n, double *u, double *v, double *r, void *user)
+{
+    const series *all = user;
+    const size_t bytes = (size_t)n * sizeof(double);
+    double *own_u = all->work, *own_v = own_u + n, *term = own_v + n;
+    for (size_t i = 0; i < all->count; i++) {
+        memcpy(own_u, u, bytes); /* a function may write into its arguments */
+        memcpy(own_v, v, bytes);
+        memset(term, 0, bytes);
+        const int code = all->each[i].function(t, n, own_u, own_v, term, all->each[i].user);
+        if (code != 0)
+            return code;
+        for (intptr_t k = 0; k < n; k++)
+            r[k] += term[k];
+    }
+    return 0;
+}
+
+/* A specimen, and where its memory begins in that of the restoring force. */
+typedef struct {
+    pma_specimen *core;
+    size_t offset;
+} specimen_function;
+
+static int call_specimen(double t, intptr_t n, double *u, double *v, double *r, void *user)
+{
+    const specimen_function *own = user;
+    const pma_cell *cell = own->core->cell;
+    const pma_wanted wanted = {.u = u, .v = v, .a = cell->a, .ahead = cell->ahead};
+    (void)n;
+    return pma_specimen_evaluate(own->core, t, &wanted, r, cell->memory + own->offset);
+}
+
+static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *restoring,
+                                pma_trace *trace, pma_function *out)
+{
+    specimen_function *own;
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
+    PMA_TRY(pma_parts_specimen(f, n, &own->core, &out->by_caller));
+    own->core->cell = restoring->cell;
+    if (own->core->h > 0.0 && !restoring->cell->a)
+        PMA_TRY(pma_field_allocate(f, n, sizeof(double), (void *)&restoring->cell->a));
+    own->core->number = restoring->compensators;
+    restoring->compensators += own->core->compensators > 0;
+    own->offset = restoring->memory;
+    *trace = pma_specimen_trace(own->core);
+    trace->command += own->offset;
+    trace->sent += own->offset;
+    trace->measured += own->offset;
+    trace->force += own->offset;
+    restoring->memory += pma_specimen_numbers(own->core);
+    out->function = call_specimen;
+    out->user = own;
+    return PMA_OK;
+}
+
+static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *out)
+{
+    series *all;
+    pma_trace *traces;
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *all, (void *)&all));
+    PMA_TRY(pma_field_tuple(f, &all->count));
+    if (all->count == 0)
+        return pma_field_refuse(f, "must not be empty");
+    PMA_TRY(pma_field_allocate(f, all->count, sizeof *all->each, (void *)&all->each));
+    PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *all->work, (void *)&all->work));
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *out->cell, (void *)&out->cell));
+    PMA_TRY(pma_field_allocate(f, all->count, sizeof *traces, (void *)&traces));
+    out->trace = traces;
+    for (size_t i = 0; i < all->count; i++) {
+        const pma_field function = pma_field_item(f, i);
+        PMA_TRY(function.node->kind == PMA_DICT
+                    ? take_specimen(&function, n, out, &traces[out->traces++], &all->each[i])
+                    : pma_field_find(&function, PMA_RESTORING_ROLE, &all->each[i]));
+        out->by_caller = out->by_caller || all->each[i].by_caller;
+    }
+    out->function = all->count == 1 ? all->each[0].function : call_series;
+    out->user = all->count == 1 ? all->each[0].user : all;
+    return PMA_OK;
+}
+
+pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
+{
+    const pma_field order = pma_field_at(of, "order");
+    size_t count;
+    PMA_TRY(pma_field_positions(&order, n, &count, out));
+    return count == n ? PMA_OK : pma_field_refuse(&order, "must have a dof for each position");
+}
+
+pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out)
+{
+    const pma_field functions = pma_field_at(f, "functions"), load = pma_field_at(f, "load");
+    *out = (pma_restoring){.n = n};
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_parts_order(f, n, &out->order));
+    if (!pma_field_is_none(&load))
+        PMA_TRY(pma_field_doubles(&load, n, &out->load));
+    PMA_TRY(pma_field_allocate(f, 3 * n, sizeof *out->work, (void *)&out->work));
+    return take_functions(&functions, n, out);
+}
+
+/* ---- internal forces ------------------------------------------------------------------------ */
+
+static pma_status take_force(const pma_field *f, pma_internal_force *out)
+{
+    const pma_field function = pma_field_at(f, "function"), history = pma_field_at(f, "history");
+    const pma_field where = pma_field_at(f, "where"), across = pma_field_at(f, "across");
+    const pma_field potential = pma_field_at(f, "potential");
+    const void *data = NULL;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_count(&history, 0, &out->history));
+    if (!pma_field_is_none(&where)) {
+        PMA_TRY(pma_field_vector(&where, PMA_INT64S, &out->entries, &data));
+        out->where = data;
+        if (!pma_field_is_none(&across))
+            PMA_TRY(pma_field_longs(&across, out->entries, &out->across));
+    }
+    PMA_TRY(pma_field_find(&function, PMA_INTERNAL_ROLE, out));
+    return pma_field_is_none(&potential) ? PMA_OK
+                                         : pma_field_find(&potential, PMA_POTENTIAL_ROLE, out);
+}
+
+pma_status pma_parts_internal(const pma_field *f, size_t n, pma_internal *out)
+{
+    const pma_field initial = pma_field_at(f, "initial"), list = pma_field_at(f, "forces");
+    pma_internal_force *forces;
+    const void *data = NULL;
+    *out = (pma_internal){.n = n};
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_parts_order(f, n, &out->order));
+    PMA_TRY(pma_field_vector(&initial, PMA_DOUBLES, &out->history, &data));
+    out->initial = data;
+    PMA_TRY(pma_field_tuple(&list, &out->count));
+    PMA_TRY(pma_field_allocate(f, out->count, sizeof *forces, (void *)&forces));
+    out->forces = forces;
+    for (size_t k = 0; k < out->count; k++) {
+        const pma_field force = pma_field_item(&list, k);
+        PMA_TRY(take_force(&force, &forces[k]));
+    }
+    return PMA_OK;
+}
+
+/* ---- impulses ------------------------------------------------------------------------------- */
+
+pma_status pma_parts_impulse(const pma_field *f, size_t nb, pma_impulse_parts *out)
+{
+    const pma_field inverse = pma_field_at(f, "inverse"), B = pma_field_at(f, "B");
+    const pma_field alpha = pma_field_at(f, "alpha"), beta = pma_field_at(f, "beta");
+    pma_link columns;
+    *out = (pma_impulse_parts){.inverse = NULL};
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_doubles(&inverse, nb, &out->inverse));
+    PMA_TRY(pma_field_real(&alpha, &out->alpha));
+    PMA_TRY(pma_field_real(&beta, &out->beta));
+    if (pma_field_is_none(&B))
+        return PMA_OK;
+    PMA_TRY(pma_parts_link(&B, nb, &columns));
+    out->ptr = columns.ptr;
+    out->index = columns.index;
+    out->values = columns.values;
+    return PMA_OK;
+}

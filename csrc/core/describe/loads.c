@@ -1,0 +1,110 @@
+/* External forces from their fields. */
+#include "algebra/lanes.h"
+#include "describe/describe.h"
+
+static pma_status take_sampled(const pma_field *f, pma_load *out)
+{
+    const pma_field values = pma_field_at(f, "values"), shape = pma_field_at(f, "shape");
+    const pma_field dt = pma_field_at(f, "dt"), hold = pma_field_at(f, "hold");
+    const pma_field begin = pma_field_at(f, "begin");
+    int64_t samples[2] = {-1, -1};
+    const void *data = NULL;
+    out->kind = PMA_LOAD_SAMPLED;
+    PMA_TRY(pma_field_array(&values, PMA_DOUBLES, 2, samples, &data));
+    out->values = data;
+    out->samples = (size_t)samples[0];
+    out->k = (size_t)samples[1];
+    PMA_TRY(pma_field_real(&dt, &out->dt));
+    PMA_TRY(pma_field_flag(&hold, &out->hold));
+    PMA_TRY(pma_field_real(&begin, &out->begin));
+    if (out->samples == 0)
+        return pma_field_refuse(&values, "must have samples");
+    if (!(out->dt > 0.0))
+        return pma_field_refuse(&dt, "must be positive");
+    if (pma_field_is_none(&shape))
+        return out->k == out->n ? PMA_OK
+                                : pma_field_refuse(&values, "must have n columns without a shape");
+    int64_t extents[2] = {(int64_t)out->k, (int64_t)out->n};
+    PMA_TRY(pma_field_array(&shape, PMA_DOUBLES, 2, extents, &data));
+    out->shape = data;
+    return PMA_OK;
+}
+
+static pma_status take_table(const pma_field *f, pma_load *out)
+{
+    const pma_field rows = pma_field_at(f, "rows"), first = pma_field_at(f, "first");
+    int64_t extents[2] = {-1, (int64_t)out->n};
+    const void *data = NULL;
+    out->kind = PMA_LOAD_TABLE;
+    PMA_TRY(pma_field_array(&rows, PMA_DOUBLES, 2, extents, &data));
+    out->values = data;
+    out->rows = (size_t)extents[0];
+    return pma_field_integer(&first, INT64_MIN, &out->first);
+}
+
+static pma_status take_called(const pma_field *f, pma_load *out)
+{
+    const pma_field function = pma_field_at(f, "function");
+    out->kind = PMA_LOAD_CALLED;
+    PMA_TRY(pma_parts_order(f, out->n, &out->order));
+    PMA_TRY(pma_field_allocate(f, out->n, sizeof *out->work, (void *)&out->work));
+    return pma_field_find(&function, PMA_LOAD_ROLE, out);
+}
+
+/* One load. */
+static pma_status take_term(const pma_field *f, pma_load *out)
+{
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    if (pma_field_has(f, "values"))
+        return take_sampled(f, out);
+    if (pma_field_has(f, "rows"))
+        return take_table(f, out);
+    if (pma_field_has(f, "function"))
+        return take_called(f, out);
+    out->kind = PMA_LOAD_CONSTANT;
+    return pma_field_doubles(f, out->n, &out->values);
+}
+
+pma_status pma_parts_load(const pma_field *f, size_t n, pma_load *out)
+{
+    pma_load *each;
+    *out = (pma_load){.kind = PMA_LOAD_NONE, .n = n};
+    if (f->node->kind != PMA_TUPLE)
+        return take_term(f, out);
+    PMA_TRY(pma_field_tuple(f, &out->count));
+    if (out->count == 0)
+        return pma_field_refuse(f, "must not be empty");
+    PMA_TRY(pma_field_allocate(f, out->count, sizeof *each, (void *)&each));
+    for (size_t i = 0; i < out->count; i++) {
+        const pma_field item = pma_field_item(f, i);
+        each[i] = (pma_load){.kind = PMA_LOAD_NONE, .n = n};
+        PMA_TRY(take_term(&item, &each[i]));
+    }
+    out->kind = PMA_LOAD_SUM;
+    out->each = each;
+    return PMA_OK;
+}
+
+pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out)
+{
+    pma_load *each;
+    pma_lane_term *terms;
+    double *shapes;
+    size_t count;
+    *out = (pma_load){.kind = PMA_LOAD_NONE, .n = n};
+    PMA_TRY(pma_field_tuple(f, &count));
+    if (count != PMA_LANES)
+        return pma_field_refuse(f, "must have a load for each lane");
+    PMA_TRY(pma_field_allocate(f, count, sizeof *each, (void *)&each));
+    for (size_t l = 0; l < count; l++) {
+        const pma_field item = pma_field_item(f, l);
+        PMA_TRY(pma_parts_load(&item, n / PMA_LANES, &each[l]));
+        if (pma_load_has(&each[l], PMA_LOAD_CALLED) || pma_load_has(&each[l], PMA_LOAD_TABLE))
+            return pma_field_refuse(&item, "must not be a function or a table in lanes");
+    }
+    PMA_TRY(pma_field_allocate(f, pma_load_lane_terms(each), sizeof *terms, (void *)&terms));
+    PMA_TRY(pma_field_allocate(f, pma_load_lane_shapes(each), sizeof *shapes, (void *)&shapes));
+    *out = pma_load_in_lanes(each, terms, shapes);
+    return PMA_OK;
+}

@@ -1,0 +1,35 @@
+/* What is of the present, from its fields. */
+#include <string.h>
+
+#include "describe/describe.h"
+
+pma_status pma_parts_arrays(const pma_field *f, const pma_state_array *arrays, size_t count)
+{
+    const double *values = NULL;
+    PMA_TRY(pma_field_dict(f));
+    if (pma_field_entries(f) != count)
+        return pma_field_refuse(f, "must have the arrays of the state, and no others");
+    for (size_t i = 0; i < count; i++) {
+        const pma_field array = pma_field_at(f, arrays[i].name);
+        PMA_TRY(pma_field_doubles(&array, arrays[i].count, &values));
+    }
+    for (size_t i = 0; i < count; i++) {
+        const pma_field array = pma_field_at(f, arrays[i].name);
+        PMA_TRY(pma_field_doubles(&array, arrays[i].count, &values));
+        memmove(arrays[i].values, values, arrays[i].count * sizeof *values);
+    }
+    return PMA_OK;
+}
+
+pma_status pma_parts_kept(const pma_field *f, const pma_iterate *it, pma_kept_iteration *out)
+{
+    const pma_field scale = pma_field_at(f, "scale"), twice = pma_field_at(f, "twice");
+    const pma_field entries = pma_field_at(f, "entries");
+    *out = (pma_kept_iteration){.entries = NULL};
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_real(&scale, &out->scale));
+    PMA_TRY(pma_field_flag(&twice, &out->twice));
+    return pma_field_is_none(&entries)
+               ? PMA_OK
+               : pma_field_doubles(&entries, pma_iterate_entries(it), &out->entries);
+}

@@ -1,0 +1,598 @@
+#include "subdomain/subdomain.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "algebra/lanes.h"
+#include "algebra/lists.h"
+#include "object.h"
+#include "subdomain/inside.h"
+
+/* ---- checks --------------------------------------------------------------------------------- */
+
+static pma_status check_operator(const pma_parts *parts, const pma_operator *op)
+{
+    if (parts->iterate)
+        return PMA_OK; /* its factor is not read */
+    if (op->factor.n != parts->n || op->factor.nb != parts->nb)
+        return PMA_BAD_SIZE;
+    return pma_factor_check(&op->factor);
+}
+
+static bool has_size(const pma_matrix *A, size_t n)
+{
+    return A->form == PMA_ZERO || A->n == n;
+}
+
+static pma_status check_sizes(const pma_parts *p)
+{
+    if (p->n == 0 || p->nb > p->n || p->substeps == 0 || p->substeps > PMA_MOST_SUBSTEPS)
+        return PMA_BAD_SIZE;
+    if (p->K.n != p->n || p->C.n != p->n || p->link.nb != p->nb)
+        return PMA_BAD_SIZE;
+    if ((p->deferred && !(p->mean && p->substeps == 1)) || (p->continues && !p->doubled))
+        return PMA_BAD_SIZE;
+    if (p->restoring.function && p->restoring.n != p->n)
+        return PMA_BAD_SIZE;
+    if ((p->has_internal && p->M.n != p->n) || (p->iterate && !p->has_internal))
+        return PMA_BAD_SIZE;
+    return has_size(&p->D_r, p->n) && has_size(&p->K_r, p->n) ? PMA_OK : PMA_BAD_SIZE;
+}
+
+static pma_status check_internal(const pma_parts *parts)
+{
+    const pma_iterate_parts *iterate = parts->iterate;
+    if (parts->internal.count > 0 && parts->internal.n != parts->n)
+        return PMA_BAD_SIZE;
+    if (parts->has_internal)
+        PMA_TRY(pma_matrix_check(&parts->M));
+    return pma_internal_check(&parts->internal,
+                              iterate ? (size_t)iterate->tangent.ptr[parts->n] : SIZE_MAX);
+}
+
+static pma_status check_mass(const pma_parts *parts)
+{
+    if (!parts->mean)
+        return PMA_OK;
+    if (parts->mass.n != parts->n || !(parts->has_responses || parts->has_internal))
+        return PMA_BAD_SIZE;
+    return pma_factor_check(&parts->mass);
+}
+
+static pma_status check_parts(const pma_parts *parts)
+{
+    PMA_TRY(check_sizes(parts));
+    PMA_TRY(pma_matrix_check(&parts->K));
+    PMA_TRY(pma_matrix_check(&parts->C));
+    PMA_TRY(pma_restoring_check(&parts->restoring));
+    PMA_TRY(pma_springs_check(&parts->springs, parts->n));
+    PMA_TRY(check_internal(parts));
+    PMA_TRY(pma_matrix_check(&parts->D_r));
+    PMA_TRY(pma_matrix_check(&parts->K_r));
+    PMA_TRY(pma_link_check(&parts->link));
+    PMA_TRY(check_mass(parts));
+    PMA_TRY(pma_impulse_check(&parts->impulse, parts->n, parts->nb));
+    PMA_TRY(check_operator(parts, &parts->single));
+    if (!parts->doubled)
+        return PMA_OK;
+    const double h = parts->single.step.h;
+    if (parts->continues ? !(parts->twice.step.h > h) : parts->twice.step.h != 2.0 * h)
+        return PMA_BAD_STEP;
+    return check_operator(parts, &parts->twice);
+}
+
+/* ---- making --------------------------------------------------------------------------------- */
+
+/* Of the springs and the restoring function, of a time level. */
+size_t pma_parts_memory(const pma_parts *parts)
+{
+    return pma_springs_numbers(&parts->springs) + parts->restoring.memory;
+}
+
+static pma_status lay_out(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    const size_t n = p->n, nb = p->nb, history = p->internal.history;
+    const size_t scratch = pma_parts_scratch(p), given = p->restoring.function ? 2 * n : 0;
+    const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
+                                PMA_ARRAY(pma_subdomain, product, p->has_internal ? n : 0),
+                                PMA_ARRAY(pma_subdomain, closing, nb),
+                                PMA_ARRAY(pma_subdomain, link, nb),
+                                PMA_ARRAY(pma_subdomain, work, scratch),
+                                PMA_ARRAY(pma_subdomain, link_work, scratch),
+                                PMA_ARRAY(pma_subdomain, remembered, p->restoring.memory),
+                                PMA_ARRAY(pma_subdomain, evaluated.values, 2 * given),
+                                PMA_ARRAY(pma_subdomain, evaluated.first, given),
+                                {0}};
+    s->levels = (pma_levels){.n = n,
+                             .nb = nb,
+                             .springs = pma_parts_memory(p),
+                             .history = history + (s->iterate ? 1 : 0),
+                             .substeps = p->substeps,
+                             .doubled = p->doubled};
+    PMA_TRY(pma_levels_create(&s->levels));
+    s->block = pma_object_fill(s, arrays);
+    if (!s->block)
+        return PMA_NO_MEMORY;
+    return PMA_OK;
+}
+
+static pma_status create_internal(const pma_parts *p, pma_internal_forces **out)
+{
+    const size_t history = p->internal.history;
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_internal_forces, force, p->n + pma_internal_scratch(&p->internal)),
+        PMA_ARRAY(pma_internal_forces, history, history),
+        {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    for (size_t i = 0; *out && i < history; i++)
+        (*out)->history[i] = p->internal.initial[i];
+    return *out ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status create_mean(const pma_parts *p, pma_mean **out)
+{
+    const pma_array arrays[] = {
+        PMA_ARRAY(pma_mean, push, p->n), PMA_ARRAY(pma_mean, acceleration, p->n), {0}};
+    *out = pma_object_create(sizeof **out, arrays);
+    return *out ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static pma_status create_features(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    if (p->internal.count > 0)
+        PMA_TRY(create_internal(p, &s->internal));
+    if (p->mean)
+        PMA_TRY(create_mean(p, &s->mean));
+    if (p->impulse.inverse)
+        PMA_TRY(pma_impulse_create(p, &s->impulse));
+    return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
+}
+
+/* Factors in panels that are read from beyond the private caches are swept by subtrees, unless they
+ * came with a tree. */
+static pma_status create_tree(pma_factor *f, pma_tree **out)
+{
+    if (f->form != PMA_PANELS || f->tree)
+        return PMA_OK;
+    const pma_status status = pma_tree_create(&f->panels, f->n, f->nb, PMA_SUBTREE, out);
+    f->tree = *out;
+    return status;
+}
+
+/* Both operators have one tree, if their factors have one structure. */
+static pma_status create_trees(pma_subdomain *s)
+{
+    pma_factor *single = &s->parts.single.factor, *twice = &s->parts.twice.factor;
+    PMA_TRY(create_tree(single, &s->tree));
+    if (!s->parts.doubled)
+        return PMA_OK;
+    if (!s->tree || twice->form != PMA_PANELS || twice->panels.rows != single->panels.rows)
+        return create_tree(twice, &s->tree_twice);
+    twice->tree = s->tree;
+    return PMA_OK;
+}
+
+/* Whatever sweeps the factor of a step sweeps that of the last tangent. */
+static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *parts)
+{
+    PMA_TRY(pma_iterate_create(s, parts, &s->iterate));
+    s->parts.iterate = pma_iterate_get_parts(s->iterate);
+    s->parts.single.factor = s->parts.twice.factor = *pma_iterate_factor(s->iterate);
+    return PMA_OK;
+}
+
+static pma_status fill(pma_subdomain *s, const pma_parts *parts)
+{
+    s->parts = *parts;
+    s->update = pma_update_best();
+    s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO ||
+                      (parts->internal.count > 0 && !parts->iterate) ||
+                      pma_springs_have_rates(&parts->springs);
+    s->evaluates = s->extrapolates || parts->springs.total > 0;
+    s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
+    PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
+    PMA_TRY(pma_division_find(s));
+    s->table = pma_subdomain_table(s);
+    PMA_TRY(lay_out(s));
+    return create_features(s);
+}
+
+pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
+{
+    *out = NULL;
+    PMA_TRY(check_parts(parts));
+    pma_subdomain *s = calloc(1, sizeof *s);
+    if (!s)
+        return PMA_NO_MEMORY;
+    const pma_status status = fill(s, parts);
+    if (status == PMA_OK)
+        *out = s;
+    else
+        pma_subdomain_destroy(s);
+    return status;
+}
+
+void pma_subdomain_destroy(pma_subdomain *s)
+{
+    if (!s)
+        return;
+    pma_energy_destroy(s->energy);
+    pma_balance_destroy(s->balance);
+    pma_rig_destroy(s->rig);
+    pma_response_destroy(s->response);
+    pma_iterate_destroy(s->iterate);
+    pma_levels_destroy(&s->levels);
+    pma_division_destroy(s);
+    pma_tree_destroy(s->tree);
+    pma_tree_destroy(s->tree_twice);
+    free(s->internal);
+    free(s->mean);
+    free(s->impulse);
+    free(s->block);
+    free(s->spread);
+    free(s);
+}
+
+const pma_parts *pma_subdomain_parts(const pma_subdomain *s)
+{
+    return &s->parts;
+}
+
+void pma_subdomain_set_load(pma_subdomain *s, pma_load load)
+{
+    assert(load.n == s->parts.n);
+    s->load = load;
+    pma_levels_discard(&s->levels);
+}
+
+const pma_load *pma_subdomain_load(const pma_subdomain *s)
+{
+    return &s->load;
+}
+
+void pma_subdomain_push(pma_subdomain *s, const double *lam, double *y)
+{
+    pma_substep_accelerate(s, lam, y);
+}
+
+pma_response *pma_subdomain_response(pma_subdomain *s)
+{
+    return s->response;
+}
+
+/* ---- what set-up evaluates ------------------------------------------------------------------ */
+
+int pma_subdomain_code(const pma_subdomain *s)
+{
+    return s->code;
+}
+
+pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
+{
+    const pma_status status = pma_load_evaluate(&s->load, t, &s->code);
+    memset(F, 0, s->parts.n * sizeof(double));
+    if (status == PMA_OK)
+        pma_load_add_called(&s->load, F);
+    return status;
+}
+
+/* r += f(u, v, t; q) with the histories of the start; the next start takes what they become, and
+ * the balance, if there is one, f with its stiffness */
+static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u, const double *v,
+                                     double *r)
+{
+    const pma_internal *internal = &s->parts.internal;
+    const bool bends = s->balance && s->iterate;
+    const size_t entries = bends ? pma_iterate_entries(s->iterate) : 0;
+    if (internal->count == 0)
+        return PMA_OK;
+    assert(s->parts.n > 0);
+    double *f = calloc(s->parts.n + 2 * entries, sizeof *f);
+    if (!f)
+        return PMA_NO_MEMORY;
+    double *K = f + s->parts.n;
+    const pma_status status = pma_internal_evaluate(
+        internal, t, u, v, internal->initial, f, s->internal->history, 1.0, 0.0,
+        bends ? K + entries : NULL, bends ? K : NULL, s->internal->force + s->parts.n, &s->code);
+    for (size_t i = 0; i < s->parts.n && status == PMA_OK; i++)
+        r[i] += f[i];
+    if (s->balance && status == PMA_OK) {
+        const pma_first_forces *first = pma_balance_first(s->balance);
+        memcpy(first->iterated, f, s->parts.n * sizeof *f);
+        memcpy(first->stiffness, K, entries * sizeof *f);
+    }
+    free(f);
+    return status;
+}
+
+pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,
+                                            const double *v, double *r)
+{
+    const pma_parts *p = &s->parts;
+    pma_status status = PMA_OK;
+    memset(r, 0, p->n * sizeof(double));
+    PMA_TRY(pma_springs_subtract_first(&p->springs, u, v, r));
+    memset(s->remembered, 0, p->restoring.memory * sizeof(double));
+    if (s->rig)
+        pma_rig_command_first(s->rig);
+    pma_restoring_accelerate(&p->restoring, NULL, 0.0);
+    if (p->restoring.function)
+        status = pma_restoring_subtract(&p->restoring, t, u, v, s->remembered, s->remembered, r,
+                                        &s->code);
+    for (size_t i = 0; i < p->n; i++)
+        r[i] = 0.0 - r[i]; /* no negative zeros */
+    if (p->restoring.function)
+        pma_substep_take_functions(s, s->evaluated.first);
+    if (s->balance && p->restoring.function)
+        memcpy(pma_balance_first(s->balance)->once, s->evaluated.first, p->n * sizeof(double));
+    if (status == PMA_OK && s->rig)
+        status = pma_rig_reply_first(s->rig, t, u, v);
+    return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
+}
+
+pma_iterate *pma_subdomain_iterate(pma_subdomain *s)
+{
+    return s->iterate;
+}
+
+/* ---- the present ---------------------------------------------------------------------------- */
+
+const pma_state *pma_subdomain_present(const pma_subdomain *s)
+{
+    return &s->levels.present;
+}
+
+void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, const double *w,
+                         const double *lam)
+{
+    const size_t bytes = s->parts.n * sizeof(double);
+    const pma_state *x = &s->levels.present;
+    memset(x->springs, 0, pma_springs_numbers(&s->parts.springs) * sizeof(double));
+    pma_springs_subtract(&s->parts.springs, u, v, x->springs, x->springs, x->a); /* a is scratch */
+    memcpy(x->u, u, bytes);
+    memcpy(x->v, v, bytes);
+    memcpy(x->w, w, bytes);
+    memcpy(x->a, w, bytes);
+    memcpy(x->springs + pma_springs_numbers(&s->parts.springs), s->remembered,
+           s->parts.restoring.memory * sizeof(double));
+    if (s->internal)
+        memcpy(x->history, s->internal->history, s->parts.internal.history * sizeof(double));
+    pma_levels_discard(&s->levels);
+    pma_subdomain_watch_again(s);
+    pma_subdomain_set_functions(s, 0, s->evaluated.first);
+    if (s->balance)
+        pma_balance_start(s->balance, x);
+    if (s->rig)
+        pma_rig_begin(s->rig, v);
+    if (s->iterate) {
+        x->history[s->parts.internal.history] = 0.0; /* corrections */
+        pma_iterate_restore(s->iterate, (pma_kept_iteration){.scale = 0.0});
+        memcpy(s->levels.vf_present, pma_interface_of(s, x->v), s->parts.nb * sizeof(double));
+        return; /* the first substep makes it (N13) */
+    }
+    pma_substep_store_free_velocity(s, &s->parts.single, pma_interface_of(s, x->v), lam,
+                                    s->levels.vf_present); /* (S2) */
+}
+
+void pma_subdomain_rebase(pma_subdomain *s, bool twice, const double *lam)
+{
+    const double *v_b = pma_interface_of(s, s->levels.present.v);
+    pma_levels_discard(&s->levels);
+    if (!s->iterate)
+        pma_substep_store_free_velocity(s, pma_operator_of(s, twice), v_b, lam,
+                                        s->levels.vf_present);
+}
+
+size_t pma_subdomain_arrays(pma_subdomain *s, pma_state_array out[PMA_LEVEL_ARRAYS])
+{
+    pma_levels_discard(&s->levels);
+    return pma_levels_arrays(&s->levels, out);
+}
+
+size_t pma_subdomain_kept(const pma_subdomain *s, pma_state_array out[PMA_LEVEL_ARRAYS])
+{
+    return pma_levels_arrays(&s->levels, out);
+}
+
+/* ---- balance -------------------------------------------------------------------------------- */
+
+static pma_status watch(pma_subdomain *s, const pma_balance_parts *parts)
+{
+    pma_balance *balance;
+    PMA_TRY(pma_balance_create(parts, &balance));
+    pma_balance_destroy(s->balance);
+    s->balance = balance;
+    pma_subdomain_watch_again(s);
+    return PMA_OK;
+}
+
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
+{
+    const pma_parts *p = &s->parts;
+    const pma_matrix none = {.form = PMA_ZERO, .n = p->n};
+    const bool follows = !p->doubled; /* vs is that of the level before */
+    const bool responds = p->has_responses && p->nb > 0;
+    const bool bends = s->iterate && p->internal.count > 0;
+    const pma_balance_parts parts = {
+        .n = p->n,
+        .lanes = 1,
+        .substeps = p->substeps,
+        .has_responses = responds,
+        .corrects = K_r.form != PMA_ZERO,
+        .is_passive = p->restoring.function || (!s->iterate && p->internal.count > 0),
+        .estimates = p->restoring.function && !p->has_responses && K_r.form != PMA_ZERO,
+        .is_pushed = p->mean,
+        .h = p->single.step.h,
+        .M = M,
+        .K = p->K,
+        .K_r = responds ? p->K_r : K_r,
+        .D_r = follows ? p->D_r : none,
+        .springs = &p->springs,
+        .iterates = s->iterate != NULL,
+        .iterates_springs = s->iterate && p->iterate->springs,
+        .ptr = bends ? p->iterate->tangent.ptr : NULL,
+        .index = bends ? p->iterate->tangent.index : NULL};
+    return watch(s, &parts);
+}
+
+pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each)
+{
+    if (!each->balance)
+        return PMA_OK;
+    const pma_balance_parts *of = pma_balance_get_parts(each->balance);
+    pma_balance_parts parts = *of;
+    parts.n = s->parts.n;
+    parts.lanes = PMA_LANES;
+    parts.M = pma_matrix_in_lanes(&of->M);
+    parts.K = s->parts.K;
+    parts.K_r = pma_matrix_in_lanes(&of->K_r);
+    parts.D_r = pma_matrix_in_lanes(&of->D_r);
+    parts.springs = &s->parts.springs;
+    return watch(s, &parts);
+}
+
+void pma_subdomain_watch_again(pma_subdomain *s)
+{
+    s->evaluated.number[0] = s->evaluated.number[1] = PMA_NO_SUBSTEP;
+    if (s->balance)
+        pma_balance_begin(s->balance);
+    if (s->rig)
+        pma_rig_begin(s->rig, NULL);
+}
+
+const pma_balance *pma_subdomain_balance(const pma_subdomain *s)
+{
+    return s->balance;
+}
+
+/* ---- energy --------------------------------------------------------------------------------- */
+
+/* f of the internal functions, as evaluated last; NULL if there are none */
+static double *internal_force_of(const pma_subdomain *s)
+{
+    if (!s->internal)
+        return NULL;
+    return s->iterate ? pma_iterate_force(s->iterate) : s->internal->force;
+}
+
+static double *potential_of(const pma_subdomain *s)
+{
+    return pma_internal_has_potential(&s->parts.internal) ? &s->internal->potential : NULL;
+}
+
+pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
+{
+    const pma_internal *internal = &s->parts.internal;
+    const pma_state *x = &s->levels.present;
+    double *f = internal_force_of(s);
+    if (!f)
+        return PMA_OK;
+    double *after = calloc(internal->history + 1, sizeof *after); /* not taken over */
+    if (!after)
+        return PMA_NO_MEMORY;
+    memset(f, 0, s->parts.n * sizeof *f);
+    pma_status status =
+        pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0, 0.0, NULL, NULL,
+                              s->internal->force + s->parts.n, &s->code);
+    free(after);
+    return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
+}
+
+/* Works are summed up anew. */
+static pma_status replace_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew)
+{
+    pma_energy *energy;
+    const pma_energy_parts parts = {.n = s->parts.n,
+                                    .nb = s->parts.nb,
+                                    .substeps = s->parts.substeps,
+                                    .has_responses = s->parts.has_responses,
+                                    .doubled = s->parts.doubled,
+                                    .implicit = s->parts.single.step.al1 > 0.0,
+                                    .M = M,
+                                    .skew = skew,
+                                    .K = s->parts.K,
+                                    .C = s->parts.C,
+                                    .link = s->parts.link,
+                                    .load = &s->load,
+                                    .restoring = &s->parts.restoring,
+                                    .internal = internal_force_of(s),
+                                    .potential = potential_of(s),
+                                    .springs = &s->parts.springs};
+    PMA_TRY(pma_energy_create(&parts, &energy));
+    pma_subdomain_end_energy(s);
+    s->energy = energy;
+    return PMA_OK;
+}
+
+pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
+                                      const double *load, const double *lam,
+                                      const double *functions)
+{
+    PMA_TRY(replace_energy(s, M, skew));
+    pma_energy_begin(s->energy, &s->levels.present, load, lam, functions);
+    return PMA_OK;
+}
+
+const double *pma_subdomain_functions(const pma_subdomain *s, int64_t steps)
+{
+    const int64_t number = steps * (int64_t)s->parts.substeps - 1;
+    const size_t slot = pma_evaluated_slot(s, number);
+    const bool is_known = s->parts.restoring.function && s->evaluated.number[slot] == number;
+    return is_known ? s->evaluated.values + slot * 2 * s->parts.n : NULL;
+}
+
+void pma_subdomain_set_functions(pma_subdomain *s, int64_t steps, const double *functions)
+{
+    const int64_t number = steps * (int64_t)s->parts.substeps - 1;
+    const size_t slot = pma_evaluated_slot(s, number), n = s->parts.n;
+    if (!s->parts.restoring.function)
+        return;
+    s->evaluated.number[slot] = number;
+    memcpy(s->evaluated.values + slot * 2 * n, functions, 2 * n * sizeof(double));
+}
+
+void pma_subdomain_conserve(pma_subdomain *s, double weight)
+{
+    pma_energy_conserve(s->energy, weight);
+}
+
+size_t pma_subdomain_works(const pma_subdomain *s)
+{
+    return s->energy ? pma_energy_size(s->energy) : 0;
+}
+
+bool pma_subdomain_keep_works(const pma_subdomain *s, double *out)
+{
+    return pma_energy_keep(s->energy, out);
+}
+
+void pma_subdomain_resume_works(pma_subdomain *s, const double *in)
+{
+    pma_energy_resume(s->energy, in);
+}
+
+pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from)
+{
+    if (!from->energy)
+        return PMA_OK;
+    const pma_energy_parts *of = pma_energy_get_parts(from->energy);
+    PMA_TRY(replace_energy(s, of->M, of->skew));
+    pma_energy_follow(s->energy, from->energy);
+    return PMA_OK;
+}
+
+void pma_subdomain_end_energy(pma_subdomain *s)
+{
+    if (!s)
+        return;
+    pma_energy_destroy(s->energy);
+    s->energy = NULL;
+}
+
+bool pma_subdomain_has_energy(const pma_subdomain *s)
+{
+    return s->energy;
+}

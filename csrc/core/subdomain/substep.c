@@ -1,0 +1,345 @@
+/* substep.c - free and link problem of one substep, as one forward and one backward sweep. */
+#include <math.h>
+#include <string.h>
+
+#include "algebra/lists.h"
+#include "subdomain/inside.h"
+
+/* ---- link problem on the interface alone ---------------------------------------------------- */
+
+void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam)
+{
+    pma_link_load(&s->parts.link, lam, s->link);
+    pma_factor_interface(&op->factor, s->link, s->link_work);
+}
+
+void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, const double *v_b,
+                                     const double *lam, double *vf)
+{
+    pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = v_b[i] - op->step.al2 * s->link[i];
+}
+
+void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] += op->step.al2 * s->link[i];
+}
+
+/* ---- open: the free problem ----------------------------------------------------------------- */
+
+void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs)
+{
+    const double *v = from->v, *w = from->w;
+    for (size_t i = 0; i < n; i++)
+        vs[i] = v[i] + h * w[i];
+}
+
+void pma_substep_push(size_t n, double h, const double *y, const pma_state *to, double *vs)
+{
+    for (size_t i = 0; i < n; i++) {
+        to->u[i] += 0.5 * h * h * y[i];
+        to->v[i] += h * y[i];
+    }
+    for (size_t i = 0; vs && i < n; i++)
+        vs[i] += h * y[i];
+}
+
+void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, double *work,
+                          double *y)
+{
+    memset(y, 0, p->n * sizeof(double)); /* as an open step without loads leaves it */
+    pma_link_load(&p->link, lam, pull);
+    pma_factor_close(&p->mass, pull, y, work);
+}
+
+/* y -= f(ut, vs, t1; q), internal forces of an explicit subdomain, which go on to q1 */
+static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, const pma_state *to,
+                                    double t1)
+{
+    const pma_parts *p = &s->parts;
+    double *f = s->internal->force;
+    memset(f, 0, p->n * sizeof(double));
+    pma_status status =
+        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, f, to->history, 0.0,
+                              0.0, NULL, NULL, f + p->n, &s->code);
+    for (size_t i = 0; i < p->n; i++)
+        to->w[i] -= f[i];
+    for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)
+        status = isfinite(to->history[i]) ? PMA_OK : PMA_NOT_FINITE;
+    return status;
+}
+
+void pma_substep_take_functions(const pma_subdomain *s, double *out)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const double *last = pma_restoring_last(restoring), *load = restoring->load;
+    const size_t n = s->parts.n;
+    for (size_t i = 0; i < n; i++) {
+        const size_t k = (size_t)restoring->order[i];
+        out[n + i] = load ? load[k] : 0.0;
+        out[i] = last[k] + out[n + i];
+    }
+}
+
+pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
+                                          const pma_state *to, double *y)
+{
+    const pma_parts *p = &s->parts;
+    const size_t springs = pma_springs_numbers(&p->springs);
+    const pma_state *last = pma_levels_at(&s->levels, step->j);
+    PMA_TRY(pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                                   to->springs + springs, y, &s->code));
+    const size_t slot = pma_evaluated_slot(s, step->number);
+    s->evaluated.number[slot] = step->number;
+    pma_substep_take_functions(s, s->evaluated.values + slot * 2 * p->n);
+    return PMA_OK;
+}
+
+/* r (n) := what has been subtracted since y was r, without loads that depend on the motion */
+static void watch_forces(const pma_subdomain *s, const double *y, double *r)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const size_t n = s->parts.n;
+#pragma omp simd
+    for (size_t i = 0; i < n; i++)
+        r[i] -= y[i];
+    for (size_t i = 0; restoring->function && restoring->load && i < n; i++)
+        r[i] += restoring->load[restoring->order[i]];
+}
+
+/* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
+__attribute__((noinline)) static pma_status
+subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *from,
+                   const pma_state *to)
+{
+    const pma_parts *p = &s->parts;
+    double *r = s->balance ? pma_balance_open(s->balance, step->number, to->u) : NULL;
+    if (r)
+        memcpy(r, to->w, p->n * sizeof(double));
+    if (s->rig)
+        PMA_TRY(pma_rig_command(s->rig, step, to));
+    if (p->springs.total > 0)
+        pma_springs_subtract(&p->springs, to->u, s->vs, from->springs, to->springs, to->w);
+    if (p->restoring.function)
+        PMA_TRY(pma_substep_subtract_restoring(s, step, to, to->w));
+    if (s->rig)
+        PMA_TRY(pma_rig_reply(s->rig, to));
+    if (s->extrapolates && s->internal)
+        PMA_TRY(subtract_internal(s, from, to, step->t1));
+    if (r)
+        watch_forces(s, to->w, r);
+    if (!s->extrapolates || p->D_r.form == PMA_ZERO)
+        return PMA_OK;
+    for (size_t i = 0; i < p->n; i++)
+        s->vs[i] = to->v[i] - s->vs[i];
+    pma_matrix_subtract(&p->D_r, s->vs, to->w);
+    return PMA_OK;
+}
+
+void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    pma_springs_add(&s->parts.springs, x->springs, r);
+    if (!restoring->function)
+        return;
+    const double *last = pma_restoring_last(restoring), *load = restoring->load;
+    for (size_t i = 0; i < s->parts.n; i++) {
+        const size_t k = (size_t)restoring->order[i];
+        r[i] += load ? last[k] + load[k] : last[k];
+    }
+}
+
+pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
+{
+    return pma_load_evaluate(&s->load, step->t1, &s->code);
+}
+
+/* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
+static void add_forces(const pma_subdomain *s, const pma_substep *step, const pma_state *to,
+                       size_t begin, size_t end)
+{
+    const pma_parts *p = &s->parts;
+    if (s->load.kind != PMA_LOAD_NONE)
+        pma_load_add_rows(&s->load, step->t1, step->number, begin, end, to->w);
+    if (p->C.form != PMA_ZERO)
+        pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
+    pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
+}
+
+void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
+                            size_t end)
+{
+    add_forces(s, step, pma_levels_at(&s->levels, step->j + 1), begin, end);
+}
+
+/* The free problem (13) up to its acceleration on the interface, or NULL */
+static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
+                                    const pma_operator *op, const pma_state *to, double *wf_b)
+{
+    const size_t n = s->parts.n;
+    const pma_state *from = pma_levels_origin(&s->levels, step);
+
+    /* (R1) */
+    if (s->extrapolates)
+        pma_substep_extrapolate(op->step.h, n, from, s->vs);
+    pma_restoring_accelerate(&s->parts.restoring, from->w, step->twice ? 2.0 : 1.0);
+
+    /* (5), (6) */
+    s->update->predict(&op->step, 0, n, from, to);
+    if (s->mean && s->mean->is_pushed)
+        pma_substep_push(n, op->step.h, s->mean->push, to, s->extrapolates ? s->vs : NULL);
+
+    add_forces(s, step, to, 0, n);
+
+    /* (R3) */
+    if (s->evaluates)
+        PMA_TRY(subtract_restoring(s, step, from, to));
+
+    /* (F2), (F3) */
+    if (wf_b)
+        pma_factor_open(&op->factor, to->w, wf_b, s->work);
+    else
+        pma_factor_open_interior(&op->factor, to->w, s->work);
+    return PMA_OK;
+}
+
+/* (F3)  vf_b = vt_b + al2 wf_b with wf_b in vf: the substep is open */
+static inline void find_free_velocity(pma_subdomain *s, const pma_substep *step,
+                                      const pma_operator *op, const pma_state *to, double *vf)
+{
+    const double *vt = pma_interface_of(s, to->v);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = vt[i] + op->step.al2 * vf[i];
+    s->levels.opened = step->j + 1;
+}
+
+void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step)
+{
+    find_free_velocity(s, step, pma_operator_of(s, step->twice),
+                       pma_levels_at(&s->levels, step->j + 1),
+                       pma_levels_free_velocity(&s->levels, step->j + 1));
+}
+
+pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
+{
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    if (s->balance && pma_balance_is_broken(s->balance))
+        return PMA_UNBOUNDED;
+    PMA_TRY(pma_substep_load(s, step));
+    PMA_TRY(solve_free(s, step, op, to, vf));
+    find_free_velocity(s, step, op, to, vf);
+    if (s->parts.deferred)
+        s->mean->open = op;
+    return PMA_OK;
+}
+
+pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step)
+{
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    if (s->balance && pma_balance_is_broken(s->balance))
+        return PMA_UNBOUNDED;
+    PMA_TRY(pma_substep_load(s, step));
+    PMA_TRY(solve_free(s, step, pma_operator_of(s, step->twice), to, NULL));
+    memcpy(pma_levels_free_velocity(&s->levels, step->j + 1), pma_interface_of(s, to->v),
+           s->parts.nb * sizeof(double));
+    s->levels.opened = step->j + 1;
+    return PMA_OK;
+}
+
+/* ---- close: the link problem, added --------------------------------------------------------- */
+
+/* L^T Lam */
+void pma_substep_load_interface(pma_subdomain *s, const double *lam)
+{
+    if (s->parts.mean) /* they push instead */
+        memset(s->closing, 0, s->parts.nb * sizeof(double));
+    else
+        pma_link_load(&s->parts.link, lam, s->closing);
+}
+
+/* (F4) and (F5) with L^T Lam in s->closing, (8), (9); true when every new value is finite */
+bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
+{
+    pma_factor_close(&op->factor, s->closing, x->w, s->work);
+    return s->update->correct(&op->step, 0, s->parts.n, x);
+}
+
+pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
+{
+    pma_internal_forces *f = s->internal;
+    return f ? pma_internal_potential(&s->parts.internal, u, &f->potential, f->force + s->parts.n,
+                                      &s->code)
+             : PMA_OK;
+}
+
+pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    if (!s->energy)
+        return PMA_OK;
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    if ((step->j + 1) % s->parts.substeps == 0) /* energies are those of macro time levels */
+        PMA_TRY(pma_substep_evaluate_potential(s, x->u));
+    if (step->is_free_run)
+        pma_energy_close_free(s->energy, step, x);
+    else
+        pma_energy_close(s->energy, step, x, lam);
+    return PMA_OK;
+}
+
+void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
+{
+    const pma_step *c = &pma_operator_of(s, step->twice)->step;
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    pma_balance_close(s->balance, step, c->al1, x);
+}
+
+/* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
+ * is zero for the trapezoidal rule, in u always                                           (K7) */
+__attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, const pma_substep *step,
+                                                          const double *lam)
+{
+    const pma_operator *op = s->mean->open;
+    const pma_step *c = &op->step;
+    double *y = s->mean->push;
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    const double share = 0.5 * c->h * c->h / c->al1, v_y = c->h - c->al2 * share;
+    double zero = 0.0;
+    pma_link_load(&s->parts.link, lam, s->closing);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->closing[i] *= share;
+    bool finite = pma_substep_sweep_back(s, op, x);
+    s->mean->open = NULL;
+    pma_substep_accelerate(s, lam, y);
+    for (size_t i = 0; i < s->parts.n; i++) {
+        x->v[i] += v_y * y[i];
+        x->w[i] -= share * y[i];
+        x->a[i] -= c->a_w1 * share * y[i];
+        zero += 0.0 * y[i];
+    }
+    if (!finite || zero != 0.0)
+        return PMA_NOT_FINITE;
+    if (s->balance)
+        pma_substep_balance(s, step);
+    return pma_substep_observe(s, step, lam);
+}
+
+pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    if (s->mean && s->mean->open)
+        return close_waiting(s, step, lam);
+    /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
+    pma_substep_load_interface(s, lam);
+    if (!pma_substep_sweep_back(s, pma_operator_of(s, step->twice),
+                                pma_levels_at(&s->levels, step->j + 1)))
+        return PMA_NOT_FINITE;
+    if (s->balance)
+        pma_substep_balance(s, step);
+    return s->energy ? pma_substep_observe(s, step, lam) : PMA_OK;
+}
