@@ -8,7 +8,7 @@ CORE = CSRC / "core"
 FILES = sorted(path.relative_to(CORE) for path in CORE.rglob("*.[ch]"))
 SOURCES = sorted(CSRC.rglob("*.c"))
 
-# The folders from the ground up. A folder includes files of its own, status.h, object.h and state.h, and
+# The folders from the ground up. A folder includes files of its own, those of none, and
 # of those before it what stands here.
 BELOW = {
     "": set(),

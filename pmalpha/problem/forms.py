@@ -1,6 +1,6 @@
 """What the core takes by name: matrices, factors and the parts of a subdomain.
 
-Each is a dict of the tree that `_core` reads, with its fields for keys (csrc/core/describe/describe.h).
+Each is a dict of the tree that `_core` reads, with its fields for keys (csrc/core/describe).
 """
 
 from __future__ import annotations

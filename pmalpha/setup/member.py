@@ -82,7 +82,7 @@ class Member:
     K_r: Matrix | None
     L: Link  # its constraints, dofs in elimination order, rows in the order of the multipliers
     nb: int  # number of interface dofs, the last of the order
-    # until it is built: what the core is made of, by the names of csrc/core/describe/describe.h, and the
+    # until it is built: what the core is made of, by the names of csrc/core/describe, and the
     # object itself
     parts: dict[str, Any] = field(default_factory=dict)
     core: _core.Subdomain = None  # type: ignore[assignment]
@@ -397,7 +397,7 @@ def core_parts(
     matrices: Mapping[str, Matrix] = MappingProxyType({}),
     **parts: Any,
 ) -> dict[str, Any]:
-    """What the core takes of a subdomain with this operator, by name: csrc/core/describe/describe.h."""
+    """What the core takes of a subdomain with this operator, by name: csrc/core/describe."""
     matrices = {x: member.core_matrix(A) for x, A in matrices.items()}
     sizes = {"n": member.n, "nb": member.nb, "substeps": substeps}
     steps = {"single": _in_core(scheme, single)}
