@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import problems
+import reference_problems
 from newton_coupled import Law
 from rank_problems import (
     COUPLINGS,
@@ -63,9 +63,9 @@ def changes_of_steps(rng, subdomains, coupling, dt):
 def compare(seed):
     """Runs, steps, resets and snapshots of one problem. False where it cannot be distributed."""
     rng = np.random.default_rng([seed, 7])
-    draw = problems.random_restored_problem
+    draw = reference_problems.random_restored_problem
     if rng.random() < 0.3:
-        problem = problems.random_unsymmetric_problem(seed, draw)
+        problem = reference_problems.random_unsymmetric_problem(seed, draw)
     else:
         problem = draw(seed)
     subdomains, matrices = named(problem)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from agreement import assert_run_agrees, largest
-from problems import Problem, random_problem, random_restored_problem
+from reference_problems import Problem, random_problem, random_restored_problem
 
 import pmalpha as pm
 

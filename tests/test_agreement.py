@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from agreement import assert_close, assert_constant, assert_run_agrees, assert_small
-from problems import random_problem
+from reference_problems import random_problem
 
 
 def test_a_difference_is_named_by_quantity_first_time_and_size():

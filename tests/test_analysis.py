@@ -8,7 +8,7 @@ import pytest
 import reference
 import scipy.sparse as sp
 from pairwise import in_turn, pairwise
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha import analysis, models, structures

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from agreement import assert_identical
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha import models

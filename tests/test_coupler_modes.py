@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha import structures

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from agreement import assert_close, assert_identical, largest
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha import models

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from agreement import assert_close
 from error_cases import named_cases, random_chain
-from problems import random_problem
+from reference_problems import random_problem
 from test_snapshot import bits_of, nonlinear
 
 import pmalpha as pm

@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse as sp
 from drawn_matrices import definite_matrix
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha import _core, structures

@@ -13,7 +13,7 @@ import pytest
 import reference
 import scipy.sparse as sp
 from pairwise import pairwise
-from problems import Problem, SubdomainData, random_problem, reference_subdomain
+from reference_problems import Problem, SubdomainData, random_problem, reference_subdomain
 
 import pmalpha as pm
 

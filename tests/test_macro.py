@@ -10,7 +10,7 @@ import scipy.sparse as sp
 import waits
 from agreement import assert_run_agrees, assert_same_levels, largest
 from pairwise import in_turn, pairwise
-from problems import Problem, random_problem, random_restored_problem, reference_subdomain
+from reference_problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from pairwise import pairwise
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha.results.core_record import (

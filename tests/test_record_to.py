@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import waits
 from agreement import assert_identical, assert_same_bits
-from problems import random_problem
+from reference_problems import random_problem
 from test_binding_threads import interrupt_at_entry, long_run
 
 import pmalpha as pm

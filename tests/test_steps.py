@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import steps_reference as reference
 from agreement import assert_identical
-from problems import random_problem, reference_subdomain
 from reference import Subdomain
+from reference_problems import random_problem, reference_subdomain
 from steps_problems import RHO, U0, K, M, error, exact, lengths, order, pair
 
 import pmalpha as pm

@@ -14,7 +14,7 @@ import pytest
 import scipy.sparse as sp
 import waits
 from agreement import assert_identical
-from problems import random_problem
+from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha._cached import cached_property

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from drawn_matrices import unsymmetric_matrix
-from problems import random_restored_problem, random_unsymmetric_problem
+from reference_problems import random_restored_problem, random_unsymmetric_problem
 from scipy.sparse.linalg import splu
 from test_against_reference import assert_agreement
 from test_factors import solve

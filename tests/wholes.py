@@ -10,7 +10,14 @@ from itertools import pairwise
 
 import numpy as np
 from compiled import FORCE, RESTORING
-from problems import EXPLICIT, FORMATS, IMPLICIT, _random_constraints, _semidefinite, _skew
+from reference_problems import (
+    EXPLICIT,
+    FORMATS,
+    IMPLICIT,
+    _random_constraints,
+    _semidefinite,
+    _skew,
+)
 from scipy import LowLevelCallable
 
 import pmalpha as pm
