@@ -245,6 +245,32 @@ def test_with_one_halving_the_order_is_that_of_the_coupling(coupling, substeps, 
     )
 
 
+def test_the_order_is_that_of_the_dof_with_the_largest_error():
+    """The second difference is largest in a small fast oscillator, which no step resolves."""
+    slow = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), u0=[1.0], name="slow")
+    for n in (1, 2):  # beside others in its subdomain too
+        K, u0 = np.full(n, (2.0 * np.pi * 37.3) ** 2), np.full(n, 1e-4)
+        K[1:], u0[1:] = 4.0, 1.0
+        fast = pm.Subdomain(np.ones(n), K, scheme=pm.Newmark(), u0=u0, name="fast")
+        parts = [slow, fast] if n == 1 else [fast]
+        found = pm.Coupler(parts, dt=0.01, coupling="macro").estimate_error(10.0, halvings=2)
+        np.testing.assert_allclose(found.order, 2.0, atol=0.01)  # the next term of the expansion
+        assert found.place[:2] == (("slow", 0) if n == 1 else ("fast", 1))
+
+
+def test_the_step_for_an_error_is_at_most_four_times_and_at_least_a_quarter_of_the_present_one():
+    found = oscillator(0.05).estimate_error(10.0, halvings=2)  # 1.5 per cent
+    for relative, step, words in (
+        (20.0 * found.relative, 0.2, "at most 4 dt, 0.2; make"),
+        (found.relative / 20.0, 0.0125, "at least dt / 4, 0.0125; make"),
+    ):
+        with pytest.warns(pm.AccuracyWarning, match=words):
+            assert found.dt_for(relative) == pytest.approx(step, rel=1e-15)
+    far = oscillator(0.02).estimate_error(10.0)  # 0.24 per cent, of order 1
+    object.__setattr__(far, "assumed_order", 1.0)
+    assert repr(far).endswith("; dt = 0.08 for 1 %, at most 4 dt")
+
+
 @pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of springs under macro coupling
@@ -276,7 +302,8 @@ def test_named_cases_have_the_error_that_is_estimated():
 def test_without_motion_the_error_is_zero():
     found = oscillator(u0=[0.0]).estimate_error(1.0, halvings=2)
     assert found.relative == 0.0 and found.by_subdomain == {"mass": 0.0} and np.isnan(found.order)
-    assert found.dt_for() == np.inf
+    with pytest.warns(pm.AccuracyWarning, match="no error was found: the step is at most 4 dt"):
+        assert found.dt_for() == 0.4
     assert repr(found) == "error 0, the runs with dt = 0.1 and half of it are equal"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import real_number, whole_number
-from ..errors import silent
+from ..errors import AccuracyWarning, silent, warn
 from ..memory import require
 from ..results.clock import Clock
 from ..results.history import History
@@ -32,6 +32,8 @@ LEAST_ORDER = 0.5
 FAR = 1e-3
 # The smallest error for which there is a step.
 SMALLEST = 1e-300
+# Most by which `dt_for` changes the step: an observed order reaches no further.
+REACH = 4.0
 
 
 def __dir__() -> list[str]:
@@ -55,8 +57,8 @@ class ErrorEstimate:
     place : (str, int or str, float)
         Where it is largest: subdomain, dof or its name, time.
     order : float
-        The observed order of convergence, with ``halvings=2``; else, and where the runs differ by
-        rounding only, nan.
+        The observed order of convergence at the dof of `place`, with ``halvings=2``; else, and
+        where the runs differ by rounding only, nan.
     dt : float
         The macro step of the run.
     history : History
@@ -100,22 +102,39 @@ class ErrorEstimate:
         Returns
         -------
         float
-            From the observed order, else from that of the coupling; inf where there is no error,
-            and nan where the runs do not converge. Not far from `dt` it is a good guess: see by
-            another estimate.
+            From the observed order, else from that of the coupling; nan where the runs do not
+            converge. At least a quarter of `dt` and at most four times as much, with a warning
+            where that is the bound: make another estimate there.
 
         Raises
         ------
         TypeError, ValueError
             For a number that is not positive.
+
+        Warns
+        -----
+        AccuracyWarning
+            Where the step would be more than four times as long or short as `dt`.
         """
         target = real_number(relative, "relative", low=SMALLEST)
+        step, bound = self._step_for(target)
+        if bound:
+            what = "no error was found" if self.relative == 0.0 else f"{_percent(self.relative)}"
+            warn(
+                f"dt_for: an error of {_percent(target)} is too far from that of the run, {what}: "
+                f"the step is {bound}, {step:.3g}; make another estimate there",
+                AccuracyWarning,
+            )
+        return step
+
+    def _step_for(self, target: float) -> tuple[float, str]:
+        """The macro step, and the bound that it is, in words, or empty."""
         if not self.converges:
-            return float("nan")
-        if self.relative == 0.0:
-            return float("inf")
+            return float("nan"), ""
         order = self.assumed_order if np.isnan(self.order) else self.order
-        return float(self.dt * (target / self.relative) ** (1.0 / order))
+        ratio = (target / self.relative) ** (1.0 / order) if self.relative > 0.0 else np.inf
+        bound = "at most 4 dt" if ratio > REACH else "at least dt / 4" if ratio < 1 / REACH else ""
+        return float(self.dt * min(max(ratio, 1.0 / REACH), REACH)), bound
 
     def __repr__(self) -> str:
         name, dof, t = self.place
@@ -131,8 +150,9 @@ class ErrorEstimate:
             )
         assumed = np.isnan(self.order)
         order = f"order {self.assumed_order:g} assumed" if assumed else f"order {self.order:.2g}"
-        step = f"; dt = {self.dt_for():.3g} for 1 %" if self.relative > FAR else ""
-        return f"error about {size}, {where}; {order}{step}"
+        step, bound = self._step_for(0.01)
+        words = f"; dt = {step:.3g} for 1 %{bound and ', ' + bound}" if self.relative > FAR else ""
+        return f"error about {size}, {where}; {order}{words}"
 
 
 def _percent(x: float) -> str:
@@ -165,7 +185,14 @@ def estimate_error(
         half = runs.compared(1, steps, motions, report, keep=count == 2)
         finest = half
         if count == 2:
-            finest = runs.compared(2, steps, half.motions, report, keep=False)
+            finest = runs.compared(
+                2,
+                steps,
+                half.motions,
+                report,
+                keep=False,
+                watched=[dof for _, dof in half.places],
+            )
         if report is not None:
             report.end()
     return _estimate(runs, history, half, finest)
@@ -175,13 +202,13 @@ def _estimate(runs: Runs, history: History, half: Compared, finest: Compared) ->
     """From the differences of the first two runs, and of the last two; equation (D5)."""
     names = [name for name, _ in history.keys]
     order = float("nan")
+    i = int(np.argmax(half.differences))
     if finest is not half and half.difference > ROUNDING * finest.largest:
         with np.errstate(divide="ignore"):
-            order = float(np.log2(half.difference / np.float64(finest.difference)))
+            order = float(np.log2(half.difference / np.float64(finest.watched[i])))
     used = runs.order if np.isnan(order) else order
     factor = 1.0 / (1.0 - 2.0**-used) if used >= LEAST_ORDER else 1.0
     scale = factor / finest.largest if finest.largest > 0.0 else 0.0
-    i = int(np.argmax(half.differences))
     level, dof = half.places[i]
     motion = history[i]
     labels = motion.dof_names
@@ -203,12 +230,15 @@ class Compared:
     differences: the largest one in each subdomain; `places` has time level and dof of it.
     largest: the largest displacement.
     motions: the displacements of each subdomain, (levels, n), or none of them.
+    watched: the largest differences at dofs that were given, one of each subdomain.
     """
 
     differences: list[float]
     places: list[tuple[int, int]]
     largest: float
     motions: list[np.ndarray]
+    dofs_watched: Sequence[int] = ()
+    watched: list[float] = field(default_factory=list)
 
     @property
     def difference(self) -> float:
@@ -226,6 +256,9 @@ class Compared:
                 self.differences[i] = float(size[level, dof])
                 self.places[i] = part.start + int(level), int(dof)
             self.largest = max(self.largest, float(np.max(np.abs(u))))
+            if self.dofs_watched:
+                own = float(np.max(size[:, self.dofs_watched[i]]))
+                self.watched[i] = max(self.watched[i], own)
             if self.motions:
                 self.motions[i][part] = u
 
@@ -277,11 +310,13 @@ class Runs:
         report: Report | None,
         *,
         keep: bool,
+        watched: Sequence[int] = (),
     ) -> Compared:
         """The run with steps halved so many times, compared with the motions of the one before."""
         count, ratio = len(self.names), 2**halvings
         arrays = [np.empty_like(u) for u in coarser] if keep else []
-        comparison = Compared([0.0] * count, [(0, 0)] * count, 0.0, arrays)
+        zeros, none = [0.0] * count, [(0, 0)] * count
+        comparison = Compared(zeros, none, 0.0, arrays, watched, list(zeros))
         coupler, done = self.coupler(halvings), steps * (ratio - 1)
         try:
             for first, last in self._pieces(steps, ratio, coarser):
