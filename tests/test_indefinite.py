@@ -94,3 +94,33 @@ def test_a_direction_without_mass_grows_at_once():
 def test_rayleigh_refuses_per_cent(ratios):
     with pytest.raises(ValueError, match="^ratios must be below 1, .*0.05"):
         models.rayleigh([1.0, 5.0], ratios)
+
+
+# ---- damping -------------------------------------------------------------------------------------
+
+
+def test_a_negative_damper_is_named_with_its_rate():
+    """v' = -c v / m: exp(3 t)."""
+    with pytest.warns(pm.StabilityWarning, match=r"C of subdomain 'a' .* up to exp\(3 t\)"):
+        pm.Coupler([part([4.0, 4.0], [2.0, 1.0], C=[-6.0, 1.0], name="a")], dt=0.01)
+
+
+@pytest.mark.parametrize("n", [3, 5000])
+def test_wrong_entries_of_damping_are_found_in_matrices_of_any_size(n):
+    C = chain(n).tolil()
+    C[1, 2] = C[2, 1] = 3.0  # in place of -1
+    with pytest.warns(pm.StabilityWarning, match="C of .* not positive semidefinite"):
+        pm.Coupler([part(chain(n), C=C.tocsr())], dt=0.01)
+
+
+def test_damping_that_takes_energy_is_not_reported():
+    """Warnings are errors here. Skew parts do no work; a damper that is tied to one takes more."""
+    gyroscopic = np.array([[0.0, 5.0], [-5.0, 0.0]])
+    pm.Coupler([part([4.0, 4.0], C=gyroscopic, symmetric=False)], dt=0.01)
+    for count in (4, 40, 3000):
+        pm.Coupler([part(chain(count), C=0.01 * chain(count))], dt=0.01)
+    a, b = part([4.0], C=[-1.0], name="a"), part([4.0], C=[1.5], name="b")
+    pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.01, coupling="gc")
+    c = part([4.0], C=[0.5], name="c")
+    with pytest.warns(pm.StabilityWarning, match=r"up to exp\(0.25 t\)"):
+        pm.Coupler([a, c], pm.tie(a, 0, c, 0), dt=0.01, coupling="gc")

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..results.case_values import CaseValues
     from ..setup.eliminated_rows import Assembled
     from .error_estimate import ErrorEstimate
+    from .growth import Growth
 
 __all__ = ["Coupler", "solve"]
 
@@ -443,6 +444,54 @@ class Coupler:
         from .error_estimate import estimate_error
 
         return estimate_error(self._session, type(self), (t_end, steps), halvings, progress)
+
+    def growth(self, steps: int = 1000, *, seed: int = 0) -> Growth:
+        """How the motion of this linear coupler grows without loads, for problems of any size.
+
+        A power iteration: macro steps of eight random states side by side, with the present steps.
+        Where it grows, so does every run, from a part of it that may be as small as rounding. The
+        coupler stays as it is.
+
+        Parameters
+        ----------
+        steps : int, default 1000
+            Number of macro steps, at least 16. Slow growth takes many: see ``.settled``.
+        seed : int, default 0
+            Of the random velocities, which keep the constraints.
+
+        Returns
+        -------
+        Growth
+            Has ``.factor`` by which the largest motion grows in a macro step, ``.settled``,
+            ``.subdomain`` and ``.grows``. Printed, it is a sentence.
+
+        Raises
+        ------
+        ValueError
+            For restoring and internal forces, loads ``f(t, u, v)`` and contact; with `comm`.
+        InstabilityError
+            When the motion leaves the range of floating-point numbers within a few steps.
+        MemoryError
+            For eight states beyond the memory.
+
+        Notes
+        -----
+        `analysis.amplification_matrix` has all eigenvalues of a small problem.
+
+        Examples
+        --------
+        Central difference above its critical step, 1:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), name="mass")
+        >>> Coupler([mass], dt=0.1).growth(200).grows
+        False
+        >>> mass = Subdomain([1.0], [4.0], scheme=CentralDifference(), name="mass")
+        >>> Coupler([mass], dt=1.01).growth(200).grows
+        True
+        """
+        from .growth import growth
+
+        return growth(self._session, steps, seed)
 
     def run_paced(
         self,

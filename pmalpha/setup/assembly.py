@@ -18,7 +18,7 @@ from ..problem.subdomain import Subdomain
 from .constraint_rows import CoreRows
 from .contact_rows import Contacts
 from .factors import Eliminations
-from .floating import warn_of_growing, warn_of_loose
+from .floating import warn_of_feeding, warn_of_growing, warn_of_loose
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .internal_forces import closing_tangent
 from .iteration import iteration_of, prepare_iterated
@@ -29,6 +29,7 @@ from .macro import (
     check_mean,
     doubled_part,
     doubts_of_damping,
+    doubts_of_skew,
     growing,
     prepare,
     prepare_mean,
@@ -37,7 +38,7 @@ from .macro import (
 from .member import Member, build, make_member, warn_of_factors, warn_of_order
 from .propagation import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth
 from .ranks import Ranks, joined, processes
-from .schedule import Options
+from .schedule import MACRO, Options
 from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations
 
@@ -131,6 +132,7 @@ class Assemblies:
         if contacts is not None:
             contacts.warn_of_ties(members)
         warn_of_growing(keys, links, complete=ranks is None)
+        warn_of_feeding(keys, links, complete=ranks is None)
 
     def of(self, layout: Layout) -> Assembly:
         """The assembly of a layout: a known one, or one with the factors that are known.
@@ -247,6 +249,8 @@ class Assemblies:
             return  # one macro step; the regular steps after it were assembled before, and judged
         p = self.rows.size
         doubts = doubts_of_damping(members, self.ranks) if self.coupling == "mean" else []
+        if self.coupling in MACRO and self.ranks is None:
+            doubts += doubts_of_skew(members, self.coupling)
         above = [
             (member, ratio)
             for member in members

@@ -183,6 +183,43 @@ def warn_of_growing(
     )
 
 
+def warn_of_feeding(
+    keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link], *, complete: bool
+) -> None:
+    """StabilityWarning for linear subdomains with a C that adds energy: its symmetric part has a
+    negative eigenvalue. Decided as for K, and not of what `warn_of_growing` has named."""
+    once = Once()
+    computed = ((name, _rate_of_damping(s, once)) for name, s in keys if not _rate(s, once) > 0.0)
+    rates = {name: rate for name, rate in computed if rate > 0.0}
+    if not rates:
+        return
+    tied = any(L.values.size > 0 for L in links)
+    subdomains = [s for _, s in keys]
+    fastest, doubt = max(rates.values()), ", unless others that are tied to it take it" * tied
+    if tied and complete and sum(s.n for s in subdomains) <= TIED:
+        fastest, doubt = _rate_with_ties(subdomains, links, "C"), ""
+    if not fastest > 0.0:
+        return
+    kind = "subdomain" if len(rates) == 1 else "subdomains"
+    grows = f"up to exp({fastest**2:.3g} t)" if np.isfinite(fastest) else "at once"
+    warn(
+        f"C of {kind} {listing([repr(name) for name in rates])} is not positive semidefinite: it "
+        f"adds energy to the motion, which grows {grows}{doubt}; a sign or an entry is wrong",
+        StabilityWarning,
+    )
+
+
+def _rate_of_damping(s: Subdomain, once: Once) -> float:
+    """The root of the rate at which C alone lets a free subdomain grow, 0 if it does not."""
+    if s.C is None or s.M is None:
+        return 0.0
+    return once(lambda: _rate_of_matrices(_symmetric_part(s.C), s.M), (s.C, s.M), "damping")
+
+
+def _symmetric_part(C: Matrix) -> Matrix:
+    return C if is_symmetric(C) else 0.5 * (C + C.T)
+
+
 def _is_linear(s: Subdomain, once: Once) -> bool:
     if s.restoring is not None or s.internal is not None:
         return False
@@ -250,12 +287,15 @@ def _dense_rate(K: np.ndarray, M: np.ndarray) -> float:
     return float(np.sqrt(max(-lowest, 0.0)))
 
 
-def _rate_with_ties(subdomains: Sequence[Subdomain], links: Sequence[Link]) -> float:
+def _rate_with_ties(
+    subdomains: Sequence[Subdomain], links: Sequence[Link], stiffness: str = "K"
+) -> float:
     """The rate of growth of the structure, with the displacements that its constraints allow."""
     from scipy.linalg import null_space
 
     rows = np.hstack([L.matrix.toarray() for L in links])
-    K, M = (dense_whole(subdomains, name) for name in "KM")
+    K, M = (dense_whole(subdomains, name) for name in (stiffness, "M"))
+    K = np.asarray(_symmetric_part(K))
     with one_thread():
         Z = null_space(rows)
         return _dense_rate(Z.T @ K @ Z, Z.T @ M @ Z) if Z.shape[1] else 0.0

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._checks import counted, listing, numbered
 from .._core import LANES
@@ -18,7 +19,7 @@ from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, wa
 from ..memory import require
 from ..problem import forms
 from ..problem.forms import Factor
-from ..problem.matrices import Matrix, core_matrix, product
+from ..problem.matrices import Matrix, core_matrix, is_symmetric, product
 from ..problem.schemes import explicit_rho
 from .factors import solve
 from .interface import interface_matrix, is_symmetric_sum, summed
@@ -38,6 +39,9 @@ LONG, ABSURD = 20.0, 86400.0
 RESONANT = 0.05
 # The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
 LEAST_EXPLICIT_RHO = 0.5
+# Substeps in a step of a subdomain with an unsymmetric K up to which nothing grew beside an
+# absorbing layer: those of schemes with damping, and of undamped explicit ones.
+BESIDE_SKEW, UNDAMPED_BESIDE_SKEW = 5, 2
 # 2 beta / gamma from which damping feeds the velocity jump; the trapezoidal rule has 1 to rounding.
 ABOVE = 1.0 + 1e-9
 
@@ -275,6 +279,37 @@ def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> 
         f"({listing(names)}): the velocity jump at the interface does; take there the "
         'trapezoidal rule or central difference, or coupling="macro"'
     ]
+
+
+def doubts_of_skew(members: Sequence[Member], coupling: str) -> list[str]:
+    """Why the motion can grow beside an unsymmetric K, for which (M9) proves nothing."""
+    doubts = []
+    for member in members:
+        if member.subdomain.symmetric or is_symmetric(member.subdomain.K):
+            continue
+        rows = np.unique(sp.coo_array(member.L.matrix).row)
+        for other in members:
+            why = _restless(other, member)
+            if other is member or not why:
+                continue
+            if np.isin(sp.coo_array(other.L.matrix).row, rows).any():
+                doubts.append(
+                    f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} {why} '
+                    f"is tied to {member.name!r} with an unsymmetric K: see coupler.growth(), and "
+                    'take coupling="gc", fewer substeps or rho of 0.8 or less'
+                )
+    return doubts
+
+
+def _restless(member: Member, beside: Member) -> str:
+    """What of a subdomain makes an unsymmetric one beside it grow, or empty."""
+    s, ratio = member.subdomain, member.substeps / beside.substeps
+    undamped = s.scheme.explicit and s.scheme.is_newmark and not member.is_damped
+    if ratio > BESIDE_SKEW:
+        return f"with {ratio:.3g} substeps in a step of the other"
+    if undamped and ratio > UNDAMPED_BESIDE_SKEW:
+        return f"of an undamped explicit scheme with {ratio:.3g} substeps in a step of the other"
+    return ""
 
 
 def growing(coupling: str) -> str:

@@ -42,6 +42,20 @@ def propagation(layout: Layout, rows: CoreRows, dt: float) -> tuple[np.ndarray, 
     return G, lam
 
 
+def advance_state(
+    layout: Layout,
+    core: _core.Coupler,
+    cores: Sequence[_core.Subdomain],
+    X: np.ndarray,
+    steps: int,
+    dt: float,
+) -> np.ndarray:
+    """X, (size, LANES), after this number of macro steps, of copies of the core in lanes."""
+    layout.write(core, cores, X)
+    check_stable(core.advance(steps, None), layout.members, step=steps, t=steps * dt)
+    return layout.read(core, cores, LANES)
+
+
 class Layout:
     """The order of the numbers of all subdomains in X."""
 
