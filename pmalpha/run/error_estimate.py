@@ -257,8 +257,8 @@ class Compared:
                 self.places[i] = part.start + int(level), int(dof)
             self.largest = max(self.largest, float(np.max(np.abs(u))))
             if self.dofs_watched:
-                own = float(np.max(size[:, self.dofs_watched[i]]))
-                self.watched[i] = max(self.watched[i], own)
+                difference = float(np.max(size[:, self.dofs_watched[i]]))
+                self.watched[i] = max(self.watched[i], difference)
             if self.motions:
                 self.motions[i][part] = u
 

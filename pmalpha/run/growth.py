@@ -101,8 +101,8 @@ def _growth(times: np.ndarray, energies: np.ndarray, names: list[str]) -> Growth
         return Growth(0.0, 0.0, names[largest], int(steps))
 
     def factor(begin: float, end: float) -> float:
-        own = (times >= begin * steps) & (times <= end * steps)
-        return float(np.exp(0.5 * np.polyfit(times[own], total[own], 1)[0]))
+        chosen = (times >= begin * steps) & (times <= end * steps)
+        return float(np.exp(0.5 * np.polyfit(times[chosen], total[chosen], 1)[0]))
 
     settled = abs(factor(0.75, 1.0) - factor(0.5, 0.75))
     return Growth(factor(0.5, 1.0), settled, names[largest], int(steps))
