@@ -2,6 +2,6 @@
 #ifndef PMALPHA_VERSION_H
 #define PMALPHA_VERSION_H
 
-#define PMALPHA_VERSION "0.4.0"
+#define PMALPHA_VERSION "0.5.0"
 
 #endif
