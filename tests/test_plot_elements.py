@@ -186,6 +186,9 @@ def test_solids_of_second_order_have_the_same_outer_faces_with_more_points(drawn
             face[1::2], 0.5 * (face[::2] + np.roll(face[::2], -1, axis=0)), atol=0.0
         )
         assert any(np.all(face[:, i] == side) for i in range(3) for side in (0.0, 1.0))
+    # the limits are those of the cube, and margins
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    assert np.all(np.abs(limits - [0.0, 1.0]) < 0.2), limits
     # the colour of a face is the mean of its corners
     (fill,) = of(ax, Poly3DCollection)
     np.testing.assert_allclose(

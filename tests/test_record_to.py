@@ -297,24 +297,32 @@ def test_an_exception_of_a_tangent_before_the_first_step_leaves_a_file_of_the_pr
 
 
 KILLED = """
-    import os, signal
+    import os, signal, time
     import numpy as np
     import h5py
     from pmalpha import models
     from pmalpha.results import array_file, recording
 
+    def recorded(name, steps):
+        coupler = models.four_dof().coupler(0.05, coupling="pm")
+        coupler.step(3)
+        coupler.run(steps=steps, record_to=os.path.join({folder!r}, name), energy=True)
+
+    recorded("imports", 1)
+    begin = time.process_time()
+    recorded("short", 1)
+    until_file = time.process_time() - begin  # the work of a run of one step on this machine, now
+
     rng = np.random.default_rng(1)
     for kill in range({kills}):
         recording.FILED_SECONDS = 0.3 * (kill % 2)  # 0: a count for every macro step
         array_file.SYNC_SECONDS = 0.0
-        seconds = rng.uniform(1e-3, 0.1)
+        seconds = until_file * 10.0 ** rng.uniform(-0.5, 1.7)
         child = os.fork()
         if child == 0:
-            coupler = models.four_dof().coupler(0.05, coupling="pm")
-            coupler.step(3)
             signal.signal(signal.SIGPROF, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_PROF, seconds)  # of its own work: it is killed
-            coupler.run(steps=10**7, record_to=os.path.join({folder!r}, str(kill)), energy=True)
+            recorded(str(kill), 10**7)
             os._exit(1)
         assert os.waitpid(child, 0)[1] == signal.SIGPROF
 """

@@ -453,7 +453,9 @@ def _draw_in_space(ax: Any, x: np.ndarray, faces: list[Block], look: Look) -> li
     else:
         fill = Poly3DCollection(outlines, cmap=COLOURS, norm=look.norm, **border)
         fill.set_array(np.concatenate([_means(look.values, block) for block in faces]))
-    ax.add_collection3d(fill)
+    # not add_collection3d, whose limits include corners that faces with fewer corners do not have
+    ax.auto_scale_xyz(*x.T, had_data=ax.has_data())
+    ax.add_collection(fill, autolim=False)
     return [fill]
 
 
