@@ -26,9 +26,8 @@ def hybrid():
     return frame(
         "pm",
         "cubic",
-        restoring=lambda u, v, t: 0.0 * u,
-        force=lambda t: np.zeros(3),
-        velocity=lambda t: 0.0,
+        restoring=pm.rig.External([1]),
+        velocity=pm.SampledForce([0.0, 0.0, 0.1], 0.01),
         limits=pm.rig.Limits(displacement=1.0, velocity=50.0),
     )
 

@@ -2,15 +2,12 @@
 int main(int count, char **words)
 {
     SimStruct S = {.path = count > 2 ? words[1] : ""};
-    double first[3];
     mdlInitializeSizes(&S);
     mdlInitializeSampleTimes(&S);
     mdlStart(&S);
     if (S.error || S.inputs != 1 || S.outputs != 4)
         return fprintf(stderr, "%s\n", S.error ? S.error : "ports"), 1;
-    pmalpha_command(model_of(&S), 0, first);
-    S.y[0] = first[0]; /* a model that begins with the command of the first substep */
-    for (long k = 0; k < atol(words[2]) && !S.error; k++) {
+    for (long k = 0; k <= atol(words[2]) && !S.error; k++) { /* the first only gives a command */
         S.u[0] = 300.0 * S.y[0];
         mdlOutputs(&S, 0);
     }

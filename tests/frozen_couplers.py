@@ -31,11 +31,12 @@ def plate(n):
 def frame(coupling, springs="none", *, force=None, restoring=None, velocity=None, dt=0.02, **rest):
     """A frame of three masses, "a", and a shaft of two, "b", of more substeps, 3 or `fine`.
 
-    force: of "a"; restoring: a further function of "a"; velocity: of its first dof, prescribed.
+    force: of "a"; restoring: further functions of "a"; velocity: of its first dof, prescribed.
     """
     K = chain(3, 200.0).toarray()
     fine = rest.pop("fine", 3)
     forces = [SPRINGS[springs]()] if SPRINGS[springs] else []
+    forces += restoring if isinstance(restoring, list) else [] if restoring is None else [restoring]
     a = pm.Subdomain(
         np.array([1.0, 2.0, 1.5]),
         K,
@@ -43,7 +44,7 @@ def frame(coupling, springs="none", *, force=None, restoring=None, velocity=None
         scheme=pm.GeneralizedAlpha(1.0 if coupling == "mean" else 0.8),
         u0=[0.05 if velocity is None else 0.0, -0.02, 0.03],
         v0=[0.0, 1.0, -0.5],
-        restoring=[*forces, *([] if restoring is None else [restoring])] or None,
+        restoring=forces or None,
         force=force,
         substeps=rest.pop("substeps", 1),
         name="a",

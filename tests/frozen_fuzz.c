@@ -112,7 +112,7 @@ static int use(pmalpha_model *m)
     int steps = 0;
     const size_t size = pmalpha_state_size(m);
     void *block = malloc(size);
-    for (size_t i = 0; i < pmalpha_inputs(m); i++) {
+    for (int i = 0; i < (int)pmalpha_inputs(m); i++) {
         pmalpha_find_input(m, pmalpha_input_name(m, i));
         pmalpha_command(m, i, c);
         if (i % 2)
@@ -120,10 +120,11 @@ static int use(pmalpha_model *m)
         else
             pmalpha_attach(m, i, attach, NULL);
     }
+    pmalpha_begin(m);
     while (steps < STEPS && pmalpha_advance(m, 1) == PMALPHA_OK)
         steps++;
-    for (size_t i = 0; i < pmalpha_outputs(m); i++)
-        pmalpha_get(m, (size_t)pmalpha_find_output(m, pmalpha_output_name(m, i)));
+    for (int i = 0; i < (int)pmalpha_outputs(m); i++)
+        pmalpha_get(m, pmalpha_find_output(m, pmalpha_output_name(m, i)));
     if (pmalpha_save(m, block, size) == PMALPHA_OK)
         pmalpha_restore(m, block, size);
     pmalpha_reset(m);

@@ -6,7 +6,7 @@
 typedef int int_T;
 typedef struct {
     const char *path, *error;
-    void *work[1];
+    void *work[2];
     int inputs, outputs;
     double u[16], y[64], h;
 } SimStruct;

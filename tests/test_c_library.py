@@ -13,6 +13,7 @@ from c_models import OK, Library
 from frozen_couplers import frame
 
 import pmalpha as pm
+from pmalpha import rig
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples" / "c"
@@ -67,9 +68,10 @@ def run(*words, **options):
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     """A frozen model with a specimen, which is a spring of 300, and what its run records."""
-    coupler = frame("pm", "bilinear", restoring=lambda u, v, t: np.array([0.0, 300.0 * u[1], 0.0]))
     path = tmp_path_factory.mktemp("model") / "model.pma"
-    coupler.freeze(path, {"column": ("specimen", "a", 1)}, {"u": ("u", "a", 1)})
+    outside = frame("pm", "bilinear", restoring=rig.External([1], force=300.0 * -0.02))
+    outside.freeze(path, {"column": ("specimen", "a", 1)}, {"u": ("u", "a", 1)})
+    coupler = frame("pm", "bilinear", restoring=lambda u, v, t: np.array([0.0, 300.0 * u[1], 0.0]))
     history = coupler.run(steps=STEPS // 3)
     return path, history["a"].u[-1, 1]
 

@@ -7,6 +7,7 @@ import sysconfig
 import campaign_disk
 import campaign_files
 import campaign_frozen
+import campaign_frozen_motion
 import campaign_input
 import campaign_memory
 import campaign_modes
@@ -52,6 +53,12 @@ def test_damaged_frozen_models_are_opened_or_refused_without_a_fault():
     assert counts["models"] > 15 and counts["copies"] == 100 * counts["models"]
     # a change of a number of the data is no damage; a quarter has a check sum that is wrong
     assert 100 < counts["stepped"] <= counts["opened"] < 0.5 * counts["copies"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs the shared library of Linux")
+def test_frozen_couplers_move_as_in_a_run_or_are_refused_by_name():
+    counts = campaign_frozen_motion.campaign(range(1000, 1300))
+    assert counts["equal"] > 150 and counts["refused"] > 30
 
 
 def test_strangers_on_a_connection_end_it_in_time():

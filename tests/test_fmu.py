@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from frozen_couplers import frame, held
 
+from pmalpha import rig
+
 # the drift of the tie is that of both, and long steps show it
 pytestmark = pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning")
 VERSIONS = ("2.0", "3.0")
@@ -69,6 +71,12 @@ def hybrid(wind=wind, commands=None):
     )
 
 
+def outside(**rest):
+    """The same with inputs in place of specimen and wind, to be exported."""
+    restoring = rig.External([1], force=specimen(-0.02, 1.0))
+    return frame("pm", "bilinear", restoring=restoring, **rest)
+
+
 @pytest.fixture(scope="module")
 def expected():
     """What a run records at the ends of macro steps."""
@@ -82,7 +90,7 @@ def expected():
 def path(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("fmu") / f"tower {request.param}.fmu"
     options = {"fmi": request.param, "license": "of the tower", "units": UNITS}
-    hybrid().export_fmu(path, INPUTS, OUTPUTS, **options)
+    outside().export_fmu(path, INPUTS, OUTPUTS, **options)
     return path
 
 
@@ -175,7 +183,7 @@ def test_variables_have_the_units_that_were_given(path, fmpy):
 )
 def test_units_of_what_is_not_there_are_refused(tmp_path, units, error, message):
     with pytest.raises(error, match=message):
-        hybrid().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, units=units)
+        outside().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, units=units)
     assert not list(tmp_path.iterdir())
 
 
@@ -270,7 +278,7 @@ def test_names_have_the_prefix_of_the_command(path, unpacked, tmp_path):
 
 def test_a_process_without_python_packages_runs_it(tmp_path):
     """It sets no wind, and reads command, displacement of the roof and multiplier."""
-    hybrid().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, fmi="3.0")
+    outside().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, fmi="3.0")
     with zipfile.ZipFile(tmp_path / "x.fmu") as archive:
         archive.extractall(tmp_path)
     (binary,) = (tmp_path / "binaries").glob("*/*")
@@ -302,11 +310,11 @@ def test_a_process_without_python_packages_runs_it(tmp_path):
 
 def test_no_compiler_is_needed_to_export(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
-    hybrid().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS)
+    outside().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS)
     assert zipfile.is_zipfile(tmp_path / "x.fmu")
 
 
 def test_an_unknown_version_is_refused_by_name(tmp_path):
     with pytest.raises(ValueError, match=r"fmi must be .*2\.0.*got '1\.0'"):
-        hybrid().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, fmi="1.0")
+        outside().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, fmi="1.0")
     assert not list(tmp_path.iterdir())

@@ -1,5 +1,7 @@
 """Frozen couplers, stepped by the C library, do what `run` does, bitwise."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from c_models import BAD_ARGUMENT, FAILED, LIMITED, OK, Library, Refused, words
@@ -9,16 +11,19 @@ from frozen_couplers import (
     SPRINGS,
     all_outputs,
     bouncing,
+    chain,
     frame,
     full,
     iterated,
     plate,
     recorded,
 )
+from frozen_relations import attempt
 from scipy import LowLevelCallable
 
 import pmalpha as pm
 import pmalpha.run.freeze
+from pmalpha import rig
 from pmalpha.frozen.tree import file_of
 
 # the drift of the tie is that of both, and long steps show it
@@ -179,7 +184,8 @@ def hybrid(coupling, substeps=1, limits=None, device=None, **rest):
     )
 
 
-PORT = {"column": ("specimen", "a", 1)}
+# a function acts on all dofs of its subdomain: of the others it returns zero, which is held
+PORT = {f"column.d{i}": ("specimen", "a", i) for i in (1, 0, 2)}
 
 
 def assert_set_forces_are_those_of_the_function(model, coupler, substeps):
@@ -212,8 +218,6 @@ def test_forces_that_are_set_between_steps_are_those_of_a_function(
 
 @pytest.mark.parametrize("method", ["polynomial", "inverse", "model"])
 def test_an_input_behind_a_compensator_gets_its_command(library, tmp_path, method):
-    from pmalpha import rig
-
     one = np.eye(3)
     lag = rig.LinearActuator(-50.0 * one, 50.0 * one, one, one) if method == "model" else None
 
@@ -260,28 +264,172 @@ def test_the_command_is_the_displacement_at_which_a_run_evaluates(library, tmp_p
     assert model.command_of(0)[1][:2] == list(commands[-1])
 
 
+def wind(t):
+    return 5.0 * np.sin(9.0 * t)
+
+
+def table(t):
+    return 0.3 * np.sin(7.0 * max(0.0, t - 0.005))  # no input has a slope at the start
+
+
+@pytest.mark.parametrize("samples", [False, True])
 @pytest.mark.parametrize("coupling", COUPLINGS)
-def test_forces_and_velocities_that_are_set_are_those_of_functions(library, tmp_path, coupling):
-    def force(t):
-        return np.array([0.0, 0.0, 5.0 * np.sin(9.0 * t)])
+def test_inputs_add_to_loads_and_to_prescribed_velocities(library, tmp_path, coupling, samples):
+    load = pm.SampledForce(np.cos(np.arange(90.0)), 0.013, [1.0, 2.0, 3.0])
+    moved = pm.SampledForce(np.sin(np.arange(90.0)) * (np.arange(90) > 3), 0.017)
 
-    def velocity(t):
-        return 0.3 * np.sin(7.0 * t)
+    def all_of_it(t):
+        return moved(t)[0] * samples + table(t)
 
-    coupler = frame(coupling, force=force, velocity=velocity)
-    inputs = {"wind": ("force", "a", 2), "table": ("velocity", 1)}
-    model = frozen(coupler, library, tmp_path, inputs)
+    given = {"force": load, "velocity": moved} if samples else {}
+    if not samples:
+        given = {"velocity": [0.0]}  # a row that is held
+    coupler = frame(coupling, **given)
+    force = [*([load] if samples else []), lambda t: np.array([0.0, 0.0, wind(t)])]
+    reference = frame(coupling, force=force, velocity=all_of_it)
+    model = frozen(coupler, library, tmp_path, {"wind": ("force", "a", 2), "t": ("velocity", 1)})
     fine = STEPS * model.substeps()
     assert [model.given(0), model.given(1)] == [0.0, 0.0]
     rows = [model.values]
     for k in range(fine):
-        t = coupler.dt * ((k + 1) / model.substeps())
-        if k % model.substeps() == 0:
-            model.set(0, force(coupler.dt * (k // model.substeps() + 1))[2])
-        model.set(1, velocity(t))
+        for i, f in enumerate((wind, table)):
+            t = coupler.dt * ((k + model.lead(i)) / model.substeps())
+            assert model.set(i, f(t)) == OK
         assert model.advance(1) == OK
         rows.append(model.values)
-    assert np.array_equal(rows, recorded(coupler, coupler.run(steps=STEPS), fine))
+    assert np.array_equal(rows, recorded(reference, reference.run(steps=STEPS), fine))
+
+
+def test_a_velocity_may_be_an_input_on_one_row_of_a_constraint_without(library, tmp_path):
+    def held_at(velocity):
+        s = pm.Subdomain(np.ones(3), chain(3, 50.0), scheme=pm.Newmark(), name="s")
+        return pm.Coupler([s], pm.Constraint({s: np.eye(3)[:2]}, velocity=velocity), dt=0.02)
+
+    model = frozen(held_at(None), library, tmp_path, {"table": ("velocity", 1)})
+    rows = [model.values]
+    for k in range(STEPS):
+        model.set(0, table(0.02 * (k + 1)))
+        assert model.advance(1) == OK
+        rows.append(model.values)
+    reference = held_at(lambda t: np.array([0.0, table(t)]))
+    assert np.array_equal(rows, recorded(reference, reference.run(steps=STEPS), STEPS))
+
+
+# ---- the start ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_values_at_the_start_are_in_the_initial_accelerations(library, tmp_path, coupling):
+    model = frozen(frame(coupling), library, tmp_path, {"wind": ("force", "a", 2, 5.0)})
+    reference = frame(coupling, force=lambda t: np.array([0.0, 0.0, 5.0 * np.cos(t)]))
+    rows = [model.values]
+    for k in range(STEPS * model.substeps()):
+        t = reference.dt * ((k + model.lead(0)) / model.substeps())
+        model.set(0, 5.0 * np.cos(t))
+        assert model.advance(1) == OK
+        rows.append(model.values)
+    history = reference.run(steps=STEPS)
+    assert np.array_equal(rows, recorded(reference, history, len(rows) - 1))
+
+
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_begin_takes_the_inputs_of_the_loop_into_the_initial_accelerations(
+    library, tmp_path, coupling
+):
+    """As if they had been frozen, up to rounding of what they change."""
+    has_specimen = coupling != "mean"
+    pull = 300.0 * -0.02
+    specimens = {"column": ("specimen", "a", 1)} if has_specimen else {}
+
+    def made(force, wind):
+        restoring = rig.External([1], force=force) if has_specimen else None
+        inputs = specimens | {"wind": ("force", "a", 2, wind)}
+        coupler = frame(coupling, "cubic" if has_specimen else "none", restoring=restoring)
+        return frozen(coupler, library, tmp_path, inputs)
+
+    model, expected = made(0.0, 0.0), made(pull, 5.0)
+    before = model.rows(0)
+    values = [pull, 5.0] if has_specimen else [5.0]
+    for i, x in enumerate(values):
+        assert model.set(i, x) == OK
+    assert model.begin() == OK and model.count() == 0
+    assert [model.given(i) for i in range(len(values))] == values
+    rows, ours = expected.rows(20), model.rows(20)
+    assert np.max(np.abs(ours[0] - before)) > 0.5
+    # the sum of three terms in another order, then 60 steps
+    assert np.allclose(ours, rows, rtol=0.0, atol=1e-12 * np.max(np.abs(rows)))
+    assert model.begin() == BAD_ARGUMENT and "first step" in model.why
+    model.reset()
+    assert np.array_equal(model.rows(0), before)
+
+
+def test_begin_refuses_a_model_of_a_run_and_a_velocity_that_the_structure_has_not(
+    library, tmp_path
+):
+    coupler = frame("gc", velocity=[0.0])
+    model = frozen(coupler, library, tmp_path, {"table": ("velocity", 1)})
+    assert model.begin() == OK
+    model.set(0, 0.1)
+    assert model.begin() == BAD_ARGUMENT and "velocity at the start" in model.why
+    coupler.step(1)
+    model = frozen(coupler, library, tmp_path, {"table": ("velocity", 1)})
+    assert model.begin() == BAD_ARGUMENT and "in a run" in model.why
+    with pytest.raises(ValueError, match=r"inputs\['t'\] must be 0 where a run has begun"):
+        coupler.freeze(tmp_path / "x.pma", {"t": ("velocity", 1, 0.1)})
+    with pytest.raises(pm.ConstraintError, match="v0 must satisfy"):
+        frame("gc", velocity=[0.0]).freeze(tmp_path / "x.pma", {"t": ("velocity", 1, 0.1)})
+
+
+def test_a_coupler_with_an_external_specimen_is_frozen_and_never_run(library, tmp_path):
+    coupler = frame("pm", restoring=rig.External([1]))
+    for call in (coupler.step, lambda: coupler.run(steps=1), lambda: coupler.run_paced(0.02)):
+        with pytest.raises(ValueError, match="restoring of subdomain 'a': an External specimen"):
+            call()
+    with pytest.raises(ValueError, match="restoring of subdomain 'a'.*External"):
+        coupler.estimate_error(steps=2)
+    assert coupler.step_count == 0
+    inputs = {"column": ("specimen", "a", 1, 3.0)}
+    assert frozen(coupler, library, tmp_path, inputs).given(0) == 3.0
+    assert coupler.state("a").a[1] == frame("pm").state("a").a[1]  # as it was
+
+
+# ---- inputs of the library ---------------------------------------------------------------------
+
+
+def test_what_is_no_input_or_no_number_is_refused_and_changes_nothing(library, tmp_path):
+    model = frozen(hybrid("gc"), library, tmp_path, PORT | {"wind": ("force", "a", 2)})
+    before = model.state()
+    for i in (-1, 4, model.find_input(b"colum")):
+        assert model.set(i, 1.0) == BAD_ARGUMENT and "no input" in model.why
+        assert model.attach(i, None, None) == BAD_ARGUMENT and "no specimen" in model.why
+        assert np.isnan(model.given(i)) and model.lead(i) == 0 and model.input_name(i) is None
+        assert np.isnan(model.get(-1)) and model.command_of(i) == (0, [0.0, 0.0, 0.0])
+    assert model.attach(3, None, None) == BAD_ARGUMENT  # a force
+    for x in (np.nan, np.inf):
+        assert model.set(0, x) == BAD_ARGUMENT and "finite" in model.why
+    assert np.array_equal(model.state().view(np.int64), before.view(np.int64))
+    assert model.set(0, 1.0) == OK and model.why == ""
+
+
+def test_a_function_that_returns_no_number_ends_the_step(library, tmp_path):
+    model = frozen(hybrid("gc"), library, tmp_path, PORT)
+    model.attach_function(0, lambda t, c: np.nan)
+    assert model.advance(1) == FAILED and "restoring" in model.why
+    assert model.set(0, 0.0) == OK and model.why == ""
+    assert model.advance(1) == FAILED and "restoring" in model.why
+    assert model.save(None, 0) == BAD_ARGUMENT and model.why
+
+
+@pytest.mark.parametrize("coupling, leads", [("gc", [3, 5, 4]), ("pm", [3, 5, 4])])
+def test_an_input_leads_by_what_is_left_of_the_substep_that_sees_it(
+    library, tmp_path, coupling, leads
+):
+    model = frozen(frame(coupling), library, tmp_path, {"w": ("force", "a", 0)})
+    found = []
+    for _ in range(6):
+        found.append(model.lead(0))
+        model.advance(1)
+    assert found == 2 * leads
 
 
 def simulated(rig):
@@ -331,8 +479,6 @@ BEHIND = [(d, c) for d in DEVICES for c in ("gc", "pm") if (d, c) != ("simulated
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.AccuracyWarning")
 @pytest.mark.parametrize("device, coupling", BEHIND)
 def test_a_specimen_that_is_compiled_with_its_rig_goes_along(library, tmp_path, device, coupling):
-    from pmalpha import rig
-
     coupler = hybrid(coupling, device=lambda _: DEVICES[device](rig))
     coupler.step(7)
     model = frozen(coupler, library, tmp_path)
@@ -350,7 +496,7 @@ def test_a_specimen_that_is_compiled_with_its_rig_goes_along(library, tmp_path, 
 def driven(model, k):
     """A fine step with a force of its number, and the specimen if there is one."""
     force = np.sin(0.1 * k)
-    if model.inputs() == 2:
+    if model.inputs() > 1:
         model.set(0, 200.0 * model.command_of(0)[1][0] + force)
     model.set(model.inputs() - 1, force)
     assert model.advance(1) == OK
@@ -366,7 +512,8 @@ def test_a_state_goes_on_bitwise_in_the_same_and_in_another_model(
         coupler, inputs = frame(coupling), {}
     else:
         coupler, inputs = frame(coupling, "bilinear", restoring=lambda u, v, t: 0.0 * u), PORT
-    model = frozen(coupler, library, tmp_path, inputs | {"push": ("force", "b", 1)})
+    where_pushed = "b" if coupling in ("gc", "pm") else "a"  # of several substeps, or of one
+    model = frozen(coupler, library, tmp_path, inputs | {"push": ("force", where_pushed, 1)})
     other = library.model(tmp_path / "model.pma")
     begin = [driven(model, k) for k in range(where)]
     state, time = model.state(), model.time()
@@ -395,46 +542,6 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(library, tmp_p
         assert model.restore(block.ctypes.data, size) == BAD_ARGUMENT
         assert model.why
         assert np.array_equal(model.state().view(np.int64), before.view(np.int64))
-
-
-def yielding():
-    """A mass on a spring; a state: u, v, w, a, then d, f and the number of open loops."""
-    spring = pm.RambergOsgood([0], 10.0, 1.0, 5.0)
-    a = pm.Subdomain([1.0], [5.0], scheme=pm.Newmark(), restoring=spring, u0=[1.0], name="a")
-    return pm.Coupler([a], dt=0.01)
-
-
-@pytest.mark.parametrize(
-    "place, number",
-    [(1, 4), (1, -1), (2, -5), (2, 2**63 - 1), (2, -(2**63)), (2, 2**53)]
-    + [(9, x) for x in (-1.0, 0.5, 13.0, 1e9, np.nan, -np.inf)],
-)
-def test_a_state_with_a_number_that_is_no_count_is_refused(library, tmp_path, place, number):
-    """Fine steps since the macro step, macro steps, and open loops, with the sum made right."""
-    model = frozen(yielding(), library, tmp_path)
-    model.advance(5)
-    state = model.state()
-    before = state.copy()
-    state.view(np.int64 if place < 3 else float)[place] = number
-    state.view(np.uint64)[-1] = pmalpha._core.check_sum(state[:-1].view(np.uint8))
-    assert model.restore(state.ctypes.data, state.nbytes) == BAD_ARGUMENT
-    assert model.why == "the state is damaged"
-    assert np.array_equal(model.state().view(np.int64), before.view(np.int64))
-    assert model.advance(1) == OK
-
-
-def test_a_frozen_state_with_a_number_that_is_no_count_is_refused(library, tmp_path, monkeypatch):
-    def damaged(tree):
-        levels = tree["subdomains"][0]["levels"]
-        levels["springs"] = np.array([*levels["springs"][:2], 1e9, *levels["springs"][3:]])
-        return file_of(tree)
-
-    monkeypatch.setattr(pmalpha.run.freeze, "file_of", damaged)
-    yielding().freeze(tmp_path / "x.pma")
-    with pytest.raises(
-        Refused, match=r"springs must have a whole number in 0..12 at 2, got 1000000000"
-    ):
-        library.model(tmp_path / "x.pma")
 
 
 def test_a_specimen_that_fails_ends_the_step_and_reset_leads_back(library, tmp_path):
@@ -479,8 +586,6 @@ def commands_of(restoring):
 
 @pytest.mark.parametrize("what", ["displacement", "velocity", "acceleration"])
 def test_a_command_beyond_the_limits_is_never_given(library, tmp_path, what):
-    from pmalpha import rig
-
     def restoring(u, v, t):
         return np.array([0.0, specimen(u[1], v[1]), 0.0])
 
@@ -510,6 +615,17 @@ def test_a_command_beyond_the_limits_is_never_given(library, tmp_path, what):
     assert model.advance(1) == OK
 
 
+# ---- random couplers ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("first", range(0, 12, 3))
+def test_a_random_coupler_moves_as_in_a_run_or_is_refused_by_name(library, tmp_path, first):
+    counts = Counter()
+    for seed in range(first, first + 3):
+        attempt(seed, counts, tmp_path, library)
+    assert counts["equal"] > 0
+
+
 # ---- what cannot be frozen -----------------------------------------------------------------------
 
 
@@ -518,23 +634,39 @@ def test_what_no_file_can_have_is_refused_by_name_and_leaves_no_file(tmp_path):
         return 0.0 * u
 
     moving = frame("gc", restoring=function)
+    outside = frame("gc", restoring=rig.External([0, 2]))
     beyond = frame("gc", force=lambda t: np.zeros(3), velocity=lambda t: 0.0)
+    driven = frame("gc", velocity=lambda t: 0.0)
     both = {"x": ("force", "a", 0), "y": ("velocity", 1)}
     with pytest.warns(pm.StabilityWarning):
-        macro = frame("macro", restoring=function, substeps=2)
+        macro = frame("macro", restoring=rig.External([1]), substeps=2)
     stepped = frame("pm")
     stepped.step(1)
     stepped.change_steps(dt=0.01)
-    plain = frame("gc", "bilinear")
+    plain, one = frame("gc", "bilinear"), {"x": ("specimen", "a", 1)}
+    several = frame("gc", restoring=[rig.External([1]), rig.External([1])])
+    beside = frame("gc", restoring=rig.Compensated(function, 0.02), force=[1.0, 0.0, 0.0])
     cases = [
-        (moving, {}, {}, r"restoring of subdomain 'a' .*\"specimen\", 'a'"),
-        (beyond, {"y": both["y"]}, {}, r"force of subdomain 'a' is a function"),
-        (beyond, {"x": both["x"]}, {}, r"velocity of constraint 1 is a function"),
-        (beyond, both | {"z": ("velocity", 0)}, {}, r"input 'z' needs constraint 0"),
-        (macro, {"x": ("specimen", "a", 1)}, {}, r"'a' must have one substep under 'macro'"),
-        (plain, {"x": ("specimen", "a", 1)}, {}, r"'a' to have one restoring function"),
+        (moving, {}, {}, r"restoring of subdomain 'a' is a function.*missing dofs 0, 1, 2"),
+        (moving, one, {}, r"acts on all of its 3 dofs.*\"specimen\", 'a'.*missing dofs 0, 2"),
+        (beside, one, {}, r"restoring of subdomain 'a' is a function.*missing dofs 0, 2"),
+        (outside, {"x": ("specimen", "a", 0)}, {}, r"'a' is <External on dofs 0, 2.*missing dof 2"),
+        (outside, PORT, {}, r"input 'column.d1': no specimen acts on dof 1 of subdomain 'a'"),
+        (several, one, {}, r"restoring of subdomain 'a' has several .*specimens"),
+        (beyond, both, {}, r"force of subdomain 'a' has a function"),
+        (driven, both, {}, r"velocity of constraint 1 is a function.*\"velocity\", row\)}, row 1"),
+        (macro, one, {}, r"'a' must have one substep under 'macro'"),
+        (
+            frame("macro", substeps=2),
+            {"x": ("force", "a", 1)},
+            {},
+            r"'x': .*'a' must have one",
+        ),
+        (plain, one, {}, r"input 'x': no specimen acts on dof 1 of subdomain 'a'"),
         (plain, {"x": ("force", "c", 1)}, {}, r"inputs\['x'\].*'c'"),
         (plain, {"x": ("force", "a", 3)}, {}, r"inputs\['x'\].*3"),
+        (plain, {"x": ("velocity", 1)}, {}, r"inputs\['x'\] must be one of 1 rows, got 1"),
+        (plain, {"x": ("force", "a", 1, np.nan)}, {}, r"at the start of inputs\['x'\].*finite"),
         (plain, {"x": ("pull", "a", 0)}, {}, r"inputs\['x'\].*'pull'"),
         (plain, {"x": ("force", "a", 0), "y": ("force", "a", 0)}, {}, r"different dofs.*'x'"),
         (plain, {"x y": ("force", "a", 0)}, {}, r"identifiers.*'x y'"),
@@ -568,8 +700,6 @@ def test_internal_forces_and_loads_of_the_motion_are_refused_by_name(tmp_path):
 def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_refused_by_name(
     library, tmp_path
 ):
-    from pmalpha import rig
-
     compiled_restoring = LowLevelCallable(RESTORING(lambda t, n, u, v, r, user: 0))
     compiled_force = LowLevelCallable(FORCE(lambda t, n, f, user: 0))
 
@@ -591,7 +721,7 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
             {},
             r"restoring of subdomain 'a' is a function",
         ),
-        (frame("gc", force=compiled_force), {}, r"force of subdomain 'a' is a compiled function"),
+        (frame("gc", force=compiled_force), {}, r"force of subdomain 'a' has a compiled function"),
         (linked, PORT, r"restoring of subdomain 'a' has a Linkage"),
         (behind("adaptive", delay=0.03), PORT, measures),
         (behind("model", model=lag, bandwidth=10.0, feedback=1.0), PORT, measures),
@@ -631,7 +761,7 @@ def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):
         (b"a text of some length " * 9, "not a frozen model"),
         (b"PK\x03\x04" + bytes(200), "not a frozen model"),
         (good[:-8], "not whole"),
-        (later, "format 9, this library reads format 1"),
+        (later, "format 9, this library reads format 2"),
         (damaged, "check sum"),
     ]
     for content, message in cases:
@@ -644,9 +774,9 @@ def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):
 
 def test_the_version_of_the_library_is_that_of_the_package(library):
     assert library.version().decode() == pm.__version__
-    assert library.abi() == 1
+    assert library.abi() == 2
     text = (pm.c_library() / "pmalpha.h").read_text()
-    assert "#define PMALPHA_ABI 1\n" in text
+    assert "#define PMALPHA_ABI 2\n" in text
     assert len(text.splitlines()) < 200
 
 

@@ -16,19 +16,30 @@
 #include "library/pmalpha.h"
 #include "subdomain/subdomain.h"
 
+/* The entries of a vector that are not zero. */
+typedef struct {
+    size_t count;
+    const int64_t *at;
+    const double *by;
+} pmalpha_entries;
+
 typedef struct {
     const char *name;
     pmalpha_kind kind;
-    size_t member;        /* SPECIMEN, FORCE: the subdomain */
-    size_t dof, position; /* ... the user's dof, and where it is in elimination order */
-    size_t motion;        /* VELOCITY */
-    double scale;         /* ... divides what is set */
-    double scaled;        /* ... that */
-    double value;         /* as set, or returned last */
-    double command[3];    /* SPECIMEN */
-    double sent[2];       /* ... the first two of the next one, behind compensators */
-    bool is_new;          /* ... of the coming step */
-    pmalpha_specimen f;   /* ... attached, or NULL */
+    size_t member;                  /* SPECIMEN, FORCE: the subdomain */
+    size_t dof, position;           /* ... the user's dof, and where it is in elimination order */
+    size_t motion, row;             /* VELOCITY */
+    double scale;                   /* ... divides what is set */
+    double *scaled;                 /* ... that, where the motion has it; else NULL */
+    double value;                   /* as set, or returned last */
+    double frozen;                  /* as in the file */
+    double rounding;                /* VELOCITY: by which another one at the start may differ */
+    pmalpha_entries *accelerations; /* of each subdomain at the start, for a unit; or NULL */
+    pmalpha_entries multipliers;    /* ... */
+    double command[3];              /* SPECIMEN */
+    double sent[2];                 /* ... the first two of the next one, behind compensators */
+    bool is_new;                    /* ... of the coming step */
+    pmalpha_specimen f;             /* ... attached, or NULL */
     void *user;
 } pmalpha_input;
 
@@ -67,6 +78,7 @@ struct pmalpha_model {
     int64_t origin; /* macro step from which they are counted, at time t0 */
     double t0;
     pmalpha_status state; /* OK, LIMITED, FAILED: may it advance? */
+    bool begins;          /* the start is that of the initial values: pmalpha_begin */
     bool replays;         /* steps are taken again: attached functions are not called */
     double *log;          /* fine x inputs: inputs of the fine steps since the present */
     double *start;        /* the state that was frozen */
@@ -74,6 +86,7 @@ struct pmalpha_model {
     void *clock;
     int64_t longest;
     char message[PMALPHA_MESSAGE];
+    char ended[PMALPHA_MESSAGE]; /* that of what made `state` other than OK */
 };
 
 /* ---- open.c --------------------------------------------------------------------------------- */
@@ -100,5 +113,17 @@ pmalpha_status pmalpha_show(pmalpha_model *m);
 
 /* This status with a message. */
 pmalpha_status pmalpha_say(pmalpha_model *m, pmalpha_status status, const char *text);
+
+/* No step follows this status; all that are tried have its message. */
+pmalpha_status pmalpha_end(pmalpha_model *m, pmalpha_status status);
+
+/* PMALPHA_OK without a message. */
+pmalpha_status pmalpha_well(pmalpha_model *m);
+
+/* The input of this number, or NULL. */
+pmalpha_input *pmalpha_input_at(const pmalpha_model *m, int i);
+
+/* A value of an input, which is finite. */
+void pmalpha_put(pmalpha_input *in, double value);
 
 #endif

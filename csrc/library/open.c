@@ -1,4 +1,5 @@
 /* open.c - a model from the tree of its file. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -23,9 +24,11 @@ static int call_specimens(double t, intptr_t n, double *u, double *v, double *r,
             continue;
         }
         if (in->f && !m->replays) {
-            const int code = in->f(t, in->command, &in->value, in->user);
-            if (code != 0)
-                return code;
+            double force = in->value;
+            const int code = in->f(t, in->command, &force, in->user);
+            if (code != 0 || !isfinite(force))
+                return code != 0 ? code : 1;
+            in->value = force;
         }
         r[in->dof] = in->value;
     }
@@ -115,12 +118,14 @@ static pma_status take_input(const pma_field *f, pmalpha_model *m, pmalpha_input
     out->scale = 1.0;
     PMA_TRY(take_word(f, "name", &out->name));
     PMA_TRY(take_choice(f, "kind", KINDS, 3, &kind));
-    PMA_TRY(take_real(f, "value", &out->value));
+    PMA_TRY(take_real(f, "value", &out->frozen));
+    out->value = out->frozen;
     out->kind = (pmalpha_kind)kind;
     if (out->kind == PMALPHA_VELOCITY) {
-        const pma_field motion = pma_field_at(f, "motion");
+        const pma_field motion = pma_field_at(f, "motion"), row = pma_field_at(f, "row");
         PMA_TRY(take_real(f, "scale", &out->scale));
-        return pma_field_count(&motion, 0, &out->motion); /* its range: when there is a coupler */
+        PMA_TRY(pma_field_count(&row, 0, &out->row));
+        return pma_field_count(&motion, 0, &out->motion); /* in range: when there is a coupler */
     }
     PMA_TRY(take_sizes(f, m->members, &out->member, &n));
     PMA_TRY(take_below(f, "dof", n, &out->dof));
@@ -242,6 +247,41 @@ static pma_status take_moving(const pma_field *f, size_t n, pma_load *out)
                : PMA_OK;
 }
 
+/* What velocities that are set add to a motion, and to its load. */
+static pma_status add_velocities(const pma_field *list, pmalpha_model *m, size_t j, pma_load *load)
+{
+    const size_t n = load->n;
+    double *values;
+    pma_load *each;
+    PMA_TRY(pma_field_allocate(list, n, sizeof *values, (void *)&values));
+    PMA_TRY(pma_field_allocate(list, 2, sizeof *each, (void *)&each));
+    for (size_t i = 0; i < m->inputs; i++) {
+        pmalpha_input *in = &m->input[i];
+        if (in->kind != PMALPHA_VELOCITY || in->motion != j)
+            continue;
+        if (in->row >= n)
+            return pma_field_refuse(list, "must have a row for each velocity that is set");
+        in->scaled = &values[in->row];
+    }
+    if (load->kind == PMA_LOAD_SUM)
+        return pma_field_refuse(list, "must be constant or sampled where a velocity is set");
+    each[0] = *load;
+    each[1] = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = n, .values = values};
+    *load = load->kind == PMA_LOAD_NONE
+                ? each[1]
+                : (pma_load){.kind = PMA_LOAD_SUM, .n = n, .each = each, .count = 2};
+    return PMA_OK;
+}
+
+static bool is_set(const pmalpha_model *m, size_t motion)
+{
+    for (size_t i = 0; i < m->inputs; i++) {
+        if (m->input[i].kind == PMALPHA_VELOCITY && m->input[i].motion == motion)
+            return true;
+    }
+    return false;
+}
+
 static pma_status take_motions(const pma_field *root, pmalpha_model *m)
 {
     const pma_field list = pma_field_at(root, "motions"), fixed = pma_field_at(root, "obstacle");
@@ -252,24 +292,21 @@ static pma_status take_motions(const pma_field *root, pmalpha_model *m)
     PMA_TRY(pma_field_tuple(&list, &count));
     if (count != parts->motion_count)
         return pma_field_refuse(&list, "must be as many as the coupler has");
+    for (size_t i = 0; i < m->inputs; i++) {
+        if (m->input[i].kind == PMALPHA_VELOCITY && m->input[i].motion >= count)
+            return pma_field_refuse(&list, "must have one for each velocity that is set");
+    }
     for (size_t i = 0; i < count; i++) {
         const pma_field f = pma_field_item(&list, i);
         PMA_TRY(take_moving(&f, parts->motions[i].load.n, &load));
+        if (is_set(m, i))
+            PMA_TRY(add_velocities(&list, m, i, &load));
         pma_coupler_set_motion(m->core, i, load);
     }
-    if (obstacle) {
-        PMA_TRY(take_moving(&fixed, 2 * pma_coupler_contacts(m->core), &load));
-        pma_coupler_set_obstacle(m->core, load);
-    }
-    for (size_t i = 0; i < m->inputs; i++) {
-        pmalpha_input *in = &m->input[i];
-        if (in->kind != PMALPHA_VELOCITY)
-            continue;
-        if (in->motion >= count || parts->motions[in->motion].load.n != 1)
-            return pma_field_refuse(&list, "must have one row where a velocity is set");
-        load = (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 1, .values = &in->scaled};
-        pma_coupler_set_motion(m->core, in->motion, load);
-    }
+    if (!obstacle)
+        return PMA_OK;
+    PMA_TRY(take_moving(&fixed, 2 * pma_coupler_contacts(m->core), &load));
+    pma_coupler_set_obstacle(m->core, load);
     return PMA_OK;
 }
 
@@ -282,6 +319,58 @@ static pma_status take_coupler(const pma_field *root, pmalpha_model *m)
     PMA_TRY(pma_parts_coupler(&f, &members, taken));
     PMA_TRY(make_coupler(&f, m, taken));
     return take_motions(root, m);
+}
+
+/* ---- what inputs change of the start --------------------------------------------------------- */
+
+/* The entries of a vector of n that are not zero; None: there are none. */
+static pma_status take_entries(const pma_field *f, size_t n, pmalpha_entries *out)
+{
+    const pma_field at = pma_field_at(f, "at"), by = pma_field_at(f, "by");
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    PMA_TRY(pma_field_positions(&at, n, &out->count, &out->at));
+    return pma_field_doubles(&by, out->count, &out->by);
+}
+
+static pma_status take_response(const pma_field *f, pmalpha_model *m, pmalpha_input *in)
+{
+    const pma_field list = pma_field_at(f, "members"), lam = pma_field_at(f, "multipliers");
+    size_t count;
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    PMA_TRY(pma_field_tuple(&list, &count));
+    if (count != m->members)
+        return pma_field_refuse(&list, "must be as many as there are subdomains");
+    PMA_TRY(
+        pma_field_allocate(&list, count, sizeof *in->accelerations, (void *)&in->accelerations));
+    for (size_t i = 0; i < count; i++) {
+        const pma_field item = pma_field_item(&list, i);
+        const size_t n = pma_subdomain_parts(m->member[i].core)->n;
+        PMA_TRY(take_entries(&item, n, &in->accelerations[i]));
+    }
+    return take_entries(&lam, pma_coupler_get_parts(m->core)->p, &in->multipliers);
+}
+
+static pma_status take_begin(const pma_field *root, pmalpha_model *m)
+{
+    const pma_field f = pma_field_at(root, "begin"), list = pma_field_at(&f, "inputs");
+    const pma_field rounding = pma_field_at(&f, "rounding");
+    const double *values;
+    size_t count;
+    m->begins = !pma_field_is_none(&f);
+    if (!m->begins)
+        return PMA_OK;
+    PMA_TRY(pma_field_tuple(&list, &count));
+    if (count != m->inputs)
+        return pma_field_refuse(&list, "must be as many as there are inputs");
+    PMA_TRY(pma_field_doubles(&rounding, count, &values));
+    for (size_t i = 0; i < count; i++) {
+        const pma_field item = pma_field_item(&list, i);
+        m->input[i].rounding = values[i];
+        PMA_TRY(take_response(&item, m, &m->input[i]));
+    }
+    return PMA_OK;
 }
 
 /* ---- outputs -------------------------------------------------------------------------------- */
@@ -361,6 +450,7 @@ pma_status pmalpha_take(pmalpha_model *m)
         return pma_field_refuse(&format, "must be that of a frozen model");
     PMA_TRY(take_members(&root, m));
     PMA_TRY(take_coupler(&root, m));
+    PMA_TRY(take_begin(&root, m));
     return take_outputs(&root, m);
 }
 

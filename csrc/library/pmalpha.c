@@ -27,6 +27,12 @@ pmalpha_status pmalpha_say(pmalpha_model *m, pmalpha_status status, const char *
     return status;
 }
 
+pmalpha_status pmalpha_well(pmalpha_model *m)
+{
+    m->message[0] = 0;
+    return PMALPHA_OK;
+}
+
 const char *pmalpha_message(const pmalpha_model *m)
 {
     return m->message;
@@ -43,6 +49,13 @@ static const char *name_of(const pmalpha_model *m, size_t member)
                : "";
 }
 
+pmalpha_status pmalpha_end(pmalpha_model *m, pmalpha_status status)
+{
+    m->state = status;
+    memcpy(m->ended, m->message, sizeof m->ended);
+    return status;
+}
+
 static pmalpha_status say_limit(pmalpha_model *m, pmalpha_status status, size_t member)
 {
     static const char *const WORDS[] = {"displacement", "velocity", "acceleration", "force",
@@ -51,21 +64,21 @@ static pmalpha_status say_limit(pmalpha_model *m, pmalpha_status status, size_t 
     snprintf(m->message, sizeof m->message,
              "%s %.9g of subdomain %.60s at t = %.9g exceeds its limit %.9g", WORDS[x.what],
              x.value, name_of(m, member), x.t, x.limit);
-    m->state = status;
-    return status;
+    return pmalpha_end(m, status);
 }
 
 static pmalpha_status say_failure(pmalpha_model *m, pma_status status)
 {
     const size_t member = pma_coupler_failed(m->core);
-    m->state = PMALPHA_FAILED;
-    if (member >= m->members)
-        return pmalpha_say(m, PMALPHA_FAILED, pma_status_text(status));
+    if (member >= m->members) {
+        pmalpha_say(m, PMALPHA_FAILED, pma_status_text(status));
+        return pmalpha_end(m, PMALPHA_FAILED);
+    }
     if (status == PMA_LIMITED)
         return say_limit(m, PMALPHA_FAILED, member);
     snprintf(m->message, sizeof m->message, "%s, in subdomain %.100s after t = %.9g",
              pma_status_text(status), name_of(m, member), pmalpha_time(m));
-    return PMALPHA_FAILED;
+    return pmalpha_end(m, PMALPHA_FAILED);
 }
 
 /* ---- opening -------------------------------------------------------------------------------- */
@@ -188,19 +201,31 @@ size_t pmalpha_outputs(const pmalpha_model *m)
     return m->outputs;
 }
 
-const char *pmalpha_input_name(const pmalpha_model *m, size_t i)
+pmalpha_input *pmalpha_input_at(const pmalpha_model *m, int i)
 {
-    return i < m->inputs ? m->input[i].name : NULL;
+    return i >= 0 && (size_t)i < m->inputs ? &m->input[i] : NULL;
 }
 
-const char *pmalpha_output_name(const pmalpha_model *m, size_t i)
+static const pmalpha_output *output_at(const pmalpha_model *m, int i)
 {
-    return i < m->outputs ? m->output[i].name : NULL;
+    return i >= 0 && (size_t)i < m->outputs ? &m->output[i] : NULL;
+}
+
+const char *pmalpha_input_name(const pmalpha_model *m, int i)
+{
+    const pmalpha_input *in = pmalpha_input_at(m, i);
+    return in ? in->name : NULL;
+}
+
+const char *pmalpha_output_name(const pmalpha_model *m, int i)
+{
+    const pmalpha_output *out = output_at(m, i);
+    return out ? out->name : NULL;
 }
 
 int pmalpha_find_input(const pmalpha_model *m, const char *name)
 {
-    for (size_t i = 0; i < m->inputs; i++) {
+    for (size_t i = 0; name && i < m->inputs; i++) {
         if (strcmp(m->input[i].name, name) == 0)
             return (int)i;
     }
@@ -209,51 +234,80 @@ int pmalpha_find_input(const pmalpha_model *m, const char *name)
 
 int pmalpha_find_output(const pmalpha_model *m, const char *name)
 {
-    for (size_t i = 0; i < m->outputs; i++) {
+    for (size_t i = 0; name && i < m->outputs; i++) {
         if (strcmp(m->output[i].name, name) == 0)
             return (int)i;
     }
     return -1;
 }
 
-pmalpha_kind pmalpha_input_kind(const pmalpha_model *m, size_t i)
+pmalpha_kind pmalpha_input_kind(const pmalpha_model *m, int i)
 {
-    return i < m->inputs ? m->input[i].kind : PMALPHA_FORCE;
+    const pmalpha_input *in = pmalpha_input_at(m, i);
+    return in ? in->kind : PMALPHA_FORCE;
 }
 
-int pmalpha_command(const pmalpha_model *m, size_t i, double c[3])
+int pmalpha_command(const pmalpha_model *m, int i, double c[3])
 {
+    const pmalpha_input *in = pmalpha_input_at(m, i);
     memset(c, 0, 3 * sizeof *c);
-    if (i >= m->inputs)
+    if (!in)
         return 0;
-    memcpy(c, m->input[i].command, 3 * sizeof *c);
-    return m->input[i].is_new;
+    memcpy(c, in->command, 3 * sizeof *c);
+    return in->is_new;
 }
 
-void pmalpha_set(pmalpha_model *m, size_t i, double value)
+void pmalpha_put(pmalpha_input *in, double value)
 {
-    if (i >= m->inputs)
-        return;
-    m->input[i].value = value;
-    m->input[i].scaled = value / m->input[i].scale;
+    in->value = value;
+    if (in->scaled)
+        *in->scaled = value / in->scale;
 }
 
-double pmalpha_given(const pmalpha_model *m, size_t i)
+pmalpha_status pmalpha_set(pmalpha_model *m, int i, double value)
 {
-    return i < m->inputs ? m->input[i].value : (double)NAN;
+    pmalpha_input *in = pmalpha_input_at(m, i);
+    if (!in)
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "there is no input of this number");
+    if (!isfinite(value))
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the value of an input must be finite");
+    pmalpha_put(in, value);
+    return pmalpha_well(m);
 }
 
-double pmalpha_get(const pmalpha_model *m, size_t i)
+double pmalpha_given(const pmalpha_model *m, int i)
 {
-    return i < m->outputs ? *m->output[i].at / m->output[i].scale : (double)NAN;
+    const pmalpha_input *in = pmalpha_input_at(m, i);
+    return in ? in->value : (double)NAN;
 }
 
-void pmalpha_attach(pmalpha_model *m, size_t i, pmalpha_specimen f, void *user)
+int pmalpha_lead(const pmalpha_model *m, int i)
 {
-    if (i >= m->inputs || m->input[i].kind != PMALPHA_SPECIMEN)
-        return;
-    m->input[i].f = f;
-    m->input[i].user = user;
+    const pmalpha_input *in = pmalpha_input_at(m, i);
+    const size_t fine = pmalpha_substeps(m);
+    if (!in)
+        return 0;
+    if (in->kind == PMALPHA_VELOCITY || fine == 1)
+        return 1;
+    const size_t ratio = fine / pma_subdomain_parts(m->member[in->member].core)->substeps;
+    const size_t begun = pma_coupler_fine_done(m->core) % ratio;
+    return (int)(begun > 0 ? 2 * ratio - begun : ratio);
+}
+
+double pmalpha_get(const pmalpha_model *m, int i)
+{
+    const pmalpha_output *out = output_at(m, i);
+    return out ? *out->at / out->scale : (double)NAN;
+}
+
+pmalpha_status pmalpha_attach(pmalpha_model *m, int i, pmalpha_specimen f, void *user)
+{
+    pmalpha_input *in = pmalpha_input_at(m, i);
+    if (!in || in->kind != PMALPHA_SPECIMEN)
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "there is no specimen of this number");
+    in->f = f;
+    in->user = user;
+    return pmalpha_well(m);
 }
 
 /* ---- steps ---------------------------------------------------------------------------------- */
@@ -291,7 +345,7 @@ pmalpha_status pmalpha_show(pmalpha_model *m)
             limited = i;
     }
     pma_denormals_restore(before);
-    return limited < m->members ? say_limit(m, PMALPHA_LIMITED, limited) : PMALPHA_OK;
+    return limited < m->members ? say_limit(m, PMALPHA_LIMITED, limited) : pmalpha_well(m);
 }
 
 pmalpha_status pmalpha_step(pmalpha_model *m)
@@ -320,7 +374,7 @@ pmalpha_status pmalpha_advance(pmalpha_model *m, size_t steps)
     for (size_t k = 0; k < steps && status == PMALPHA_OK; k++) {
         if (m->state != PMALPHA_OK) {
             m->state = PMALPHA_FAILED;
-            return PMALPHA_FAILED; /* the message is that of what ended it */
+            return pmalpha_say(m, PMALPHA_FAILED, m->ended);
         }
         status = m->now ? timed_step(m) : pmalpha_step(m);
     }

@@ -5,17 +5,21 @@
  *
  *     pmalpha_model *m;
  *     char why[PMALPHA_MESSAGE];
- *     if (pmalpha_open("model.pma", why, &m) != PMALPHA_OK) { puts(why); return 1; }
- *     for (;;) {                                     once in each sample
- *         pmalpha_command(m, 0, c);                  where the specimen is to be, c[0]
- *         pmalpha_set(m, 0, measured(c[0]));         the force that it answers with
- *         if (pmalpha_advance(m, 1) != PMALPHA_OK) break;
- *     }
+ *     double c[3];
+ *     if (pmalpha_open("model.pma", why, &m) != PMALPHA_OK) return puts(why), 1;
+ *     const int column = pmalpha_find_input(m, "column");
+ *     do {                                                 once in each sample
+ *         pmalpha_command(m, column, c);
+ *         give(c[0]);                                      where the specimen is to be
+ *         if (pmalpha_set(m, column, measured()) != PMALPHA_OK) break;   its force there
+ *     } while (pmalpha_advance(m, 1) == PMALPHA_OK);
+ *     puts(pmalpha_message(m));
  *     pmalpha_close(m);
  *
  * Units are those of the model, times in those of its dt. Only open and close allocate, and only
- * open calls the operating system, for the file. Nothing prints. One thread at a time works with a
- * model; models are independent of each other, also those of the same bytes. */
+ * pmalpha_open calls the operating system, for the file. Nothing prints. One thread at a time works
+ * with a model; models are independent of each other, also those of the same bytes. A number of an
+ * input or output that is not there, such as the -1 of a name that was not found, is no input. */
 #ifndef PMALPHA_H
 #define PMALPHA_H
 
@@ -35,7 +39,7 @@ extern "C" {
 #endif
 
 /* Rises when a function below changes; functions may be added without. */
-#define PMALPHA_ABI 1
+#define PMALPHA_ABI 2
 
 /* Bytes of a message, with its zero. */
 #define PMALPHA_MESSAGE 256
@@ -71,7 +75,7 @@ PMALPHA_API pmalpha_status pmalpha_open_memory(const void *bytes, size_t size, c
                                                pmalpha_model **out);
 PMALPHA_API void pmalpha_close(pmalpha_model *m); /* NULL is allowed */
 
-/* Of the last status that was not PMALPHA_OK, until the next call. */
+/* Of the last call that returned a status: what was wrong, or "". Until the next call. */
 PMALPHA_API const char *pmalpha_message(const pmalpha_model *m);
 
 /* ---- time ----------------------------------------------------------------------------------- */
@@ -86,33 +90,44 @@ PMALPHA_API double pmalpha_time(const pmalpha_model *m);
 
 PMALPHA_API size_t pmalpha_inputs(const pmalpha_model *m);
 PMALPHA_API size_t pmalpha_outputs(const pmalpha_model *m);
-PMALPHA_API const char *pmalpha_input_name(const pmalpha_model *m, size_t i); /* NULL beyond */
-PMALPHA_API const char *pmalpha_output_name(const pmalpha_model *m, size_t i);
+PMALPHA_API const char *pmalpha_input_name(const pmalpha_model *m, int i); /* NULL: none */
+PMALPHA_API const char *pmalpha_output_name(const pmalpha_model *m, int i);
 PMALPHA_API int pmalpha_find_input(const pmalpha_model *m, const char *name); /* -1: none */
 PMALPHA_API int pmalpha_find_output(const pmalpha_model *m, const char *name);
-PMALPHA_API pmalpha_kind pmalpha_input_kind(const pmalpha_model *m, size_t i);
+PMALPHA_API pmalpha_kind pmalpha_input_kind(const pmalpha_model *m, int i);
 
 /* The command of a specimen for the coming substep: c[0] displacement, c[1] velocity, as its
  * compensators make them, c[2] acceleration, which is the structure's. 1: a new one; 0: that of a
  * substep which lasts on, or of no specimen (zeros). */
-PMALPHA_API int pmalpha_command(const pmalpha_model *m, size_t i, double c[3]);
+PMALPHA_API int pmalpha_command(const pmalpha_model *m, int i, double c[3]);
 
 /* An input, held until it is set again: the force of a specimen at its command, as a restoring
- * force is; an external force or a velocity at the end of the coming step. It counts in the step in
- * which a substep begins. */
-PMALPHA_API void pmalpha_set(pmalpha_model *m, size_t i, double value);
-PMALPHA_API double pmalpha_given(const pmalpha_model *m, size_t i); /* NaN beyond */
+ * force is; what an external force or a velocity adds. PMALPHA_BAD_ARGUMENT for no input, and for a
+ * value that is not finite. */
+PMALPHA_API pmalpha_status pmalpha_set(pmalpha_model *m, int i, double value);
+PMALPHA_API double pmalpha_given(const pmalpha_model *m, int i); /* NaN: none */
 
-/* An output at the time level that was reached last. NaN beyond. */
-PMALPHA_API double pmalpha_get(const pmalpha_model *m, size_t i);
+/* Fine steps by which an input leads: what is set now acts at the time level that is the present
+ * one plus this. Where a substep of its subdomain begins, that is its end; within one, which has
+ * seen its input, the end of the next. 0: no input. */
+PMALPHA_API int pmalpha_lead(const pmalpha_model *m, int i);
+
+/* Takes the inputs that are set as those at the start, into the initial accelerations, in place of
+ * the values that were frozen. PMALPHA_BAD_ARGUMENT after the first step, for a model that was
+ * frozen in a run, and for a velocity that is not that of the structure. */
+PMALPHA_API pmalpha_status pmalpha_begin(pmalpha_model *m);
+
+/* An output at the time level that was reached last. NaN: none. */
+PMALPHA_API double pmalpha_get(const pmalpha_model *m, int i);
 
 /* Takes this number of fine steps. */
 PMALPHA_API pmalpha_status pmalpha_advance(pmalpha_model *m, size_t steps);
 
 /* In place of pmalpha_set, for a specimen: called inside the step that ends at t, with the command.
- * Other than 0 ends the step with PMALPHA_FAILED. NULL: no longer. */
+ * Other than 0 ends the step with PMALPHA_FAILED. NULL: no longer. PMALPHA_BAD_ARGUMENT for no
+ * specimen. */
 typedef int (*pmalpha_specimen)(double t, const double c[3], double *force, void *user);
-PMALPHA_API void pmalpha_attach(pmalpha_model *m, size_t i, pmalpha_specimen f, void *user);
+PMALPHA_API pmalpha_status pmalpha_attach(pmalpha_model *m, int i, pmalpha_specimen f, void *user);
 
 /* ---- states --------------------------------------------------------------------------------- */
 
@@ -121,7 +136,7 @@ PMALPHA_API void pmalpha_attach(pmalpha_model *m, size_t i, pmalpha_specimen f, 
  * to a macro step of time. A block of another model, a smaller or damaged one is
  * PMALPHA_BAD_ARGUMENT. */
 PMALPHA_API size_t pmalpha_state_size(const pmalpha_model *m);
-PMALPHA_API pmalpha_status pmalpha_save(const pmalpha_model *m, void *block, size_t size);
+PMALPHA_API pmalpha_status pmalpha_save(pmalpha_model *m, void *block, size_t size);
 PMALPHA_API pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size);
 PMALPHA_API void pmalpha_reset(pmalpha_model *m); /* to what was frozen */
 

@@ -2,6 +2,7 @@
  *
  * That is the present of the last macro step, and the inputs of the fine steps since: restoring
  * takes these once more, so that nothing of what is open has to be described. */
+#include <math.h>
 #include <string.h>
 
 #include "library/model.h"
@@ -130,62 +131,12 @@ static void save(const pmalpha_model *m, double *block, size_t total)
     put(block + total - TAIL, pma_file_sum(block, (total - TAIL) * sizeof *block));
 }
 
-/* ---- what a block is checked for, before anything changes ------------------------------------ */
-
-static bool are_counts(const pma_state_array *arrays, size_t count, const double **from)
-{
-    double most;
-    for (size_t i = 0; i < count; *from += arrays[i++].count) {
-        if (pma_state_wrong_count(&arrays[i], *from, &most))
-            return false;
-    }
-    return true;
-}
-
-static bool is_flag(double x)
-{
-    return x == 0.0 || x == 1.0;
-}
-
-static bool is_of_member(const pmalpha_member *x, const double **from)
-{
-    pma_state_array arrays[PMA_LEVEL_ARRAYS];
-    const pma_iterate *it = pma_subdomain_iterate(x->core);
-    if (!are_counts(arrays, pma_subdomain_kept(x->core, arrays), from))
-        return false;
-    const double *kept = *from;
-    if (it)
-        *from += KEPT + pma_iterate_entries(it);
-    return !it || (is_flag(kept[1]) && is_flag(kept[2]));
-}
-
-/* A macro step that the coupler can count from. */
-static bool is_step(const pmalpha_model *m, int64_t step)
-{
-    return step >= m->origin && step < pma_coupler_most_steps(m->core);
-}
-
-/* Is everything that is counted with a count, and within its range? */
-static bool is_whole(pmalpha_model *m, const double *block)
-{
-    const double *from = block + HEAD;
-    pma_state_array arrays[PMA_COUPLER_ARRAYS];
-    if (number_at(block + FINE) >= pma_coupler_instants(m->core) ||
-        !is_step(m, (int64_t)number_at(block + STEP)))
-        return false;
-    for (size_t i = 0; i < m->members; i++) {
-        if (!is_of_member(&m->member[i], &from))
-            return false;
-    }
-    return are_counts(arrays, pma_coupler_arrays(m->core, arrays), &from);
-}
-
 /* ---- restoring ------------------------------------------------------------------------------ */
 
 static void set_all(pmalpha_model *m, const double *values)
 {
     for (size_t i = 0; i < m->inputs; i++)
-        pmalpha_set(m, i, values[i]);
+        pmalpha_put(&m->input[i], values[i]);
 }
 
 /* The fine steps of the log once more; attached functions have returned what is in it. */
@@ -215,8 +166,8 @@ pmalpha_status pmalpha_return(pmalpha_model *m, const double *block)
     pma_coupler_start(m->core, (int64_t)number_at(block + STEP), from, from + p);
     from = restore_arrays(arrays, pma_coupler_arrays(m->core, arrays), from);
     if (status != PMA_OK) {
-        m->state = PMALPHA_FAILED;
-        return pmalpha_say(m, PMALPHA_FAILED, "a kept tangent is singular");
+        pmalpha_say(m, PMALPHA_FAILED, "a kept tangent is singular");
+        return pmalpha_end(m, PMALPHA_FAILED);
     }
     set_all(m, from);
     const pmalpha_status repeated = repeat(m, from + m->inputs, number_at(block + FINE));
@@ -229,12 +180,24 @@ size_t pmalpha_state_size(const pmalpha_model *m)
     return size_of(m) * sizeof(double);
 }
 
-pmalpha_status pmalpha_save(const pmalpha_model *m, void *block, size_t size)
+/* A block of this size cannot have a state of `bytes`. */
+static pmalpha_status check_block(pmalpha_model *m, const void *block, size_t size, size_t bytes)
+{
+    if (!block || (uintptr_t)block % sizeof(double) != 0)
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "a state must be at a multiple of 8");
+    return size < bytes
+               ? pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "a state of this model has more bytes")
+               : pmalpha_well(m);
+}
+
+pmalpha_status pmalpha_save(pmalpha_model *m, void *block, size_t size)
 {
     const size_t total = size_of(m);
-    if (!block || size < total * sizeof(double) || (uintptr_t)block % sizeof(double) != 0 ||
-        m->state == PMALPHA_FAILED)
-        return PMALPHA_BAD_ARGUMENT;
+    const pmalpha_status status = check_block(m, block, size, total * sizeof(double));
+    if (status != PMALPHA_OK)
+        return status;
+    if (m->state == PMALPHA_FAILED)
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "a model that has failed has no state");
     save(m, block, total);
     return PMALPHA_OK;
 }
@@ -243,12 +206,13 @@ pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size)
 {
     const size_t total = size_of(m), bytes = total * sizeof(double);
     const double *x = block;
-    if (!block || size < bytes || (uintptr_t)block % sizeof(double) != 0)
-        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "a state of this model has more bytes");
+    const pmalpha_status status = check_block(m, block, size, bytes);
+    if (status != PMALPHA_OK)
+        return status;
     if (number_at(x + SUM) != pma_file_sum_of(m->bytes))
         return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is of another model");
     if (number_at(x + total - TAIL) != pma_file_sum(x, bytes - TAIL * sizeof(double)) ||
-        !is_whole(m, x))
+        number_at(x + FINE) >= pma_coupler_instants(m->core))
         return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is damaged");
     return pmalpha_return(m, x);
 }
@@ -256,6 +220,84 @@ pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size)
 void pmalpha_reset(pmalpha_model *m)
 {
     pmalpha_return(m, m->start);
+}
+
+/* ---- the start with other inputs ------------------------------------------------------------- */
+
+static void add(const pmalpha_entries *x, double scale, double *to)
+{
+    for (size_t k = 0; k < x->count; k++)
+        to[x->at[k]] += scale * x->by[k];
+}
+
+static double *array_of(const pma_state_array *arrays, size_t count, const char *name)
+{
+    size_t i = 0;
+    while (i + 1 < count && strcmp(arrays[i].name, name) != 0)
+        i++;
+    return arrays[i].values;
+}
+
+/* w += dw x, a as w, and the multipliers with both of those under mean coupling          (S1) */
+static void add_response(pmalpha_model *m, const pmalpha_input *in, double x)
+{
+    pma_state_array of_coupler[PMA_COUPLER_ARRAYS], of_member[PMA_LEVEL_ARRAYS];
+    const size_t p = pma_coupler_get_parts(m->core)->p;
+    const size_t count = pma_coupler_arrays(m->core, of_coupler);
+    double *end = array_of(of_coupler, count, "end_multipliers");
+    for (size_t i = 0; i < m->members; i++) {
+        const size_t levels = pma_subdomain_arrays(m->member[i].core, of_member);
+        add(&in->accelerations[i], x, array_of(of_member, levels, "w"));
+        add(&in->accelerations[i], x, array_of(of_member, levels, "a"));
+    }
+    add(&in->multipliers, x, array_of(of_coupler, count, "multipliers"));
+    add(&in->multipliers, x, end);
+    add(&in->multipliers, x, end + p);
+}
+
+/* The free velocities of these multipliers; iterated steps make theirs.                   (S2) */
+static void rebase(pmalpha_model *m)
+{
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    const size_t count = pma_coupler_arrays(m->core, arrays);
+    for (size_t i = 0; i < m->members; i++)
+        pma_subdomain_rebase(m->member[i].core, false, array_of(arrays, count, "multipliers"));
+}
+
+static pmalpha_status check_begin(pmalpha_model *m)
+{
+    if (!m->begins)
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT,
+                           m->inputs > 0 ? "the model was frozen in a run, which has begun"
+                                         : "the model has no inputs");
+    if (m->state == PMALPHA_FAILED ||
+        pmalpha_count(m) != (int64_t)number_at(m->start + STEP) * (int64_t)pmalpha_substeps(m))
+        return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the first step has been taken");
+    for (size_t i = 0; i < m->inputs; i++) {
+        const pmalpha_input *in = &m->input[i];
+        if (in->kind == PMALPHA_VELOCITY && !(fabs(in->value - in->frozen) <= in->rounding))
+            return pmalpha_say(m, PMALPHA_BAD_ARGUMENT,
+                               "a velocity at the start must be that of the structure");
+    }
+    return PMALPHA_OK;
+}
+
+pmalpha_status pmalpha_begin(pmalpha_model *m)
+{
+    pmalpha_status status = check_begin(m);
+    if (status != PMALPHA_OK)
+        return status;
+    for (size_t i = 0; i < m->inputs; i++)
+        m->log[i] = m->input[i].value; /* no step is in it */
+    status = pmalpha_return(m, m->start);
+    for (size_t i = 0; i < m->inputs; i++) {
+        pmalpha_input *in = &m->input[i];
+        pmalpha_put(in, m->log[i]);
+        if (in->accelerations && in->value != in->frozen)
+            add_response(m, in, in->value - in->frozen);
+    }
+    rebase(m);
+    return status == PMALPHA_FAILED ? status : pmalpha_show(m);
 }
 
 /* ---- the state of the file ------------------------------------------------------------------ */
@@ -281,7 +323,7 @@ static pma_status take_clock(const pma_field *f, pmalpha_model *m)
     PMA_TRY(pma_field_integer(&origin, 0, &m->origin));
     PMA_TRY(pma_field_integer(&number, m->origin, &step));
     PMA_TRY(pma_field_real(&t0, &m->t0));
-    if (!is_step(m, step))
+    if (m->origin >= pma_coupler_most_steps(m->core) || step >= pma_coupler_most_steps(m->core))
         return pma_field_refuse(&number, "is too large");
     pma_coupler_set_origin(m->core, m->origin, m->t0);
     /* zeros, which the arrays replace */

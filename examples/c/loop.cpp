@@ -16,8 +16,8 @@ int main(int count, char **words)
     for (long k = 0; k < std::atol(words[2]); k++) {
         double d[3];
         pmalpha_command(m.get(), 0, d);
-        pmalpha_set(m.get(), 0, 300.0 * d[0]);
-        if (pmalpha_advance(m.get(), 1) != PMALPHA_OK)
+        if (pmalpha_set(m.get(), 0, 300.0 * d[0]) != PMALPHA_OK ||
+            pmalpha_advance(m.get(), 1) != PMALPHA_OK)
             return std::fprintf(stderr, "%s\n", pmalpha_message(m.get())), 1;
     }
     std::printf("%.17g\n", pmalpha_get(m.get(), 0));

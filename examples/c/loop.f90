@@ -14,15 +14,15 @@ program loop
     integer(c_int) function pmalpha_command(model, i, c) bind(C)
       import
       type(c_ptr), value :: model
-      integer(c_size_t), value :: i
+      integer(c_int), value :: i
       real(c_double), intent(out) :: c(3)
     end function
-    subroutine pmalpha_set(model, i, x) bind(C)
+    integer(c_int) function pmalpha_set(model, i, x) bind(C)
       import
       type(c_ptr), value :: model
-      integer(c_size_t), value :: i
+      integer(c_int), value :: i
       real(c_double), value :: x
-    end subroutine
+    end function
     integer(c_int) function pmalpha_advance(model, steps) bind(C)
       import
       type(c_ptr), value :: model
@@ -31,7 +31,7 @@ program loop
     real(c_double) function pmalpha_get(model, i) bind(C)
       import
       type(c_ptr), value :: model
-      integer(c_size_t), value :: i
+      integer(c_int), value :: i
     end function
     subroutine pmalpha_close(model) bind(C)
       import
@@ -48,10 +48,10 @@ program loop
   read (steps, *) count
   if (pmalpha_open(trim(path)//c_null_char, message, model) /= 0) stop 1
   do k = 1, count
-    if (pmalpha_command(model, 0_c_size_t, d) < 0) stop 1
-    call pmalpha_set(model, 0_c_size_t, 300.0_c_double * d(1))
+    if (pmalpha_command(model, 0_c_int, d) < 0) stop 1
+    if (pmalpha_set(model, 0_c_int, 300.0_c_double * d(1)) /= 0) stop 1
     if (pmalpha_advance(model, 1_c_size_t) /= 0) stop 1
   end do
-  print '(es24.16)', pmalpha_get(model, 0_c_size_t)
+  print '(es24.16)', pmalpha_get(model, 0_c_int)
   call pmalpha_close(model)
 end program

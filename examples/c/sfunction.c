@@ -4,8 +4,9 @@
  *
  * Parameter: the file. Inputs: what is set, in the order of the inputs of the model. Outputs: three
  * numbers of the next command for each input (zeros where it is no specimen), then the outputs. The
- * sample time is the fine step. The force that is read answers the command of the sample before:
- * mdlOutputs advances with it and gives the next command in the same sample. */
+ * sample time is the fine step. The first sample gives the first command. The force that a later one
+ * reads answers the command of the sample before: mdlOutputs advances with it and gives the next
+ * command in the same sample. */
 #define S_FUNCTION_NAME sfunction
 #define S_FUNCTION_LEVEL 2
 #include <pmalpha.h>
@@ -41,7 +42,7 @@ static void mdlInitializeSizes(SimStruct *S)
     ssSetNumOutputPorts(S, 1);
     ssSetOutputPortWidth(S, 0, 3 * inputs + outputs);
     ssSetNumSampleTimes(S, 1);
-    ssSetNumPWork(S, 1);
+    ssSetNumPWork(S, 2); /* the model, and whether a command has been given */
     pmalpha_close(m);
 }
 
@@ -57,6 +58,7 @@ static void mdlInitializeSampleTimes(SimStruct *S)
 static void mdlStart(SimStruct *S)
 {
     ssGetPWork(S)[0] = opened(S);
+    ssGetPWork(S)[1] = NULL;
 }
 
 static void mdlOutputs(SimStruct *S, int_T tid)
@@ -64,16 +66,20 @@ static void mdlOutputs(SimStruct *S, int_T tid)
     pmalpha_model *m = model_of(S);
     const double *u = ssGetInputPortRealSignal(S, 0);
     double *y = ssGetOutputPortRealSignal(S, 0);
-    const size_t inputs = pmalpha_inputs(m);
+    const int inputs = (int)pmalpha_inputs(m), outputs = (int)pmalpha_outputs(m);
     if (!ssIsMajorTimeStep(S) || !ssIsSampleHit(S, 0, tid))
         return;
-    for (size_t i = 0; i < inputs; i++)
-        pmalpha_set(m, i, u[i]);
-    if (pmalpha_advance(m, 1) != PMALPHA_OK)
+    pmalpha_status status = PMALPHA_OK;
+    for (int i = 0; i < inputs && status == PMALPHA_OK; i++)
+        status = pmalpha_set(m, i, u[i]);
+    if (ssGetPWork(S)[1] && status == PMALPHA_OK)
+        status = pmalpha_advance(m, 1);
+    if (status != PMALPHA_OK)
         ssSetErrorStatus(S, pmalpha_message(m));
-    for (size_t i = 0; i < inputs; i++)
+    ssGetPWork(S)[1] = m;
+    for (int i = 0; i < inputs; i++)
         pmalpha_command(m, i, y + 3 * i);
-    for (size_t i = 0; i < pmalpha_outputs(m); i++)
+    for (int i = 0; i < outputs; i++)
         y[3 * inputs + i] = pmalpha_get(m, i);
 }
 

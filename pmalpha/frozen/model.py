@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import listing
+from .._checks import counted, listing, numbered
 from ..problem import forms
 from ..problem.argument_types import Coupling
+from ..problem.device import Device
+from ..problem.restoring import external_of, items_of
+from ..problem.springs import Spring
 from ..setup.assembly import Assembly
 from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
-from .ports import Input, Output, Ports
+from .ports import Input, Output
 
 # Words in place of functions: csrc/library/open.c.
 INPUTS = "inputs"
@@ -22,13 +25,14 @@ INPUTS = "inputs"
 # ---- subdomains ----------------------------------------------------------------------------------
 
 
-def subdomain(member: Member, i: int, ports: Ports, load: Any, coupling: Coupling) -> Any:
-    """A subdomain with its load; ValueError for functions that no input replaces."""
+def subdomain(member: Member, load: Any, levels: Mapping[str, np.ndarray]) -> Any:
+    """A subdomain with its load at a present, after `check_functions`."""
     fields = dict(member.parts)
-    fields["restoring"] = _restoring(member, ports.of_kind("specimen", i), coupling)
+    restoring: forms.Restoring | None = fields.get("restoring")
+    if restoring is not None:
+        functions = tuple(_with_inputs(x) if is_outside(x) else x for x in restoring.functions)
+        fields["restoring"] = restoring._replace(functions=functions)
     fields["load"] = load
-    if fields.get("internal") is not None:
-        _check_internal(member)
     if fields.get("iterate") is not None:
         iterate = fields["iterate"]
         fields["iterate"] = iterate._replace(threads=1, pattern=_with_loops(iterate.pattern))
@@ -36,59 +40,108 @@ def subdomain(member: Member, i: int, ports: Ports, load: Any, coupling: Couplin
         "name": member.name,
         "parts": fields,
         "order": np.ascontiguousarray(member.order, dtype=np.int64),
-        "levels": member.core.levels(),
+        "levels": levels,
         "iteration": member.core.iteration(),
     }
 
 
-def _restoring(member: Member, inputs: Sequence[Input], coupling: Coupling) -> Any:
-    """The restoring force, with inputs in place of its functions."""
-    restoring: forms.Restoring | None = member.parts.get("restoring")
+def is_outside(function: Any) -> bool:
+    """Whether an entry of `forms.Restoring` is or has a function, which no file can have."""
+    return not isinstance(function, forms.Specimen) or function.function is not None
+
+
+def _with_inputs(function: Any) -> Any:
+    """The word in place of a function."""
+    return function._replace(function=INPUTS) if isinstance(function, forms.Specimen) else INPUTS
+
+
+def check_functions(member: Member, inputs: Sequence[Input], coupling: Coupling) -> None:
+    """ValueError for functions of a subdomain that these inputs do not replace."""
     where = f"subdomain {member.name!r}"
     if member.feedback is not None:
         raise ValueError(
             f"force of {where} depends on the motion, which no frozen model has: let it be the "
             "negative restoring force, and that an input"
         )
-    functions = () if restoring is None else restoring.functions
-    replaced = tuple(_with_inputs(x, where) for x in functions)
-    count = sum(new is not old for new, old in zip(replaced, functions))
-    if inputs and count != 1:
+    _check_internal(member)
+    items = items_of(member.subdomain.restoring)
+    specimens = [x for x in items if _is_specimen(x)]
+    acting = _acting_dofs(specimens, member.n)
+    names = listing([x.name for x in inputs])
+    beyond = [x for x in inputs if x.dof not in acting]
+    missing = sorted(acting - {x.dof for x in inputs})
+    if beyond:
         raise ValueError(
-            f"inputs {listing([x.name for x in inputs])} need {where} to have one restoring "
-            f"function, whose place they take, got {count}"
+            f"input {beyond[0].name!r}: no specimen acts on dof {beyond[0].dof} of {where}; let "
+            "its restoring= have a function or rig.External, whose place inputs take"
         )
-    if count and not inputs:
+    if missing:
         raise ValueError(
-            f"restoring of {where} is a function, which no file can have: give its dofs as inputs, "
-            f'inputs={{"...": ("specimen", {member.name!r}, dof)}}, or springs'
+            f"restoring of {where} is {_described(specimens, member.n)}, which no file can have: "
+            f'give all of these dofs as inputs, inputs={{"...": ("specimen", {member.name!r}, '
+            f"dof)}}; missing {numbered('dof', missing)}. A specimen that acts on some dofs alone "
+            "is rig.External(dofs)"
+        )
+    restoring = member.parts.get("restoring")
+    functions = () if restoring is None else restoring.functions
+    if sum(map(is_outside, functions)) > 1 or _are_mixed(specimens):
+        raise ValueError(
+            f"restoring of {where} has several functions or specimens, of which inputs {names} can "
+            "replace one: let the others be in subdomains of their own, or springs"
         )
     if inputs and coupling in ("macro", "mean") and member.substeps > 1:
         raise ValueError(
             f"{where} must have one substep under {coupling!r} coupling to have a specimen as "
             f"input, got {member.substeps}: commands would be ahead of the interface force"
         )
-    return None if restoring is None else restoring._replace(functions=replaced)
+    _check_devices(functions, where)
 
 
-def _with_inputs(function: Any, where: str) -> Any:
-    """The same where it is data, or a word in place of a function."""
-    if not isinstance(function, forms.Specimen):
-        return INPUTS
-    if function.function is None:
-        return function
-    if any(isinstance(x, forms.LinkageMatrix | forms.LinkageArms) for x in function.filters):
-        raise ValueError(
-            f"restoring of {where} has a Linkage, whose commands are of no dof, which an input "
-            "must have: let the loop turn the command of the dofs into those of the actuators"
-        )
-    if any(_measures(x) for x in function.filters):
-        raise ValueError(
-            f"restoring of {where} has a compensator that needs the measured displacement of its "
-            'specimen, which no input has: take method="polynomial", "inverse", or "model" without '
-            "feedback and variations"
-        )
-    return function._replace(function=INPUTS)
+def _is_specimen(item: Any) -> bool:
+    """Whether a restoring force is or ends in a function."""
+    if isinstance(item, Device):
+        return not item.springs and not isinstance(item.innermost, Device)
+    return not isinstance(item, Spring)
+
+
+def _acting_dofs(specimens: Sequence[Any], n: int) -> set[int]:
+    """The dofs on which they act: a function on all of its subdomain."""
+    dofs: set[int] = set()
+    for item in specimens:
+        external = external_of(item)
+        dofs |= set(range(n) if external is None else map(int, external.dofs))
+    return dofs
+
+
+def _are_mixed(specimens: Sequence[Any]) -> bool:
+    """Whether what is outside of this program acts where another specimen acts too."""
+    external = [x for x in map(external_of, specimens) if x is not None]
+    dofs = [int(dof) for x in external for dof in x.dofs]
+    return bool(external) and (len(external) < len(specimens) or len(set(dofs)) < len(dofs))
+
+
+def _described(specimens: Sequence[Any], n: int) -> str:
+    if any(external_of(x) is None for x in specimens):
+        return f"a function, which acts on all of its {counted(n, 'dof')}"
+    return listing([repr(external_of(x)) for x in specimens])
+
+
+def _check_devices(functions: Sequence[Any], where: str) -> None:
+    """ValueError for what is between commands and an input that no loop outside can serve."""
+    for function in functions:
+        if not (isinstance(function, forms.Specimen) and is_outside(function)):
+            continue
+        if any(isinstance(x, forms.LinkageMatrix | forms.LinkageArms) for x in function.filters):
+            raise ValueError(
+                f"restoring of {where} has a Linkage, whose commands are of no dof, which an input "
+                "must have: let the loop turn the command of the dofs into those of the actuators"
+            )
+        if any(_measures(x) for x in function.filters):
+            raise ValueError(
+                f"restoring of {where} has a compensator that needs the measured displacement of "
+                'its specimen, which no input has: take method="polynomial", "inverse", or "model" '
+                "without feedback and variations"
+            )
 
 
 def _measures(x: forms.Filter) -> bool:
@@ -97,7 +150,8 @@ def _measures(x: forms.Filter) -> bool:
 
 
 def _check_internal(member: Member) -> None:
-    forces = member.parts["internal"].forces
+    internal = member.parts.get("internal")
+    forces = () if internal is None else internal.forces
     if any(x.function is not None or x.potential is not None for x in forces):
         raise ValueError(
             f"internal of subdomain {member.name!r} has functions, which no file can have: take "
@@ -113,10 +167,12 @@ def _with_loops(pattern: forms.Numeric) -> forms.Numeric:
 # ---- the coupler ---------------------------------------------------------------------------------
 
 
-def coupler(assembly: Assembly) -> dict[str, Any]:
-    """The coupler, for one thread."""
+def coupler(assembly: Assembly, free: Sequence[int]) -> dict[str, Any]:
+    """The coupler, for one thread; `free`: further rows with a velocity, as the core has them."""
     fields = dict(assembly.parts)
     fields["options"] = dict(fields["options"], threads=1, worthwhile=False)
+    further = (forms.Motion(np.array([row], dtype=np.int64), None) for row in free)
+    fields["motions"] = (*fields["motions"], *further)
     iteration, contact = fields.get("iteration"), fields.get("contact")
     if isinstance(iteration, forms.Iteration):
         fields["iteration"] = iteration._replace(pattern=_with_loops(iteration.pattern))
@@ -125,27 +181,37 @@ def coupler(assembly: Assembly) -> dict[str, Any]:
     return fields
 
 
-def state(assembly: Assembly, origin: int, t0: float) -> dict[str, Any]:
-    core = assembly.core
-    times = {"step": core.step_count, "origin": origin, "t0": float(t0)}
-    return times | {"arrays": core.numbers()}
+def state(
+    assembly: Assembly,
+    origin: int,
+    t0: float,
+    numbers: Mapping[str, np.ndarray],
+    has_free_motions: bool,
+) -> dict[str, Any]:
+    arrays = dict(numbers)
+    if has_free_motions:
+        arrays.setdefault("moved", np.zeros(arrays["prescribed"].size))
+    return {"step": assembly.core.step_count, "origin": origin, "t0": float(t0), "arrays": arrays}
 
 
 # ---- inputs and outputs --------------------------------------------------------------------------
 
 
-def place_of(member: Member, dof: int) -> dict[str, Any]:
-    return {"dof": dof, "position": int(member.position[dof])}
-
-
-def input_of_subdomain(x: Input, member: Member, value: float) -> dict[str, Any]:
-    place = {"subdomain": x.subdomain, **place_of(member, x.dof)}
-    return {"name": x.name, "kind": x.kind, "value": float(value)} | place
-
-
-def input_of_velocity(x: Input, motion: int, scale: float, value: float) -> dict[str, Any]:
-    fields = {"motion": motion, "scale": float(scale), "value": float(value)}
-    return {"name": x.name, "kind": x.kind} | fields
+def input_of(
+    x: Input,
+    value: float,
+    members: Sequence[Member],
+    rows: CoreRows,
+    places: Mapping[int, tuple[int, int]],
+) -> dict[str, Any]:
+    """places: the number of the motion and the row of it, by row of the user."""
+    fields: dict[str, Any] = {"name": x.name, "kind": x.kind, "value": float(value)}
+    if x.kind == "velocity":
+        motion, row = places[x.dof]
+        return fields | {"motion": motion, "row": row, "scale": float(rows.scale[x.dof])}
+    member = members[x.subdomain]
+    place = {"dof": x.dof, "position": int(member.position[x.dof])}
+    return fields | {"subdomain": x.subdomain} | place
 
 
 def output(x: Output, members: Sequence[Member], rows: CoreRows) -> Mapping[str, Any]:

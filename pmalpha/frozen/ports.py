@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from .._checks import whole_number
+from .._checks import real_number, whole_number
 from ..problem.dofs import dof_list
 from ..problem.subdomain import Subdomain
 from ..results.keys import position
@@ -22,12 +22,17 @@ Keys: TypeAlias = Sequence[tuple[str, Subdomain]]
 
 
 class Input(NamedTuple):
-    """An input: kind, subdomain and dof, or the number of a constraint."""
+    """An input: kind, subdomain and dof, or the row of a velocity; its value at the start."""
 
     name: str
     kind: str
     subdomain: int
     dof: int
+    value: float | None  # None: not given
+
+    @property
+    def place(self) -> tuple[str, int, int]:
+        return self.kind, self.subdomain, self.dof
 
 
 class Output(NamedTuple):
@@ -68,12 +73,12 @@ class Ports:
                     f"inputs and outputs must have different names, got {name!r} twice"
                 )
         made = cls(
-            tuple(_input(name, x, keys) for name, x in (inputs or {}).items()),
+            tuple(_input(name, x, keys, rows) for name, x in (inputs or {}).items()),
             tuple(_output(name, x, keys, rows) for name, x in (outputs or {}).items()),
         )
-        places = [x[1:] for x in made.inputs]
+        places = [x.place for x in made.inputs]
         for x in made.inputs:
-            if places.count(x[1:]) > 1:
+            if places.count(x.place) > 1:
                 raise ValueError(f"inputs must be of different dofs, but that of {x.name!r} is not")
         return made
 
@@ -81,14 +86,26 @@ class Ports:
         return [x for x in self.inputs if x.kind == kind and x.subdomain == subdomain]
 
 
-def _input(name: str, value: Any, keys: Keys) -> Input:
+def _input(name: str, value: Any, keys: Keys, rows: int) -> Input:
     what = f"inputs[{name!r}]"
     kind, *where = _entry(value, what, ("specimen", "force", "velocity"))
+    length = 1 if kind == "velocity" else 2
+    start = None
+    if len(where) == length + 1:
+        start = real_number(where.pop(), f"the value at the start of {what}")
     if kind == "velocity":
-        _check_length(where, 1, what, '("velocity", number of the constraint)')
-        return Input(name, kind, 0, whole_number(where[0], what, low=0))
-    _check_length(where, 2, what, f"({kind!r}, subdomain, dof)")
-    return Input(name, kind, *_dof(where, keys, what))
+        _check_length(where, length, what, '("velocity", row) or ("velocity", row, value)')
+        return Input(name, kind, 0, _row(where[0], rows, what), start)
+    form = f"({kind!r}, subdomain, dof)"
+    _check_length(where, length, what, f"{form} or {form[:-1]}, value)")
+    return Input(name, kind, *_dof(where, keys, what), start)
+
+
+def _row(value: Any, rows: int, what: str) -> int:
+    row = whole_number(value, what, low=0)
+    if row >= rows:
+        raise ValueError(f"{what} must be one of {rows} rows, got {row}")
+    return row
 
 
 def _output(name: str, value: Any, keys: Keys, rows: int) -> Output:
@@ -96,10 +113,7 @@ def _output(name: str, value: Any, keys: Keys, rows: int) -> Output:
     quantity, *where = _entry(value, what, (*OF_DOFS, *OF_SPRINGS, "multiplier"))
     if quantity == "multiplier":
         _check_length(where, 1, what, '("multiplier", row)')
-        row = whole_number(where[0], what, low=0)
-        if row >= rows:
-            raise ValueError(f"{what} must be one of {rows} rows, got {row}")
-        return Output(name, quantity, 0, row)
+        return Output(name, quantity, 0, _row(where[0], rows, what))
     _check_length(where, 2, what, f"({quantity!r}, subdomain, number)")
     if quantity in OF_DOFS:
         return Output(name, quantity, *_dof(where, keys, what))

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _core
 
-FORMAT = 1
+FORMAT = 2
 HEADER, NODE = 64, 40
 ORDER = 0x01020304
 NONE, INTEGER, REAL, WORD, TUPLE, DICT = range(6)

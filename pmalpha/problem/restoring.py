@@ -12,6 +12,7 @@ from .._checks import vector
 from . import forms
 from .argument_order import OF_RESTORING, check_order
 from .device import Device, core_specimen, divided
+from .external import External
 from .lowlevel import check_signature
 from .springs import Spring
 
@@ -35,7 +36,7 @@ def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None
     """A user's restoring force, checked as far as possible without evaluating it."""
     forces: list[Spring | Function] = []
     for item, label in labelled(restoring, "restoring"):
-        if isinstance(item, (Spring, Device)):
+        if isinstance(item, (Spring, Device, External)):
             forces.append(item._placed(n, names, label))
             continue
         if isinstance(item, LowLevelCallable):
@@ -70,6 +71,12 @@ def functions_of(restoring: Restoring) -> tuple[Function, ...]:
 def devices_of(restoring: Restoring) -> tuple[Device, ...]:
     """The specimens behind actuators and compensators."""
     return tuple(item for item in items_of(restoring) if isinstance(item, Device))
+
+
+def external_of(item: Any) -> External | None:
+    """The specimen outside of this program that a restoring force is, or has behind devices."""
+    inner = item.innermost if isinstance(item, Device) else item
+    return inner if isinstance(inner, External) else None
 
 
 class Feedback:
@@ -115,10 +122,13 @@ class CheckedRestoring:
     ):
         self.functions, self.n, self.feedback = functions, n, feedback
         self.last = np.zeros(n)  # what they returned last
+        self.preset: np.ndarray | None = None  # what counts in their place, without a call
         # a function may change its arguments, the core's copies
         self.copies = len(functions) + (feedback is not None) > 1
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        if self.preset is not None:
+            return self.preset
         values = [
             _checked(
                 divided(function(*self._motion(u, v), t), self.n)[0], self.n, f"{what} at t = {t:g}"

@@ -7,6 +7,7 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 
 from ..problem.actuators import Compensated, SimulatedActuator
 from ..problem.device import Response
+from ..problem.external import External
 from ..problem.limits import Limits
 from ..problem.linear_actuator import LinearActuator, servo_hydraulic
 from ..problem.linkage import Linkage
@@ -26,6 +27,7 @@ __all__ = [
     "Compensated",
     "Connected",
     "Evaluation",
+    "External",
     "Limits",
     "LinearActuator",
     "Linkage",

@@ -17,8 +17,9 @@ from ..errors import (
     InstabilityError,
     PacingError,
 )
+from ..problem.external import OUTSIDE
 from ..problem.matrices import ADMITTED
-from ..problem.restoring import devices_of
+from ..problem.restoring import devices_of, external_of, items_of
 from ..problem.schemes import require_generalized_alpha
 from ..problem.tangents import SYMMETRY
 from ..results.clock import Clock
@@ -53,9 +54,18 @@ def advance(
     ranks: Ranks | None = None,
 ) -> None:
     """Advance to macro step `end`; after any exception the core is at the last completed one."""
+    require_inside(loads.members)
     iterates = loads.iterates or ranks is not None  # subdomains of any process
     with one_thread() if iterates else nullcontext():  # the core calls BLAS
         _advance(core, loads, end, record, report, ranks)
+
+
+def require_inside(members: Sequence[Member]) -> None:
+    """ValueError for a specimen that is not in this program."""
+    for member in members:
+        for item in items_of(member.subdomain.restoring):
+            if external_of(item) is not None:
+                raise ValueError(f"restoring of subdomain {member.name!r}: {OUTSIDE}")
 
 
 def _advance(

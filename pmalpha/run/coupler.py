@@ -1096,11 +1096,13 @@ class Coupler:
         path : str or path
             Used as given; no suffix is added.
         inputs : dict, optional
-            What the loop sets, by name, in place of Python functions: ``("specimen", subdomain,
-            dof)``, the force of a specimen at its last command, in place of a restoring function;
-            ``("force", subdomain, dof)``, an external force, in place of a function or beside
-            samples; ``("velocity", k)``, the velocity of constraint k. Names are identifiers, with
-            dots between them. A function that is replaced may act on no other dof.
+            What the loop sets, by name: ``("specimen", subdomain, dof)``, the force of a specimen
+            at its last command, in place of `rig.External` or of a restoring function, which acts
+            on all dofs of its subdomain: all of them are inputs, or none; ``("force", subdomain,
+            dof)``, what is added to all loads; ``("velocity", row)``, what is added to the velocity
+            of a row of the constraints, or to none. One more entry is the value at the start, which
+            is in the initial accelerations: default 0, of a specimen what its function or External
+            gave. Names are identifiers, with dots between them.
         outputs : dict, optional
             What the loop reads, by name, as a run records it: ``("u", subdomain, dof)``, "v" or
             "a"; ``("multiplier", row)``; ``("deformation", subdomain, spring)`` or
@@ -1109,11 +1111,12 @@ class Coupler:
         Raises
         ------
         ValueError
-            For functions that no input replaces, with the subdomain; loads of t, u and v; internal
-            forces that are functions; moving obstacles; a specimen of several substeps under
-            "macro" or "mean"; a linkage, or a compensator that needs the measured displacement,
-            before an input; a coupler with `comm`; the macro step across a change of steps; names
-            that are no identifiers or not unique; what does not exist. No file is written then.
+            For functions in `force`, `internal` and velocities, with the subdomain, and those in
+            `restoring` that inputs do not replace; moving obstacles; a force or a specimen of
+            several substeps under "macro" or "mean"; a linkage, or a compensator that needs the
+            measured displacement, before an input; a coupler with `comm`; the macro step across a
+            change of steps; names that are no identifiers or not unique; what does not exist. No
+            file is written then.
         OSError
             For a file that cannot be written.
 

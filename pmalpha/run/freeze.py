@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
+from scipy import LowLevelCallable
+
 from .._checks import check_word
 from ..files import checked_path, package_version, replacing, uninterrupted
 from ..frozen import fmu, model
 from ..frozen.ports import Input, Ports
 from ..frozen.tree import file_of
-from ..problem import forms
-from ..problem.forces import core_load
+from ..problem.forces import core_load, is_callback, terms_of
+from .inputs_at_start import Present, present
 from .motion import Motion
 from .session import Session, begin, require_alone
 
@@ -55,32 +57,49 @@ def frozen(session: Session, inputs: Any, outputs: Any) -> tuple[Ports, bytearra
     with session.guard:
         require_alone(session, "freeze")
         ports = Ports.of(inputs, outputs, session.keys, session.rows.p)
-        _check_steps(session)
-        motions = {x.dof: _motion(session, x) for x in ports.inputs if x.kind == "velocity"}
+        check(session, ports)
         begin(session)
-        members, assembly, clock = session.members, session.assembly, session.clock
-        tree: dict[str, Any] = {
-            "format": "pmalpha",
-            "made by": package_version(),
-            "coupler": model.coupler(assembly),
-            "subdomains": tuple(
-                model.subdomain(member, i, ports, _load(session, i, ports), session.coupling)
-                for i, member in enumerate(members)
-            ),
-            "motions": tuple(
-                _velocity(motion, j in motions.values())
-                for j, motion in enumerate(session.loads.motions)
-            ),
-            "obstacle": None,
-            "state": model.state(assembly, clock.origin, clock.t0),
-            "inputs": tuple(_input(session, x, motions) for x in ports.inputs),
-            "outputs": tuple(model.output(x, members, session.core_rows) for x in ports.outputs),
-        }
-        starts = [x["value"] for x in tree["inputs"]]
-        return ports, file_of(tree), starts
+        now = present(session, ports)
+        content = file_of(tree_of(session, ports, now))
+        return ports, content, list(now.values)
 
 
-def _check_steps(session: Session) -> None:
+def tree_of(session: Session, ports: Ports, now: Present) -> dict[str, Any]:
+    """What the file has."""
+    members, assembly, clock = session.members, session.assembly, session.clock
+    rows_of = [motion.rows for motion in session.loads.motions]
+    free = [x.dof for x in ports.inputs if x.kind == "velocity" and not _is_among(x.dof, rows_of)]
+    places = {row: (len(rows_of) + i, 0) for i, row in enumerate(free)}
+    places |= {int(row): (j, k) for j, rows in enumerate(rows_of) for k, row in enumerate(rows)}
+    return {
+        "format": "pmalpha",
+        "made by": package_version(),
+        "coupler": model.coupler(assembly, [session.core_rows.position[row] for row in free]),
+        "subdomains": tuple(
+            model.subdomain(member, core_load(session.loads.seen[i], member.order), now.levels[i])
+            for i, member in enumerate(members)
+        ),
+        "motions": (*(x.core_load() for x in session.loads.motions), *(None for _ in free)),
+        "obstacle": None,
+        "state": model.state(assembly, clock.origin, clock.t0, now.numbers, bool(free)),
+        "inputs": tuple(
+            model.input_of(x, value, members, session.core_rows, places)
+            for x, value in zip(ports.inputs, now.values)
+        ),
+        "begin": now.begin,
+        "outputs": tuple(model.output(x, members, session.core_rows) for x in ports.outputs),
+    }
+
+
+def _is_among(row: int, groups: Any) -> bool:
+    return any(row in rows for rows in groups)
+
+
+# ---- what no file can have ---------------------------------------------------------------------
+
+
+def check(session: Session, ports: Ports) -> None:
+    """ValueError for what cannot be frozen, by name, before anything is evaluated."""
     if session.steps.first is not None:
         raise ValueError(
             "the macro step across a change of steps cannot be frozen: call step() once more"
@@ -91,66 +110,41 @@ def _check_steps(session: Session) -> None:
             "obstacles of contacts that move cannot be frozen: let them be subdomains with a "
             "prescribed velocity"
         )
+    for i, member in enumerate(session.members):
+        _check_loads(session, i)
+        model.check_functions(member, ports.of_kind("specimen", i), session.coupling)
+        _check_substeps(session, i, ports.of_kind("force", i))
+    for motion in session.loads.motions:
+        _check_motion(motion)
 
 
-# ---- loads ---------------------------------------------------------------------------------------
+def _check_loads(session: Session, i: int) -> None:
+    name = session.members[i].name
+    for term in terms_of(session.loads.forces[i]):
+        compiled = isinstance(term, LowLevelCallable)
+        if compiled or is_callback(term):
+            kind = "a compiled function" if compiled else "a function"
+            raise ValueError(
+                f"force of subdomain {name!r} has {kind}, which no file can have: give samples, or "
+                "leave it out and set what it returns, dof by dof, as inputs, which add to all "
+                f'other loads: inputs={{"...": ("force", {name!r}, dof)}}'
+            )
 
 
-def _load(session: Session, i: int, ports: Ports) -> Any:
-    """The load of a subdomain as the core has it, without functions that inputs replace."""
-    loads, member = session.loads, session.members[i]
-    load = core_load(loads.seen[i], member.order)
-    terms = load if isinstance(load, tuple) and not hasattr(load, "_fields") else (load,)
-    compiled = any(isinstance(x, forms.Called) for x in terms)
-    replaced = bool(ports.of_kind("force", i))
-    if compiled or (i in loads.callbacks and not replaced):
-        kind = "a compiled function" if compiled else "a function"
+def _check_substeps(session: Session, i: int, inputs: list[Input]) -> None:
+    member = session.members[i]
+    if inputs and session.coupling in ("macro", "mean") and member.substeps > 1:
         raise ValueError(
-            f"force of subdomain {member.name!r} is {kind}, which no file can have: give its dofs "
-            f'as inputs, inputs={{"...": ("force", {member.name!r}, dof)}}, or samples'
+            f"input {inputs[0].name!r}: subdomain {member.name!r} must have one substep under "
+            f"{session.coupling!r} coupling to have a force as input, got {member.substeps}: one "
+            "value would serve all of them"
         )
-    return load
 
 
-def _motion(session: Session, x: Input) -> int:
-    """The number of the prescribed velocity that an input replaces."""
-    for j, motion in enumerate(session.loads.motions):
-        if motion.what == f"velocity of constraint {x.dof}" and not motion.known:
-            if motion.rows.size == 1:
-                return j
-            raise ValueError(f"input {x.name!r} needs {motion.what} to have one row")
-    raise ValueError(
-        f"input {x.name!r} needs constraint {x.dof} to have a velocity that is a function"
-    )
-
-
-def _velocity(motion: Motion, replaced: bool) -> Any:
-    if replaced:
-        return None
-    if motion.known:
-        return motion.core_load()
-    raise ValueError(
-        f"{motion.what} is a function, which no file can have: give it as an input, or samples"
-    )
-
-
-# ---- inputs --------------------------------------------------------------------------------------
-
-
-def _input(session: Session, x: Input, motions: Mapping[int, int]) -> dict[str, Any]:
-    """An input, which begins with what the function returned last that it replaces."""
-    step, clock, loads = session.core.step_count, session.clock, session.loads
-    if x.kind == "velocity":
-        j = motions[x.dof]
-        motion = loads.motions[j]
-        g = session.core_rows.jumps(session.core.prescribed)[motion.rows[0]]
-        return model.input_of_velocity(x, j, float(motion.scale[0]), g)
-    member, value = session.members[x.subdomain], 0.0
-    if x.kind == "specimen":
-        restoring = member.parts["restoring"]
-        value = float(getattr(restoring.functions[0], "last", {x.dof: 0.0})[x.dof])
-    elif (callback := loads.callbacks.get(x.subdomain)) is not None:
-        level = clock.count(step) * member.substeps
-        F = callback.near_start_value(0.0) if step == 0 else callback.value_at(level)
-        value = float(F[member.position[x.dof]])
-    return model.input_of_subdomain(x, member, value)
+def _check_motion(motion: Motion) -> None:
+    if not motion.known:
+        rows = ", ".join(map(str, motion.rows))
+        raise ValueError(
+            f"{motion.what} is a function, which no file can have: give samples, or leave it out "
+            f'and set it as an input, inputs={{"...": ("velocity", row)}}, row {rows}'
+        )

@@ -34,6 +34,13 @@ class StartValues(NamedTuple):
         return np.concatenate([self.lam, self.lam, np.zeros(2)])
 
 
+class AtStart(NamedTuple):
+    """What acts at t = 0 beside the loads: forces in elimination order, velocities of all rows."""
+
+    forces: list[np.ndarray]
+    velocities: np.ndarray
+
+
 class InitialValues:
     """Displacements and velocities of all subdomains at t = 0.
 
@@ -77,6 +84,7 @@ class InitialValues:
         loads: Loads,
         rows: CoreRows,
         solver: InitialAccelerations | None,
+        extra: AtStart | None = None,
     ) -> InitialAccelerations:
         """Set consistent initial values (S1) in the core, which changes in the last lines only.
 
@@ -84,7 +92,7 @@ class InitialValues:
         """
         ranks = self.rows.ranks
         solver = solver or InitialAccelerations(members, rows.p, rows.numbers, ranks)
-        start = self.consistent(members, loads, rows, solver)
+        start = self.consistent(members, loads, rows, solver, extra)
         numbers = {"end_multipliers": start.end_multipliers} | self._contact(loads)
         for member, state in zip(members, start.states):
             member.core.start(*state, start.lam)
@@ -103,13 +111,22 @@ class InitialValues:
         return {"contact": start}
 
     def consistent(
-        self, members: Sequence[Member], loads: Loads, rows: CoreRows, solver: InitialAccelerations
+        self,
+        members: Sequence[Member],
+        loads: Loads,
+        rows: CoreRows,
+        solver: InitialAccelerations,
+        extra: AtStart | None = None,
     ) -> StartValues:
         """Consistent initial values (S1), in elimination order."""
         states = self.in_order(members)
         forces = [loads.at_start(i) for i in range(len(members))]
+        g = values_at_start(loads.motions, rows.p)
+        if extra is not None:
+            forces = [F + force for F, force in zip(forces, extra.forces)]
+            g = g + extra.velocities
         terms = [[F, *parts] for F, parts in zip(forces, loads.terms_of_motion(states))]
-        g = rows.jumps_in_core(values_at_start(loads.motions, rows.p))
+        g = rows.jumps_in_core(g)
         slope = rows.jumps_in_core(values_at_start(loads.motions, rows.p, slopes=True))
         if not all_known(loads.motions):
             self._check_velocities(loads.motions)

@@ -27,7 +27,7 @@ from ..results.recording import (
 )
 from ..results.stored import target
 from ..setup.ranks import Elsewhere, file_of
-from .advance import advance_to
+from .advance import advance_to, require_inside
 from .drift import warn_of_drift
 from .gains import warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
@@ -103,6 +103,7 @@ def recording_of(
     """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`,
     `kind` makes what makes them. Without `checks_loads` the loads are not those of the run."""
     energy, conserved = flag(energy, "energy"), None
+    require_inside(session.members)
     if energy:
         for name, s in session.keys:
             require_generalized_alpha(s.scheme, "energy=True", name)

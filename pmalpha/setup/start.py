@@ -89,16 +89,19 @@ class InitialAccelerations:
         """
         with np.errstate(over="ignore", invalid="ignore"):  # then w is not finite either
             r: list[Any] = [sum(t) for t in terms]
-        if self.ties_without_mass:
-            w, lam = self._solve_without_mass(r, g)
-        else:
-            w, lam = self._step(r, g)
+        w, lam = self.response(r, g)
         with np.errstate(over="ignore"):
             sizes = [sum(np.abs(term) for term in parts) for parts in terms]
         size = max((np.max(x, initial=0.0) for x in sizes), default=0.0)
         broken = [mass.broken_equations(r_i, lam, size) for mass, r_i in zip(self.masses, r)]
         _warn_of_broken([x for x in broken if x is not None], size)
         return w, lam
+
+    def response(
+        self, r: Sequence[np.ndarray], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """w_i and Lam for right-hand sides r_i, which may leave equations without mass unsolved."""
+        return self._solve_without_mass(r, g) if self.ties_without_mass else self._step(r, g)
 
     def solve_columns(
         self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray

@@ -17,7 +17,7 @@
 #include "describe/field.h"
 #include "status.h"
 
-#define PMA_FILE_VERSION 1
+#define PMA_FILE_VERSION 2
 
 /* Four sums of every fourth 64-bit word (FNV-1a), and one of these: against accidents. */
 uint64_t pma_file_sum(const void *bytes, size_t size);
