@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from frozen_couplers import frame, held
 
+import pmalpha as pm
 from pmalpha import rig
 
 # the drift of the tie is that of both, and long steps show it
@@ -231,6 +232,186 @@ def test_a_part_of_a_step_is_refused(path, unpacked, fmpy):
         fmu.step(0.37 * 0.02 / 3)
     assert fmu.get(*OUTPUTS) == before
     fmu.close()
+
+
+# ---- what masters rely on ----------------------------------------------------------------------
+
+
+def oscillator(dt=0.01, *, force=None, frozen_at=0):
+    """A mass of 2 with a spring of 50, from rest, which may have run for some steps."""
+    s = pm.Subdomain([2.0], [50.0], scheme=pm.Newmark(), force=force, name="s", dof_names=["top"])
+    coupler = pm.Coupler([s], dt=dt)
+    coupler.step(frozen_at)
+    return coupler
+
+
+class Own(Instance):
+    """An FMU of an oscillator, in a folder of its own."""
+
+    def __init__(self, fmpy, coupler, folder, fmi, inputs=None, start=0.0, values=None):
+        path = folder / f"{len(list(folder.iterdir()))}.fmu"
+        coupler.export_fmu(path, inputs, {"u": ("u", "s", 0), "a": ("a", "s", 0)}, fmi=fmi)
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(path.with_suffix(""))
+        self.start, self.start_values = start, values or {}
+        super().__init__(fmpy, path, path.with_suffix(""))
+
+    def begin(self):
+        if self.is_2:
+            self.fmu.setupExperiment(startTime=self.start)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=self.start)
+        for name, value in self.start_values.items():
+            self.set(name, value)
+        self.fmu.exitInitializationMode()
+        self.t = self.start
+
+
+def is_refused(call, *arguments, **options):
+    try:
+        call(*arguments, **options)
+    except Exception as error:  # of FMPy, of no class of its own
+        return "status" in str(error) or "failed" in str(error)
+    return False
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_the_start_time_of_the_master_is_that_of_the_model(tmp_path, fmpy, fmi):
+    with pytest.raises(Exception, match="status|failed"):
+        Own(fmpy, oscillator(), tmp_path, fmi, start=2.0)
+    coupler = oscillator(force=[1.0], frozen_at=100)
+    fmu = Own(fmpy, coupler, tmp_path, fmi, start=1.0)
+    (path,) = (x for x in tmp_path.glob("*.fmu") if x.stem == "2")
+    description = fmpy.read_model_description(str(path))
+    assert float(description.defaultExperiment.startTime) == 1.0
+    assert "t = 1.0" in description.description and "0.01" in description.description
+    assert not description.coSimulation.canHandleVariableCommunicationStepSize
+    history = coupler.run(steps=3)
+    for k in range(3):
+        fmu.step(0.01)
+        assert fmu.get("u")[0] == history["s"].u[k + 1, 0]
+    fmu.close()
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_a_step_from_another_time_or_before_the_initialization_is_an_error(tmp_path, fmpy, fmi):
+    fmu = Own(fmpy, oscillator(force=[1.0]), tmp_path, fmi)
+    fmu.step(0.01)
+    before = fmu.get("u", "a")
+    for point in (0.0, 0.02, 77.0):
+        assert is_refused(
+            fmu.fmu.doStep, currentCommunicationPoint=point, communicationStepSize=0.01
+        )
+    assert fmu.get("u", "a") == before
+    fmu.fmu.reset()
+    assert is_refused(fmu.fmu.doStep, currentCommunicationPoint=0.0, communicationStepSize=0.01)
+    assert is_refused(fmu.fmu.exitInitializationMode)
+    fmu.begin()
+    fmu.step(0.01)
+    assert fmu.get("u", "a") == before
+    fmu.fmu.terminate()
+    assert is_refused(fmu.fmu.doStep, currentCommunicationPoint=0.01, communicationStepSize=0.01)
+    fmu.fmu.freeInstance()
+
+
+PUSH = {"push": ("force", "s", 0)}
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_inputs_of_the_initialization_are_in_the_initial_accelerations(tmp_path, fmpy, fmi):
+    fmu = Own(fmpy, oscillator(), tmp_path, fmi, PUSH, values={"push": 3.0})
+    assert fmu.get("a") == [1.5]
+    steps = [fmu.get("u")[0]]
+    for _ in range(20):
+        fmu.step(0.01)
+        steps += fmu.get("u")
+    expected = oscillator(force=[3.0]).run(steps=20)["s"].u[:, 0]
+    assert np.allclose(steps, expected, rtol=0.0, atol=1e-15)  # 1.5 = 3 / 2, in both
+    fmu.close()
+
+
+def errors(fmpy, tmp_path, *, slopes):
+    """Of the motion under cos(7 t), with its values at communication points, for two steps."""
+
+    def force(t):
+        return 3.0 * np.cos(7.0 * t)
+
+    found = []
+    for dt in (0.02, 0.01):
+        fmu = Own(fmpy, oscillator(dt), tmp_path, "2.0", PUSH, values={"push": 3.0})
+        motion = fmu.get("u")
+        for k in range(round(1.0 / dt)):
+            fmu.set("push", force(k * dt))
+            if slopes:
+                slope = -21.0 * np.sin(7.0 * k * dt)
+                fmu.fmu.setRealInputDerivatives([fmu.references["push"]], [1], [slope])
+            fmu.step(dt)
+            motion += fmu.get("u")
+        t = dt * np.arange(len(motion))
+        exact = 1.5 * (np.cos(5.0 * t) - np.cos(7.0 * t)) / (7.0**2 - 5.0**2)
+        found.append(np.max(np.abs(motion - exact)))
+        fmu.close()
+    return found
+
+
+def test_slopes_of_inputs_give_the_order_of_the_scheme(tmp_path, fmpy):
+    coarse, fine = errors(fmpy, tmp_path, slopes=False)
+    assert 1.7 < coarse / fine < 2.3  # what is held is late by a step: order 1
+    coarse_2, fine_2 = errors(fmpy, tmp_path, slopes=True)
+    assert 3.5 < coarse_2 / fine_2 < 4.5 and fine_2 < 0.2 * fine  # order 2
+
+
+def test_a_communication_step_of_several_steps_follows_the_slope(tmp_path, fmpy):
+    fmu = Own(fmpy, oscillator(), tmp_path, "2.0", PUSH)
+    reference = fmu.references["push"]
+    assert is_refused(fmu.fmu.setRealInputDerivatives, [reference], [2], [1.0])
+    assert is_refused(fmu.fmu.setRealInputDerivatives, [fmu.references["u"]], [1], [1.0])
+    fmu.set("push", 0.0)
+    fmu.fmu.setRealInputDerivatives([reference], [1], [4.0])
+    state = fmu.fmu.getFMUstate()
+    fmu.step(0.05)
+    expected = oscillator(force=lambda t: [4.0 * t]).run(steps=5)["s"].u[-1]
+    assert np.allclose(fmu.get("u"), expected, rtol=1e-14, atol=0.0)  # products in another order
+    assert fmu.get("push") == [0.2]  # and is held there
+    fmu.fmu.setFMUstate(state)
+    fmu.t = 0.0
+    fmu.step(0.05)
+    assert np.allclose(fmu.get("u"), expected, rtol=1e-14, atol=0.0)
+    fmu.close()
+
+
+def test_descriptions_name_the_subdomain_and_the_dof(path, fmpy):
+    texts = {x.name: x.description for x in fmpy.read_model_description(str(path)).modelVariables}
+    assert "external force on dof 2 of a" in texts["wind"]
+    assert texts["column.u"] == "displacement of the next command of dof 1 of a"
+    assert texts["roof.u"] == "displacement of dof 2 of a"
+    assert texts["shaft.a"] == "acceleration of dof 1 of b"
+    assert texts["pull"] == "multiplier of row 0 of the constraints"
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+def test_names_that_an_fmu_has_already_are_refused(tmp_path, fmi):
+    for outputs, message in (
+        ({"time": ("u", "a", 0)}, "other names than 'time'"),
+        ({"column.u": ("u", "a", 0)}, "the commands of its specimens, got 'column.u'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            outside().export_fmu(tmp_path / "x.fmu", INPUTS, outputs, fmi=fmi)
+        assert not list(tmp_path.iterdir())
+
+
+def test_an_instance_without_a_name_is_made(path, unpacked):
+    if path.stem[-3] == "3":
+        pytest.skip("a name is not used there")
+    (binary,) = (unpacked / "binaries").glob("*/*")
+    guid = ElementTree.parse(unpacked / "modelDescription.xml").getroot().get("guid")
+    library = ctypes.CDLL(str(binary))
+    library.fmi2Instantiate.restype = ctypes.c_void_p
+    uri = f"file://{unpacked}/resources".encode()
+    made = library.fmi2Instantiate(None, 1, guid.encode(), uri, None, 0, 0)
+    assert made
+    library.fmi2FreeInstance(ctypes.c_void_p(made))
 
 
 def test_the_fmu_has_the_licences(unpacked):

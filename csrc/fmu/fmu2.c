@@ -117,11 +117,12 @@ EXPORT component NAMED(fmi2Instantiate)(const char *name, int type, const char *
                                         const char *location, const callbacks *functions,
                                         boolean visible, boolean on)
 {
-    instance *x = calloc(1, sizeof *x + strlen(name) + 1);
+    const char *const own = name ? name : "";
+    instance *x = calloc(1, sizeof *x + strlen(own) + 1);
     (void)visible, (void)on;
     if (!x)
         return NULL;
-    x->name = strcpy((char *)(x + 1), name);
+    x->name = strcpy((char *)(x + 1), own);
     x->log = functions ? functions->log : NULL;
     x->environment = functions ? functions->environment : NULL;
     char *path = path_of(location);
@@ -143,32 +144,33 @@ EXPORT void NAMED(fmi2FreeInstance)(component c)
 EXPORT status NAMED(fmi2SetupExperiment)(component c, boolean has_tolerance, double tolerance,
                                          double start, boolean has_stop, double stop)
 {
-    (void)c, (void)has_tolerance, (void)tolerance, (void)start, (void)has_stop, (void)stop;
-    return OK;
+    instance *x = c;
+    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    return done(x, fmu_check_start(&x->base, start));
 }
 
 EXPORT status NAMED(fmi2EnterInitializationMode)(component c)
 {
-    (void)c;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_enter(&x->base));
 }
 
 EXPORT status NAMED(fmi2ExitInitializationMode)(component c)
 {
-    (void)c;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_exit(&x->base));
 }
 
 EXPORT status NAMED(fmi2Terminate)(component c)
 {
-    (void)c;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_terminate(&x->base));
 }
 
 EXPORT status NAMED(fmi2Reset)(component c)
 {
     instance *x = c;
-    pmalpha_reset(x->base.model);
+    fmu_reset(&x->base);
     return OK;
 }
 
@@ -177,10 +179,10 @@ EXPORT status NAMED(fmi2Reset)(component c)
 EXPORT status NAMED(fmi2GetReal)(component c, const unsigned references[], size_t count,
                                  double values[])
 {
-    const instance *x = c;
+    instance *x = c;
     for (size_t i = 0; i < count; i++) {
         if (!fmu_get(&x->base, references[i], &values[i]))
-            return report(x, ERROR, "there is no such variable");
+            return report(x, ERROR, x->base.message);
     }
     return OK;
 }
@@ -287,8 +289,8 @@ EXPORT status NAMED(fmi2DeSerializeFMUstate)(component c, const char bytes[], si
 EXPORT status NAMED(fmi2DoStep)(component c, double point, double length, boolean keeps)
 {
     instance *x = c;
-    (void)point, (void)keeps;
-    return done(x, fmu_step(&x->base, length));
+    (void)keeps;
+    return done(x, fmu_step(&x->base, point, length));
 }
 
 EXPORT status NAMED(fmi2CancelStep)(component c)
@@ -335,8 +337,12 @@ EXPORT status NAMED(fmi2GetStringStatus)(component c, int kind, const char **val
 EXPORT status NAMED(fmi2SetRealInputDerivatives)(component c, const unsigned r[], size_t count,
                                                  const integer order[], const double v[])
 {
-    (void)r, (void)order, (void)v;
-    return none(c, count);
+    instance *x = c;
+    for (size_t i = 0; i < count; i++) {
+        if (!fmu_set_slope(&x->base, r[i], order[i], v[i]))
+            return report(x, ERROR, x->base.message);
+    }
+    return OK;
 }
 
 EXPORT status NAMED(fmi2GetRealOutputDerivatives)(component c, const unsigned r[], size_t count,

@@ -114,26 +114,27 @@ EXPORT void NAMED(fmi3FreeInstance)(component c)
 EXPORT status NAMED(fmi3EnterInitializationMode)(component c, bool has_tolerance, double tolerance,
                                                  double start, bool has_stop, double stop)
 {
-    (void)c, (void)has_tolerance, (void)tolerance, (void)start, (void)has_stop, (void)stop;
-    return OK;
+    instance *x = c;
+    (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
+    return done(x, fmu_check_start(&x->base, start) && fmu_enter(&x->base));
 }
 
 EXPORT status NAMED(fmi3ExitInitializationMode)(component c)
 {
-    (void)c;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_exit(&x->base));
 }
 
 EXPORT status NAMED(fmi3Terminate)(component c)
 {
-    (void)c;
-    return OK;
+    instance *x = c;
+    return done(x, fmu_terminate(&x->base));
 }
 
 EXPORT status NAMED(fmi3Reset)(component c)
 {
     instance *x = c;
-    pmalpha_reset(x->base.model);
+    fmu_reset(&x->base);
     return OK;
 }
 
@@ -142,10 +143,10 @@ EXPORT status NAMED(fmi3Reset)(component c)
 EXPORT status NAMED(fmi3GetFloat64)(component c, const reference references[], size_t count,
                                     double values[], size_t size)
 {
-    const instance *x = c;
+    instance *x = c;
     for (size_t i = 0; i < count && i < size; i++) {
         if (!fmu_get(&x->base, references[i], &values[i]))
-            return report(x, ERROR, "there is no such variable");
+            return report(x, ERROR, x->base.message);
     }
     return OK;
 }
@@ -284,10 +285,10 @@ EXPORT status NAMED(fmi3DoStep)(component c, double point, double length, bool k
                                 bool *needs_event, bool *terminates, bool *returned, double *last)
 {
     instance *x = c;
-    (void)point, (void)keeps;
+    (void)keeps;
     *needs_event = *terminates = *returned = false;
-    const bool stepped = fmu_step(&x->base, length);
-    *last = point + (stepped ? length : 0.0);
+    const bool stepped = fmu_step(&x->base, point, length);
+    *last = stepped ? point + length : pmalpha_time(x->base.model);
     return done(x, stepped);
 }
 

@@ -16,8 +16,9 @@ import numpy as np
 from .. import _core
 from .._checks import listing
 from ..files import package_version
+from ..problem.subdomain import Subdomain
 from .installed import c_library
-from .ports import Ports
+from .ports import Keys, Output, Ports
 from .tree import HEADER
 
 VERSIONS = ("2.0", "3.0")
@@ -54,11 +55,40 @@ DIGITS = """/* digits.h - before all else: a fused multiply-add would round othe
 # Four variables for each input, as csrc/fmu/fmu.h has them.
 EACH_INPUT = 4
 COMMAND = {"u": "displacement", "v": "velocity", "a": "acceleration"}
-OF_SPECIMEN = (
-    "force of the specimen at its command. Exact with a model that is evaluated between two steps; "
-    "hardware behind a converter answers the command before, one sample late, which puts energy "
-    "in: compensate the delay, or use a loop in C"
-)
+OF_INPUT = {
+    "specimen": "force of the specimen at its command, on {}. Exact with a model that is evaluated "
+    "between two steps; hardware behind a converter answers the command before, one sample late, "
+    "which puts energy in: compensate the delay, or use a loop in C",
+    "force": "external force on {}, added to its loads",
+    "velocity": "velocity of row {} of the constraints, added to the prescribed one",
+}
+OF_OUTPUT = {
+    "u": "displacement of {}",
+    "v": "velocity of {}",
+    "a": "acceleration of {}",
+    "multiplier": "multiplier of row {} of the constraints",
+    "deformation": "deformation of spring {}",
+    "spring force": "force of spring {}",
+}
+
+
+class Steps(NamedTuple):
+    """The time at which the model begins, and the length of its fine steps."""
+
+    start: float
+    fine: float
+
+    @property
+    def description(self) -> str:
+        return (
+            f"A frozen coupler of pmalpha. It begins at t = {float(self.start)!r}; communication "
+            f"steps are multiples of its fine step, {float(self.fine)!r}. An input that is set "
+            "acts ahead of the present, by a substep of its subdomain."
+        )
+
+    @property
+    def experiment(self) -> str:
+        return f"<DefaultExperiment{_attributes(startTime=self.start, stepSize=self.fine)}/>"
 
 
 class Variable(NamedTuple):
@@ -73,27 +103,58 @@ class Variable(NamedTuple):
 
 
 def variables_of(
-    ports: Ports, starts: list[float], units: Mapping[str, str] | None = None
+    ports: Ports, starts: list[float], keys: Keys, units: Mapping[str, str] | None = None
 ) -> list[Variable]:
     """Inputs, the commands of specimens, and outputs, with their units by name."""
     made = []
     for i, (x, start) in enumerate(zip(ports.inputs, starts)):
-        texts = {"specimen": OF_SPECIMEN, "force": "external force", "velocity": "velocity"}
-        made.append(Variable(x.name, EACH_INPUT * i, "input", start, texts[x.kind]))
+        where = str(x.dof) if x.kind == "velocity" else _dof(keys[x.subdomain], x.dof)
+        text = OF_INPUT[x.kind].format(where)
+        made.append(Variable(x.name, EACH_INPUT * i, "input", start, text))
         for k, (part, what) in enumerate(COMMAND.items()):
             if x.kind == "specimen":
-                text = f"{what} of the next command"
+                text = f"{what} of the next command of {where}"
                 made.append(
                     Variable(f"{x.name}.{part}", EACH_INPUT * i + 1 + k, "output", None, text)
                 )
     first = EACH_INPUT * len(ports.inputs)
     for j, y in enumerate(ports.outputs):
-        made.append(Variable(y.name, first + j, "output", None, f"{y.what} of the model"))
+        text = OF_OUTPUT[y.what].format(_place(y, keys))
+        made.append(Variable(y.name, first + j, "output", None, text))
+    _check_names(made)
     units = units or {}
     if unknown := units.keys() - {x.name for x in made}:
         got = listing([repr(x) for x in sorted(map(str, unknown))])
         raise ValueError(f"units must have names of inputs and outputs, got {got}")
     return [x._replace(unit=units.get(x.name)) for x in made]
+
+
+def _dof(key: tuple[str, Subdomain], dof: int) -> str:
+    name, s = key
+    label = "" if s.dof_names is None else f" ({s.dof_names[dof]})"
+    return f"dof {dof}{label} of {name}"
+
+
+def _place(y: Output, keys: Keys) -> str:
+    if y.what in ("u", "v", "a"):
+        return _dof(keys[y.subdomain], y.number)
+    return str(y.number) if y.what == "multiplier" else f"{y.number} of {keys[y.subdomain][0]}"
+
+
+def _check_names(variables: list[Variable]) -> None:
+    """ValueError for the name of the independent variable, and for that of a command."""
+    names = [x.name for x in variables]
+    if "time" in names:
+        raise ValueError(
+            "inputs and outputs of an FMU must have other names than 'time', which is that of its "
+            "independent variable"
+        )
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                "inputs and outputs of an FMU must have other names than the commands of its "
+                f"specimens, got {name!r}"
+            )
 
 
 def write(
@@ -103,11 +164,12 @@ def write(
     variables: list[Variable],
     *,
     time: int,
+    start: float,
     fine: float,
     fmi: str,
     license: str | None,
 ) -> None:
-    """Write an FMU with the bytes of a model, of fine steps of length `fine`.
+    """Write an FMU with the bytes of a model, of fine steps of length `fine` from `start` on.
 
     time: the reference of the independent variable.
     """
@@ -116,7 +178,9 @@ def write(
     listed = [name for name in sources if name.endswith(".c")]
     describe = {"2.0": _description_2, "3.0": _description_3}[fmi]
     parts: dict[str, Any] = {
-        "modelDescription.xml": describe(identifier, token, variables, fine, listed, time=time)
+        "modelDescription.xml": describe(
+            identifier, token, variables, Steps(start, fine), listed, time=time
+        )
     }
     parts["resources/model.pma"] = bytes(content)
     parts["documentation/licenses/pmalpha.txt"] = (c_library() / "LICENSE").read_bytes()
@@ -227,7 +291,7 @@ def _description_2(
     identifier: str,
     token: str,
     variables: list[Variable],
-    fine: float,
+    steps: Steps,
     sources: list[str],
     *,
     time: int,
@@ -236,12 +300,14 @@ def _description_2(
         "2.0",
         modelName=identifier,
         guid=token,
+        description=steps.description,
         variableNamingConvention="structured",
         numberOfEventIndicators=0,
     )
     flags = _attributes(
         modelIdentifier=identifier,
-        canHandleVariableCommunicationStepSize=True,
+        canHandleVariableCommunicationStepSize=False,
+        canInterpolateInputs=True,
         canGetAndSetFMUstate=True,
         canSerializeFMUstate=True,
         canBeInstantiatedOnlyOncePerProcess=False,
@@ -252,7 +318,7 @@ def _description_2(
     files = "".join(f"<File{_attributes(name=name)}/>" for name in sources)
     lines = [f"<CoSimulation{flags}><SourceFiles>{files}</SourceFiles></CoSimulation>"]
     lines += _units(variables)
-    lines.append(f"<DefaultExperiment{_attributes(startTime=0.0, stepSize=fine)}/>")
+    lines.append(steps.experiment)
     lines.append("<ModelVariables>")
     for x in variables:
         initial = "calculated" if x.causality == "output" else None
@@ -267,13 +333,12 @@ def _description_2(
         real = _attributes(unit=x.unit, start=x.start)
         lines.append(f"<ScalarVariable{shown}><Real{real}/></ScalarVariable>")
     lines.append("</ModelVariables>")
-    unknown = "".join(
-        f'<Unknown index="{i}" dependencies=""/>'
-        for i, x in enumerate(variables, 1)
-        if x.causality == "output"
-    )
-    outputs = f"<Outputs>{unknown}</Outputs><InitialUnknowns>{unknown}</InitialUnknowns>"
-    lines.append(f"<ModelStructure>{outputs if unknown else ''}</ModelStructure>")
+    numbers = [i for i, x in enumerate(variables, 1) if x.causality == "output"]
+    # between steps no output depends on inputs; at the start they depend on all of them
+    outputs = "".join(f'<Unknown index="{i}" dependencies=""/>' for i in numbers)
+    initial = "".join(f'<Unknown index="{i}"/>' for i in numbers)
+    structure = f"<Outputs>{outputs}</Outputs><InitialUnknowns>{initial}</InitialUnknowns>"
+    lines.append(f"<ModelStructure>{structure if numbers else ''}</ModelStructure>")
     return head + "\n".join(lines) + "\n</fmiModelDescription>\n"
 
 
@@ -281,25 +346,29 @@ def _description_3(
     identifier: str,
     token: str,
     variables: list[Variable],
-    fine: float,
+    steps: Steps,
     sources: list[str],
     *,
     time: int,
 ) -> str:
     head = _head(
-        "3.0", modelName=identifier, instantiationToken=token, variableNamingConvention="structured"
+        "3.0",
+        modelName=identifier,
+        instantiationToken=token,
+        description=steps.description,
+        variableNamingConvention="structured",
     )
     flags = _attributes(
         modelIdentifier=identifier,
-        canHandleVariableCommunicationStepSize=True,
-        fixedInternalStepSize=fine,
+        canHandleVariableCommunicationStepSize=False,
+        fixedInternalStepSize=steps.fine,
         canGetAndSetFMUState=True,
         canSerializeFMUState=True,
         canBeInstantiatedOnlyOncePerProcess=False,
         needsExecutionTool=False,
     )
     lines = [f"<CoSimulation{flags}/>", *_units(variables)]
-    lines.append(f"<DefaultExperiment{_attributes(startTime=0.0, stepSize=fine)}/>")
+    lines.append(steps.experiment)
     independent = _attributes(
         name="time", valueReference=time, causality="independent", variability="continuous"
     )
@@ -320,8 +389,9 @@ def _description_3(
     lines.append("</ModelVariables>")
     references = [x.reference for x in variables if x.causality == "output"]
     unknown = "".join(
-        f'<{kind} valueReference="{r}" dependencies=""/>'
-        for kind in ("Output", "InitialUnknown")
+        f'<{kind} valueReference="{r}"{dependencies}/>'
+        # between steps no output depends on inputs; at the start they depend on all of them
+        for kind, dependencies in (("Output", ' dependencies=""'), ("InitialUnknown", ""))
         for r in references
     )
     lines.append(f"<ModelStructure>{unknown}</ModelStructure>")

@@ -46,8 +46,9 @@ def export_fmu(
     identifier = fmu.identifier_of(checked_path(path).stem)
     ports, content, starts = frozen(session, inputs, outputs)
     fine = session.clock.dt / session.fine
-    variables, time = fmu.variables_of(ports, starts, units), fmu.time_of(ports)
-    facts: dict[str, Any] = {"time": time, "fine": fine, "fmi": fmi, "license": license}
+    variables = fmu.variables_of(ports, starts, session.keys, units)
+    facts: dict[str, Any] = {"time": fmu.time_of(ports), "fmi": fmi, "license": license}
+    facts |= {"start": session.clock.time(session.core.step_count), "fine": fine}
     with replacing(path) as file:
         fmu.write(file, identifier, content, variables, **facts)
 
