@@ -116,7 +116,6 @@ class Instance:
         )
         self.fmu.instantiate()
         self.begin()
-        self.t = 0.0
 
     def begin(self):
         if self.is_2:
