@@ -2,6 +2,7 @@
 
 import ctypes
 
+import numpy as np
 import pytest
 from scipy import LowLevelCallable
 
@@ -26,3 +27,17 @@ def by_numba(function, arrays):
     doubles = arrays * [types.CPointer(types.float64)]
     signature = types.intc(types.float64, types.intp, *doubles, types.voidptr)
     return LowLevelCallable(numba.cfunc(signature)(function).ctypes)
+
+
+def low_level(kind, function):
+    """A function of Python as a compiled load, "force", or restoring force; 7 where it raises."""
+
+    def called(t, n, *pointers):
+        *given, value = (np.ctypeslib.as_array(x, (n,)) for x in pointers[:-1])
+        try:
+            value[:] = function(t, *given) if kind == "force" else function(*given, t)
+        except BaseException:
+            return 7
+        return 0
+
+    return LowLevelCallable({"force": FORCE, "restoring": RESTORING}[kind](called))
