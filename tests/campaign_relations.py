@@ -1,30 +1,32 @@
-"""Relations between runs that hold whatever the numbers, on random problems: relations.py.
+"""Random problems of everything (problems.py) and all relations between their runs (relations.py).
 
-It also counts the pairs of runs that were compared.
+A failure is the program of the smallest problem that fails. With ``--keep`` it goes on and prints
+each kind of failure once.
 """
 
-from itertools import islice
+from collections import Counter
 
 import relations
-from campaign import arguments, seeds, tried
+from campaign import arguments, seeds
 
 
-def attempt(seed, counts):
-    compare, pairs = relations.require_equal, set()
-
-    def counted(relation, *others):
-        pairs.add(relation)
-        compare(relation, *others)
-
-    relations.require_equal = counted
-    try:
-        relations.attempt(seed, counts)
-    finally:
-        relations.require_equal = compare
-    counts["pairs"] += len(pairs)
+def campaign(numbers, keep=False):
+    counts, found = Counter(), set()
+    for seed in numbers:
+        try:
+            counts += relations.reported(relations.drawn(seed))
+        except AssertionError as error:
+            if not keep:
+                raise AssertionError(f"seed {seed}: {error}") from None
+            counts["failures"] += 1
+            kind = str(error).split("\n")[0][:60]
+            if kind not in found:
+                print(f"seed {seed}: {error}\n", flush=True)
+                found.add(kind)
+    return counts
 
 
 if __name__ == "__main__":
-    given = arguments(__doc__, cases=int)
-    numbers = islice(seeds(given.seed, given.seconds), given.cases)
-    print(dict(sorted(tried(attempt, numbers).items())))
+    given = arguments(__doc__, keep=int)
+    counts = campaign(seeds(given.seed, given.seconds), bool(given.keep))
+    print(dict(sorted(counts.items())))

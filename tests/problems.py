@@ -21,7 +21,7 @@ import numpy as np
 import pmalpha as pm
 from pmalpha import rig, structures
 
-STEPS = 8
+STEPS, TIME_STEP = 8, 0.05
 NAMES = "abc"
 HEADER = "import numpy as np\nimport scipy.sparse as sp\n\nimport pmalpha as pm"
 PLACES = {"subdomain": 3, "tie": 2, "coupler": 1, "run": 1}
@@ -237,8 +237,15 @@ class Problem:
 
             self.space["sp"] = sp
             exec(compile(self.setup, "problem", "exec"), self.space)
-        chosen = {key: eval(text, self.space) for key, text in self.sketch.coupler.items()}
-        return pm.Coupler(self.space["parts"], self.space["ties"], **(chosen | options))
+        return pm.Coupler(self.space["parts"], self.space["ties"], **(self.options() | options))
+
+    def options(self):
+        """The arguments of `Coupler` besides subdomains and constraints."""
+        return {key: eval(text, self.space) for key, text in self.sketch.coupler.items()}
+
+    @property
+    def is_unscaled(self):
+        return any(FEATURES[name].unscaled for name in self.features())
 
     def recording(self):
         """The arguments of `run`, but the number of steps."""
@@ -273,16 +280,16 @@ def sketched(problem):
         M, K = np.diag(own.uniform(1.0, 3.0, n)), np.round(4.0 * A @ A.T / n + np.eye(n), 3)
         parts.append(Part(NAMES[i], i, writing, M, K, order, np.zeros(n), np.zeros(n)))
     s = Sketch(writing, fine, parts)
-    s.coupler = {"dt": s.number(0.05, time=1)}
+    s.coupler = {"dt": s.number(TIME_STEP, time=1)}
     s.run = {"steps": str(STEPS)}
-    taken = sorted(problem.choices, key=lambda c: list(FEATURES).index(c[0]))
+    taken = list(problem.choices)
     for k in range(problem.count - 1):
         if not any(p == k and FEATURES[name].group == "tie" for name, p in taken):
-            taken.insert(0, ("tie", k))
+            taken.append(("tie", k))
     for part in parts:
         if not any(p == part.index and FEATURES[name].group == "scheme" for name, p in taken):
-            taken.insert(0, ("generalized alpha", part.index))
-    for name, place in taken:
+            taken.append(("generalized alpha", part.index))
+    for name, place in sorted(taken, key=lambda c: list(FEATURES).index(c[0])):
         at = parts[place] if FEATURES[name].place == "subdomain" else place
         FEATURES[name].add(s, at, rng_of(seed, name, place))
     _spread_stillness(s)
@@ -545,7 +552,10 @@ def _fixed(s, p, rng):
 def _reduced(s, p, rng):
     """By the dofs at its ends and one mode."""
     keep = sorted({p.dof(0), p.dof(p.n - 1)})
-    p.after.append(f"{p.name}, basis = {p.name}.reduced({keep}, modes={min(1, p.n - len(keep))})")
+    how = f"modes={min(1, p.n - len(keep))}" if rng.random() < 0.5 else "omega=99.0"
+    if rng.random() < 0.5:
+        how += ", scheme=pm.GeneralizedAlpha(0.9)"
+    p.after.append(f"{p.name}, basis = {p.name}.reduced({keep}, {how})")
     p.tied = {i: keep.index(p.dof(i)) for i in (0, p.n - 1)}
     s.still |= {(p.index, i) for i in range(p.n)}
 

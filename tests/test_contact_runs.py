@@ -259,6 +259,19 @@ def test_an_obstacle_that_moves_pushes():
         assert_close(history["box"].v[-1:], 3.0, 1e-9, "last velocity of the box", size=3.0)
 
 
+def test_the_first_gap_of_a_run_is_that_of_the_obstacle_at_its_time():
+    a = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), name="a")
+    wall = pm.contact(a, 0, gap=0.02, motion=lambda t: 0.01 * t, name="wall")
+    coupler = pm.Coupler([a], wall, dt=0.1)
+    whole = coupler.run(steps=6).contacts["wall"].gap[:, 0]
+    assert np.allclose(whole, 0.02 - 0.001 * np.arange(7), atol=1e-15)
+    start = coupler.snapshot()
+    coupler.reset()
+    assert np.array_equal(coupler.run(steps=2).contacts["wall"].gap[:, 0], whole[:3])
+    coupler.restore(start)
+    assert coupler.run(steps=1).contacts["wall"].gap[0, 0] == whole[6]
+
+
 def test_the_velocity_of_an_obstacle_is_that_of_its_motion_from_the_first_step_on():
     """From motions of order two alone, for which its differences are exact: a ball at rest that is
     hit in the first step has v - d' = - e (0 - d'(0)) after it, of a first step the velocity d' at

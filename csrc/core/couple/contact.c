@@ -501,10 +501,11 @@ static void record_present(const pma_coupler *c, const pma_record *to)
 {
     pma_contact *x = c->contact;
     commit((pma_coupler *)c, x);
+    memcpy(x->now.P, x->present.P, x->numbers * sizeof(double)); /* after a reset it is ahead */
     if (to->contact_gap)
-        record(c, x, to, 0, 0, x->present.sum);
+        record(c, x, to, 0, 0, x->now.sum);
     memset(x->present.sum, 0, x->rows * sizeof(double));
-    memcpy(x->now.P, x->present.P, x->numbers * sizeof(double));
+    memset(x->now.sum, 0, x->rows * sizeof(double));
 }
 
 /* The sum goes on from one run to the next; steps without a record begin it anew. */
