@@ -770,6 +770,12 @@ def _servo(s, p, rng):
     p.forces.setdefault("restoring", []).append(text)
 
 
+@feature("external specimen", group="rig")
+def _external(s, p, rng):
+    text = f"rig.External([{p.dof(0)}], force={p.number(0.3, force=1)})"
+    p.forces.setdefault("restoring", []).append(text)
+
+
 @feature("limits")
 def _limits(s, p, rng):
     if "restoring" not in p.forces:
