@@ -35,7 +35,7 @@ from .problem.discrete_gradient import DiscreteGradient
 from .problem.forces import BaseAcceleration, SampledForce
 from .problem.internal import InternalForce
 from .problem.newton import Newton
-from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
+from .problem.schemes import HHT, WBZ, Bathe, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, RambergOsgood
 from .problem.subdomain import Subdomain
 from .problem.supports import SupportMotion
@@ -61,6 +61,7 @@ if _TYPE_CHECKING:
 __all__ = [
     "HHT",
     "WBZ",
+    "Bathe",
     "AccuracyWarning",
     "BaseAcceleration",
     "Bilinear",

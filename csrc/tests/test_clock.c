@@ -1,4 +1,5 @@
 /* test_clock.c - moments, times and substeps that follow from integers. */
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -47,6 +48,25 @@ static void check_equal_instants(double dt, int64_t macro, size_t a, size_t b)
 }
 
 /* The count of levels is exact, so the quotient is the rounded one of the same rational number. */
+/* gamma = 2 - sqrt 2 of a step of two stages, and whole steps bitwise as without stages */
+static void odd_time_levels_of_two_stages_are_at_gamma_of_both(void)
+{
+    const double gamma = 2.0 - sqrt(2.0);
+    for (size_t j = 0; j < 8; j++) {
+        const double t = pma_clock_stage_time(0.5, 0.3, 7, j, 4, true);
+        const double begin = pma_clock_time(0.5, 0.3, 7, j - j % 2, 4);
+        CHECK_NEAR(t, begin + (j % 2 == 1 ? gamma * 0.15 : 0.0), 1e-15); /* of times up to 3 */
+        CHECK(j % 2 == 1 || t == pma_clock_time(0.5, 0.3, 7, j, 4));
+        CHECK(pma_clock_stage_time(0.5, 0.3, 7, j, 4, false) == pma_clock_time(0.5, 0.3, 7, j, 4));
+    }
+    CHECK_NEAR(pma_clock_fraction(1, 2, true), gamma, 2e-16); /* a rounding */
+    CHECK_NEAR(pma_clock_fraction(3, 4, true), 0.5 + 0.5 * gamma, 2e-16);
+    CHECK(pma_clock_fraction(3, 4, false) == 0.75);
+    CHECK_NEAR(pma_clock_length(5, true), 2.0 * gamma, 4e-16);
+    CHECK_NEAR(pma_clock_length(6, true), 2.0 - 2.0 * gamma, 4e-16);
+    CHECK(pma_clock_length(5, false) == 1.0);
+}
+
 static void times_of_equal_instants_are_bitwise_identical_for_all_numbers_of_levels(void)
 {
     for (size_t i = 0; i < MACRO_COUNT; i++) {
@@ -83,9 +103,11 @@ static void double_steps_are_taken_from_the_second_macro_step_on(void)
                 const int64_t doubles = pma_clock_first_double(PMA_DOUBLED, substeps);
                 const int64_t none = pma_clock_first_double(PMA_SINGLE, substeps);
                 const int64_t all = pma_clock_first_double(PMA_CONTINUED, substeps);
-                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, doubles).twice, !first);
-                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, none).twice, false);
-                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, all).twice, true);
+                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, doubles, false).twice,
+                          !first);
+                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, none, false).twice,
+                          false);
+                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, all, false).twice, true);
             }
         }
     }
@@ -112,9 +134,9 @@ static void a_substep_is_the_same_from_wherever_it_is_counted(void)
             const int64_t first = pma_clock_first_double(PMA_DOUBLED, substeps);
             for (size_t j = 0; j < substeps; j++) {
                 const pma_substep later =
-                    pma_clock_substep(0.0, 0.3, MACROS[i], substeps, j + substeps, first);
+                    pma_clock_substep(0.0, 0.3, MACROS[i], substeps, j + substeps, first, false);
                 const pma_substep next =
-                    pma_clock_substep(0.0, 0.3, MACROS[i] + 1, substeps, j, first);
+                    pma_clock_substep(0.0, 0.3, MACROS[i] + 1, substeps, j, first, false);
                 CHECK_INT(later.j, j + substeps);
                 CHECK_INT(next.j, j);
                 CHECK_INT(next.number, (MACROS[i] + 1) * (int64_t)substeps + (int64_t)j);
@@ -130,6 +152,7 @@ static void a_substep_is_the_same_from_wherever_it_is_counted(void)
 
 const test CLOCK_TESTS[] = {
     TEST(a_moment_is_the_substep_in_which_a_fine_step_ends_and_how_far_it_is),
+    TEST(odd_time_levels_of_two_stages_are_at_gamma_of_both),
     TEST(times_of_equal_instants_are_bitwise_identical_for_all_numbers_of_levels),
     TEST(the_end_of_a_macro_step_is_the_beginning_of_the_next),
     TEST(double_steps_are_taken_from_the_second_macro_step_on),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..results.clock import Clock
+from ..results.clock import clock_of
 from ..run.coupler import Coupler
 from ..run.session import require_linear, take
 from ..run.snapshot import restore_snapshot, snapshot_of
@@ -34,7 +34,7 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
     snapshot = snapshot_of(session)
     try:
         layout = session.steps.layout
-        take(session, Steps(layout, Clock(layout.dt)), session.assemblies.of(layout))
+        take(session, Steps(layout, clock_of(layout)), session.assemblies.of(layout))
         session.core.set_origin(0, 0.0)
         yield
     finally:

@@ -17,7 +17,7 @@ from .step_constants import StepConstants
 # Parameters are in a range in which products of a few of them are neither zero nor infinite.
 SMALLEST, LARGEST = 1e-50, 1e50
 
-__all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
+__all__ = ["HHT", "WBZ", "Bathe", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +34,18 @@ class Scheme(Frozen):
     explicit : bool
         Equilibrium is taken with ``K ut`` (10) instead of ``K u1`` (7).
     is_generalized_alpha : bool
-        Whether it has the four parameters; True of all schemes of the package.
+        Whether it has the four parameters; True of all schemes of the package but `Bathe`.
+    is_of_two_stages : bool
+        Whether substeps are the two stages of a step in turn, as of `Bathe`.
     """
 
     _is_frozen: ClassVar[bool] = True  # the four parameters by the dataclass, others by Frozen
     # Whether it has the four parameters. A scheme that has not gives `constants`, `parameters` and
     # `order` of its own, and what is derived from the four refuses it: `require_generalized_alpha`.
     is_generalized_alpha: ClassVar[bool] = True
+    # Whether substeps are the two stages of a step in turn; then there is `second_stage(h)`, and
+    # what was derived for steps of one length refuses it: `require_one_stage`.
+    is_of_two_stages: ClassVar[bool] = False
 
     am: float
     af: float
@@ -142,7 +147,11 @@ class Scheme(Frozen):
         (4, 4) ndarray
             The matrix that maps :math:`(u, h v, h^2 w, h^2 a)` to the next time level.
         """
-        return self.constants(1.0).amplification(Omega, xi, self.explicit)
+        return self._amplification(Omega, xi, self.explicit)
+
+    def _amplification(self, Omega: float, xi: float, explicit: bool) -> np.ndarray:
+        """The same in steps of h = 1, implicit or explicit."""
+        return self.constants(1.0).amplification(Omega, xi, explicit)
 
     def radius_at_infinity(self) -> float:
         """Spectral radius of an implicit scheme as Omega goes to infinity.
@@ -329,6 +338,134 @@ class WBZ(Scheme):
         return f"WBZ({self.alpha})"
 
 
+class Bathe(Scheme):
+    """The two-stage scheme of Bathe and Noh: the trapezoidal rule, then a backward difference.
+
+    Second order, and of the highest frequencies nothing is left after a step: for stiff parts that
+    are not resolved. ``substeps`` of a `Subdomain` counts stages, two to a step and so an even
+    number; both are time levels, the first at gamma of the step. It has the largest number of all
+    subdomains, and all are tied at the ends of its stages.
+
+    Parameters
+    ----------
+    gamma : float, optional
+        End of the first stage in a step. Default and only value: 2 - sqrt 2, with which both stages
+        have one matrix, and so one factor and one interface matrix.
+
+    Raises
+    ------
+    ValueError
+        When gamma is another number.
+
+    Notes
+    -----
+    Equation (P3); Bathe and Baig 2005, Bathe and Noh 2012. It goes with ``coupling="gc"``, linear
+    subdomains, frozen models, files and checkpoints; the rest refuses it by name.
+
+    Examples
+    --------
+    A mass on a spring, and a stiff one of which 40 steps leave nothing:
+
+    >>> import numpy as np
+    >>> import pmalpha as pm
+    >>> two = pm.Subdomain([1.0, 1.0], np.diag([1.0, 1e8]), scheme=pm.Bathe(), substeps=2,
+    ...                    u0=[1.0, 1.0])
+    >>> motion = pm.solve(two, dt=0.1, t_end=4.0)
+    >>> motion.t[:3].round(4).tolist()
+    [0.0, 0.0586, 0.1]
+    >>> bool(abs(motion.u[-1, 0] - np.cos(4.0)) < 2e-3), bool(abs(motion.u[-1, 1]) < 1e-8)
+    (True, True)
+    """
+
+    is_generalized_alpha = False
+    is_of_two_stages = True
+
+    gamma: float
+
+    def __init__(self, gamma: float | None = None):
+        exact = 2.0 - np.sqrt(2.0)
+        number = exact if gamma is None else real_number(gamma, "gamma")
+        if abs(number - exact) > 1e-12:
+            raise ValueError(
+                f"gamma must be None or 2 - sqrt 2 = {exact:.15g}, where both stages have one "
+                f"matrix, got {gamma!r}"
+            )
+        object.__setattr__(self, "gamma", float(exact))
+        object.__setattr__(self, "explicit", False)
+
+    def constants(self, h: float) -> StepConstants:
+        """The nine numbers of the first stage, where h is the mean length of both.
+
+        Parameters
+        ----------
+        h : float
+            Half a step: dt / substeps.
+
+        Returns
+        -------
+        StepConstants
+            A named tuple, as of other schemes; its h is the length of the stage.
+
+        Examples
+        --------
+        >>> step = Bathe().constants(0.5)
+        >>> round(step.h, 4), round(step.al2, 4)
+        (0.5858, 0.2929)
+        """
+        b = self.gamma * h
+        return StepConstants(2.0 * b, b * b, b, 0.0, b * b, 0.0, b, 0.0, 1.0, 0.0)
+
+    def second_stage(self, h: float) -> StepConstants:
+        """The same of the second stage, which begins with a = w of the beginning of the step.
+
+        Parameters
+        ----------
+        h : float
+            Half a step: dt / substeps.
+
+        Returns
+        -------
+        StepConstants
+            With al1 and al2 of the first stage.
+
+        Examples
+        --------
+        >>> step = Bathe().second_stage(0.5)
+        >>> round(step.h, 4), round(step.al2, 4)
+        (0.4142, 0.2929)
+        """
+        b, root = self.gamma * h, float(np.sqrt(2.0))
+        v = 0.5 * b * (root - 1.0)
+        return StepConstants(b * root, b * b, b, 0.0, 0.0, v, v, 0.0, 0.0, 1.0)
+
+    def _amplification(self, Omega: float, xi: float, explicit: bool) -> np.ndarray:
+        stages = self.constants(0.5), self.second_stage(0.5)  # of a step of h = 1
+        first, second = (x.amplification(Omega, xi, explicit) for x in stages)
+        return second @ first
+
+    def radius_at_infinity(self) -> float:
+        """Spectral radius as Omega goes to infinity: 0.
+
+        Returns
+        -------
+        float
+        """
+        return 0.0
+
+    @property
+    def parameters(self) -> tuple[float, ...]:
+        """The number that makes the scheme: gamma."""
+        return (self.gamma,)
+
+    @property
+    def order(self) -> int:
+        """Order of accuracy, 2."""
+        return 2
+
+    def __repr__(self) -> str:
+        return "Bathe()"
+
+
 def _damping_parameter(alpha: Any, name: str, high: float) -> float:
     """alpha in [0, high]; an error states the sign convention."""
     number = real_number(alpha, "alpha")
@@ -350,6 +487,13 @@ def require_generalized_alpha(scheme: Scheme, what: str, name: str | None) -> No
         raise ValueError(
             f"{what} needs a scheme of the generalized-alpha family, got {scheme!r}{of}"
         )
+
+
+def require_one_stage(scheme: Scheme, what: str, name: str | None) -> None:
+    """ValueError for a scheme of two stages of the subdomain `name`, whose steps are not equal."""
+    if scheme.is_of_two_stages:
+        of = "" if name is None else f" of {name!r}"
+        raise ValueError(f"{what} needs a scheme of one stage, got {scheme!r}{of}")
 
 
 def explicit_rho(scheme: Scheme) -> float:

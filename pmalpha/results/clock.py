@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from .._checks import MOST, real_number, whole_number
 
 # Tolerance of t_end, in macro steps: it must be a whole number of them.
 TOLERANCE = 1e-6
+
+# The end of the first stage of a scheme of two is at gamma = 2 - sqrt 2 of both of them: by this
+# part of their mean length later than the middle. csrc/core/couple/clock.h has the same number.
+LATER = 0.17157287525380990
 
 
 @dataclass(frozen=True)
@@ -18,6 +25,8 @@ class Clock:
     origin: int = 0  # the macro step of the last change of the steps
     t0: float = 0.0  # its time
     before: float = 0.0  # the length of the macro step before it; 0 where there was none
+    # where fine steps are the stages of a scheme of two: their number, else 0
+    staged: int = 0
 
     def count(self, step: int) -> int:
         """Macro steps from the origin to this one."""
@@ -25,7 +34,18 @@ class Clock:
 
     def level(self, level: int, levels: int) -> float:
         """The time of a time level, `levels` of them in a macro step, counted from the origin."""
-        return self.t0 + level / levels * self.dt  # (T1)
+        later = LATER if level % 2 and levels == self.staged else 0.0
+        return self.t0 + (level + later) / levels * self.dt  # (T1)
+
+    def levels(self, first: int, last: int, levels: int) -> np.ndarray:
+        """The same of the time levels first..last; a macro step begins with the first one."""
+        times = np.arange(first, last + 1, dtype=float)
+        if levels == self.staged:
+            times[1::2] += LATER
+        if levels > 1:
+            times /= levels
+        times *= self.dt
+        return times + self.t0 if self.t0 else times
 
     def time(self, step: int) -> float:
         """The time at which a macro step begins, equation (T1)."""
@@ -53,3 +73,8 @@ class Clock:
                 f"t_end must not be behind the present, t = {self.time(begin):g}, got {t_end!r}"
             )
         return count
+
+
+def clock_of(layout: Any) -> Clock:
+    """The times of the steps of a `Layout`, from the start."""
+    return Clock(layout.dt, staged=layout.staged)

@@ -35,7 +35,8 @@ def local_error(history: Any) -> np.ndarray:
     """The estimate (D1) for each step and recorded dof, (k - 1, dofs)."""
     if history.substep is None:
         raise ValueError(
-            "local_error needs a History of a run with steps of constant length, and no older file"
+            "local_error needs a History of a run with steps of constant length, not of a scheme "
+            "of two stages, and no older file"
         )
     if not is_complete(history):
         raise ValueError(

@@ -258,11 +258,7 @@ class Recording:
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
-            times = np.arange(first, last + 1, dtype=float)
-            if levels > 1:
-                times /= levels
-            times *= clock.dt
-            return times + clock.t0 if clock.t0 else times
+            return clock.levels(first, last, levels)
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
         done = np.concatenate([[self.begin], later]) - clock.origin
         return clock.t0 + done * clock.dt
@@ -337,7 +333,7 @@ class Recording:
                 dofs=dofs.copy(),
                 springs=None if springs is None else springs.copy(),
                 outputs=self._outputs(i, outputs, values, count, end),
-                substep=member.h,
+                substep=None if member.subdomain.scheme.is_of_two_stages else member.h,
                 double_after=self._double_after(member),
                 n=member.n,
                 dof_names=names_at(member.subdomain.dof_names, dofs),

@@ -82,8 +82,8 @@ class SubdomainHistory:
     rig_command, rig_sent, rig_measured, rig_force : (k, commands) arrays, or None
         With ``rig=True``, those of `rig`.
     substep : float or None
-        The length h of its substeps; None where it changed in the History, and for one from a file
-        of an older version.
+        The length h of its substeps; None where it changed in the History, of a scheme of two
+        stages, whose lengths differ, and for one from a file of an older version.
     double_after : float or None
         The time after which its steps are double, of length 2 h; None if they are single.
     n : int or None

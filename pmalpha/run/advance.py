@@ -22,7 +22,7 @@ from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of, external_of, items_of
 from ..problem.schemes import require_generalized_alpha
 from ..problem.tangents import SYMMETRY
-from ..results.clock import Clock
+from ..results.clock import Clock, clock_of
 from ..results.core_record import CoreRecord
 from ..results.keys import by_index
 from ..results.recording import Recording
@@ -261,11 +261,14 @@ def choose(session: Session, counts: Sequence[int]) -> None:
 def steps_facts(session: Session) -> dict[str, Any] | None:
     """What a checkpoint says of the steps; None if they are those of the beginning."""
     steps = session.steps
-    if steps == Steps(session.assemblies.first_layout, Clock(session.assemblies.first_layout.dt)):
+    layout = session.assemblies.first_layout
+    if steps == Steps(layout, clock_of(layout)):
         return None
     overs = None if steps.first is None else list(steps.first.overs)
     facts = {"substeps": list(steps.layout.substeps), "first": overs}
-    return facts | asdict(steps.clock)
+    clock = asdict(steps.clock)
+    del clock["staged"]  # steps of two stages do not change
+    return facts | clock
 
 
 def steps_of(
@@ -274,7 +277,7 @@ def steps_of(
     """The inverse, with the assembly of the next macro step."""
     if facts is None:
         layout = session.assemblies.first_layout
-        return Steps(layout, Clock(layout.dt)), session.assemblies.first
+        return Steps(layout, clock_of(layout)), session.assemblies.first
     try:
         clock = Clock(
             time_step(facts["dt"], "dt"),

@@ -16,7 +16,7 @@ from ..results.history import History
 from ..setup.remade import remade
 from .progress import Report, reporting
 from .repeated import RepeatedFunctions, require_repeatable
-from .session import Session, require_alone
+from .session import Session, require_alone, require_one_stage_of
 
 __all__ = ["ErrorEstimate"]
 
@@ -271,6 +271,7 @@ class Runs:
 
     def __init__(self, session: Session, make: Callable[..., Any]):
         require_repeatable(session, "estimate_error")
+        require_one_stage_of(session, "estimate_error")
         self.session, self.make, self.functions = session, make, RepeatedFunctions()
         layout = session.steps.layout
         self.dt, self.substeps = layout.dt, layout.substeps

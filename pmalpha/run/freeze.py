@@ -16,7 +16,7 @@ from ..frozen.tree import file_of
 from ..problem.forces import core_load, is_callback, terms_of
 from .inputs_at_start import Present, present
 from .motion import Motion
-from .session import Session, begin, require_alone
+from .session import Session, begin, require_alone, require_one_stage_of
 
 
 def freeze(
@@ -37,6 +37,7 @@ def export_fmu(
     units: Mapping[str, str] | None,
 ) -> None:
     check_word(fmi, "fmi", fmu.VERSIONS)
+    require_one_stage_of(session, "export_fmu")
     if license is not None and not isinstance(license, str):
         raise TypeError(f"license must be a text, got {license!r}")
     if units is not None and not (

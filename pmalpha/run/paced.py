@@ -29,7 +29,7 @@ from ..results.recording import Recording, recording_class
 from ..results.ring import MonitorFile, RingRecording
 from .progress import DeferredSignals, reporting
 from .recorded_run import recorded, recording_of
-from .session import Session, require_alone
+from .session import Session, require_alone, require_one_stage_of
 
 # of sys/mman.h and linux/prctl.h
 MCL_CURRENT, MCL_FUTURE = 1, 2
@@ -273,6 +273,7 @@ def run_paced(
 def checked_pace(session: Session, pace: Pace) -> Pace:
     """The arguments, for a coupler that has fine steps."""
     require_alone(session, "run_paced")
+    require_one_stage_of(session, "run_paced")
     if session.coupling in ("macro", "mean"):
         raise ValueError(
             "run_paced needs coupling 'pm' or 'gc', whose interface problem is solved in every "

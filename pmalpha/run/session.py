@@ -19,9 +19,10 @@ from ..errors import warn
 from ..problem.argument_types import Coupling
 from ..problem.forces import Force, Mass, checked_force, depends_on_motion
 from ..problem.restoring import devices_of
+from ..problem.schemes import require_one_stage
 from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
-from ..results.clock import Clock
+from ..results.clock import Clock, clock_of
 from ..results.history import History
 from ..results.keys import by_index
 from ..results.recording import Recorded
@@ -42,6 +43,7 @@ from ..setup.schedule import (
     finest,
     most_threads,
     names_of,
+    stages,
     two_sided_and_contacts,
 )
 from ..setup.start import InitialAccelerations
@@ -153,8 +155,9 @@ def made(
     coupling = (options := checked_options(options, len(everything))).coupling
     names = names_of(everything)
     row_groups, contacts = _tied_and_touching(constraints, everything, names, options, ranks)
-    clock, keys = Clock(options.dt), tuple(zip(names[part], subdomains))
-    layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
+    keys = tuple(zip(names[part], subdomains))
+    layout = layout_of(everything, coupling, options.dt, tuple(s.substeps for s in everything))
+    clock = clock_of(layout)
     check_delays(keys, clock.dt)
     rows = ConstraintRows(row_groups, everything, part, ranks, contacts)
     motions = motions_of(row_groups, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
@@ -226,7 +229,8 @@ def layout_of(
 ) -> Layout:
     """The lengths of all steps; ValueError for numbers of substeps that do not fit."""
     finest(substeps, coupling)
-    return Layout(dt, substeps, double_steps(everything, coupling, substeps))
+    doubles = double_steps(everything, coupling, substeps)
+    return Layout(dt, substeps, doubles, staged=stages(everything, substeps))
 
 
 # ---- calls ---------------------------------------------------------------------------------------
@@ -253,6 +257,11 @@ def in_any(session: Session, happened: bool) -> bool:
 def require_alone(session: Session, what: str) -> None:
     if session.ranks is not None:
         raise ValueError(f"{what} needs a Coupler without comm")
+
+
+def require_one_stage_of(session: Session, what: str) -> None:
+    for name, s in session.keys:
+        require_one_stage(s.scheme, what, name)
 
 
 def require_no_contacts(session: Session, what: str) -> None:
@@ -288,7 +297,7 @@ def take(session: Session, steps: Steps, assembly: Assembly) -> None:
 def take_first_steps(session: Session) -> None:
     """The steps with which the coupler was made, for a start."""
     layout, first = session.assemblies.first_layout, session.assemblies.first
-    take(session, Steps(layout, Clock(layout.dt)), first)
+    take(session, Steps(layout, clock_of(layout)), first)
     first.core.set_origin(0, 0.0)
     loads = session.loads
     if loads.core is not first.core or loads.clock != session.clock or any(loads.begins):

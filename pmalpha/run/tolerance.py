@@ -26,7 +26,15 @@ from ..setup.member import Member
 from .advance import advance_to, choose
 from .progress import DeferredSignals, Report, reporting
 from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
-from .session import Session, begin, check_call, in_any, require_no_contacts, together
+from .session import (
+    Session,
+    begin,
+    check_call,
+    in_any,
+    require_no_contacts,
+    require_one_stage_of,
+    together,
+)
 from .snapshot import restore_snapshot, snapshot_of
 from .until import Until, checked_until, is_met
 
@@ -53,6 +61,7 @@ def run(
     overwrite, and `chosen` what is recorded."""
     with together(session), DeferredSignals(session.guard) as signals:
         require_no_contacts(session, "tolerance")
+        require_one_stage_of(session, "tolerance")
         until = checked_until(session, until)
         tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
         path, first = checked_file(own_record(session, *files), *files[1:]), session.done

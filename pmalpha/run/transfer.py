@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..results.clock import Clock
+from ..results.clock import Clock, clock_of
 from ..setup.assembly import Assembly, Layout
 from ..setup.member import Member
 
@@ -34,7 +34,7 @@ class Steps:
     def changed(self, layout: Layout, step: int) -> Steps:
         """These steps, changed to others at a macro step; the double steps of both are known."""
         if step == 0:
-            return Steps(layout, Clock(layout.dt))
+            return Steps(layout, clock_of(layout))
         old = self.clock
         before = old.before if old.count(step) == 0 else old.dt
         clock = Clock(layout.dt, step, old.time(step), before)

@@ -56,6 +56,7 @@ class Layout:
     # lengths of the double steps that span a change of the steps, in the macro step after it; None
     # for the others. Default: no subdomain has one.
     overs: tuple[float | None, ...] = ()
+    staged: int = 0  # fine steps in a macro step where they are stages of a scheme of two, else 0
 
     def of(self, i: int) -> tuple[float, int, bool, float | None]:
         """Length and number of the substeps of subdomain i of all, whether steps are double, and

@@ -402,6 +402,7 @@ def core_parts(
     sizes = {"n": member.n, "nb": member.nb, "substeps": substeps}
     steps = {"single": _in_core(scheme, single)}
     steps |= {} if twice is None else {"twice": _in_core(scheme, twice)}
+    steps |= {"second": scheme.second_stage(single.h)} if scheme.is_of_two_stages else {}
     link = {"link": L.core(member.n - member.nb)}
     return sizes | steps | link | matrices | parts
 

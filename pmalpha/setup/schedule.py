@@ -41,6 +41,49 @@ def check_schemes(subdomains: Sequence[Subdomain], coupling: str) -> None:
             require_generalized_alpha(s.scheme, "double_step=True", name)
 
 
+def stages(subdomains: Sequence[Subdomain], substeps: Sequence[int]) -> int:
+    """The number of fine steps, if they are the stages of schemes of two, else 0.
+
+    ValueError for numbers of substeps and for forces with which those do not go.
+    """
+    names, fine = names_of(subdomains), max(substeps)
+    staged = [s.scheme.is_of_two_stages for s in subdomains]
+    if not any(staged):
+        return 0
+    scheme = repr(subdomains[staged.index(True)].scheme)
+    for s, name, count, is_staged in zip(subdomains, names, substeps, staged):
+        if is_staged:
+            _check_staged(s, name, count, fine)
+        elif fine // count % 2:
+            raise ValueError(
+                f"substeps of {name!r} must be whole steps of {scheme}, of two stages each: they "
+                f"must divide {fine // 2}, got {count}"
+            )
+    return fine
+
+
+def _check_staged(s: Subdomain, name: str, count: int, fine: int) -> None:
+    if count % 2:
+        raise ValueError(
+            f"substeps of {name!r} must be even, two stages to a step of {s.scheme!r}, got {count}"
+        )
+    if count < fine:
+        raise ValueError(
+            f"substeps of {name!r} with {s.scheme!r} must be the largest of all, {fine}, since "
+            f"all others are tied at the ends of its stages, got {count}"
+        )
+    if not isinstance(s, Subdomain):
+        raise ValueError(f"comm needs schemes of one stage, got {s.scheme!r} of {name!r}")
+    for what in ("restoring", "internal"):
+        if getattr(s, what) is not None:
+            raise ValueError(f"{what}= needs a scheme of one stage, got {s.scheme!r} of {name!r}")
+    if s.has_feedback:
+        raise ValueError(
+            f"a force that is a function of t, u and v needs a scheme of one stage, got "
+            f"{s.scheme!r} of {name!r}"
+        )
+
+
 def double_steps(
     subdomains: Sequence[Subdomain], coupling: str, substeps: Sequence[int]
 ) -> tuple[bool, ...]:

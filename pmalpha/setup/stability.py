@@ -86,8 +86,7 @@ def _critical_product(scheme: Scheme, explicit: bool) -> float:
 def _are_stable(scheme: Scheme, explicit: bool, Omegas: Iterable[float]) -> np.ndarray:
     # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
     # rounding
-    step = scheme.constants(1.0)
-    amplifications = np.array([step.amplification(Omega, 0.0, explicit) for Omega in Omegas])
+    amplifications = np.array([scheme._amplification(Omega, 0.0, explicit) for Omega in Omegas])
     result: np.ndarray = np.max(np.abs(np.linalg.eigvals(amplifications)), axis=1) <= 1.0 + 1e-7
     return result
 

@@ -28,8 +28,16 @@ static bool fits(const pma_member *member, const pma_schedule *schedule)
            (member->elsewhere || schedule->ties_displacements == (member->table->push != NULL));
 }
 
+/* Schemes of two stages were derived for fine steps of one process. */
+static bool can_be_staged(const pma_coupler_parts *parts)
+{
+    return parts->schedule->fine_step && !parts->contact && !parts->exchange;
+}
+
 static pma_status check_members(const pma_coupler_parts *parts)
 {
+    if (pma_parts_are_staged(parts) && !can_be_staged(parts))
+        return PMA_BAD_SIZE;
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         if (member->link->p != parts->p || !fits(member, parts->schedule))
@@ -92,12 +100,14 @@ static void take_parts(pma_coupler *c, const pma_coupler_parts *parts)
 {
     c->parts = *parts;
     c->fine = parts->schedule->instants(parts);
+    c->staged = pma_parts_are_staged(parts);
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         const size_t ratio = pma_most(c->fine / member->substeps, 1);
         c->coupled[i] = (pma_coupled){
             .member = *member,
             .ratio = ratio,
+            .in_stages = c->staged,
             .first_double = pma_clock_first_double(member->doubling, member->substeps)};
         c->evaluates = c->evaluates || member->forces != PMA_NO_FORCES;
         c->entries += (member->entries + ratio - 1) / ratio;
@@ -464,7 +474,8 @@ size_t pma_coupler_fine_done(const pma_coupler *c)
 
 double pma_coupler_time(const pma_coupler *c)
 {
-    return pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
+    return pma_clock_stage_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine,
+                                c->staged);
 }
 
 bool pma_coupler_coming(const pma_coupler *c, size_t i, pma_substep *out)

@@ -15,11 +15,21 @@ size_t pma_fine_instants(const pma_coupler_parts *parts)
     return most;
 }
 
+/* Stages are not of one length: they are fine steps, and the substeps of all other members whole
+ * steps of two of them. */
+static bool fits_stages(const pma_member *member, size_t most)
+{
+    return member->staged ? member->substeps == most : most / member->substeps % 2 == 0;
+}
+
 pma_status pma_fine_check(const pma_coupler_parts *parts)
 {
     const size_t most = pma_fine_instants(parts);
+    const bool staged = pma_parts_are_staged(parts);
     for (size_t i = 0; i < parts->count; i++) {
         if (most % parts->members[i].substeps != 0)
+            return PMA_BAD_SIZE;
+        if (staged && !fits_stages(&parts->members[i], most))
             return PMA_BAD_SIZE;
     }
     return PMA_OK;

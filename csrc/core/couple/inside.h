@@ -36,6 +36,7 @@ typedef struct {
     pma_substep step;           /* ... and the substep that it is in */
     size_t worker;              /* that has it */
     const pma_workers *workers; /* who share it, or NULL */
+    bool in_stages;             /* fine steps are stages of some member */
     bool ahead;                 /* with look-ahead: its next substep may be open already */
     pma_status status;          /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
@@ -85,6 +86,7 @@ struct pma_coupler {
     atomic_bool stopped;      /* by the poll */
     size_t failed;
     bool started;
+    bool staged;              /* fine steps are stages of some member */
     bool evaluates, observed; /* some member has a restoring force; is observed */
 
     pma_motion *motions;
@@ -146,12 +148,22 @@ struct pma_schedule {
     bool iterates, internal;
 };
 
+/* Has some member a scheme of two stages? */
+static inline bool pma_parts_are_staged(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        if (parts->members[i].staged)
+            return true;
+    }
+    return false;
+}
+
 /* ---- clock ---------------------------------------------------------------------------------- */
 
 static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled *m, size_t j)
 {
     return pma_clock_substep(c->origin.t, c->parts.dt, c->present.number, m->member.substeps, j,
-                             m->first_double);
+                             m->first_double, m->member.staged);
 }
 
 /* Every member where it is at the end of fine step k, counted from the present. */
@@ -222,7 +234,7 @@ static inline void pma_add_free_velocity(const pma_coupled *m, double scale, dou
     if (pma_is_ending(m)) {
         pma_member_gather(&m->member, PMA_FREE_VELOCITY, m->now.j + 1, scale, sum);
     } else {
-        const double theta = (double)(int64_t)m->now.phase / (double)(int64_t)m->ratio;
+        const double theta = pma_clock_fraction(m->now.phase, m->ratio, m->in_stages);
         pma_member_free_velocity(&m->member, m->now.j, theta, scale, sum);
     }
 }

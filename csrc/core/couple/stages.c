@@ -18,11 +18,13 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
 void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
-    const double t = pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
+    const double t =
+        pma_clock_stage_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine, c->staged);
     const bool is_first = (c->k - 1) % c->fine == 0;
     const pma_macro_level *begin = pma_is_pending(c) ? &c->reached : &c->present;
     const pma_macro_level *before = is_first ? begin : &c->working;
-    const double half = 0.5 * c->parts.dt / (double)(int64_t)c->fine;
+    const double length = pma_clock_length(c->k, c->staged);
+    const double half = 0.5 * c->parts.dt / (double)(int64_t)c->fine * length;
     for (size_t i = 0; i < c->parts.motion_count; i++) {
         const pma_motion *motion = &c->motions[i];
         memset(c->scratch, 0, motion->load.n * sizeof(double));

@@ -115,10 +115,11 @@ typedef struct {
     pma_load load;
 } pma_subdomain_taken;
 
-/* {n, nb, substeps, single, twice, link, K, C, M, K_r, D_r, lagged, has_responses, deferred,
- * continues, mass, restoring, springs, internal, iterate, impulse, limits, watch, responses, load};
- * single and twice are {step, inverse, R}, limits {displacement, velocity, acceleration, force,
- * energy}, (n,) each or None, and watch {M, K_r}: energy that evaluated forces add. */
+/* {n, nb, substeps, single, second, twice, link, K, C, M, K_r, D_r, lagged, has_responses,
+ * deferred, continues, mass, restoring, springs, internal, iterate, impulse, limits, watch,
+ * responses, load}; single and twice are {step, inverse, R}, second is the step of a second stage,
+ * limits {displacement, velocity, acceleration, force, energy}, (n,) each or None, and watch
+ * {M, K_r}: energy that evaluated forces add. */
 pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out);
 
 /* {rows (k,), states (k, 4, n)}: u, v, w, a at the end of a macro step for unit multipliers */

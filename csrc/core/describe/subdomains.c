@@ -30,7 +30,11 @@ static pma_status take_operator(const pma_field *f, const pma_parts *parts, pma_
 static pma_status take_operators(const pma_field *f, pma_parts *parts)
 {
     const pma_field single = pma_field_at(f, "single"), twice = pma_field_at(f, "twice");
+    const pma_field second = pma_field_at(f, "second");
     PMA_TRY(take_operator(&single, parts, &parts->single));
+    parts->staged = !pma_field_is_none(&second);
+    if (parts->staged)
+        PMA_TRY(take_step(&second, &parts->second));
     return parts->doubled ? take_operator(&twice, parts, &parts->twice) : PMA_OK;
 }
 

@@ -6,7 +6,7 @@
 
 void pma_subdomain_command(const pma_subdomain *s, const pma_substep *step, size_t i, double *c)
 {
-    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_operator *op = pma_operator_at(s, step);
     const pma_state *x = pma_levels_origin(&s->levels, step);
     const pma_state from = {.u = x->u + i, .v = x->v + i, .w = x->w + i, .a = x->a + i};
     double numbers[4];
@@ -36,7 +36,7 @@ pma_status pma_subdomain_admit(const pma_subdomain *s, const pma_substep *step, 
                                double *v)
 {
     const size_t n = s->parts.n;
-    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_operator *op = pma_operator_at(s, step);
     const pma_state *from = pma_levels_origin(&s->levels, step);
     const pma_state to = {.u = u, .v = u + n, .w = u + 2 * n, .a = u + 3 * n};
     s->update->predict(&op->step, 0, n, from, &to);

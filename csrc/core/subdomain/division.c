@@ -82,7 +82,7 @@ static const pma_division *begin(pma_subdomain *s, const pma_substep *step,
                                  const pma_workers *workers)
 {
     pma_division *d = s->division;
-    d->op = pma_operator_of(s, step->twice);
+    d->op = pma_operator_at(s, step);
     d->step = step;
     d->from = pma_levels_origin(&s->levels, step);
     d->x = pma_levels_at(&s->levels, step->j + 1);

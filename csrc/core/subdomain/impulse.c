@@ -149,7 +149,7 @@ static pma_status close(void *self, const pma_substep *step, const double *lam)
 static void approach(void *self, const pma_substep *step, const double *lam, double *u, double *v)
 {
     pma_subdomain *s = self;
-    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_operator *op = pma_operator_at(s, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     const double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     const double *ut = pma_interface_of(s, to->u), *vt = pma_interface_of(s, to->v);

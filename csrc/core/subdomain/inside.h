@@ -63,6 +63,7 @@ struct pma_subdomain {
     pma_mean *mean;
     pma_iterate *iterate; /* of steps that are iterated */
     const pma_update *update;
+    pma_operator second;    /* of a scheme of two stages: with the factor of the first */
     bool extrapolates;      /* a substep uses the velocity extrapolated from its start (R1) */
     bool evaluates;         /* it has springs, or a force that depends on that velocity (R3) */
     double *closing, *work; /* nb: L^T Lam; scratch of the factor: both of a substep */
@@ -100,9 +101,18 @@ struct pma_response {
     double *work; /* scratch of the factor */
 };
 
+/* At set-up, where no substep is at hand: of single or of double steps. */
 static inline const pma_operator *pma_operator_of(const pma_subdomain *s, bool twice)
 {
     return twice ? &s->parts.twice : &s->parts.single;
+}
+
+/* What takes this substep. */
+static inline const pma_operator *pma_operator_at(const pma_subdomain *s, const pma_substep *step)
+{
+    if (s->parts.staged && step->j % 2 == 1)
+        return &s->second;
+    return pma_operator_of(s, step->twice);
 }
 
 /* Where the values of the substep with this number are kept; -1: the start. */

@@ -24,7 +24,7 @@
 
 static const pma_operator *operator_of(const pma_iterate *it)
 {
-    return pma_operator_of(it->of, it->step.twice);
+    return pma_operator_at(it->of, &it->step);
 }
 
 static const pma_state *iterate_of(const pma_iterate *it)
@@ -100,7 +100,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     pma_subdomain *s = self;
     pma_iterate *it = s->iterate;
     const pma_parts *p = &s->parts;
-    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_operator *op = pma_operator_at(s, step);
     const pma_state *from = pma_levels_origin(&s->levels, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     if (s->balance && pma_balance_is_broken(s->balance))

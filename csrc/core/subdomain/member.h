@@ -148,11 +148,12 @@ typedef struct {
     void *self;
     const pma_link *link;
     size_t substeps; /* in a macro step */
-    double h;        /* length of a single substep */
+    double h;        /* length of a single substep; of two stages the mean one */
     size_t entries;  /* matrix entries read by one substep, a measure of its duration */
     size_t alone;    /* ... by one worker while others wait: all of them, if they cannot share */
     pma_doubling doubling;
     pma_evaluation forces;
+    bool staged;       /* substeps are the two stages of a step in turn (P3) */
     bool deferred;     /* under mean coupling: the closing of its single steps (K7) */
     bool has_internal; /* forces: macro coupling repeats its macro step (shooting.c) */
     bool elsewhere;    /* is in another process (remote.h): has nothing but `values` */

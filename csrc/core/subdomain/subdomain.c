@@ -60,6 +60,18 @@ static pma_status check_mass(const pma_parts *parts)
     return pma_factor_check(&parts->mass);
 }
 
+/* Two stages under single steps alone, as they were derived. */
+static pma_status check_stages(const pma_parts *p)
+{
+    const pma_step *first = &p->single.step, *second = &p->second;
+    if (!p->staged)
+        return PMA_OK;
+    if (p->substeps % 2 != 0 || p->doubled || p->mean || p->has_responses || p->impulse.inverse)
+        return PMA_BAD_SIZE;
+    return second->h > 0.0 && second->al1 == first->al1 && second->al2 == first->al2 ? PMA_OK
+                                                                                     : PMA_BAD_STEP;
+}
+
 static pma_status check_parts(const pma_parts *parts)
 {
     PMA_TRY(check_sizes(parts));
@@ -74,6 +86,7 @@ static pma_status check_parts(const pma_parts *parts)
     PMA_TRY(check_mass(parts));
     PMA_TRY(pma_impulse_check(&parts->impulse, parts->n, parts->nb));
     PMA_TRY(check_operator(parts, &parts->single));
+    PMA_TRY(check_stages(parts));
     if (!parts->doubled)
         return PMA_OK;
     const double h = parts->single.step.h;
@@ -194,6 +207,7 @@ static pma_status fill(pma_subdomain *s, const pma_parts *parts)
     s->evaluates = s->extrapolates || parts->springs.total > 0;
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
     PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
+    s->second = (pma_operator){.step = parts->second, .factor = s->parts.single.factor};
     PMA_TRY(pma_division_find(s));
     s->table = pma_subdomain_table(s);
     PMA_TRY(lay_out(s));

@@ -53,15 +53,17 @@ typedef struct {
         impulse;        /* contacts: masses of the interface dofs that they reach; else zeroed */
     pma_matrix D_r;     /* estimate of the damping of both (R2) */
     pma_matrix K_r;     /* estimate of their stiffness, for the link response (M3) */
+    pma_step second;    /* of a scheme of two stages: that of the second */
     pma_operator twice; /* of the double step, 2 h or, over a change of the step, the time from the
                             level before to the next one; read only if doubled */
     pma_restoring restoring;
 
     size_t n, nb, substeps;
-    bool doubled;  /* takes double steps after the start */
-    bool lagged;   /* C acts on vs, outside Mbar (R4) */
-    bool mean;     /* responds to a constant acceleration of the interface (K3): mean coupling */
-    bool deferred; /* ... with single steps, closed once the multipliers are known (K7) */
+    bool doubled; /* takes double steps after the start */
+    bool staged;  /* substeps are the two stages of a step, with one Mbar: the second by `second` */
+    bool lagged;  /* C acts on vs, outside Mbar (R4) */
+    bool mean;    /* responds to a constant acceleration of the interface (K3): mean coupling */
+    bool deferred;       /* ... with single steps, closed once the multipliers are known (K7) */
     pma_operator single; /* of the substep h */
     pma_link link;
     pma_matrix K, C;
@@ -69,7 +71,7 @@ typedef struct {
 
 /* Checks the parts and allocates all that stepping needs, zeroed. PMA_BAD_STEP when the operator of
  * the double step is not one of twice the length, or not a longer one of a subdomain that
- * continues. */
+ * continues, and when two stages have not one Mbar. */
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out);
 void pma_subdomain_destroy(pma_subdomain *s); /* NULL is allowed */
 

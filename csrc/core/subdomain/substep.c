@@ -23,7 +23,7 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
 
 void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
-    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_operator *op = pma_operator_at(s, step);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     pma_substep_solve_link(s, op, lam);
     for (size_t i = 0; i < s->parts.nb; i++)
@@ -220,14 +220,13 @@ static inline void find_free_velocity(pma_subdomain *s, const pma_substep *step,
 
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step)
 {
-    find_free_velocity(s, step, pma_operator_of(s, step->twice),
-                       pma_levels_at(&s->levels, step->j + 1),
+    find_free_velocity(s, step, pma_operator_at(s, step), pma_levels_at(&s->levels, step->j + 1),
                        pma_levels_free_velocity(&s->levels, step->j + 1));
 }
 
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
 {
-    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_operator *op = pma_operator_at(s, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     if (s->balance && pma_balance_is_broken(s->balance))
@@ -246,7 +245,7 @@ pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step)
     if (s->balance && pma_balance_is_broken(s->balance))
         return PMA_UNBOUNDED;
     PMA_TRY(pma_substep_load(s, step));
-    PMA_TRY(solve_free(s, step, pma_operator_of(s, step->twice), to, NULL));
+    PMA_TRY(solve_free(s, step, pma_operator_at(s, step), to, NULL));
     memcpy(pma_levels_free_velocity(&s->levels, step->j + 1), pma_interface_of(s, to->v),
            s->parts.nb * sizeof(double));
     s->levels.opened = step->j + 1;
@@ -295,7 +294,7 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
 
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 {
-    const pma_step *c = &pma_operator_of(s, step->twice)->step;
+    const pma_step *c = &pma_operator_at(s, step)->step;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     pma_balance_close(s->balance, step, c->al1, x);
 }
@@ -336,7 +335,7 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
         return close_waiting(s, step, lam);
     /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     pma_substep_load_interface(s, lam);
-    if (!pma_substep_sweep_back(s, pma_operator_of(s, step->twice),
+    if (!pma_substep_sweep_back(s, pma_operator_at(s, step),
                                 pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
     if (s->balance)
