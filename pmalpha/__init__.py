@@ -51,6 +51,7 @@ if _TYPE_CHECKING:
     from .cutting.elements import Elements
     from .cutting.result import Cut
     from .frozen.installed import c_library
+    from .gradients.goal import Goal
     from .gradients.misfit import Misfit
     from .gradients.parameters import Parameters
     from .meshes.coincident import contact_coincident, tie_coincident
@@ -83,6 +84,7 @@ __all__ = [
     "FactorizationError",
     "Gap",
     "GeneralizedAlpha",
+    "Goal",
     "History",
     "InstabilityError",
     "InternalForce",
@@ -130,6 +132,7 @@ _LATER = {
     "element_parameters": "cutting.element_factors",
     "Elements": "cutting.elements",
     "Cut": "cutting.result",
+    "Goal": "gradients.goal",
     "Misfit": "gradients.misfit",
     "Parameters": "gradients.parameters",
     "tie_coincident": "meshes.coincident",

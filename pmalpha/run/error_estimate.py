@@ -269,9 +269,9 @@ class Runs:
     The coupler itself is not used, so that it stays as it is whatever happens.
     """
 
-    def __init__(self, session: Session, make: Callable[..., Any]):
-        require_repeatable(session, "estimate_error")
-        require_one_stage_of(session, "estimate_error")
+    def __init__(self, session: Session, make: Callable[..., Any], call: str = "estimate_error"):
+        require_repeatable(session, call)
+        require_one_stage_of(session, call)
         self.session, self.make, self.functions = session, make, RepeatedFunctions()
         layout = session.steps.layout
         self.dt, self.substeps = layout.dt, layout.substeps
@@ -281,6 +281,10 @@ class Runs:
 
     def coupler(self, halvings: int) -> Any:
         """A coupler at t = 0 with all steps halved so many times."""
+        return self.with_step(self.dt * 0.5**halvings)
+
+    def with_step(self, dt: float) -> Any:
+        """A coupler at t = 0 with this macro step."""
         threads, may_take_less = self.session.threads_allowed
         with silent():  # the set-up of the coupler itself has warned
             return remade(
@@ -288,7 +292,7 @@ class Runs:
                 self.make,
                 self._change,
                 of_motion=self.functions.of,
-                dt=self.dt * 0.5**halvings,
+                dt=dt,
                 threads=None if may_take_less else threads,
             )
 

@@ -1,0 +1,149 @@
+"""The error of a goal from the residuals of a run and the adjoint, equations (E1) to (E6).
+
+The run is continued between its time levels: u by cubic Hermite polynomials of u and v, v by those
+of v and w, the multipliers straight between the levels of the interface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..problem.forces import SampledForce, terms_of
+from ..problem.matrices import product
+from ..results.interpolated import linear
+from .goal import GAUSS, basis
+
+# Bytes of the motion at one Gauss point of a block of steps.
+BLOCK = 4_000_000
+
+
+class Share(NamedTuple):
+    """Shares in the error of a goal: of each own step, and of each step of the interface."""
+
+    own: np.ndarray
+    coupling: np.ndarray
+
+
+def averaged(x: np.ndarray, width: int, first: int) -> np.ndarray:
+    """(E3): means over `width` levels of x, (levels, n), whose adjoint alternates within them.
+
+    Half weights at the ends of an even width; width 1 has [1 2 1]/4. Levels before `first`, the
+    last one, and those whose mean would need them are extrapolated.
+    """
+    half = max(width // 2, 1 if width == 1 else 0)
+    kernel = np.full(2 * half + 1, 1.0 / max(width, 1))
+    if width == 1:
+        kernel = np.array([0.25, 0.5, 0.25])
+    elif width % 2 == 0:
+        kernel[[0, -1]] *= 0.5
+    begin, end = first + half, len(x) - 1 - half
+    out = np.empty_like(x)
+    inner = np.zeros((end - begin, x.shape[1]))
+    for k, share in enumerate(kernel):
+        inner += share * x[begin - half + k : end - half + k]
+    out[begin:end] = inner
+    apart = min(max(width, 1), len(inner) - 1)
+    k = np.arange(begin)[:, None]
+    out[:begin] = inner[0] + (k - begin) / apart * (inner[apart] - inner[0])
+    k = np.arange(end, len(x))[:, None]
+    out[end:] = inner[-1] + (k - end + 1) / apart * (inner[-1] - inner[-1 - apart])
+    return out
+
+
+class Line(NamedTuple):
+    """Columns that are straight between times."""
+
+    t: np.ndarray
+    x: np.ndarray
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        return linear(t, self.t, self.x)
+
+
+def of_subdomain(
+    s: Any,
+    L: sp.csr_array,
+    motion: Any,
+    force: Callable[[np.ndarray], np.ndarray],
+    z: Line,
+    nu: Line,
+    lam: Line,
+    end: float,
+) -> Share:
+    """(E4), and the share in (E5), of a subdomain up to the time `end`, by its own steps.
+
+    motion: u, v and w at all its time levels, from t = 0 on.
+    force: ``force(t)`` at (k,) times, (k, n).
+    """
+    steps = len(motion.t) - 1
+    own, coupling = np.zeros((2, steps))
+    length = max(1, BLOCK // (8 * s.n))
+    for first in range(0, steps, length):
+        part = slice(first, min(first + length, steps))
+        t, h = motion.t[part], np.diff(motion.t)[part]
+        later = slice(part.start + 1, part.stop + 1)
+        until = np.minimum(motion.t[later], end)
+        duration = np.maximum(until - t, 0.0)
+        at_begin, at_end = z.at(t), z.at(until)
+        u, v, w = motion.u, motion.v, motion.a
+        ends = u[part], v[part], u[later], v[later]
+        of_velocity = v[part], w[part], v[later], w[later]
+        for place, factor in GAUSS:
+            time, share = t + place * duration, place * duration / h
+            p = basis(share[:, None], h[:, None])
+            between = [sum(c * x for c, x in zip(row, ends)) for row in p]
+            continued = sum(c * x for c, x in zip(p.u, of_velocity))
+            residual = force(time) + lam.at(time) @ L
+            for A, x in zip((s.K, s.C, s.M), between):
+                residual = residual - product(A, x.T).T
+            here = nu.at(time)
+            weighted = (1.0 - place) * at_begin + place * at_end
+            gap = ((L @ (between[1] - continued).T) * here.T).sum(axis=0)
+            factor = factor * duration
+            own[part] += factor * (np.einsum("kn,kn->k", weighted, residual) - gap)
+            coupling[part] -= factor * ((L @ continued.T) * here.T).sum(axis=0)
+    return Share(own, coupling)
+
+
+def of_prescribed(g: Callable[[np.ndarray], np.ndarray], t: np.ndarray, nu: Line) -> np.ndarray:
+    """The share in (E5) of prescribed velocities between these times."""
+    duration = np.diff(t)
+    sums = np.zeros(len(duration))
+    for place, factor in GAUSS:
+        time = t[:-1] + place * duration
+        sums += factor * duration * np.sum(nu.at(time) * g(time), axis=1)
+    return sums
+
+
+def force_of(
+    force: Any, n: int, compiled: Callable[[float], np.ndarray] | None
+) -> Callable[[np.ndarray], np.ndarray]:
+    """A load at (k,) times, (k, n); `compiled` has the sum of its compiled functions."""
+    terms = list(_terms(force, n, compiled))
+
+    def at(t: np.ndarray) -> np.ndarray:
+        return sum((term(t) for term in terms), np.zeros((len(t), n)))
+
+    return at
+
+
+def _terms(
+    force: Any, n: int, compiled: Callable[[float], np.ndarray] | None
+) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
+    if compiled is not None:
+        yield lambda t: np.array([compiled(float(x)) for x in t])
+    for term in terms_of(force):
+        if isinstance(term, SampledForce):
+            shape = term.shape
+            yield (lambda t, x=term: x._series(t)) if shape is None else (
+                lambda t, x=term: x._series(t) @ x.shape.T
+            )
+        elif isinstance(term, np.ndarray):
+            yield lambda t, x=term: np.broadcast_to(x, (len(t), n))
+        elif not isinstance(term, tuple):  # a compiled function is a tuple
+            yield lambda t, f=term: np.array([np.broadcast_to(f(float(x)), n) for x in t])
+
