@@ -1,8 +1,8 @@
 """The figures of docs/budget.md and of (A5): random chains against their exact motion.
 
-    python benchmarks/surveys/error_budgets.py chains 1000 40      first seed, number
-    python benchmarks/surveys/error_budgets.py refined 1000 20
-    python benchmarks/surveys/error_budgets.py order 1000 10       macro or mean at fixed own steps
+python benchmarks/surveys/error_budgets.py chains 1000 40      first seed, number
+python benchmarks/surveys/error_budgets.py refined 1000 20
+python benchmarks/surveys/error_budgets.py order 1000 10       macro or mean at fixed own steps
 """
 
 from __future__ import annotations
@@ -67,8 +67,10 @@ class Chain:
         subdomains = []
         for i, m in enumerate(self.masses):
             K = self.stiffness(i)
-            scheme = pm.Newmark() if self.coupling == "mean" else pm.GeneralizedAlpha(
-                self.rho, explicit=self.explicit[i]
+            scheme = (
+                pm.Newmark()
+                if self.coupling == "mean"
+                else pm.GeneralizedAlpha(self.rho, explicit=self.explicit[i])
             )
             unit = np.zeros(len(m))
             unit[len(m) // 2] = 1.0
@@ -76,13 +78,16 @@ class Chain:
             substeps = self.substeps[i] * (1 if factors is None else factors[i])
             subdomains.append(
                 pm.Subdomain(
-                    m, K, C=self.factor * K, scheme=scheme, substeps=substeps, force=force,
+                    m,
+                    K,
+                    C=self.factor * K,
+                    scheme=scheme,
+                    substeps=substeps,
+                    force=force,
                     name=f"part {i}",
                 )
             )
-        ties = [
-            pm.tie(a, [a.n - 1], b, [0]) for a, b in zip(subdomains, subdomains[1:])
-        ]
+        ties = [pm.tie(a, [a.n - 1], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
         dt = self.t_end / (self.steps if steps is None else steps)
         return pm.Coupler(subdomains, ties, dt=dt, coupling=self.coupling)
 
@@ -111,8 +116,7 @@ class Chain:
         for k in range(points - 1, -1, -1):
             t = h * (k + 0.5 * (1.0 + x))
             total += sum(
-                0.5 * h * w * (E @ row) @ b * f
-                for w, E, f in zip(weights, inner, self.burst(t))
+                0.5 * h * w * (E @ row) @ b * f for w, E, f in zip(weights, inner, self.burst(t))
             )
             row = step @ row
         return float(total)
@@ -129,9 +133,16 @@ def chain(seed: int, coupling: str = "macro") -> Chain:
         springs[stiff] = springs[stiff] * rng.uniform(3.0, 30.0)
     explicit = [bool(x) for x in rng.random(count) < 0.5]
     c = Chain(
-        masses, springs, [int(x) for x in rng.integers(1, 21, count)], explicit,
-        float(rng.choice([0.5, 0.8, 1.0])), 0.0, int(rng.integers(count)),
-        int(rng.integers(count)), int(rng.choice([80, 160, 320])), coupling=coupling,
+        masses,
+        springs,
+        [int(x) for x in rng.integers(1, 21, count)],
+        explicit,
+        float(rng.choice([0.5, 0.8, 1.0])),
+        0.0,
+        int(rng.integers(count)),
+        int(rng.integers(count)),
+        int(rng.choice([80, 160, 320])),
+        coupling=coupling,
     )
     if coupling == "mean":
         c.explicit = [False] * count

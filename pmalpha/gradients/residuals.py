@@ -6,12 +6,14 @@ of v and w, the multipliers straight between the levels of the interface.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy import LowLevelCallable
 
+from .._checks import vector
 from ..problem.forces import SampledForce, terms_of
 from ..problem.matrices import product
 from ..results.interpolated import linear
@@ -19,6 +21,30 @@ from .goal import GAUSS, basis
 
 # Bytes of the motion at one Gauss point of a block of steps.
 BLOCK = 4_000_000
+
+
+class Line(NamedTuple):
+    """Columns that are straight between times, or steps, of which row k is before time k."""
+
+    t: np.ndarray
+    x: np.ndarray
+    steps: bool = False
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        if self.steps:
+            result: np.ndarray = self.x[np.searchsorted(self.t, t)]
+            return result
+        return linear(t, self.t, self.x)
+
+
+class Weights(NamedTuple):
+    """The adjoint of a goal up to its time `end`, and the multipliers of the run."""
+
+    z: Line
+    nu: Line
+    lam: Line
+    end: float
+    tied: str  # "v", or "u" under "mean", whose steps are tied by their displacements
 
 
 class Share(NamedTuple):
@@ -47,21 +73,10 @@ def averaged(x: np.ndarray, width: int, first: int) -> np.ndarray:
         inner += share * x[begin - half + k : end - half + k]
     out[begin:end] = inner
     apart = min(max(width, 1), len(inner) - 1)
-    k = np.arange(begin)[:, None]
-    out[:begin] = inner[0] + (k - begin) / apart * (inner[apart] - inner[0])
-    k = np.arange(end, len(x))[:, None]
-    out[end:] = inner[-1] + (k - end + 1) / apart * (inner[-1] - inner[-1 - apart])
+    before, after = np.arange(begin) - begin, np.arange(end, len(x)) - end + 1
+    out[:begin] = inner[0] + np.outer(before / apart, inner[apart] - inner[0])
+    out[end:] = inner[-1] + np.outer(after / apart, inner[-1] - inner[-1 - apart])
     return out
-
-
-class Line(NamedTuple):
-    """Columns that are straight between times."""
-
-    t: np.ndarray
-    x: np.ndarray
-
-    def at(self, t: np.ndarray) -> np.ndarray:
-        return linear(t, self.t, self.x)
 
 
 def of_subdomain(
@@ -69,16 +84,14 @@ def of_subdomain(
     L: sp.csr_array,
     motion: Any,
     force: Callable[[np.ndarray], np.ndarray],
-    z: Line,
-    nu: Line,
-    lam: Line,
-    end: float,
+    weights: Weights,
 ) -> Share:
-    """(E4), and the share in (E5), of a subdomain up to the time `end`, by its own steps.
+    """(E4), and the share in (E5), of a subdomain, by its own steps.
 
     motion: u, v and w at all its time levels, from t = 0 on.
     force: ``force(t)`` at (k,) times, (k, n).
     """
+    z, nu, lam, end, tied = weights
     steps = len(motion.t) - 1
     own, coupling = np.zeros((2, steps))
     length = max(1, BLOCK // (8 * s.n))
@@ -96,7 +109,11 @@ def of_subdomain(
             time, share = t + place * duration, place * duration / h
             p = basis(share[:, None], h[:, None])
             between = [sum(c * x for c, x in zip(row, ends)) for row in p]
-            continued = sum(c * x for c, x in zip(p.u, of_velocity))
+            # what the interface sees: under "macro" velocities between tied ones, whose integral is
+            # not the displacement of a coarse step
+            continued = between[1]
+            if tied == "v":
+                continued = sum(c * x for c, x in zip(p.u, of_velocity))
             residual = force(time) + lam.at(time) @ L
             for A, x in zip((s.K, s.C, s.M), between):
                 residual = residual - product(A, x.T).T
@@ -123,27 +140,21 @@ def force_of(
     force: Any, n: int, compiled: Callable[[float], np.ndarray] | None
 ) -> Callable[[np.ndarray], np.ndarray]:
     """A load at (k,) times, (k, n); `compiled` has the sum of its compiled functions."""
-    terms = list(_terms(force, n, compiled))
+    terms = [x for x in terms_of(force) if not isinstance(x, LowLevelCallable)]
+    if compiled is not None:
+        terms.append(compiled)
 
     def at(t: np.ndarray) -> np.ndarray:
-        return sum((term(t) for term in terms), np.zeros((len(t), n)))
+        return sum((_term(x, t, n) for x in terms), np.zeros((len(t), n)))
 
     return at
 
 
-def _terms(
-    force: Any, n: int, compiled: Callable[[float], np.ndarray] | None
-) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
-    if compiled is not None:
-        yield lambda t: np.array([compiled(float(x)) for x in t])
-    for term in terms_of(force):
-        if isinstance(term, SampledForce):
-            shape = term.shape
-            yield (lambda t, x=term: x._series(t)) if shape is None else (
-                lambda t, x=term: x._series(t) @ x.shape.T
-            )
-        elif isinstance(term, np.ndarray):
-            yield lambda t, x=term: np.broadcast_to(x, (len(t), n))
-        elif not isinstance(term, tuple):  # a compiled function is a tuple
-            yield lambda t, f=term: np.array([np.broadcast_to(f(float(x)), n) for x in t])
-
+def _term(term: Any, t: np.ndarray, n: int) -> np.ndarray:
+    """One load at (k,) times, (k, n)."""
+    if isinstance(term, SampledForce):
+        series = term._series(t)
+        return series if term.shape is None else series @ term.shape.T
+    if isinstance(term, np.ndarray):
+        return np.broadcast_to(term, (len(t), n))
+    return np.array([vector(term(float(x)), n, f"a force at t = {x:g}") for x in t])

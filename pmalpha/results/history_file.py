@@ -417,6 +417,7 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
         raise ValueError(f"warnings that are texts, got {header['warnings']}")
     if not isinstance(header.get("coupling"), str | None):
         raise ValueError(f"the word of a coupling, got {header['coupling']}")
+    _check_interface(header, arrays)
     for i in header["recorded"]:
         _check_shapes(i, arrays)
         for step in header["steps"][i] if "steps" in header else ():
@@ -428,6 +429,17 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
             rows = arrays[times_name(quantity, header.get("coupling"))].size
             if arrays[name].ndim != 2 or len(arrays[name]) != rows:
                 raise ValueError(f"rows of {name}, which has not {rows} of them")
+
+
+def _check_interface(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """The length of the macro steps and the rows of each constraint, which older files lack."""
+    dt, rows = header.get("macro_step"), header.get("constraint_rows", [])
+    if dt is not None and not (type(dt) in (int, float) and 0.0 < dt <= sys.float_info.max):
+        raise ValueError(f"the length of macro steps, got {dt!r}")
+    if not isinstance(rows, list) or not all(type(x) is int and x >= 0 for x in rows):
+        raise ValueError(f"the rows of each constraint, got {rows!r}")
+    if rows and sum(rows) != arrays["multipliers"].shape[1]:
+        raise ValueError(f"rows of constraints as multipliers, got {rows!r}")
 
 
 def _check_shapes(i: int, arrays: Mapping[str, np.ndarray]) -> None:

@@ -117,7 +117,8 @@ def resampled(history: Any, times: Any) -> Any:
         name: between(t, times_of(history, name), x, table_of(history)[name].between)
         for name, x in growing(history).items()
     }
-    fields |= dict(multiplier_times=times, macro_times=times, energy=not_recorded.ENERGY)
+    fields |= dict(multiplier_times=times, macro_times=times, dt=None)
+    fields |= dict(energy=not_recorded.ENERGY)
     return replace(
         history, subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains), **fields
     )

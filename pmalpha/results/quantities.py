@@ -342,7 +342,8 @@ def stacked(pieces: Sequence[Any]) -> Any:
         s and replace(s, substep=s.substep if len({x.substep for x in motions}) == 1 else None)
         for s, *motions in zip(history.subdomains, *(piece.subdomains for piece in pieces))
     ]
-    return replace(history, subdomains=tuple(subdomains), energy=not_recorded.ENERGY)
+    dt = history.dt if len({piece.dt for piece in pieces}) == 1 else None
+    return replace(history, subdomains=tuple(subdomains), dt=dt, energy=not_recorded.ENERGY)
 
 
 def with_rows_of_all(change: Callable[..., np.ndarray], *pieces: Any) -> Any:

@@ -137,6 +137,7 @@ class Recording:
     conserved: {"dual", "energy"} or None, what `Energy.conserved` is, from `conserved_quantity`.
     loads: those of each subdomain, of which absolute outputs have the motion of the ground.
     problem: its description, which files have, so that no run of another one continues them.
+    constraint_rows: the number of rows of each constraint.
     common: of an interval, the arrays that are equal in several quantities and in all records that
         `again` makes; `shares`: cases have these themselves, read-only, a run has copies.
     """
@@ -153,8 +154,10 @@ class Recording:
         conserved: str | None = None,
         loads: Sequence[Loads] = (),
         problem: Mapping[str, Any] | None = None,
+        constraint_rows: Sequence[int] = (),
     ):
         self.loads, self.problem, self.shares = loads, problem, False
+        self.constraint_rows = tuple(int(x) for x in constraint_rows)
         self.common: dict[tuple[int, int], dict[tuple[str, int], np.ndarray]] = {}
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
@@ -354,6 +357,8 @@ class Recording:
             energy=self._energy_history(rows[1], end) if of.has_energy else not_recorded.ENERGY,
             contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
+            dt=self.clock.dt,
+            constraint_rows=self.constraint_rows,
         )
 
     def _outputs(
@@ -453,6 +458,8 @@ class FiledRecording(Recording):
         if self.earlier is not None:
             self.earlier.check(header, arrays)
             header["steps"] = self.earlier.same_steps(header["steps"])
+            if self.earlier.header.get("macro_step") != header["macro_step"]:
+                header["macro_step"] = None
             header["begin"], arrays = self.earlier.begin, self.earlier.arrays
         self.file = HistoryFile(self.path, header, arrays, self.end, self.begin, self.old)
         self.earlier, arrays = None, {}  # unmaps the file that was replaced

@@ -67,6 +67,8 @@ def contents_of(history: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
             for s in history.subdomains
         ],
         "coupling": history.coupling,
+        "macro_step": history.dt,
+        "constraint_rows": list(history.constraint_rows),
         "warnings": list(history.warnings),
     }
     if history.contact_layout:
@@ -137,7 +139,8 @@ def fields_of(
     keys = tuple((name, None) for name in header["names"])
     layout = tuple(Recorded(*x) for x in header.get("contacts", ()))
     interface |= {"contact_layout": layout, "coupling": header.get("coupling")}
-    interface |= {"warnings": tuple(header.get("warnings", ()))}
+    interface |= {"warnings": tuple(header.get("warnings", ())), "dt": header.get("macro_step")}
+    interface |= {"constraint_rows": tuple(header.get("constraint_rows", ()))}
     return {"subdomains": tuple(subdomains), **interface, "keys": keys, "energy": energy}
 
 

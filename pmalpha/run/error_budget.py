@@ -21,7 +21,7 @@ from ..gradients.goal import Goal
 from ..gradients.gradient import gradient
 from ..gradients.misfit import MULTIPLIERS, Misfit
 from ..gradients.problem import require_adjoint
-from ..gradients.residuals import Line, averaged, force_of, of_prescribed, of_subdomain
+from ..gradients.residuals import Line, Weights, averaged, force_of, of_prescribed, of_subdomain
 from ..memory import require
 from ..problem.forces import terms_of
 from ..results.clock import TOLERANCE, Clock
@@ -30,6 +30,7 @@ from ..setup.stability import critical_step
 from .error_estimate import Runs
 from .progress import reporting
 from .session import Session, require_linear
+from .state import form_and_entries
 
 __all__ = ["ErrorBudget"]
 
@@ -153,7 +154,7 @@ class ErrorBudget:
         Raises
         ------
         TypeError, ValueError, KeyError
-            For arguments of the wrong kind; under "gc" and "pm", whose substeps cannot be chosen so.
+            For arguments of the wrong kind; under "gc" and "pm".
         """
         tol = AIM * positive_number(tolerance, "tolerance")
         growth = real_number(growth, "growth", low=1.0)
@@ -323,7 +324,7 @@ def _budget(
     levels = history.macro_times if macro else history.multiplier_times
     clipped = np.minimum(levels, end)
     nu = Line(clipped, _constraint_weights(adjoint.velocity, end, mean).at(clipped))
-    lam = Line(levels, _at_levels(history) if mean else history.multipliers)
+    lam = Line(levels, history.multipliers, steps=mean)
     own, coupling = {}, np.zeros(len(levels) - 1)
     rows = zip(session.keys, session.rows.matrices, session.loads.forces, session.members)
     for (name, s), L, force, member in rows:
@@ -338,10 +339,7 @@ def _budget(
             sp.csr_array(L),
             motion,
             force_of(force, s.n, _compiled(force, member)),
-            Line(times, z),
-            nu,
-            lam,
-            end,
+            Weights(Line(times, z), nu, lam, end, "u" if mean else "v"),
         )
         own[name] = share.own
         coupling += share.coupling.reshape(len(coupling), -1).sum(axis=1)
@@ -365,7 +363,7 @@ def _budget(
 
 
 def _constraint_weights(x: np.ndarray, end: float, mean: bool) -> Line:
-    """nu of (E3), from the derivatives by what the constraints prescribe at the interface levels."""
+    """nu of (E3), from the derivatives by what is prescribed at the levels of the interface."""
     times = np.linspace(0.0, end, len(x))
     if mean:  # by displacements: a velocity changes all later ones
         later = np.cumsum(x[::-1], axis=0)[::-1]
@@ -402,6 +400,8 @@ def _compiled(force: Any, member: Any) -> Callable[[float], np.ndarray] | None:
 
 
 def _interface_work(session: Session) -> float:
-    """Matrix entries that an interface problem reads, with STEP for itself."""
-    p = session.rows.p
-    return float(STEP + p * min(p, 40)) if p else 0.0
+    """Matrix entries that an interface problem reads, with unit responses, and STEP for itself."""
+    if not session.rows.p:
+        return 0.0
+    H = form_and_entries(session.assembly.parts["H"])[1]
+    return float(STEP + 2 * H + sum(4 * x.n * x.L.rows.size for x in session.members))

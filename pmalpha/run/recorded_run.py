@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 from weakref import ref
 
+import numpy as np
+
 from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, checked_path
@@ -126,6 +128,7 @@ def recording_of(
         conserved=conserved,
         loads=loads,
         problem=problem,
+        constraint_rows=np.diff(session.rows.starts),
     )
 
 

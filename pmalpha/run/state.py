@@ -146,14 +146,19 @@ def step_ratio(member: Member) -> str:
 
 def factor_form(factor: Factor) -> str:
     """The form of a factor and the number of its entries, the diagonal included."""
+    return "{}, {}".format(*form_and_entries(factor))
+
+
+def form_and_entries(factor: Factor) -> tuple[str, int]:
+    """The form of a factor, and the number of its entries, the diagonal included."""
     inverse, R = factor
     n = inverse.size
     if R is None:
-        return f"diagonal, {n}"
+        return "diagonal", n
     if isinstance(R, np.ndarray):
-        return f"dense, {n * (n + 1) // 2}"
+        return "dense", n * (n + 1) // 2
     if isinstance(R, Band):
-        return f"band, {n + R.band.size}"
+        return "band", n + R.band.size
     if isinstance(R, Compressed):
-        return f"columns, {n + R.values.size}"
-    return f"panels, {R.values.size}"
+        return "columns", n + R.values.size
+    return "panels", R.values.size
