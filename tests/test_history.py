@@ -425,7 +425,8 @@ def test_without_xarray_the_error_names_what_to_install(monkeypatch):
 
 def test_the_arrays_of_a_history_are_those_of_the_table_of_quantities():
     others = {"name", "substep", "double_after", "outputs", "subdomains", "keys", "energy"}
-    others |= {"n", "dof_names", "pacing", "coupling", "warnings", "contact_layout"}
+    others |= {"n", "dof_names", "pacing", "coupling", "warnings", "contact_layout", "dt"}
+    others |= {"constraint_rows"}
     for kind, table in ((pm.SubdomainHistory, OF_SUBDOMAIN), (pm.History, OF_INTERFACE)):
         assert {field.name for field in dataclasses.fields(kind)} - others == set(table)
 

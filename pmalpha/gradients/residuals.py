@@ -1,4 +1,4 @@
-"""The error of a goal from the residuals of a run and the adjoint, equations (E1) to (E6).
+"""The error of a goal from the residuals of a run and the adjoint, equations (X1) to (X6).
 
 The run is continued between its time levels: u by cubic Hermite polynomials of u and v, v by those
 of v and w, the multipliers straight between the levels of the interface.
@@ -6,7 +6,8 @@ of v and w, the multipliers straight between the levels of the interface.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,11 @@ from .goal import GAUSS, basis
 
 # Bytes of the motion at one Gauss point of a block of steps.
 BLOCK = 4_000_000
+# Samples of a load are at ends of steps, or of equal parts of them, up to this part of a sample; in
+# other steps this number of parts has at most one kink, and a step has at most so many parts.
+ALIGNED = 1e-6
+FINER = 4
+MOST_PIECES = 256
 
 
 class Line(NamedTuple):
@@ -50,12 +56,12 @@ class Weights(NamedTuple):
 class Share(NamedTuple):
     """Shares in the error of a goal: of each own step, and of each step of the interface."""
 
-    own: np.ndarray
+    residual: np.ndarray
     coupling: np.ndarray
 
 
 def averaged(x: np.ndarray, width: int, first: int) -> np.ndarray:
-    """(E3): means over `width` levels of x, (levels, n), whose adjoint alternates within them.
+    """(X3): means over `width` levels of x, (levels, n), whose adjoint alternates within them.
 
     Half weights at the ends of an even width; width 1 has [1 2 1]/4. Levels before `first`, the
     last one, and those whose mean would need them are extrapolated.
@@ -83,17 +89,16 @@ def of_subdomain(
     s: Any,
     L: sp.csr_array,
     motion: Any,
-    force: Callable[[np.ndarray], np.ndarray],
+    force: Load,
     weights: Weights,
 ) -> Share:
-    """(E4), and the share in (E5), of a subdomain, by its own steps.
+    """(X4), and the share in (X5), of a subdomain, by its own steps.
 
     motion: u, v and w at all its time levels, from t = 0 on.
-    force: ``force(t)`` at (k,) times, (k, n).
     """
     z, nu, lam, end, tied = weights
     steps = len(motion.t) - 1
-    own, coupling = np.zeros((2, steps))
+    residuals, coupling = np.zeros((2, steps))
     length = max(1, BLOCK // (8 * s.n))
     for first in range(0, steps, length):
         part = slice(first, min(first + length, steps))
@@ -114,20 +119,21 @@ def of_subdomain(
             continued = between[1]
             if tied == "v":
                 continued = sum(c * x for c, x in zip(p.u, of_velocity))
-            residual = force(time) + lam.at(time) @ L
+            residual = lam.at(time) @ L
             for A, x in zip((s.K, s.C, s.M), between):
                 residual = residual - product(A, x.T).T
             here = nu.at(time)
             weighted = (1.0 - place) * at_begin + place * at_end
             gap = ((L @ (between[1] - continued).T) * here.T).sum(axis=0)
             factor = factor * duration
-            own[part] += factor * (np.einsum("kn,kn->k", weighted, residual) - gap)
+            residuals[part] += factor * (np.einsum("kn,kn->k", weighted, residual) - gap)
             coupling[part] -= factor * ((L @ continued.T) * here.T).sum(axis=0)
-    return Share(own, coupling)
+        residuals[part] += force.work(t, duration, at_begin, at_end)
+    return Share(residuals, coupling)
 
 
 def of_prescribed(g: Callable[[np.ndarray], np.ndarray], t: np.ndarray, nu: Line) -> np.ndarray:
-    """The share in (E5) of prescribed velocities between these times."""
+    """The share in (X5) of prescribed velocities between these times."""
     duration = np.diff(t)
     sums = np.zeros(len(duration))
     for place, factor in GAUSS:
@@ -136,18 +142,45 @@ def of_prescribed(g: Callable[[np.ndarray], np.ndarray], t: np.ndarray, nu: Line
     return sums
 
 
-def force_of(
-    force: Any, n: int, compiled: Callable[[float], np.ndarray] | None
-) -> Callable[[np.ndarray], np.ndarray]:
-    """A load at (k,) times, (k, n); `compiled` has the sum of its compiled functions."""
-    terms = [x for x in terms_of(force) if not isinstance(x, LowLevelCallable)]
-    if compiled is not None:
-        terms.append(compiled)
+class Load:
+    """A load at all times.
 
-    def at(t: np.ndarray) -> np.ndarray:
-        return sum((_term(x, t, n) for x in terms), np.zeros((len(t), n)))
+    compiled: the sum of its compiled functions, (n,) at a time; None without.
+    """
 
-    return at
+    def __init__(self, force: Any, n: int, compiled: Callable[[float], np.ndarray] | None = None):
+        self.n = n
+        self.terms = [x for x in terms_of(force) if not isinstance(x, LowLevelCallable)]
+        if compiled is not None:
+            self.terms.append(compiled)
+
+    def __call__(self, t: np.ndarray) -> np.ndarray:
+        """At (k,) times, (k, n)."""
+        return sum((_term(x, t, self.n) for x in self.terms), np.zeros((len(t), self.n)))
+
+    def work(
+        self, t: np.ndarray, duration: np.ndarray, z0: np.ndarray, z1: np.ndarray
+    ) -> np.ndarray:
+        """The integral of z . F over each step, z straight from z0 to z1, (k,)."""
+        sums = np.zeros(len(t))
+        count = self._pieces(float(duration.max(initial=0.0))) if self.terms else 0
+        for j in range(count):
+            for place, factor in GAUSS:
+                s = (j + place) / count
+                z = (1.0 - s) * z0 + s * z1
+                sums += factor / count * duration * np.einsum("kn,kn->k", z, self(t + s * duration))
+        return sums
+
+    def _pieces(self, h: float) -> int:
+        """Pieces of a step between whose ends samples are straight, or nearly so."""
+        pieces = 1
+        for x in self.terms:
+            if isinstance(x, SampledForce):
+                ratio = h / x.dt
+                r = max(ratio, 1.0 / ratio) if ratio > 0.0 else 1.0
+                aligned = abs(r - round(r)) < ALIGNED
+                pieces = max(pieces, ceil(ratio - ALIGNED) * (1 if aligned else FINER))
+        return min(pieces, MOST_PIECES)
 
 
 def _term(term: Any, t: np.ndarray, n: int) -> np.ndarray:

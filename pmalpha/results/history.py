@@ -274,7 +274,7 @@ class History:
 
     @property
     def corrected_multipliers(self) -> np.ndarray:
-        """The interface force with an error of fourth order in the macro step, (A4) of the method.
+        """The interface force with an error of fourth order in the macro step, (M13) of the method.
 
         Multipliers under "macro" have an error of dt^2 / 12 times their second derivative, and
         second differences of them remove it: 4 to 30 times more accurate at the same steps, while

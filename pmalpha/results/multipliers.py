@@ -28,7 +28,7 @@ class Resolution:
     ----------
     by_group : dict of float
         By number of the constraint of the coupler, in their order, D of its rows: the largest
-        (A4) correction in the run over the largest multiplier.
+        (M13) correction in the run over the largest multiplier.
     """
 
     by_group: dict[int, float]
@@ -50,7 +50,7 @@ class Resolution:
 
 
 def corrected(history: Any) -> np.ndarray:
-    """(A4), (macro time levels, p)."""
+    """(M13), (macro time levels, p)."""
     lam = at_levels(history, "corrected_multipliers")
     second = second_differences(lam)
     if history.coupling == "mean":
@@ -65,7 +65,7 @@ def corrected(history: Any) -> np.ndarray:
 
 
 def _sign(history: Any) -> float:
-    """The means of (A1) leave the multipliers of "macro" too small by this part of their second
+    """The means of (M10) leave the multipliers of "macro" too small by this part of their second
     difference, and the means of neighbours of "mean" too large."""
     return -12.0 if history.coupling == "mean" else 12.0
 

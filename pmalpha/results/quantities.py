@@ -354,3 +354,14 @@ def with_rows_of_all(change: Callable[..., np.ndarray], *pieces: Any) -> Any:
     ]
     first = with_rows(pieces[0], change, *pieces[1:])
     return replace(first, subdomains=tuple(subdomains))
+
+
+def recorded_columns(
+    member: Member, dofs: np.ndarray | None, springs: np.ndarray | None, rig: bool
+) -> dict[str, int]:
+    """The number of columns of each array that the core records of a subdomain."""
+    if dofs is None:
+        return {}
+    counts = column_counts(member, dofs, springs, rig)
+    known = ((x, count) for x, count in counts.items() if count is not None)
+    return {name: count for x, count in known for name in IN_SUBDOMAIN[x]}

@@ -46,7 +46,7 @@ from .quantities import (
     OF_INTERFACE,
     OF_SUBDOMAIN,
     WORKS,
-    column_counts,
+    recorded_columns,
 )
 from .stored import EarlierRows, contents_of, fields_of, old_file, target
 
@@ -590,14 +590,3 @@ def with_rigs(
         )
     none = np.arange(0)
     return [none if x is None and has else x for x, has in zip(dofs, has_rig)]
-
-
-def recorded_columns(
-    member: Member, dofs: np.ndarray | None, springs: np.ndarray | None, rig: bool
-) -> dict[str, int]:
-    """The number of columns of each array that the core records of a subdomain."""
-    if dofs is None:
-        return {}
-    counts = column_counts(member, dofs, springs, rig)
-    known = ((x, count) for x, count in counts.items() if count is not None)
-    return {name: count for x, count in known for name in IN_SUBDOMAIN[x]}

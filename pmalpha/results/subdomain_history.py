@@ -338,8 +338,8 @@ class SubdomainHistory:
 class OneSubdomain:
     """What a History of one subdomain has, without constraints."""
 
-    coupling = energy = None
-    contact_layout = warnings = ()
+    coupling = energy = dt = None
+    contact_layout = warnings = constraint_rows = ()
 
     def __init__(self, motion: SubdomainHistory):
         arrays = {"": motion.t, "constraints": np.empty((motion.t.size, 0))}

@@ -496,7 +496,7 @@ class Coupler:
         """Where the error of one goal of the run comes from: which subdomain, or the coupling.
 
         Residuals of the run from t = 0, weighted by the adjoint of a run with half of all steps,
-        equations (E1) to (E6) of docs/method.md. With the present initial values and loads; the
+        equations (X1) to (X6) of docs/method.md. With the present initial values and loads; the
         runs are those of new couplers, this one stays as it is. It takes the time of some ten runs,
         and memory for the motion of all dofs at all time levels, about eight times.
 

@@ -21,7 +21,7 @@ from ..gradients.goal import Goal
 from ..gradients.gradient import gradient
 from ..gradients.misfit import MULTIPLIERS, Misfit
 from ..gradients.problem import require_adjoint
-from ..gradients.residuals import Line, Weights, averaged, force_of, of_prescribed, of_subdomain
+from ..gradients.residuals import Line, Load, Weights, averaged, of_prescribed, of_subdomain
 from ..memory import require
 from ..problem.forces import terms_of
 from ..results.clock import TOLERANCE, Clock
@@ -129,7 +129,7 @@ class ErrorBudget:
         work: Mapping[str, float] | None = None,
         growth: float = 2.0,
     ) -> tuple[float, dict[str, int]]:
-        """The steps of least work with which the goal would have this error, equation (E7).
+        """The steps of least work with which the goal would have this error, equation (X7).
 
         The shares are taken to grow with the order of each scheme, 2, and the fourth power of the
         macro step. Make the coupler with these steps and its budget: two or three turns end with
@@ -191,7 +191,7 @@ class ErrorBudget:
     def _substeps(
         self, dt: float, tol: float, cost: Mapping[str, float], growth: float
     ) -> dict[str, int]:
-        """Of least work with this macro step and sum a h^q = tol, by bisection for mu of (E7)."""
+        """Of least work with this macro step and sum a h^q = tol, by bisection for mu of (X7)."""
         now = {name: self.dt / k for name, k in self.substeps.items()}
         factor = {name: abs(x) / now[name] ** self._facts[name][0] for name, x in self.own.items()}
 
@@ -319,13 +319,13 @@ class Objective:
 def _budget(
     session: Session, history: Any, value: float, adjoint: Any, end: float, t_end: float
 ) -> ErrorBudget:
-    """(E1) to (E6); the run up to `end` has the adjoint of another one with other steps."""
+    """(X1) to (X6); the run up to `end` has the adjoint of another one with other steps."""
     mean, macro = session.coupling == "mean", session.coupling in MACRO
     levels = history.macro_times if macro else history.multiplier_times
     clipped = np.minimum(levels, end)
     nu = Line(clipped, _constraint_weights(adjoint.velocity, end, mean).at(clipped))
     lam = Line(levels, history.multipliers, steps=mean)
-    own, coupling = {}, np.zeros(len(levels) - 1)
+    by_step, coupling = {}, np.zeros(len(levels) - 1)
     rows = zip(session.keys, session.rows.matrices, session.loads.forces, session.members)
     for (name, s), L, force, member in rows:
         motion = history[name]
@@ -338,17 +338,17 @@ def _budget(
             s,
             sp.csr_array(L),
             motion,
-            force_of(force, s.n, _compiled(force, member)),
+            Load(force, s.n, _compiled(force, member)),
             Weights(Line(times, z), nu, lam, end, "u" if mean else "v"),
         )
-        own[name] = share.own
+        by_step[name] = share.residual
         coupling += share.coupling.reshape(len(coupling), -1).sum(axis=1)
     coupling += of_prescribed(lambda t: _prescribed(session, t), clipped, nu)
     return ErrorBudget(
         value=float(value),
-        own={name: float(x.sum()) for name, x in own.items()},
+        own={name: float(x.sum()) for name, x in by_step.items()},
         coupling=float(coupling.sum()),
-        by_step=own,
+        by_step=by_step,
         coupling_by_step=coupling,
         dt=session.steps.layout.dt,
         substeps={name: s.substeps for name, s in session.keys},
@@ -363,7 +363,7 @@ def _budget(
 
 
 def _constraint_weights(x: np.ndarray, end: float, mean: bool) -> Line:
-    """nu of (E3), from the derivatives by what is prescribed at the levels of the interface."""
+    """nu of (X3), from the derivatives by what is prescribed at the levels of the interface."""
     times = np.linspace(0.0, end, len(x))
     if mean:  # by displacements: a velocity changes all later ones
         later = np.cumsum(x[::-1], axis=0)[::-1]
@@ -378,8 +378,7 @@ def _prescribed(session: Session, t: np.ndarray) -> np.ndarray:
     """g at (k,) times, (k, p)."""
     g = np.zeros((len(t), session.rows.p))
     for motion in session.loads.motions:
-        force = force_of(motion.velocity, motion.rows.size, None)
-        g[:, motion.rows] = force(t)
+        g[:, motion.rows] = Load(motion.velocity, motion.rows.size)(t)
     return g
 
 
