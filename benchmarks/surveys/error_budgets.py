@@ -217,6 +217,40 @@ def order(first: int, count: int, coupling: str = "macro") -> None:
     print(f"{coupling}: order 20 -> 40, 40 -> 80 (median) {np.median(x, axis=0)}")
 
 
+def resolution(first: int, count: int) -> None:
+    """Error of the coupling alone by D: the same own steps in 640 macro steps are the reference."""
+    rows = []
+    for seed in range(first, first + count):
+        c = chain(seed)
+
+        def run(steps: int, c: Chain = c) -> pm.History:
+            return (
+                replace(c, substeps=[6400 // steps] * len(c.masses))
+                .coupler(steps=steps)
+                .run(c.t_end)
+            )
+
+        exact = run(640)
+        largest = max(np.abs(x.u).max() for x in exact.subdomains)
+        for steps in (20, 40, 80, 160):
+            history = run(steps)
+            own = 6400 // steps
+            error = max(
+                np.abs(x.u[::own] - y.u[::own]).max()
+                for x, y in zip(history.subdomains, exact.subdomains)
+            )
+            rows.append((history.resolution().largest, error / largest))
+    x = np.array(rows)
+    limits = (0.0, 0.003, 0.01, 0.03, 0.1, np.inf)
+    for low, high in zip(limits, limits[1:]):
+        part = x[(x[:, 0] >= low) & (x[:, 0] < high), 1]
+        if part.size:
+            print(
+                f"D {low:g} .. {high:g}: {part.size} runs, error median {np.median(part):.1e}, "
+                f"90 % {np.quantile(part, 0.9):.1e}, largest {part.max():.1e}"
+            )
+
+
 if __name__ == "__main__":
     warnings.simplefilter("ignore", pm.AccuracyWarning)
     globals()[sys.argv[1]](*map(int, sys.argv[2:4]), *sys.argv[4:])

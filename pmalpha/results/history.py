@@ -306,8 +306,9 @@ class History:
         """How well the macro steps resolve what crosses the interface.
 
         D is the largest second difference of the multipliers over 12 times the largest multiplier:
-        the part of the force that `corrected_multipliers` adds. The coupling makes errors of its
-        square, what own steps do is not in it. Loads that jump raise D in single steps.
+        the part of the force that `corrected_multipliers` adds. The errors are those of the
+        coupling alone, over the largest displacement: what own steps do is not in them. Loads that
+        jump raise D in single steps.
 
         Returns
         -------
@@ -322,8 +323,9 @@ class History:
 
         Examples
         --------
-        >>> history = models.split_oscillator(10.0).coupler(0.05, coupling="macro").run(20.0)
+        >>> history = models.split_oscillator(10.0).coupler(0.025, coupling="macro").run(20.0)
         >>> history.resolution()
+        D = 0.0025: in four periods the coupling errs by up to 3e-4, usually
         """
         return resolution(self)
 
