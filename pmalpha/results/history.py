@@ -325,7 +325,7 @@ class History:
         --------
         >>> history = models.split_oscillator(10.0).coupler(0.025, coupling="macro").run(20.0)
         >>> history.resolution()
-        D = 0.0025: in four periods the coupling errs by up to 3e-4, usually
+        D = 0.0026: in four periods the coupling errs by up to 3e-4, usually
         """
         return resolution(self)
 
