@@ -276,6 +276,117 @@ def test_an_incomplete_file_is_refused_and_nothing_changes(tmp_path, damage):
     assert snapshot(c) == before
 
 
+def lagging(**options):
+    """An actuator that follows at a rate, and a spring behind it."""
+    one = np.eye(1)
+    return pm.rig.LinearActuator(-50.0 * one, 50.0 * one, one, 30.0 * one, dofs=[0], **options)
+
+
+def yielding():
+    return pm.RambergOsgood([0], 10.0, 1.0, 5.0)
+
+
+# What restoring forces count: reversals of open loops, evaluations of filters and linear systems.
+COUNTING = {
+    "a spring": (lambda: [pm.CubicSpring([0], 2.0, 3.0), yielding()], 1),
+    "an actuator": (
+        lambda: pm.rig.SimulatedActuator(yielding(), delay=0.03, noise=1e-4, seed=1),
+        2,
+    ),
+    "a linear actuator": (lambda: lagging(delay=0.03, noise=1e-4, seed=1), 1),
+    "a compensator": (lambda: pm.rig.Compensated(lagging(), 0.03), 2),
+    "one that adapts": (lambda: pm.rig.Compensated(lagging(), 0.03, method="adaptive"), 2),
+    "two rigs and a spring": (lambda: [lagging(), yielding(), lagging(delay=0.02)], 3),
+}
+NO_COUNTS = (-1.0, 0.5, 2.0**53 + 2.0, 1e300, -1e300)
+
+
+def counting(restoring, scheme=None):
+    a = pm.Subdomain(
+        np.ones(2),
+        np.eye(2) * 5,
+        scheme=scheme or pm.Newmark(),
+        restoring=restoring(),
+        u0=[1.0, 0.0],
+        name="a",
+    )
+    return pm.Coupler([a], dt=0.01)
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.AccuracyWarning")
+@pytest.mark.parametrize("kind", COUNTING)
+def test_a_number_that_is_counted_with_is_a_count_or_refused(tmp_path, kind):
+    """Those that count are found by the refusals, and are as many as the devices have."""
+    path = tmp_path / "state"
+    restoring, expected = COUNTING[kind]
+    c, d = counting(restoring), counting(restoring)
+    c.step(3)
+    c.save(path)
+    with np.load(path) as file:
+        springs = file["0.springs"]
+    d.load(path)
+    before = snapshot(d)
+    problem = d._session.assembly, d._session.core_rows, d._session.options
+    arrays = checkpoint.state_arrays(*problem)
+
+    def is_refused(k, bad):
+        changed = {"0.springs": np.r_[springs[:k], bad, springs[k + 1 :]]}
+        try:
+            checkpoint.core_state(path, arrays | changed, *problem)
+        except ValueError:
+            return True
+        return False
+
+    refused = [k for k in range(springs.size) if is_refused(k, NO_COUNTS[0])]
+    assert len(refused) == expected
+    assert all(is_refused(k, bad) for k in refused for bad in NO_COUNTS)
+    rewritten(path, **{"0.springs": springs})
+    d.load(path)
+    assert snapshot(d) == before
+    np.testing.assert_array_equal(c.run(steps=4)["a"].u, d.run(steps=4)["a"].u)
+
+
+def test_a_refusal_of_a_count_says_which_and_why(tmp_path):
+    path = tmp_path / "state"
+    c = counting(yielding)
+    c.step(3)
+    c.save(path)
+    before = snapshot(c)
+    with np.load(path) as file:
+        springs = file["0.springs"]
+    springs[2] = 13.0
+    rewritten(path, **{"0.springs": springs})
+    with pytest.raises(
+        ValueError, match=r"springs must have a whole number in 0..12 at 2, got 13$"
+    ):
+        c.load(path)
+    assert snapshot(c) == before
+
+
+@pytest.mark.gate
+def test_the_number_of_corrections_of_many_multipliers_is_a_count(tmp_path):
+    """Up to 500 constraints a matrix is kept, and no count."""
+    path, n = tmp_path / "state", 501
+    spring = pm.CubicSpring([0], k=1.0, k3=2.0)
+    a, b = (
+        pm.Subdomain(np.ones(n), np.ones(n), scheme=pm.Newmark(), internal=x, v0=np.ones(n))
+        for x in (spring, None)
+    )
+    c = pm.Coupler([a, b], pm.tie(a, range(n), b, range(n)), dt=0.05, coupling="macro")
+    c.step(2)
+    c.save(path)
+    with np.load(path) as file:
+        shooting = file["shooting"]
+    assert shooting[1 + n] > 0.0
+    for bad in NO_COUNTS:
+        rewritten(path, shooting=np.r_[shooting[: 1 + n], bad, shooting[2 + n :]])
+        with pytest.raises(ValueError, match=f"shooting must have a whole number .* at {1 + n},"):
+            c.load(path)
+    rewritten(path, shooting=shooting)
+    c.load(path)
+    c.step(1)
+
+
 def test_a_file_that_is_cut_off_is_refused_and_nothing_changes(tmp_path):
     path = tmp_path / "state"
     c = saved_state(path)

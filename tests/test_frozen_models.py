@@ -544,6 +544,46 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(library, tmp_p
         assert np.array_equal(model.state().view(np.int64), before.view(np.int64))
 
 
+def yielding():
+    """A mass on a spring; a state: u, v, w, a, then d, f and the number of open loops."""
+    spring = pm.RambergOsgood([0], 10.0, 1.0, 5.0)
+    a = pm.Subdomain([1.0], [5.0], scheme=pm.Newmark(), restoring=spring, u0=[1.0], name="a")
+    return pm.Coupler([a], dt=0.01)
+
+
+@pytest.mark.parametrize(
+    "place, number",
+    [(1, 4), (1, -1), (2, -5), (2, 2**63 - 1), (2, -(2**63)), (2, 2**53)]
+    + [(9, x) for x in (-1.0, 0.5, 13.0, 1e9, np.nan, -np.inf)],
+)
+def test_a_state_with_a_number_that_is_no_count_is_refused(library, tmp_path, place, number):
+    """Fine steps since the macro step, macro steps, and open loops, with the sum made right."""
+    model = frozen(yielding(), library, tmp_path)
+    model.advance(5)
+    state = model.state()
+    before = state.copy()
+    state.view(np.int64 if place < 3 else float)[place] = number
+    state.view(np.uint64)[-1] = pmalpha._core.check_sum(state[:-1].view(np.uint8))
+    assert model.restore(state.ctypes.data, state.nbytes) == BAD_ARGUMENT
+    assert model.why == "the state is damaged"
+    assert np.array_equal(model.state().view(np.int64), before.view(np.int64))
+    assert model.advance(1) == OK
+
+
+def test_a_frozen_state_with_a_number_that_is_no_count_is_refused(library, tmp_path, monkeypatch):
+    def damaged(tree):
+        levels = tree["subdomains"][0]["levels"]
+        levels["springs"] = np.array([*levels["springs"][:2], 1e9, *levels["springs"][3:]])
+        return file_of(tree)
+
+    monkeypatch.setattr(pmalpha.run.freeze, "file_of", damaged)
+    yielding().freeze(tmp_path / "x.pma")
+    with pytest.raises(
+        Refused, match=r"springs must have a whole number in 0..12 at 2, got 1000000000"
+    ):
+        library.model(tmp_path / "x.pma")
+
+
 def test_a_specimen_that_fails_ends_the_step_and_reset_leads_back(library, tmp_path):
     model = frozen(hybrid("pm"), library, tmp_path, PORT)
     model.attach_function(0, lambda t, c: None if t > 0.1 else specimen(c[0], c[1]))

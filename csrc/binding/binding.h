@@ -94,6 +94,7 @@ void pma_coupler_release(CouplerObject *self);
 /* Methods of Coupler that are in a file of their own, state_methods.c. */
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args);
 PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_check_numbers(CouplerObject *self, PyObject *obj);
 PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *obj);
 
 /* ... and in contact.c. */
@@ -129,6 +130,7 @@ int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts);
 PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *ignored);
 PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_object_levels(SubdomainObject *self, PyObject *ignored);
+PyObject *pma_subdomain_object_check_levels(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_object_set_levels(SubdomainObject *self, PyObject *obj);
 
 extern PyMethodDef pma_factor_functions[];

@@ -347,6 +347,8 @@ static PyMethodDef coupler_methods[] = {
      "in_lanes(subdomains): the same problem PMA_LANES times, with the subdomains in lanes"},
     {"numbers", (PyCFunction)pma_coupler_object_numbers, METH_NOARGS,
      "numbers() -> {name: copy} of the present, beside the subdomains: pma_coupler_arrays"},
+    {"check_numbers", (PyCFunction)pma_coupler_object_check_numbers, METH_O,
+     "check_numbers(numbers): ValueError unless set_numbers takes them"},
     {"set_numbers", (PyCFunction)pma_coupler_object_set_numbers, METH_O,
      "set_numbers(numbers): the inverse, after start"},
     {"contact_compliance", (PyCFunction)pma_coupler_object_compliance, METH_O,

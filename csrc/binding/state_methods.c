@@ -15,12 +15,15 @@ static PyObject *copy_arrays(const pma_state_array *arrays, size_t count)
     return dict;
 }
 
-static int write_arrays(PyObject *obj, const char *name, const pma_state_array *arrays,
-                        size_t count)
+/* pma_parts_arrays or pma_parts_check_arrays */
+typedef pma_status take_arrays(const pma_field *f, const pma_state_array *arrays, size_t count);
+
+static int read_arrays(PyObject *obj, const char *name, const pma_state_array *arrays, size_t count,
+                       take_arrays *take)
 {
     pma_argument arg;
     const pma_field root = pma_read(&arg, obj, name, NULL);
-    return pma_end(&arg, pma_parts_arrays(&root, arrays, count));
+    return pma_end(&arg, take(&root, arrays, count));
 }
 
 /* ---- of a subdomain ------------------------------------------------------------------------- */
@@ -35,13 +38,24 @@ PyObject *pma_subdomain_object_levels(SubdomainObject *self, PyObject *Py_UNUSED
     return levels;
 }
 
+PyObject *pma_subdomain_object_check_levels(SubdomainObject *self, PyObject *obj)
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    if (!pma_subdomain_claim(self))
+        return NULL;
+    const size_t count = pma_subdomain_kept(self->core, arrays);
+    const int failed = read_arrays(obj, "levels", arrays, count, pma_parts_check_arrays);
+    pma_subdomain_release(self);
+    return failed ? NULL : Py_NewRef(Py_None);
+}
+
 PyObject *pma_subdomain_object_set_levels(SubdomainObject *self, PyObject *obj)
 {
     pma_state_array arrays[PMA_LEVEL_ARRAYS];
     if (!pma_subdomain_claim(self))
         return NULL;
-    const int failed =
-        write_arrays(obj, "levels", arrays, pma_subdomain_arrays(self->core, arrays));
+    const size_t count = pma_subdomain_arrays(self->core, arrays);
+    const int failed = read_arrays(obj, "levels", arrays, count, pma_parts_arrays);
     if (!failed)
         pma_subdomain_watch_again(self->core);
     pma_subdomain_release(self);
@@ -98,14 +112,25 @@ PyObject *pma_coupler_object_numbers(CouplerObject *self, PyObject *Py_UNUSED(ig
     return numbers;
 }
 
-PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *obj)
+static PyObject *read_numbers(CouplerObject *self, PyObject *obj, take_arrays *take)
 {
     pma_state_array arrays[PMA_COUPLER_ARRAYS];
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    const int failed = write_arrays(obj, "numbers", arrays, pma_coupler_arrays(self->core, arrays));
+    const size_t count = pma_coupler_arrays(self->core, arrays);
+    const int failed = read_arrays(obj, "numbers", arrays, count, take);
     pma_coupler_release(self);
     return failed ? NULL : Py_NewRef(Py_None);
+}
+
+PyObject *pma_coupler_object_check_numbers(CouplerObject *self, PyObject *obj)
+{
+    return read_numbers(self, obj, pma_parts_check_arrays);
+}
+
+PyObject *pma_coupler_object_set_numbers(CouplerObject *self, PyObject *obj)
+{
+    return read_numbers(self, obj, pma_parts_arrays);
 }
 
 PyObject *pma_coupler_object_set_motion(CouplerObject *self, PyObject *args)

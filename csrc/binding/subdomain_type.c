@@ -322,6 +322,8 @@ static PyMethodDef subdomain_methods[] = {
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
      "springs() -> (fields, springs) array: present deformation, force and inner variables, a "
      "copy"},
+    {"check_levels", (PyCFunction)pma_subdomain_object_check_levels, METH_O,
+     "check_levels(levels): ValueError unless set_levels takes them"},
     {"set_levels", (PyCFunction)pma_subdomain_object_set_levels, METH_O,
      "set_levels(levels): the inverse"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,

@@ -21,12 +21,29 @@ typedef struct {
                               corrections follows */
 } pma_state;
 
-/* One of the arrays that are a state, by its name in files. */
+/* Counts among the numbers of an array: `count` of them from number `first` on, whole numbers from 0
+ * to `most`. What computes with a count trusts it, since a state is checked where it is taken. */
+typedef struct {
+    size_t first, count;
+    double most;
+} pma_state_counts;
+
+/* A count of evaluations, which grows by 1. */
+#define PMA_MOST_COUNTED 0x1p53
+
+/* One of the arrays that are a state, by its name in files, and what of it are counts. */
 typedef struct {
     const char *name;
     size_t count;
     double *values;
+    size_t tables;
+    const pma_state_counts *counts; /* tables */
 } pma_state_array;
+
+/* NULL, or the first of these values (count) for the array that should be a count and is not one,
+ * with the largest that it can be. */
+const double *pma_state_wrong_count(const pma_state_array *array, const double *values,
+                                    double *most);
 
 /* The number of no substep. */
 #define PMA_NO_SUBSTEP INT64_MIN

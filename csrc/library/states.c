@@ -131,6 +131,56 @@ static void save(const pmalpha_model *m, double *block, size_t total)
     put(block + total - TAIL, pma_file_sum(block, (total - TAIL) * sizeof *block));
 }
 
+/* ---- what a block is checked for, before anything changes ------------------------------------ */
+
+static bool are_counts(const pma_state_array *arrays, size_t count, const double **from)
+{
+    double most;
+    for (size_t i = 0; i < count; *from += arrays[i++].count) {
+        if (pma_state_wrong_count(&arrays[i], *from, &most))
+            return false;
+    }
+    return true;
+}
+
+static bool is_flag(double x)
+{
+    return x == 0.0 || x == 1.0;
+}
+
+static bool is_of_member(const pmalpha_member *x, const double **from)
+{
+    pma_state_array arrays[PMA_LEVEL_ARRAYS];
+    const pma_iterate *it = pma_subdomain_iterate(x->core);
+    if (!are_counts(arrays, pma_subdomain_kept(x->core, arrays), from))
+        return false;
+    const double *kept = *from;
+    if (it)
+        *from += KEPT + pma_iterate_entries(it);
+    return !it || (is_flag(kept[1]) && is_flag(kept[2]));
+}
+
+/* A macro step that the coupler can count from. */
+static bool is_step(const pmalpha_model *m, int64_t step)
+{
+    return step >= m->origin && step < pma_coupler_most_steps(m->core);
+}
+
+/* Is everything that is counted with a count, and within its range? */
+static bool is_whole(pmalpha_model *m, const double *block)
+{
+    const double *from = block + HEAD;
+    pma_state_array arrays[PMA_COUPLER_ARRAYS];
+    if (number_at(block + FINE) >= pma_coupler_instants(m->core) ||
+        !is_step(m, (int64_t)number_at(block + STEP)))
+        return false;
+    for (size_t i = 0; i < m->members; i++) {
+        if (!is_of_member(&m->member[i], &from))
+            return false;
+    }
+    return are_counts(arrays, pma_coupler_arrays(m->core, arrays), &from);
+}
+
 /* ---- restoring ------------------------------------------------------------------------------ */
 
 static void set_all(pmalpha_model *m, const double *values)
@@ -212,7 +262,7 @@ pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size)
     if (number_at(x + SUM) != pma_file_sum_of(m->bytes))
         return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is of another model");
     if (number_at(x + total - TAIL) != pma_file_sum(x, bytes - TAIL * sizeof(double)) ||
-        number_at(x + FINE) >= pma_coupler_instants(m->core))
+        !is_whole(m, x))
         return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is damaged");
     return pmalpha_return(m, x);
 }
@@ -323,7 +373,7 @@ static pma_status take_clock(const pma_field *f, pmalpha_model *m)
     PMA_TRY(pma_field_integer(&origin, 0, &m->origin));
     PMA_TRY(pma_field_integer(&number, m->origin, &step));
     PMA_TRY(pma_field_real(&t0, &m->t0));
-    if (m->origin >= pma_coupler_most_steps(m->core) || step >= pma_coupler_most_steps(m->core))
+    if (!is_step(m, step))
         return pma_field_refuse(&number, "is too large");
     pma_coupler_set_origin(m->core, m->origin, m->t0);
     /* zeros, which the arrays replace */

@@ -170,7 +170,7 @@ pma_state_array present_array(pma_coupler *c, const char *name)
         if (strcmp(arrays[i].name, name) == 0)
             return arrays[i];
     }
-    return (pma_state_array){name, 0, NULL};
+    return (pma_state_array){.name = name};
 }
 
 size_t copy_levels(pma_subdomain *from, pma_subdomain *to)

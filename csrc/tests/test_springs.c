@@ -410,6 +410,35 @@ static void tangents_are_in_the_order_of_the_sets(void)
     CHECK_BITS(4, slopes, ((double[]){1.0, 14.0, 1.0, 0.0}));
 }
 
+/* Of the second set, behind those of the first, the number of open loops. */
+static void the_counts_of_springs_are_found_and_checked(void)
+{
+    const int32_t dofs[2] = {0, 1}, ground[2] = {-1, -1};
+    const double k[2] = {1.0, 2.0};
+    const pma_spring_set sets[2] = {
+        {.law = PMA_CUBIC, .count = 1, .first = dofs, .second = ground, .parameters = {k, k}},
+        {.law = PMA_RAMBERG_OSGOOD,
+         .count = 2,
+         .first = dofs,
+         .second = ground,
+         .parameters = {k, k, k, k}}};
+    const pma_springs springs = {.count = 2, .sets = sets, .total = 3};
+    const double bad[] = {-1.0, 0.5, 13.0, NAN, INFINITY};
+    double level[81] = {0.0}, most;
+    pma_state_counts counts;
+    CHECK(pma_springs_numbers(&springs) == 81 && pma_springs_tables(&springs) == 1);
+    pma_springs_counts(&springs, &counts);
+    const pma_state_array array = {"springs", 81, level, 1, &counts};
+    CHECK(counts.first == 7 && counts.count == 2 && counts.most == 12.0);
+    level[6] = -1.0; /* of the cubic spring, which has none */
+    level[8] = 12.0;
+    CHECK(!pma_state_wrong_count(&array, level, &most));
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        level[8] = bad[i];
+        CHECK(pma_state_wrong_count(&array, level, &most) == level + 8 && most == 12.0);
+    }
+}
+
 const test SPRINGS_TESTS[] = {
     TEST(a_cubic_spring_and_a_gap_are_their_formulas),
     TEST(a_damped_gap_pushes_with_both_and_never_pulls),
@@ -427,5 +456,6 @@ const test SPRINGS_TESTS[] = {
     TEST(tangents_of_springs_are_the_differences_of_their_forces),
     TEST(a_tangent_is_that_of_the_branch_on_which_the_spring_is),
     TEST(tangents_are_in_the_order_of_the_sets),
+    TEST(the_counts_of_springs_are_found_and_checked),
     END_OF_TESTS,
 };

@@ -221,7 +221,8 @@ def core_state(
     rows: CoreRows,
     options: Options,
 ) -> CoreState:
-    """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
+    """The inverse of `state_arrays`; ValueError for missing or wrong arrays, and for numbers that
+    the core counts with and that are no counts."""
     p, numbers = rows.p, assembly.core.numbers()
     members = list(enumerate(assembly.members, assembly.first))
     try:
@@ -243,6 +244,9 @@ def core_state(
         if "moved" in numbers:  # files of before version 0.4 lack it
             moved = checked(arrays, "moved", p) if "moved" in arrays else np.zeros(p)
             numbers["moved"] = rows.jumps_in_core(moved)
+        for (_, member), levels in zip(members, states):
+            member.core.check_levels(levels)
+        assembly.core.check_numbers(numbers)
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
     return CoreState(states, iterations, numbers)

@@ -237,7 +237,8 @@ static void commit(pma_coupler *c, pma_contact *x)
 pma_state_array pma_contact_array(pma_coupler *c)
 {
     commit(c, c->contact);
-    return (pma_state_array){"contact", c->contact->numbers, c->contact->present.P};
+    return (pma_state_array){
+        .name = "contact", .count = c->contact->numbers, .values = c->contact->present.P};
 }
 
 const double *pma_coupler_contact_compliance(const pma_coupler *c, bool start, size_t *rows)

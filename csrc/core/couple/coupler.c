@@ -315,15 +315,21 @@ size_t pma_coupler_failed(const pma_coupler *c)
     return c->failed;
 }
 
+/* An array without counts. */
+static pma_state_array real_array(const char *name, size_t count, double *values)
+{
+    return (pma_state_array){.name = name, .count = count, .values = values};
+}
+
 size_t pma_coupler_arrays(pma_coupler *c, pma_state_array out[PMA_COUPLER_ARRAYS])
 {
     const size_t p = c->parts.p;
     size_t count = 0;
-    out[count++] = (pma_state_array){"multipliers", p, c->present.lam};
-    out[count++] = (pma_state_array){"prescribed", p, c->present.g};
+    out[count++] = real_array("multipliers", p, c->present.lam);
+    out[count++] = real_array("prescribed", p, c->present.g);
     if (c->parts.motion_count > 0)
-        out[count++] = (pma_state_array){"moved", p, c->present.moved};
-    out[count++] = (pma_state_array){"end_multipliers", 2 * p + 2, c->lam_end};
+        out[count++] = real_array("moved", p, c->present.moved);
+    out[count++] = real_array("end_multipliers", 2 * p + 2, c->lam_end);
     if (c->iteration && c->iteration->size > 0)
         out[count++] = pma_iteration_array(c->iteration);
     if (c->contact)

@@ -105,6 +105,7 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
     double *next = c->iteration->own + c->parts.count * p;
     c->iteration->dlam = c->iteration->working + 1;
     c->iteration->broyden = (pma_broyden){.p = p, .state = c->iteration->dlam + p};
+    c->iteration->counts = (pma_state_counts){1 + p, pma_broyden_counts(p), PMA_MOST_COUNTED};
     for (size_t i = 0; i < c->parts.count; i++) {
         c->coupled[i].lam = c->iteration->own + i * p;
         c->iteration->members[i].corrections = next;
@@ -117,7 +118,11 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
 
 pma_state_array pma_iteration_array(pma_iteration *it)
 {
-    return (pma_state_array){"shooting", it->size, it->present};
+    return (pma_state_array){.name = "shooting",
+                             .count = it->size,
+                             .values = it->present,
+                             .tables = 1,
+                             .counts = &it->counts};
 }
 
 void pma_iteration_start(pma_iteration *it)

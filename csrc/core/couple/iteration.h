@@ -68,6 +68,7 @@ typedef struct {
      * the increment of the multipliers, B */
     double *present, *working;
     size_t size;
+    pma_state_counts counts; /* among these, of B */
 
     /* what the members are asked to do at the moment */
     bool tangent, fresh;

@@ -207,7 +207,7 @@ static pma_status take(const pma_field *f, pma_kind kind, size_t n, const void *
 {
     int64_t extent = (int64_t)n;
     return (uint64_t)n > INT64_MAX ? pma_field_refuse(f, "is too large")
-                         : pma_field_array(f, kind, 1, &extent, out);
+                                   : pma_field_array(f, kind, 1, &extent, out);
 }
 
 pma_status pma_field_doubles(const pma_field *f, size_t n, const double **out)

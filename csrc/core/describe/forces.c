@@ -68,6 +68,28 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
     return PMA_OK;
 }
 
+/* What of the memory of all specimens are counts. */
+static pma_status find_counts(const pma_field *f, const series *all, pma_restoring *out)
+{
+    pma_state_counts *counts;
+    for (size_t i = 0; i < all->count; i++) {
+        const specimen_function *own = all->each[i].user;
+        if (all->each[i].function == call_specimen)
+            out->tables += pma_specimen_tables(own->core);
+    }
+    PMA_TRY(pma_field_allocate(f, out->tables, sizeof *counts, (void *)&counts));
+    out->counts = counts;
+    for (size_t i = 0; i < all->count; i++) {
+        const specimen_function *own = all->each[i].user;
+        if (all->each[i].function != call_specimen)
+            continue;
+        pma_specimen_counts(own->core, counts);
+        for (size_t k = pma_specimen_tables(own->core); k > 0; k--)
+            (counts++)->first += own->offset;
+    }
+    return PMA_OK;
+}
+
 static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *out)
 {
     series *all;
@@ -88,6 +110,7 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
                     : pma_field_find(&function, PMA_RESTORING_ROLE, &all->each[i]));
         out->by_caller = out->by_caller || all->each[i].by_caller;
     }
+    PMA_TRY(find_counts(f, all, out));
     out->function = all->count == 1 ? all->each[0].function : call_series;
     out->user = all->count == 1 ? all->each[0].user : all;
     return PMA_OK;

@@ -1,9 +1,23 @@
 /* What is of the present, from its fields. */
+#include <stdio.h>
 #include <string.h>
 
 #include "describe/describe.h"
 
-pma_status pma_parts_arrays(const pma_field *f, const pma_state_array *arrays, size_t count)
+static pma_status take_array(const pma_field *f, const pma_state_array *array, const double **out)
+{
+    char reason[96];
+    double most;
+    PMA_TRY(pma_field_doubles(f, array->count, out));
+    const double *wrong = pma_state_wrong_count(array, *out, &most);
+    if (!wrong)
+        return PMA_OK;
+    snprintf(reason, sizeof reason, "must have a whole number in 0..%.16g at %zu, got %.17g", most,
+             (size_t)(wrong - *out), *wrong);
+    return pma_field_refuse(f, reason);
+}
+
+pma_status pma_parts_check_arrays(const pma_field *f, const pma_state_array *arrays, size_t count)
 {
     const double *values = NULL;
     PMA_TRY(pma_field_dict(f));
@@ -11,8 +25,15 @@ pma_status pma_parts_arrays(const pma_field *f, const pma_state_array *arrays, s
         return pma_field_refuse(f, "must have the arrays of the state, and no others");
     for (size_t i = 0; i < count; i++) {
         const pma_field array = pma_field_at(f, arrays[i].name);
-        PMA_TRY(pma_field_doubles(&array, arrays[i].count, &values));
+        PMA_TRY(take_array(&array, &arrays[i], &values));
     }
+    return PMA_OK;
+}
+
+pma_status pma_parts_arrays(const pma_field *f, const pma_state_array *arrays, size_t count)
+{
+    const double *values = NULL;
+    PMA_TRY(pma_parts_check_arrays(f, arrays, count));
     for (size_t i = 0; i < count; i++) {
         const pma_field array = pma_field_at(f, arrays[i].name);
         PMA_TRY(pma_field_doubles(&array, arrays[i].count, &values));

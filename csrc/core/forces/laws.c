@@ -425,7 +425,8 @@ const pma_law pma_laws[PMA_SPRING_LAWS] = {
     [PMA_ELASTIC] = {"multilinear elastic", 1, 0, 2, 0, FORMS(elastic), elastic_tangent,
                      elastic_energy},
     [PMA_RAMBERG_OSGOOD] = {"Ramberg-Osgood", 4, RAMBERG_OSGOOD, 0, 0, go_ramberg_osgood,
-                            go_ramberg_osgood, ramberg_osgood_tangent, ramberg_osgood_energy},
+                            go_ramberg_osgood, ramberg_osgood_tangent, ramberg_osgood_energy,
+                            .most = REVERSALS},
     [PMA_DAMPED_GAP] = {"damped gap", 3, 0, 0, 0, FORMS(damped_gap), damped_gap_tangent, gap_energy,
                         damped_gap_dashpot},
 };

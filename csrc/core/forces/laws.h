@@ -39,6 +39,7 @@ typedef struct {
     double (*tangent)(const pma_law_end *end); /* df/dd */
     double (*energy)(const pma_law_end *end);  /* that it can give back                    (H5) */
     double (*dashpot)(const pma_law_end *end); /* df/dd'; NULL: without one */
+    size_t most; /* of inner variable 0, where that is a count; 0: no inner variable is one */
 } pma_law;
 
 extern const pma_law pma_laws[PMA_SPRING_LAWS];

@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "state.h"
 #include "status.h"
 
 /* r (n) := r(u, v, t), in the user's order of dofs; r arrives zeroed. Other than 0: stop the run.
@@ -44,10 +45,12 @@ typedef struct {
     const double *load;   /* n, in the user's order: an external load f(t, u, v) that the last r
                              contains as - f, for its work; or NULL */
     size_t memory;        /* numbers that the function remembers from one evaluation to the next */
-    size_t compensators;  /* of commands, among the functions */
-    pma_cell *cell;       /* NULL without memory and compensators */
-    size_t traces;        /* specimens behind filters among the functions */
-    const pma_trace *trace; /* traces */
+    size_t tables;        /* of counts among these numbers */
+    const pma_state_counts *counts; /* tables */
+    size_t compensators;            /* of commands, among the functions */
+    pma_cell *cell;                 /* NULL without memory and compensators */
+    size_t traces;                  /* specimens behind filters among the functions */
+    const pma_trace *trace;         /* traces */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */

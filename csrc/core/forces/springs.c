@@ -33,6 +33,25 @@ size_t pma_springs_numbers(const pma_springs *springs)
     return springs->total > 0 ? pma_springs_fields(springs) * springs->total : 0;
 }
 
+size_t pma_springs_tables(const pma_springs *springs)
+{
+    size_t tables = 0;
+    for (size_t s = 0; s < springs->count; s++)
+        tables += pma_laws[springs->sets[s].law].most > 0;
+    return tables;
+}
+
+void pma_springs_counts(const pma_springs *springs, pma_state_counts *out)
+{
+    for (size_t s = 0, at = 2 * springs->total; s < springs->count;
+         at += springs->sets[s++].count) {
+        const pma_spring_set *set = &springs->sets[s];
+        const size_t most = pma_laws[set->law].most;
+        if (most > 0)
+            *out++ = (pma_state_counts){at, set->count, (double)most};
+    }
+}
+
 static int is_dof(int32_t dof, size_t n)
 {
     return dof >= -1 && (dof < 0 || (size_t)dof < n);

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "state.h"
 #include "status.h"
 
 /* The laws, with their parameters in this order:
@@ -54,6 +55,10 @@ typedef struct {
  * sets. All zero: a spring that was never loaded. */
 size_t pma_springs_fields(const pma_springs *springs);
 size_t pma_springs_numbers(const pma_springs *springs); /* fields x total */
+
+/* How many tables of counts there are in what springs remember of a time level, and these. */
+size_t pma_springs_tables(const pma_springs *springs);
+void pma_springs_counts(const pma_springs *springs, pma_state_counts *out);
 
 /* The number of parameters of a spring of a set. */
 size_t pma_spring_parameters(const pma_spring_set *set);

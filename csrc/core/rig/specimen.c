@@ -32,6 +32,26 @@ size_t pma_specimen_numbers(const pma_specimen *s)
     return start_of_trace(s) + s->width * (s->h > 0.0 ? 4 : 3);
 }
 
+/* Evaluations, of each filter and of a linear system, which has no springs */
+size_t pma_specimen_tables(const pma_specimen *s)
+{
+    return s->count + (s->linear ? 1 : pma_springs_tables(&s->springs));
+}
+
+void pma_specimen_counts(const pma_specimen *s, pma_state_counts *out)
+{
+    size_t at = s->width;
+    for (size_t k = 0; k < s->count; at += numbers_of_filter(s, k++))
+        *out++ = (pma_state_counts){at, 1, PMA_MOST_COUNTED};
+    if (s->linear) {
+        *out = (pma_state_counts){at, 1, PMA_MOST_COUNTED};
+        return;
+    }
+    pma_springs_counts(&s->springs, out);
+    for (size_t k = 0; k < pma_springs_tables(&s->springs); k++)
+        out[k].first += at;
+}
+
 pma_trace pma_specimen_trace(const pma_specimen *s)
 {
     const size_t command = start_of_trace(s), width = s->width;

@@ -45,6 +45,8 @@ typedef struct {
 /* The numbers it remembers: the measured displacement (width), the filters in turn, the springs or
  * the linear system, the rest of the trace, the last acceleration. */
 size_t pma_specimen_numbers(const pma_specimen *s);
+size_t pma_specimen_tables(const pma_specimen *s); /* of counts among these numbers; and these */
+void pma_specimen_counts(const pma_specimen *s, pma_state_counts *out);
 pma_trace pma_specimen_trace(const pma_specimen *s);
 
 /* r (n) += its forces. Returns what the function returns, or 1 when `cell` refuses what

@@ -26,6 +26,12 @@ size_t pma_broyden_size(size_t p)
     return is_dense(p) ? p * p : 1 + (size_t)2 * PMA_BROYDEN_KEPT * p;
 }
 
+/* That of corrections */
+size_t pma_broyden_counts(size_t p)
+{
+    return is_dense(p) ? 0 : 1;
+}
+
 void pma_broyden_begin(const pma_broyden *b, double *scratch)
 {
     memset(b->state, 0, pma_broyden_size(b->p) * sizeof(double));

@@ -22,6 +22,9 @@ typedef struct {
 
 size_t pma_broyden_size(size_t p);
 
+/* The number of counts that these begin with, 0 or 1. */
+size_t pma_broyden_counts(size_t p);
+
 /* B := the inverse that it starts as; scratch (p) */
 void pma_broyden_begin(const pma_broyden *b, double *scratch);
 

@@ -78,6 +78,7 @@ struct pma_subdomain {
     pma_internal_forces *internal;
     pma_tree *tree, *tree_twice; /* of the factors of both operators */
     void *spread;                /* springs in lanes */
+    pma_state_counts *counts;    /* of what they and functions remember, and of histories */
 
     double *vs;         /* n: extrapolated velocity, if there is one */
     double *remembered; /* by the restoring function, at the next start */

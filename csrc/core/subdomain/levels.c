@@ -139,8 +139,16 @@ size_t pma_levels_arrays(const pma_levels *l, pma_state_array *out)
         x->u, x->v, x->w, x->a, l->vf_present,  x->springs, x->history,
         y->u, y->v, y->w, y->a, l->vf_previous, y->springs, y->history};
     const size_t counts[] = {l->n, l->n, l->n, l->n, l->nb, l->springs, l->history};
+    enum { SPRINGS = 5 };
     const size_t each = sizeof counts / sizeof *counts, count = l->doubled ? 2 * each : each;
     for (size_t i = 0; i < count; i++)
-        out[i] = (pma_state_array){names[i], counts[i % each], values[i]};
+        out[i] =
+            (pma_state_array){.name = names[i], .count = counts[i % each], .values = values[i]};
+    for (size_t i = SPRINGS; i < count; i += each) {
+        out[i].tables = l->tables;
+        out[i].counts = l->counts;
+        out[i + 1].tables = l->counts ? 1 : 0;
+        out[i + 1].counts = l->counts + l->tables;
+    }
     return count;
 }

@@ -24,11 +24,13 @@ typedef struct {
     double *vf_present; /* stored free velocities */
     double *vf_work[PMA_MOST_LEVELS];
     pma_state present, work[PMA_MOST_LEVELS];
-    pma_state previous;      /* time level -1, for double steps */
-    double *vf_previous;     /* no step reads it */
-    size_t n, nb;            /* sizes of a state and of a free velocity */
-    size_t springs, history; /* ... of what springs and internal forces remember */
-    double *states;          /* those that were made last */
+    pma_state previous;       /* time level -1, for double steps */
+    double *vf_previous;      /* no step reads it */
+    size_t n, nb;             /* sizes of a state and of a free velocity */
+    size_t springs, history;  /* ... of what springs and internal forces remember */
+    size_t tables;            /* of counts in the former, */
+    pma_state_counts *counts; /* ... and after these that of the latter, which is empty without */
+    double *states;           /* those that were made last */
     void *block, *block_ahead;
 } pma_levels;
 

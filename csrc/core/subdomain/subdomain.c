@@ -103,9 +103,27 @@ size_t pma_parts_memory(const pma_parts *parts)
     return pma_springs_numbers(&parts->springs) + parts->restoring.memory;
 }
 
+/* Counts among what a time level remembers: of springs, of functions after them, and the number of
+ * corrections after the histories. */
+static void find_counts(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    const size_t springs = pma_springs_tables(&p->springs);
+    pma_springs_counts(&p->springs, s->counts);
+    for (size_t k = 0; k < p->restoring.tables; k++) {
+        s->counts[springs + k] = p->restoring.counts[k];
+        s->counts[springs + k].first += pma_springs_numbers(&p->springs);
+    }
+    s->levels.tables = springs + p->restoring.tables;
+    s->levels.counts = s->counts;
+    s->counts[s->levels.tables] =
+        (pma_state_counts){p->internal.history, s->iterate ? 1 : 0, PMA_MOST_COUNTED};
+}
+
 static pma_status lay_out(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
+    const size_t tables = pma_springs_tables(&p->springs) + p->restoring.tables;
     const size_t n = p->n, nb = p->nb, history = p->internal.history;
     const size_t scratch = pma_parts_scratch(p), given = p->restoring.function ? 2 * n : 0;
     const pma_array arrays[] = {PMA_ARRAY(pma_subdomain, vs, s->extrapolates ? n : 0),
@@ -117,6 +135,7 @@ static pma_status lay_out(pma_subdomain *s)
                                 PMA_ARRAY(pma_subdomain, remembered, p->restoring.memory),
                                 PMA_ARRAY(pma_subdomain, evaluated.values, 2 * given),
                                 PMA_ARRAY(pma_subdomain, evaluated.first, given),
+                                PMA_ARRAY(pma_subdomain, counts, tables + 1),
                                 {0}};
     s->levels = (pma_levels){.n = n,
                              .nb = nb,
@@ -128,6 +147,7 @@ static pma_status lay_out(pma_subdomain *s)
     s->block = pma_object_fill(s, arrays);
     if (!s->block)
         return PMA_NO_MEMORY;
+    find_counts(s);
     return PMA_OK;
 }
 
