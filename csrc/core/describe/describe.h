@@ -130,8 +130,8 @@ pma_status pma_parts_make_subdomain(const pma_subdomain_taken *taken, pma_subdom
 
 /* ---- the present (present.c) ---------------------------------------------------------------- */
 
-/* {name: doubles (count,)} of all of these arrays, which are written if they are all there and their
- * counts are counts; and the same without writing. */
+/* {name: doubles (count,)} of all of these arrays, which are written if they are all there and what
+ * has to be a count is one; and the same without writing. */
 pma_status pma_parts_check_arrays(const pma_field *f, const pma_state_array *arrays, size_t count);
 pma_status pma_parts_arrays(const pma_field *f, const pma_state_array *arrays, size_t count);
 
