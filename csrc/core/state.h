@@ -21,8 +21,8 @@ typedef struct {
                               corrections follows */
 } pma_state;
 
-/* Counts among the numbers of an array: `count` of them from number `first` on, whole numbers from 0
- * to `most`. What computes with a count trusts it, since a state is checked where it is taken. */
+/* Counts among the numbers of an array: `count` of them from number `first` on, whole ones in
+ * 0..most. What computes with a count trusts it, since a state is checked where it is taken. */
 typedef struct {
     size_t first, count;
     double most;
