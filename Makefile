@@ -8,8 +8,8 @@ CORE     := $(wildcard csrc/core/*.c csrc/core/*/*.c)
 BINDING  := $(wildcard csrc/binding/*.[ch])
 TESTS    := $(wildcard csrc/tests/*.[ch])
 # pointers are checked where they are used, which halves the time of the compiler
-SANITIZE := -fsanitize=address,undefined -fno-sanitize=pointer-overflow -fno-sanitize-recover=all \
-	-fno-omit-frame-pointer
+SANITIZE := -fsanitize=address,undefined,float-cast-overflow -fno-sanitize=pointer-overflow \
+	-fno-sanitize-recover=all -fno-omit-frame-pointer
 
 # allocations go through allocations.c, which lets them fail
 WRAPPED  := -DWRAPPED_ALLOCATORS -Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc
@@ -325,7 +325,7 @@ $(C_BUILD)/libpmalpha.so: $(C_OBJECTS)
 
 # what opens damaged models under the sanitizers: tests/campaign_frozen.py
 build/frozen_fuzz: tests/frozen_fuzz.c $(call OBJECTS,asan,$(CORE) $(wildcard csrc/library/*.c))
-	$(CC) $(filter-out $(WRAPPED),$(FLAGS_asan)) -std=gnu11 -Wall -Wextra -Icsrc/core -Icsrc -pthread $^ -lm -o $@
+	$(CC) $(FLAGS_asan) -std=gnu11 -Wall -Wextra -Icsrc/core -Icsrc -pthread $^ -lm -o $@
 
 install-c: $(C_BUILD)/libpmalpha.a $(C_BUILD)/libpmalpha.so
 	mkdir -p $(PREFIX)/include $(PREFIX)/lib/pkgconfig $(PREFIX)/lib/cmake/pmalpha

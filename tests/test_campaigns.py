@@ -15,6 +15,7 @@ import campaign_remote
 import campaign_signals
 import campaign_soak
 import campaign_stalls
+import campaign_states
 import pytest
 import waits
 from campaign import tried
@@ -50,9 +51,19 @@ def test_files_that_others_write_replace_or_cut_off_mix_and_lose_nothing():
 @pytest.mark.skipif(sys.platform != "linux", reason="compiled with the sanitizers of gcc")
 def test_damaged_frozen_models_are_opened_or_refused_without_a_fault():
     counts = campaign_frozen.campaign(range(1), copies=100)
-    assert counts["models"] > 15 and counts["copies"] == 100 * counts["models"]
+    assert counts["models"] > 25
+    for kind in campaign_frozen.KINDS:
+        assert counts[f"{kind}: copies"] == 100 * counts["models"]
+        assert 100 < counts[f"{kind}: stepped"] <= counts[f"{kind}: opened"]
     # a change of a number of the data is no damage; a quarter has a check sum that is wrong
-    assert 100 < counts["stepped"] <= counts["opened"] < 0.5 * counts["copies"]
+    assert counts["bytes: opened"] < 0.5 * counts["bytes: copies"]
+    assert counts["states: opened"] < counts["states: copies"]
+
+
+def test_checkpoints_with_another_number_are_refused_or_gone_on_from():
+    counts = campaign_states.campaign(range(600))
+    assert counts["refused"] > 30 and counts["stepped"] > 300
+    assert counts["ended by an exception"] > 0
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs the shared library of Linux")

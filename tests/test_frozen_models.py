@@ -22,6 +22,7 @@ from frozen_relations import attempt
 from scipy import LowLevelCallable
 
 import pmalpha as pm
+import pmalpha.frozen.tree
 import pmalpha.run.freeze
 from pmalpha import rig
 from pmalpha.frozen.tree import file_of
@@ -789,6 +790,76 @@ def test_a_number_of_constraints_that_no_file_of_this_size_has_is_refused(
     iterated("macro").freeze(tmp_path / "x.pma")
     with pytest.raises(Refused, match="p is too large"):
         library.model(tmp_path / "x.pma")
+
+
+def test_numbers_that_ask_for_memory_share_one_room(library, tmp_path, monkeypatch):
+    """A link of 2**23 constraints asks for 256 MB, which a small file may once."""
+
+    def damaged(links):
+        def file(tree):
+            for i in links:
+                parts = tree["subdomains"][i]["parts"]
+                parts["link"] = parts["link"]._replace(p=2**23)
+            return file_of(tree)
+
+        return file
+
+    for links, message in (([0], "sizes do not agree"), ([0, 1], r"\[1\].*p is too large")):
+        monkeypatch.setattr(pmalpha.run.freeze, "file_of", damaged(links))
+        frame("gc").freeze(tmp_path / "x.pma")
+        with pytest.raises(Refused, match=message):
+            library.model(tmp_path / "x.pma")
+
+
+HEADER, NODE = pmalpha.frozen.tree.HEADER // 8, pmalpha.frozen.tree.NODE // 8
+
+
+def with_sum(content):
+    content.view(np.uint64)[5] = pmalpha._core.check_sum(content[HEADER:].view(np.uint8))
+    return content
+
+
+def test_nodes_that_share_children_are_refused(library, tmp_path):
+    """Every further parent would cost nothing in the file, and memory when it is opened."""
+    frame("gc").freeze(tmp_path / "x.pma")
+    content = words(tmp_path / "x.pma")
+    nodes = content[HEADER : HEADER + NODE * content[3]].reshape(-1, NODE)
+    assert library.model(with_sum(content.copy())).advance(1) == OK
+    families = [x for x in nodes if x[0] == pmalpha.frozen.tree.DICT]
+    first, second = next((x, y) for x in families for y in families if x[1] == y[1] and x[4] < y[4])
+    first[4] = second[4]
+    with pytest.raises(Refused, match="is outside, or used too often"):
+        library.model(with_sum(content))
+
+
+def test_an_array_of_many_nodes_is_written_again_and_refused_where_it_is_not(
+    library, tmp_path, monkeypatch
+):
+    tree = {"format": "pmalpha", "subdomains": 20 * (np.ones(1000),)}
+    sizes = []
+    for shares, message in ((8, "inputs must be"), (20, "used too often")):
+        monkeypatch.setattr(pmalpha.frozen.tree, "SHARES", shares)
+        content = np.frombuffer(bytes(file_of(tree)), np.int64).copy()
+        sizes.append(content.nbytes)
+        with pytest.raises(Refused, match=message):
+            library.model(content)
+    assert 16000 <= sizes[0] - sizes[1] < 17000  # three arrays, and one
+
+
+def test_after_a_state_that_failed_the_model_goes_on_from_a_good_one(library, tmp_path):
+    """A velocity that nothing prescribes, and that is not finite, was kept for later steps."""
+    model, other = (frozen(frame("gc"), library, tmp_path) for _ in range(2))
+    model.advance(5)
+    other.advance(5)
+    state = model.state()
+    for k in range(3, len(state) - 1):
+        bad = state.copy()
+        bad[k] = np.nan
+        bad.view(np.uint64)[-1] = pmalpha._core.check_sum(bad[:-1].view(np.uint8))
+        if model.restore(bad.ctypes.data, bad.nbytes) == OK:
+            model.advance(4)
+    assert model.restore(state.ctypes.data, state.nbytes) == OK
+    assert np.array_equal(model.rows(9), other.rows(9))
 
 
 def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):

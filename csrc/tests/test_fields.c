@@ -345,6 +345,9 @@ static void a_number_that_stands_for_no_array_has_limited_room(void)
     const pma_field root = pma_field_root(&t.fields, NULL);
     t.fields.room = 3 * sizeof(double); /* of three substeps of one dof */
     CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_OK);
+    CHECK(t.fields.taken == t.fields.room);
+    CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_REFUSED); /* there is none left */
+    t.fields.taken = 0;
     t.nodes[6] = integer(4);
     CHECK_STATUS(pma_parts_subdomain(&root, &taken), PMA_REFUSED);
     CHECK(strcmp(t.fields.refusal, "substeps is too large") == 0);

@@ -17,23 +17,30 @@ from .. import _core
 FORMAT = 2
 HEADER, NODE = 64, 40
 ORDER = 0x01020304
+TEXT, ARRAY = 8, 64  # alignment
 NONE, INTEGER, REAL, WORD, TUPLE, DICT = range(6)
 ARRAYS = {np.dtype(np.float64): 6, np.dtype(np.int64): 7, np.dtype(np.int32): 8}
 
 
+# Nodes that one array may have: readers take what all nodes ask for up to this times the file.
+SHARES = 8
+
+
 class _Data:
-    """What nodes point to, behind them: equal arrays once."""
+    """What nodes point to, behind them: equal words once, equal arrays for up to eight nodes."""
 
     def __init__(self) -> None:
         self.pieces: list[tuple[int, Any]] = []  # alignment, bytes
-        self.known: dict[Any, int] = {}
+        self.known: dict[Any, tuple[int, int]] = {}  # number of the piece, uses of it
 
     def add(self, key: Any, alignment: int, content: Any) -> int:
         """The number of the piece."""
-        if key not in self.known:
-            self.known[key] = len(self.pieces)
+        number, uses = self.known.get(key, (-1, 0))
+        if number < 0 or (alignment == ARRAY and uses == SHARES):
+            number, uses = len(self.pieces), 0
             self.pieces.append((alignment, content))
-        return self.known[key]
+        self.known[key] = number, uses + 1
+        return number
 
     def places(self, begin: int) -> list[int]:
         """Where each piece begins, and the end."""
@@ -82,14 +89,14 @@ def _node(item: Any, place: str, data: _Data, items: list[tuple[Any, str]]) -> t
         return REAL, 0, (0, 0, 0), struct.pack("<d", float(item))
     if isinstance(item, str):
         text = item.encode()
-        return WORD, 0, (len(text), 0, 0), data.add(text, 8, text + b"\0")
+        return WORD, 0, (len(text), 0, 0), data.add(text, TEXT, text + b"\0")
     if isinstance(item, np.ndarray) and item.dtype in ARRAYS and 1 <= item.ndim <= 3:
         array = np.ascontiguousarray(item)
         kind = ARRAYS[item.dtype]
         flat = array.reshape(-1).view(np.uint8)
         key = kind, array.shape, blake2b(flat.data, digest_size=16).digest()
         extents = (*array.shape, *(0,) * (3 - array.ndim))
-        return kind, array.ndim, extents, data.add(key, 64, flat.data)
+        return kind, array.ndim, extents, data.add(key, ARRAY, flat.data)
     pairs = _pairs(item)
     if pairs is not None:
         family = [(x, f"{place}.{key}") for key, value in pairs for x in (key, value)]

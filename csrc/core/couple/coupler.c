@@ -248,6 +248,7 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
     assert(step_count >= c->origin.number);
     memcpy(c->present.lam, lam, c->parts.p * sizeof(double));
     memcpy(c->present.g, g, c->parts.p * sizeof(double));
+    memset(c->working.g, 0, c->parts.p * sizeof(double)); /* of rows that nothing prescribes */
     memset(c->present.moved, 0, c->parts.p * sizeof(double));
     c->present.number = c->reached.number = step_count - c->origin.number;
     c->k = 0;

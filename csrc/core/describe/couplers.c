@@ -135,6 +135,9 @@ static pma_status take_side(const pma_field *f, const pma_members *members, size
     return out->N.p == rows ? PMA_OK : pma_field_refuse(&N, "has other rows than the contacts");
 }
 
+/* Square ones of all rows of contacts: two, and a factor. */
+enum { MATRICES = 3 };
+
 /* With the schedule of contacts, and no other */
 static pma_status take_contact(const pma_field *f, const pma_members *members,
                                pma_coupler_taken *out)
@@ -158,6 +161,10 @@ static pma_status take_contact(const pma_field *f, const pma_members *members,
         return pma_field_refuse(&first, "must have at least two numbers");
     contact->first = data;
     contact->contacts = starts - 1;
+    const int64_t last = contact->first[contact->contacts];
+    const size_t rows = last > 0 ? (size_t)last : 0;
+    PMA_TRY(pma_field_room(&first, rows, sizeof(double)));
+    PMA_TRY(pma_field_room(&first, rows, MATRICES * rows * sizeof(double)));
     PMA_TRY(pma_field_doubles(&gap, contact->contacts, &contact->gap));
     PMA_TRY(pma_field_doubles(&restitution, contact->contacts, &contact->restitution));
     PMA_TRY(pma_field_doubles(&friction, contact->contacts, &contact->friction));

@@ -267,8 +267,12 @@ pma_status pma_field_find(const pma_field *f, pma_role role, void *out)
 
 pma_status pma_field_room(const pma_field *f, size_t count, size_t size)
 {
-    const size_t room = f->fields->room > 0 ? f->fields->room : SIZE_MAX;
-    return size > 0 && count > room / size ? pma_field_refuse(f, "is too large") : PMA_OK;
+    pma_fields *t = f->fields;
+    const size_t left = (t->room > 0 ? t->room : SIZE_MAX) - t->taken;
+    if (size > 0 && count > left / size)
+        return pma_field_refuse(f, "is too large");
+    t->taken += count * size;
+    return PMA_OK;
 }
 
 pma_status pma_field_allocate(const pma_field *f, size_t count, size_t size, void *out)

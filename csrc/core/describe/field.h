@@ -66,7 +66,9 @@ struct pma_fields {
     bool named;
     pma_status (*find)(pma_fields *fields, const pma_node *node, pma_role role, void *out);
     void *ctx;
-    size_t room;     /* bytes that numbers may ask for which stand for no array; 0: any */
+    size_t room;     /* bytes that all numbers together may ask for which stand for no array, or of
+                        which memory grows faster than its arrays; 0: any */
+    size_t taken;    /* of these */
     bool wrong_type; /* the refusal is of a type, not of a value */
     char refusal[PMA_REFUSAL];
 };
@@ -130,8 +132,7 @@ pma_status pma_field_output(const pma_field *f, uint32_t axes, int64_t *extent, 
 /* What a foreign node stands for; see pma_role. */
 pma_status pma_field_find(const pma_field *f, pma_role role, void *out);
 
-/* A refusal of a number, which stands for no array, where `count` elements of `size` bytes that it
- * asks for are more than there is room for. */
+/* Takes `count` elements of `size` bytes of the room; a refusal where there is not so much left. */
 pma_status pma_field_room(const pma_field *f, size_t count, size_t size);
 
 /* Memory of the tree's store, zeroed. */

@@ -79,14 +79,22 @@ static bool is_word(const file_header *h, const pma_node *x)
            ((const char *)h)[at + length] == 0;
 }
 
-static bool is_family(const file_header *h, const pma_node *x, uint64_t number)
+/* What nodes have had so far: children up to this one, and bytes of arrays that are left. */
+typedef struct {
+    uint64_t children, bytes;
+} tally;
+
+static bool is_family(const file_header *h, const pma_node *x, uint64_t number, tally *left)
 {
     const uint64_t count = (uint64_t)x->extent[0];
-    return x->extent[0] >= 0 && (x->kind == PMA_TUPLE || count % 2 == 0) && x->is.at > number &&
-           x->is.at <= h->nodes && count <= h->nodes - x->is.at;
+    if (x->extent[0] < 0 || (x->kind != PMA_TUPLE && count % 2 != 0) || x->is.at <= number ||
+        x->is.at != left->children || count > h->nodes - left->children)
+        return false;
+    left->children += count;
+    return true;
 }
 
-static bool is_array(const file_header *h, const pma_node *x)
+static bool is_array(const file_header *h, const pma_node *x, tally *left)
 {
     uint64_t bytes = x->kind == PMA_INT32S ? sizeof(int32_t) : sizeof(int64_t);
     if (x->axes < 1 || x->axes > PMA_AXES)
@@ -97,10 +105,13 @@ static bool is_array(const file_header *h, const pma_node *x)
             return false;
         bytes *= extent;
     }
+    if (bytes > left->bytes)
+        return false;
+    left->bytes -= bytes;
     return is_inside(h, x->is.at, bytes, ALIGNMENT);
 }
 
-static bool is_node(const file_header *h, const pma_node *x, uint64_t number)
+static bool is_node(const file_header *h, const pma_node *x, uint64_t number, tally *left)
 {
     switch (x->kind) {
     case PMA_NONE:
@@ -111,11 +122,11 @@ static bool is_node(const file_header *h, const pma_node *x, uint64_t number)
         return is_word(h, x);
     case PMA_TUPLE:
     case PMA_DICT:
-        return is_family(h, x, number);
+        return is_family(h, x, number, left);
     case PMA_DOUBLES:
     case PMA_INT64S:
     case PMA_INT32S:
-        return is_array(h, x);
+        return is_array(h, x, left);
     default:
         return false;
     }
@@ -127,9 +138,10 @@ pma_status pma_file_read(const void *bytes, size_t size, pma_fields *out)
     PMA_TRY(check_header(bytes, size, out));
     const file_header *h = bytes;
     out->nodes = (const pma_node *)(const void *)((const char *)bytes + HEADER);
+    tally left = {.children = 1, .bytes = (uint64_t)PMA_FILE_SHARES * size};
     for (uint64_t i = 0; i < h->nodes; i++) {
-        if (!is_node(h, &out->nodes[i], i))
-            return refuse(out, "the file is damaged: a part of it is outside");
+        if (!is_node(h, &out->nodes[i], i, &left))
+            return refuse(out, "the file is damaged: a part of it is outside, or used too often");
     }
     return PMA_OK;
 }

@@ -187,13 +187,16 @@ pma_status pma_parts_factor(const pma_field *f, size_t n, size_t nb, pma_factor 
 
 /* ---- links, and what is factored again ------------------------------------------------------ */
 
+/* Numbers that a member has of each constraint, also of those that do not reach it. */
+enum { OF_CONSTRAINT = 4 };
+
 pma_status pma_parts_link(const pma_field *f, size_t nb, pma_link *out)
 {
     const pma_field p = pma_field_at(f, "p"), values = pma_field_at(f, "values");
     *out = (pma_link){.nb = nb};
     PMA_TRY(pma_field_dict(f));
     PMA_TRY(pma_field_count(&p, 0, &out->p));
-    PMA_TRY(pma_field_room(&p, out->p, sizeof(double)));
+    PMA_TRY(pma_field_room(&p, out->p, OF_CONSTRAINT * sizeof(double)));
     PMA_TRY(take_pattern(f, nb, &out->ptr, &out->index));
     return pma_field_doubles(&values, (size_t)out->ptr[nb], &out->values);
 }
@@ -220,5 +223,9 @@ pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeri
         return PMA_OK;
     PMA_TRY(pma_parts_blas(f, &out->blas));
     PMA_TRY(take_structure(&structure, &out->panels));
+    const int64_t numbers = out->panels.start[out->panels.count];
+    /* of the factor, and of what is subtracted from a supernode */
+    PMA_TRY(pma_field_room(&structure, numbers > 0 ? (size_t)numbers : 0,
+                           (out->unsymmetric ? 3 : 2) * sizeof(double)));
     return pma_field_longs(&owner, n, &out->owner);
 }

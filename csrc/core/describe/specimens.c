@@ -95,6 +95,9 @@ static pma_status take_inner(const pma_field *f, pma_specimen *out, bool *by_cal
     return PMA_OK;
 }
 
+/* Time levels and copies that have what it remembers. */
+enum { LEVELS = 8 };
+
 pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, bool *by_caller)
 {
     const pma_field h = pma_field_at(f, "h");
@@ -106,7 +109,7 @@ pma_status pma_parts_specimen(const pma_field *f, size_t n, pma_specimen **out, 
     PMA_TRY(pma_field_allocate(f, 5 * own->width, sizeof *own->work, (void *)&own->work));
     PMA_TRY(take_filters(f, own));
     PMA_TRY(take_inner(f, own, by_caller));
-    PMA_TRY(pma_field_room(f, pma_specimen_numbers(own), sizeof(double)));
+    PMA_TRY(pma_field_room(f, pma_specimen_numbers(own), LEVELS * sizeof(double)));
     *out = own;
     return PMA_OK;
 }

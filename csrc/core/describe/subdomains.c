@@ -71,6 +71,15 @@ static pma_status take_matrices(const pma_field *f, pma_parts *parts)
     return pma_parts_matrix(&M, parts->n, &parts->M);
 }
 
+/* An iterated subdomain has, of the constraints that reach it, blocks of all pairs and columns of nb. */
+static pma_status take_room_of_constraints(const pma_field *f, const pma_parts *parts)
+{
+    const pma_link *L = &parts->link;
+    const int64_t entries = L->ptr[L->nb];
+    const size_t most = entries > 0 ? (size_t)entries : 0, count = most < L->p ? most : L->p;
+    return pma_field_room(f, count, (2 * count + 4 * parts->nb) * sizeof(double));
+}
+
 static pma_status take_iterate(const pma_field *f, pma_subdomain_taken *out)
 {
     const pma_field springs = pma_field_at(f, "springs"), keeps = pma_field_at(f, "keeps");
@@ -87,6 +96,7 @@ static pma_status take_iterate(const pma_field *f, pma_subdomain_taken *out)
     const size_t entries = (size_t)it->tangent.ptr[parts->n];
     PMA_TRY(pma_field_doubles(&base, entries, &it->base));
     PMA_TRY(pma_parts_matrix(&M_size, parts->n, &it->M_size));
+    PMA_TRY(take_room_of_constraints(f, parts));
     return parts->doubled ? pma_field_doubles(&twice, entries, &it->base_twice) : PMA_OK;
 }
 
