@@ -8,7 +8,7 @@
 #include <float.h>
 
 /* Registers of the x87 round to more digits than are written to memory: not the same numbers. */
-#if FLT_EVAL_METHOD != 0
+#if FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 2
 #error "doubles must be computed as doubles; for x86 of 32 bits: -msse2 -mfpmath=sse"
 #endif
 
