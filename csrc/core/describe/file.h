@@ -6,8 +6,9 @@
  *  12  u32 0x01020304            32  where data begin           64  nodes, then data
  *
  * Numbers have 64 bits where nothing else is said, the low byte first. Nodes are those of field.h,
- * node 0 the root; children are in the order of their parents, each the child of one. Arrays begin at multiples of 64, words at
- * multiples of 8 and end with a zero. Nothing in a file is code or an address. */
+ * node 0 the root; children are in the order of their parents, each the child of one. Arrays begin
+ * at multiples of 64, words at multiples of 8 and end with a zero. Nothing in a file is code or an
+ * address. */
 #ifndef PMA_FILE_H
 #define PMA_FILE_H
 

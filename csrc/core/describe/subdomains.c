@@ -71,7 +71,7 @@ static pma_status take_matrices(const pma_field *f, pma_parts *parts)
     return pma_parts_matrix(&M, parts->n, &parts->M);
 }
 
-/* An iterated subdomain has, of the constraints that reach it, blocks of all pairs and columns of nb. */
+/* Of the constraints that reach an iterated subdomain: blocks of all pairs, and columns of nb. */
 static pma_status take_room_of_constraints(const pma_field *f, const pma_parts *parts)
 {
     const pma_link *L = &parts->link;
