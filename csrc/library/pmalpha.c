@@ -83,8 +83,7 @@ static pmalpha_status say_failure(pmalpha_model *m, pma_status status)
 
 /* ---- opening -------------------------------------------------------------------------------- */
 
-/* Memory that numbers of a file may ask for which stand for none of its arrays: 256 MB, and 64 times
- * its size. */
+/* Memory that numbers of a file may ask for beyond its arrays: 256 MB, and 64 times its size. */
 enum { ROOM = 1 << 28, ROOM_FOR_EACH = 64 };
 
 static pmalpha_status open_bytes(pmalpha_model *m, const void *bytes, size_t size)
