@@ -103,11 +103,6 @@ def targets():
     rows += [
         target("set-up of 1000 subdomains in a row", 1.0, row["set-up s"], "s"),
     ]
-    alone = [r for r in read("threads") if r["problem"] == "branches" and r["size"] == 4719]
-    rows += [
-        target("solid, 4719 dofs, two threads over one", 1.7, r["two over one"], "", least=True)
-        for r in alone
-    ]
     cases = {r["problem"]: r for r in read("cases")}
     rows += [
         target(f"eight load cases over one, {name}", limit, cases[name]["eight over one"], "")
@@ -186,7 +181,7 @@ TABLES = {
     "instructions": lambda: read("instructions"),
     "limits": lambda: read("limits"),
     "threads": lambda: pick(
-        "threads", same(*THREADS), "balanced, gc", "parallel to 20 substeps", "split", "branches"
+        "threads", same(*THREADS), "balanced, gc", "parallel to 20 substeps", "split"
     ),
     "ensembles": lambda: read("ensembles"),
     "executors": lambda: pick("executors", same(*EXECUTED)),

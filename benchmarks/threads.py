@@ -5,11 +5,9 @@ a step takes over 20 us. For larger ones it is 0.9 of the speed-up of reading: t
 an array of the size of a factor each, against one thread that reads both. For a coarse subdomain in
 parallel with a fine one it is the sum of the two times over the longer one. For a split subdomain
 it is 0.9 of the speed-up of reading its stiffness in halves, or 1.7 where that fits in the private
-caches; for an implicit one in branches of its elimination tree the same with its factor. `none over
-one` compares the number of threads chosen by threads=None with one thread.
+caches. `none over one` compares the number of threads chosen by threads=None with one thread.
 """
 
-import math
 import threading
 import time
 
@@ -72,14 +70,6 @@ def solid(n, threads):
     box = pm.structures.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     return pm.Coupler(
         [box.subdomain(scheme=EXPLICIT, force=np.ones(box.n))], dt=0.5, threads=threads
-    )
-
-
-def branches(counts, threads):
-    """One implicit box of hex8."""
-    box = pm.structures.solid(*counts, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
-    return pm.Coupler(
-        [box.subdomain(scheme=IMPLICIT, force=np.ones(box.n))], dt=0.5, threads=threads
     )
 
 
@@ -190,16 +180,6 @@ def measure(quick):
                 3 * (n + 1) ** 3,
                 lambda threads, n=n: solid(n, threads),
                 lambda size, seconds, half=K_bytes / 2: halves(half, seconds),
-                quick,
-            )
-        )
-    for counts in ((5, 5, 5),) if quick else ((7, 7, 6), (12, 10, 10), (14, 14, 14), (21, 20, 20)):
-        rows.append(
-            row_of(
-                "branches",
-                3 * math.prod(n + 1 for n in counts),
-                lambda threads, counts=counts: branches(counts, threads),
-                lambda size, seconds: halves(size / 2, seconds),
                 quick,
             )
         )

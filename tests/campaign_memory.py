@@ -33,7 +33,7 @@ def made(kind):
 
 
 def of_meshes(*, explicit):
-    """Sparse subdomains: visits, or a factor in branches for two threads."""
+    """Sparse subdomains: by two threads."""
     if explicit:
         plate = pm.structures.plate(60, 11, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
         scheme = pm.CentralDifference()

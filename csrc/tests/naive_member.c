@@ -134,9 +134,9 @@ static void rebase(void *self, size_t j, const double *lam)
 
 /* ---- look-ahead: there is room for all time levels ------------------------------------------ */
 
-static pma_status prepare(void *self, bool ahead, size_t workers)
+static pma_status prepare(void *self)
 {
-    (void)self, (void)ahead, (void)workers;
+    (void)self;
     return PMA_OK;
 }
 
@@ -208,7 +208,6 @@ pma_member naive_member_of(naive_member *s)
                         .substeps = x->substeps,
                         .h = x->h,
                         .entries = 4 * x->n * x->n,
-                        .alone = 4 * x->n * x->n,
                         .doubling = pma_doubling_of(x->doubled, false),
                         .forces = x->restored ? PMA_BY_ANY : PMA_NO_FORCES};
 }

@@ -3,7 +3,6 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "algebra/tree.h"
 #include "allocations.h"
 #include "check.h"
 #include "factor/elimination.h"
@@ -19,7 +18,6 @@
 enum { WORKERS = 3 };
 
 static structure m;
-static pma_tree *tree; /* of it */
 
 /* ---- what is made, and destroyed where it was ------------------------------------------------ */
 
@@ -56,24 +54,6 @@ static pma_status make_numeric(void)
     CHECK((f.values != NULL) == (status == PMA_OK));
     CHECK(status != PMA_OK || f.elimination != NULL);
     pma_numeric_destroy(&f);
-    return status;
-}
-
-static pma_status make_tree(void)
-{
-    pma_tree *T;
-    const pma_status status = pma_tree_create(&m.panels, m.n, m.nb, 0, &T);
-    CHECK((T != NULL) == (status == PMA_OK));
-    pma_tree_destroy(T);
-    return status;
-}
-
-static pma_status make_branches(void)
-{
-    pma_branches b;
-    const pma_status status = pma_branches_create(tree, WORKERS, &b);
-    CHECK((b.root != NULL) == (status == PMA_OK));
-    pma_branches_destroy(&b);
     return status;
 }
 
@@ -115,9 +95,8 @@ static size_t check_failures(pma_status (*make)(void))
 
 static void what_cannot_be_allocated_is_not_made(void)
 {
-    static pma_status (*const makers[])(void) = {make_elimination, make_agenda,   make_numeric,
-                                                 make_tree,        make_branches, make_roster,
-                                                 make_team};
+    static pma_status (*const makers[])(void) = {make_elimination, make_agenda, make_numeric,
+                                                 make_roster, make_team};
     uint64_t seed = 91;
     if (!fail_allocation(0)) {
         printf("no allocation can be made to fail in this build\n");
@@ -126,10 +105,8 @@ static void what_cannot_be_allocated_is_not_made(void)
     draw_definite(&m, UNKNOWNS, 4, 24, &seed); /* too wide for a band */
     analyse(&m);
     list_ascending(&m);
-    CHECK_STATUS(pma_tree_create(&m.panels, m.n, m.nb, 0, &tree), PMA_OK);
     for (size_t i = 0; i < sizeof makers / sizeof *makers; i++)
         CHECK(check_failures(makers[i]) >= 1);
-    pma_tree_destroy(tree);
 }
 
 /* ---- an object and its arrays ---------------------------------------------------------------- */

@@ -76,7 +76,7 @@ static void make_B(large *m, uint64_t *seed)
                    {.form = PMA_DIAGONAL, .n = n, .nb = tied ? FACE : 0, .inverse = m->inverse}},
         .link = {tied ? CONSTRAINTS : 0, tied ? FACE : 0, m->ptr, m->rows, m->one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[0]), PMA_OK);
-    CHECK_INT(pma_subdomain_member(m->subdomains[0]).alone, 0);
+    CHECK(pma_subdomain_member(m->subdomains[0]).divides);
     pma_subdomain_set_load(m->subdomains[0],
                            (pma_load){.kind = PMA_LOAD_CONSTANT, .n = n, .values = m->load});
     start(m->subdomains[0], n, m, seed);
@@ -107,8 +107,7 @@ static void make_A(large *m, uint64_t *seed)
                              .twice = {pma_step_make(SCHEME, 12e-2), factor},
                              .link = {CONSTRAINTS, 1, m->ptr_A, m->row_A, m->minus_one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[1]), PMA_OK);
-    CHECK_INT(pma_subdomain_member(m->subdomains[1]).alone,
-              pma_subdomain_member(m->subdomains[1]).entries);
+    CHECK(!pma_subdomain_member(m->subdomains[1]).divides);
     start(m->subdomains[1], n, m, seed);
 }
 

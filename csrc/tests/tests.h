@@ -24,8 +24,6 @@ extern const test STRIPS_TESTS[];
 extern const test SYMBOLIC_TESTS[];
 extern const test PANELS_TESTS[];
 extern const test ELIMINATION_TESTS[];
-extern const test TREE_TESTS[];
-extern const test DIVISION_TESTS[];
 extern const test NUMERIC_TESTS[];
 extern const test MEMORY_TESTS[];
 extern const test UNSYMMETRIC_TESTS[];

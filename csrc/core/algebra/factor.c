@@ -6,16 +6,6 @@
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
 
-static const pma_factor *each_of(const pma_factor *f)
-{
-    return f->each ? f->each : f;
-}
-
-static size_t lanes_of(const pma_factor *f)
-{
-    return f->each ? PMA_LANES : 1;
-}
-
 pma_status pma_factor_check(const pma_factor *f)
 {
     if (f->nb > f->n)
@@ -45,9 +35,7 @@ size_t pma_factor_scratch(const pma_factor *f)
 {
     if (f->form == PMA_IN_LANES)
         return PMA_LANES * pma_factor_scratch(f->each);
-    const size_t height = f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
-    const size_t tree = f->tree ? pma_tree_front(f->tree) + pma_tree_updates(f->tree) : 0;
-    return pma_most(height, tree);
+    return f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
 }
 
 size_t pma_factor_entries(const pma_factor *f)
@@ -304,49 +292,6 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
         SUBSTITUTE[f->form](f, first, last, x, work);
 }
 
-/* ---- by the nodes of a tree ------------------------------------------------------------------ */
-
-size_t pma_factor_node(const pma_factor *f, size_t node)
-{
-    return pma_factor_tree(f)->column[node] * lanes_of(f);
-}
-
-size_t pma_factor_front(const pma_factor *f)
-{
-    return pma_tree_front(pma_factor_tree(f)) * lanes_of(f);
-}
-
-static double *updates_in(const pma_factor *f, double *work)
-{
-    return work + pma_factor_front(f);
-}
-
-void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *front, double *work)
-{
-    const pma_factor *e = each_of(f);
-    pma_tree_eliminate(e->tree, &e->panels, node, lanes_of(f), x, front ? front : work,
-                       updates_in(f, work));
-}
-
-void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *front, double *work)
-{
-    const pma_factor *e = each_of(f);
-    pma_tree_substitute(e->tree, &e->panels, e->inverse, node, lanes_of(f), x,
-                        front ? front : work);
-}
-
-static void open_nodes(const pma_factor *f, double *x, double *work)
-{
-    for (size_t node = 0; node < pma_factor_tree(f)->count; node++)
-        pma_factor_open_node(f, node, x, NULL, work);
-}
-
-static void close_nodes(const pma_factor *f, double *x, double *work)
-{
-    for (size_t node = pma_factor_tree(f)->count; node-- > 0;)
-        pma_factor_close_node(f, node, x, NULL, work);
-}
-
 /* ---- a step --------------------------------------------------------------------------------- */
 
 static inline void divide_some(const double *inverse, size_t count, double *restrict x)
@@ -375,15 +320,8 @@ void pma_factor_divide(const pma_factor *f, size_t begin, size_t end, double *x)
     divide_some(f->inverse + begin, end - begin, x + begin);
 }
 
-static void add_to_border(const pma_factor *f, double *x, double *work)
-{
-    if (pma_factor_tree(f))
-        pma_tree_add_to_border(pma_factor_tree(f), lanes_of(f), updates_in(f, work), x);
-}
-
 void pma_factor_open_border(const pma_factor *f, double *x, double *xb, double *work)
 {
-    add_to_border(f, x, work);
     for (size_t i = 0; i < f->nb; i++)
         xb[i] = x[f->n - f->nb + i];
     pma_factor_interface(f, xb, work);
@@ -397,26 +335,15 @@ void pma_factor_close_border(const pma_factor *f, const double *fb, double *x, d
     pma_factor_interface(f, xb, work);
 }
 
-static inline void sweep_interior(const pma_factor *f, double *x, double *work)
-{
-    if (pma_factor_tree(f))
-        open_nodes(f, x, work);
-    else
-        eliminate(f, 0, f->n - f->nb, x, work);
-}
-
 void pma_factor_open_interior(const pma_factor *f, double *x, double *work)
 {
-    if (f->form == PMA_DIAGONAL)
-        return;
-    sweep_interior(f, x, work);
-    add_to_border(f, x, work);
+    eliminate(f, 0, f->n - f->nb, x, work);
 }
 
 __attribute__((noinline)) static void open_swept(const pma_factor *f, double *x, double *xb,
                                                  double *work)
 {
-    sweep_interior(f, x, work);
+    eliminate(f, 0, f->n - f->nb, x, work);
     pma_factor_open_border(f, x, xb, work);
 }
 
@@ -440,10 +367,7 @@ __attribute__((noinline)) static void close_swept(const pma_factor *f, const dou
                                                   double *work)
 {
     pma_factor_close_border(f, fb, x, work);
-    if (pma_factor_tree(f))
-        close_nodes(f, x, work);
-    else
-        substitute(f, 0, f->n - f->nb, x, work);
+    substitute(f, 0, f->n - f->nb, x, work);
 }
 
 static void close_diagonal(const pma_factor *f, const double *fb, double *x)

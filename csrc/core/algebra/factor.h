@@ -13,7 +13,6 @@
 
 #include "algebra/matrix.h"
 #include "algebra/panels.h"
-#include "algebra/tree.h"
 #include "status.h"
 
 /* Arrays of the caller, which have to outlive it. */
@@ -30,7 +29,6 @@ typedef struct pma_factor {
     size_t Q;              /* where Q begins in values, laid out like R; 0: Q is R. Of panels,
                               panels.Q instead */
     pma_panels panels;     /* panels: see there */
-    const pma_tree *tree;  /* panels that are swept by subtrees, else NULL */
     const struct pma_factor *each; /* in lanes: the factor of each, else NULL */
 } pma_factor;
 
@@ -59,31 +57,14 @@ void pma_factor_open_interior(const pma_factor *f, double *x, double *work);
 /* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) */
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work);
 
-/* ---- in parts, which several threads can sweep ----------------------------------------------- */
+/* ---- in parts, of which several threads can do the first ------------------------------------- */
 
 /* x_i *= inverse_i in the rows begin..end-1 above the interface, of a diagonal factor: to close. */
 void pma_factor_divide(const pma_factor *f, size_t begin, size_t end, double *x);
 
-/* The tree by whose nodes a factor is swept, or NULL. Node by node: to open, after its children; to
- * close, after its parent; x is the whole vector. */
-static inline const pma_tree *pma_factor_tree(const pma_factor *f)
-{
-    return f->each ? f->each->tree : f->tree;
-}
-
-/* What is no node or row of these, the interface: opened last, closed first. */
+/* The interface: opened after the other rows, closed before them. */
 void pma_factor_open_border(const pma_factor *f, double *x, double *xb, double *work);
 void pma_factor_close_border(const pma_factor *f, const double *fb, double *x, double *work);
-
-/* The first unknown of a node; of the border for the number `count`. */
-size_t pma_factor_node(const pma_factor *f, size_t node);
-
-/* Several threads can sweep nodes of which none is above another, each with a front of its own
- * beside `work`, which has the updates: pma_factor_front doubles; or NULL, for that of `work`. */
-size_t pma_factor_front(const pma_factor *f);
-void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *front, double *work);
-void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *front,
-                           double *work);
 
 /* x (n) := A^-1 x, both at once */
 void pma_factor_solve(const pma_factor *f, double *x, double *work);

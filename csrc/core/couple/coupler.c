@@ -160,15 +160,14 @@ static pma_status make_roster(pma_coupler *c)
     return PMA_OK;
 }
 
-/* Room for what the schedule and the roster do with every member. */
+/* Room for two macro steps, where the next one begins before the last one is committed. */
 static pma_status prepare_members(pma_coupler *c)
 {
     const bool ahead = pma_look_ahead_is_used(c);
     for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
         m->ahead = ahead;
-        if (ahead || m->workers)
-            PMA_TRY(m->member.table->prepare(m->member.self, ahead,
-                                             m->workers ? m->workers->count : 1));
+        if (ahead)
+            PMA_TRY(m->member.table->prepare(m->member.self));
     }
     return PMA_OK;
 }

@@ -40,8 +40,7 @@ pma_duty pma_fine_duty(const pma_member *member)
     return (pma_duty){.entries = member->entries,
                       .substeps = member->substeps,
                       .by_caller = member->forces == PMA_BY_CALLER,
-                      .divides = member->alone < member->entries,
-                      .alone = member->alone};
+                      .divides = member->divides};
 }
 
 static pma_duty duty_in_parallel(const pma_member *member)

@@ -6,19 +6,14 @@
 #ifndef PMA_SUBDOMAIN_INSIDE_H
 #define PMA_SUBDOMAIN_INSIDE_H
 
-#include "algebra/tree.h"
 #include "subdomain/levels.h"
 #include "subdomain/rig.h"
 #include "subdomain/subdomain.h"
 #include "subdomain/update.h"
 
-/* Of a subdomain whose substeps several workers may take together, in ranges of its rows or in
- * branches of the tree of its factor. */
+/* Of a subdomain whose substeps several workers may take together, in ranges of its rows: what they
+ * do, a substep from its beginning, where it is opened, to its end x. */
 typedef struct {
-    pma_branches branches; /* zeroed: ranges */
-    double *fronts;        /* of all workers but the first */
-    size_t trunk;          /* entries above the branches of two workers */
-    /* what they do: a substep from its beginning, where it is opened, to its end x */
     const pma_operator *op;
     const pma_substep *step;
     const pma_state *from, *x;
@@ -76,9 +71,8 @@ struct pma_subdomain {
     pma_division *division;
     pma_impulse *impulse;
     pma_internal_forces *internal;
-    pma_tree *tree, *tree_twice; /* of the factors of both operators */
-    void *spread;                /* springs in lanes */
-    pma_state_counts *counts;    /* of what they and functions remember, and of histories */
+    void *spread;             /* springs in lanes */
+    pma_state_counts *counts; /* of what they and functions remember, and of histories */
 
     double *vs;         /* n: extrapolated velocity, if there is one */
     double *remembered; /* by the restoring function, at the next start */
@@ -202,13 +196,8 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
 
 /* ---- by several workers: division.c ---------------------------------------------------------- */
 
-/* Finds whether they can have ranges of rows, if Mbar is diagonal, or branches of a tree.
- * Allocates: PMA_NO_MEMORY. */
+/* Finds whether they can, if Mbar is diagonal. Allocates: PMA_NO_MEMORY. */
 pma_status pma_division_find(pma_subdomain *s);
-void pma_division_destroy(pma_subdomain *s);
-
-/* Branches for this number of workers, where they have some. Allocates. */
-pma_status pma_division_prepare(pma_subdomain *s, size_t workers);
 
 /* As pma_substep_open and pma_substep_close, bitwise. */
 pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pma_workers *workers);

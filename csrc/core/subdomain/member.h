@@ -54,7 +54,7 @@ typedef struct {
      * Opened: the free problem (13), as far as the free velocity on the interface; the only substep
      * of a free macro run has that under lam (M6). Evaluates loads and forces, once.
      * Fails with PMA_FORCE_FAILED, PMA_RESTORING_FAILED or PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC.
-     * Workers (or NULL): those that `prepare` was given. Bitwise the same for any of them. */
+     * Workers (or NULL) of a member that divides. Bitwise the same for any number of them. */
     pma_status (*advance)(void *self, const pma_substep *closed, const pma_substep *opened,
                           const double *lam, const pma_workers *workers);
 
@@ -77,9 +77,8 @@ typedef struct {
 
     /* ---- what a member may do; NULL where it does not ----------------------------------- */
 
-    /* Room for this number of workers and, with look-ahead, for a macro step that begins before the
-     * last one is committed. Allocates. */
-    pma_status (*prepare)(void *self, bool ahead, size_t workers);
+    /* Look-ahead: room for a macro step that begins before the last one is committed. Allocates. */
+    pma_status (*prepare)(void *self);
 
     /* Look-ahead: can the load of a substep be evaluated already, before its turn? */
     bool (*is_known)(const void *self, const pma_substep *step);
@@ -150,10 +149,10 @@ typedef struct {
     size_t substeps; /* in a macro step */
     double h;        /* length of a single substep; of two stages the mean one */
     size_t entries;  /* matrix entries read by one substep, a measure of its duration */
-    size_t alone;    /* ... by one worker while others wait: all of them, if they cannot share */
     pma_doubling doubling;
     pma_evaluation forces;
     bool staged;       /* substeps are the two stages of a step in turn (P3) */
+    bool divides;      /* several workers can share a substep */
     bool deferred;     /* under mean coupling: the closing of its single steps (K7) */
     bool has_internal; /* forces: macro coupling repeats its macro step (shooting.c) */
     bool elsewhere;    /* is in another process (remote.h): has nothing but `values` */

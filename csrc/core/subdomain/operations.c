@@ -32,11 +32,10 @@ static pma_status advance(void *self, const pma_substep *closed, const pma_subst
     return advance_otherwise(self, closed, opened, lam, workers);
 }
 
-static pma_status prepare(void *self, bool ahead, size_t workers)
+static pma_status prepare(void *self)
 {
     pma_subdomain *s = self;
-    const pma_status status = ahead ? pma_levels_extend(&s->levels) : PMA_OK;
-    return s->division && status == PMA_OK ? pma_division_prepare(s, workers) : status;
+    return pma_levels_extend(&s->levels);
 }
 
 static size_t opened(const void *self)
@@ -264,12 +263,6 @@ static pma_evaluation forces_of(const pma_parts *p)
     return by_caller ? PMA_BY_CALLER : PMA_BY_ANY;
 }
 
-/* What one worker reads while others wait: the trunk of the tree, no row of a range. */
-static size_t entries_alone(const pma_subdomain *s)
-{
-    return s->iterate || !s->division ? entries_of(&s->parts) : 2 * s->division->trunk;
-}
-
 pma_member pma_subdomain_member(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
@@ -280,7 +273,7 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .h = p->staged ? 0.5 * (p->single.step.h + p->second.h) : p->single.step.h,
                          .staged = p->staged,
                          .entries = entries_of(p),
-                         .alone = entries_alone(s),
+                         .divides = s->division && !s->iterate,
                          .doubling = pma_doubling_of(p->doubled, p->continues),
                          .forces = forces_of(p),
                          .deferred = p->deferred,

@@ -184,30 +184,6 @@ static pma_status create_features(pma_subdomain *s)
     return p->has_responses ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
-/* Factors in panels that are read from beyond the private caches are swept by subtrees, unless they
- * came with a tree. */
-static pma_status create_tree(pma_factor *f, pma_tree **out)
-{
-    if (f->form != PMA_PANELS || f->tree)
-        return PMA_OK;
-    const pma_status status = pma_tree_create(&f->panels, f->n, f->nb, PMA_SUBTREE, out);
-    f->tree = *out;
-    return status;
-}
-
-/* Both operators have one tree, if their factors have one structure. */
-static pma_status create_trees(pma_subdomain *s)
-{
-    pma_factor *single = &s->parts.single.factor, *twice = &s->parts.twice.factor;
-    PMA_TRY(create_tree(single, &s->tree));
-    if (!s->parts.doubled)
-        return PMA_OK;
-    if (!s->tree || twice->form != PMA_PANELS || twice->panels.rows != single->panels.rows)
-        return create_tree(twice, &s->tree_twice);
-    twice->tree = s->tree;
-    return PMA_OK;
-}
-
 /* Whatever sweeps the factor of a step sweeps that of the last tangent. */
 static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *parts)
 {
@@ -226,7 +202,8 @@ static pma_status fill(pma_subdomain *s, const pma_parts *parts)
                       pma_springs_have_rates(&parts->springs);
     s->evaluates = s->extrapolates || parts->springs.total > 0;
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
-    PMA_TRY(parts->iterate ? create_iterate(s, parts->iterate) : create_trees(s));
+    if (parts->iterate)
+        PMA_TRY(create_iterate(s, parts->iterate));
     s->second = (pma_operator){.step = parts->second, .factor = s->parts.single.factor};
     PMA_TRY(pma_division_find(s));
     s->table = pma_subdomain_table(s);
@@ -259,9 +236,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
-    pma_division_destroy(s);
-    pma_tree_destroy(s->tree);
-    pma_tree_destroy(s->tree_twice);
+    free(s->division);
     free(s->internal);
     free(s->mean);
     free(s->impulse);

@@ -70,8 +70,7 @@ static void assign_ranges(const division *d, entrant *e, size_t end)
 {
     e->worker = 0;
     for (size_t w = 0; w < end; w++)
-        d->load[w] +=
-            (double)e->duty.alone + (double)(e->duty.entries - e->duty.alone) / (double)end;
+        d->load[w] += (double)e->duty.entries / (double)end;
 }
 
 /* Those that go with the fine steps, each to the least loaded worker, but to worker 0 what the

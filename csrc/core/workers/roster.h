@@ -17,7 +17,6 @@ typedef struct {
     bool by_caller;  /* worker 0 has to do it */
     bool parallel;   /* takes double steps: can be left to a worker beside the fine steps */
     bool divides;    /* several workers can do it together, a part each */
-    size_t alone;    /* entries of it that one of them has to read while the others wait */
 } pma_duty;
 
 /* Worker w has the subdomains order[begin[w]]..order[begin[w + 1] - 1], in ascending order. */
