@@ -54,7 +54,7 @@ def frame():
     lower = pm.Subdomain(
         [18e3],
         None,
-        [C * k[0]],
+        C=[C * k[0]],
         scheme=pm.GeneralizedAlpha(0.8, explicit=True),
         substeps=5,
         restoring=pm.Bilinear([0], k=k[0], fy=fy[0], hardening=0.05),
@@ -63,7 +63,7 @@ def frame():
     upper = pm.Subdomain(
         m,
         None,
-        C * pm.models.shear_frame(m, [0.0, *k[1:]])[1],
+        C=C * pm.models.shear_frame(m, [0.0, *k[1:]])[1],
         scheme=pm.GeneralizedAlpha(0.8),
         double_step=True,
         restoring=pm.BoucWen([(1, 0), (2, 1)], k=k[1:], fy=fy[1:], hardening=0.05),

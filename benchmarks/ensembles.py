@@ -130,7 +130,7 @@ def newmark(M, K, C, excitation, law=None):
 
 
 def whole(M, K, C, restoring=None):
-    one = pm.Subdomain(M, K, C, scheme=RULE, restoring=restoring, name="frame")
+    one = pm.Subdomain(M, K, C=C, scheme=RULE, restoring=restoring, name="frame")
     return pm.Coupler([one], dt=DT, threads=1)
 
 
@@ -140,7 +140,7 @@ def cut(M, K, C):
     lower = pm.Subdomain(
         0.5 * M[low],
         0.5 * K[low, low],
-        0.5 * C[low, low],
+        C=0.5 * C[low, low],
         scheme=RULE,
         substeps=SUBSTEPS,
         name="lower",
@@ -149,7 +149,7 @@ def cut(M, K, C):
     mass[low] -= 0.5 * M[low]
     stiffness[low, low] -= 0.5 * K[low, low]
     damping[low, low] -= 0.5 * C[low, low]
-    upper = pm.Subdomain(mass, stiffness, damping, scheme=RULE, name="frame")
+    upper = pm.Subdomain(mass, stiffness, C=damping, scheme=RULE, name="frame")
     ties = pm.tie(upper, range(SHARED), lower, range(SHARED))
     return pm.Coupler([upper, lower], ties, dt=DT, threads=1, coupling="macro")
 

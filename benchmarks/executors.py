@@ -26,7 +26,7 @@ PREDICTED = 64
 
 def whole(threads=1):
     M, K, C = ensembles.matrices()
-    frame = pm.Subdomain(M, K, C, scheme=ensembles.RULE, name="frame")
+    frame = pm.Subdomain(M, K, C=C, scheme=ensembles.RULE, name="frame")
     return pm.Coupler([frame], dt=ensembles.DT, threads=threads)
 
 

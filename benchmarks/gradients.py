@@ -31,7 +31,7 @@ def frame(stiffnesses, shaking):
     top = pm.Subdomain(
         np.ones(STOREYS + 1),
         K,
-        DAMPING * K,
+        C=DAMPING * K,
         scheme=pm.GeneralizedAlpha(0.8),
         force=pm.SampledForce(shaking[::10], DT, -np.ones(STOREYS + 1)),
         name="frame",
@@ -40,7 +40,7 @@ def frame(stiffnesses, shaking):
     base = pm.Subdomain(
         np.ones(6),
         below,
-        1e-4 * below,
+        C=1e-4 * below,
         scheme=pm.GeneralizedAlpha(0.8, explicit=True),
         substeps=10,
         force=pm.SampledForce(shaking, DT / 10, -np.ones(6)),

@@ -33,7 +33,7 @@ def coupler(n, substeps, consistent, damped, coupling):
         pm.Subdomain(
             M,
             K,
-            0.01 * K if damped else None,
+            C=0.01 * K if damped else None,
             scheme=pm.Newmark(),
             substeps=s,
             force=np.ones(n * n),

@@ -151,7 +151,7 @@ class Frame:
         return pm.Subdomain(
             self.M,
             self.K if self.K.nnz else None,
-            DAMPING * self.M,
+            C=DAMPING * self.M,
             scheme=pm.Newmark(),
             internal=pm.Bilinear(self.pairs, self.k, self.fy, self.hardening),
             force=pm.BaseAcceleration(self.acceleration, self.direction, self.M, dt=SAMPLE),

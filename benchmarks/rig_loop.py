@@ -46,7 +46,7 @@ def three_storeys(specimen):
     building = pm.Subdomain(
         M - 29.13 * one,
         K - STIFFNESS * one,
-        C - 114.2209 * one,
+        C=C - 114.2209 * one,
         scheme=pm.CentralDifference(),
         restoring=specimen,
         restoring_stiffness=None if is_spring else STIFFNESS * one,
@@ -70,11 +70,11 @@ def frame(n, coupling, threads):
     K = sp.csr_array(2e7 * (sp.kron(chain[0], grid[1]) + sp.kron(grid[0], chain[1])))
     M = np.full(K.shape[0], 1000.0)
     C = sp.csr_array(1e-4 * K)
-    tower = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.8), name="tower")
+    tower = pm.Subdomain(M, K, C=C, scheme=pm.GeneralizedAlpha(0.8), name="tower")
     foot = pm.Subdomain(
         [970.0],
         [2e7],
-        [2e3],
+        C=[2e3],
         scheme=pm.CentralDifference(),
         substeps=RATIO,
         restoring=rig.Compensated(plant(), method="model"),

@@ -27,7 +27,7 @@ def test():
     frame = pm.Subdomain(
         M,
         K,
-        0.002 * K,
+        C=0.002 * K,
         scheme=pm.GeneralizedAlpha(0.8),
         name="frame",
         force=pm.BaseAcceleration(models.el_centro(), direction=np.ones(3), M=M),
@@ -37,7 +37,7 @@ def test():
     rig = pm.Subdomain(
         [2e3],
         None,
-        [2e4],
+        C=[2e4],
         scheme=pm.GeneralizedAlpha(0.8, explicit=True),
         substeps=10,
         name="rig",

@@ -5,8 +5,8 @@ so each runs in a process of its own, `with served("upper", "matrices") as model
 calls this one is in docs/other-programs.md.
 
     matrices    a call without arguments returns M, C and K of the free dofs
-    specimen    a call (u, v, t) moves the interface to u, and returns the forces that takes
-    states      a call (u, v, t, q) returns forces, tangent and state of all dofs for a trial u
+    specimen    a call (t, u, v) moves the interface to u, and returns the forces that takes
+    states      a call (t, u, v, q) returns forces, tangent and state of all dofs for a trial u
 """
 
 import argparse
@@ -171,7 +171,7 @@ class Static:
         inner = np.linalg.solve(A[np.ix_(i, i)], A[np.ix_(i, c)])
         return A[np.ix_(c, c)] - A[np.ix_(c, i)] @ inner
 
-    def specimen(self, u, v, t):
+    def specimen(self, t, u, v):
         """What ``restoring`` calls: each command is a step of the loading."""
         self.move(u)
         return self.force()
@@ -191,7 +191,7 @@ class States:
         self.model, self.present = model, 0
         self.numbers, self.came = {}, {}  # of (state before, u), and back
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, t, u, v, q):
         before = int(q[0])
         self.go(before)
         number = self.numbers.setdefault((before, u.tobytes()), len(self.numbers) + 1)
@@ -261,8 +261,8 @@ def served(part, what, timeout=60.0):
 def internal(client):
     """The force of a client of `States`, for ``internal`` of a subdomain."""
 
-    def evaluate(u, v, t, q):
-        f, K, q1 = client(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K, q1 = client(t, u, v, q)
         return f, K, None, q1
 
     return InternalForce(evaluate, history=[0.0])

@@ -22,12 +22,12 @@ dt, substeps = 0.01, 10
 
 
 class Rig:
-    """r(u, v, t) of a specimen in a laboratory: sends a displacement, receives a force."""
+    """r(t, u, v) of a specimen in a laboratory: sends a displacement, receives a force."""
 
     def __init__(self, address, timeout=5.0):
         self.client = pm.rig.Client(address, timeout=timeout, name="the rig")
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         return self.client(t, u)
 
     @property
@@ -54,7 +54,7 @@ def hybrid(restoring, dt=dt, coupling="pm", **options):
     frame = pm.Subdomain(
         M,
         K,
-        0.002 * K,
+        C=0.002 * K,
         scheme=pm.GeneralizedAlpha(0.8),
         double_step=True,
         force=pm.BaseAcceleration(record, np.ones(4), M, dt=record_step),

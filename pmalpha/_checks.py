@@ -29,6 +29,21 @@ def without(**removed: str) -> Callable[[Function], Function]:
     return refusing
 
 
+def damping_by_name(function: Function) -> Function:
+    """A method of M and K, which refuses a third matrix by position: (M, C, K) is as common."""
+
+    @functools.wraps(function)
+    def called(self: Any, *args: Any, **options: Any) -> Any:
+        if len(args) > 2:
+            raise TypeError(
+                "C must be given by name, C=, got a third argument by position: only M and K are, "
+                "in this order"
+            )
+        return function(self, *args, **options)
+
+    return cast(Function, called)
+
+
 def real_number(value: Any, name: str, *, low: float = -np.inf, high: float = np.inf) -> float:
     """A finite float in [low, high]."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (Real, np.number)):

@@ -248,7 +248,7 @@ def monitor_spoiled(path, how):
     warnings.simplefilter("ignore")
     calls = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         calls.append(t)
         if len(calls) == 30:
             waits.until(lambda: Path(path).exists())
@@ -337,7 +337,7 @@ def paced_on_full(path, allowed):
             raise OSError(28, "No space left on device")
         return pwrite(descriptor, data, offset)
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         return 4.0 * u
 
     c = paced(specimen)

@@ -67,12 +67,12 @@ def small(kind):
     scheme = pm.GeneralizedAlpha(0.5)
     force = {"callbacks": lambda t: np.full(3, np.sin(t))}.get(kind)
     internal = pm.CubicSpring([0], k=1.0, k3=0.5) if kind == "newton" else None
-    restoring = [lambda u, v, t: 0.1 * u] if kind == "callbacks" else None
+    restoring = [lambda t, u, v: 0.1 * u] if kind == "callbacks" else None
     a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], force=force, name="a")
     b = pm.Subdomain(
         np.ones(2),
         [3.0, 3.0],
-        0.1 * np.eye(2),
+        C=0.1 * np.eye(2),
         scheme=scheme,
         substeps=1 if kind == "mean" else 4,
         u0=[0.2, 0.0],

@@ -138,14 +138,14 @@ def decaying(rng, evaluated):
             raise ArithmeticError
         return np.zeros(n)
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         evaluated.append(has_denormals())
         return 0.1 * u
 
     called = [{}, {"force": load}, {"force": load, "restoring": restoring}][int(rng.integers(3))]
     how = dict(v0=scale * np.ones(n), scheme=SCHEMES[int(rng.integers(len(SCHEMES)))])
-    a = pm.Subdomain(np.ones(n), K, 2.0 * np.eye(n), name="a", **how, **called)
-    b = pm.Subdomain(np.ones(n), K, 2.0 * np.eye(n), name="b", substeps=3, **how)
+    a = pm.Subdomain(np.ones(n), K, C=2.0 * np.eye(n), name="a", **how, **called)
+    b = pm.Subdomain(np.ones(n), K, C=2.0 * np.eye(n), name="b", substeps=3, **how)
     coupling = ("pm", "gc", "macro", "mean")[int(rng.integers(4))]
     if "restoring" in called and coupling in ("macro", "mean"):
         coupling = "pm"

@@ -26,8 +26,8 @@ ALL, CALLS = 40 * STEPS, 400  # of one coupler at most
 CALLABLES = {
     "nothing": ({}, {}),
     "load": ({"force": lambda t: np.full(3, np.sin(3.0 * t))}, {}),
-    "restoring force": ({"restoring": lambda u, v, t: 0.1 * u}, {}),
-    "internal force": ({}, {"internal": lambda u, v, t, q: (0.1 * u**3, np.diag(0.3 * u**2))}),
+    "restoring force": ({"restoring": lambda t, u, v: 0.1 * u}, {}),
+    "internal force": ({}, {"internal": lambda t, u, v, q: (0.1 * u**3, np.diag(0.3 * u**2))}),
 }
 
 

@@ -35,8 +35,8 @@ def made(kind):
     common = {"scheme": scheme, "u0": [1.0, 0.5, 0.2]}
     force = (lambda t: np.full(3, np.sin(t) + 0.0 * len(this))) if here else None
     internal = pm.CubicSpring([0], k=1.0, k3=0.5) if kind == "newton" else None
-    a = pm.Subdomain(np.ones(3), K3, 0.01 * K3, force=force, name="a", **common)
-    restoring = (lambda u, v, t: 0.1 * np.tanh(u)) if here else None
+    a = pm.Subdomain(np.ones(3), K3, C=0.01 * K3, force=force, name="a", **common)
+    restoring = (lambda t, u, v: 0.1 * np.tanh(u)) if here else None
     own = {"substeps": 2, "u0": [0.2, 0.0], "scheme": scheme, "name": "b"}
     b = pm.Subdomain(np.ones(2), [3.0, 3.0], restoring=restoring, internal=internal, **own)
     coupling = {"callbacks": "pm", "newton": "gc"}.get(kind, kind)

@@ -102,7 +102,7 @@ def random_coupler(seed):
         own = pm.Subdomain(
             10.0 ** rng.uniform(-1.0, 1.0, n),
             K,
-            C,
+            C=C,
             scheme=scheme[int(rng.integers(2))],
             substeps=int(rng.choice([1, 2, 6])) if i else 1,
             damping="lagged" if explicit and C is not None and rng.random() < 0.5 else "implicit",

@@ -84,9 +84,9 @@ def subdomain(rng):
     values |= {"u0": np.array([0.1, 0.2, 0.3]), "v0": np.zeros(3), "name": "a"}
     extra = one(
         rng,
-        {"restoring": lambda u, v, t: 0.1 * np.tanh(u)},
+        {"restoring": lambda t, u, v: 0.1 * np.tanh(u)},
         {"restoring": pm.CubicSpring([0], k=1.0, k3=2.0), "restoring_damping": 0.1 * np.eye(3)},
-        {"internal": lambda u, v, t, q: (np.arctan(u), np.diag(bell(u)))},
+        {"internal": lambda t, u, v, q: (np.arctan(u), np.diag(bell(u)))},
         {"internal": [pm.Bilinear([0, 1], k=2.0, fy=[0.1, 0.2]), pm.Gap([2], k=5.0, gap=0.1)]},
         {"rayleigh": (0.1, 0.01)},
         {"damping": "lagged", "scheme": pm.GeneralizedAlpha(0.0, explicit=True)},
@@ -145,7 +145,7 @@ def springs(rng):
 
 def internal_force(rng):
     values = {"history": np.zeros(3), "pattern": sp.csr_array(np.eye(3))}
-    values |= {"evaluate": lambda u, v, t, q: (np.arctan(u), np.diag(bell(u)), None, q + u)}
+    values |= {"evaluate": lambda t, u, v, q: (np.arctan(u), np.diag(bell(u)), None, q + u)}
     return pm.InternalForce, values, lambda force: solved(internal=force)
 
 

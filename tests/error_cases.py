@@ -161,7 +161,7 @@ def named_cases():
             1000,
             lambda t, y: [y[1], -40.0 * y[0]],
             K=[40.0],
-            restoring=lambda u, v, t: 1e5 * np.maximum(u - 5.0, 0.0),
+            restoring=lambda t, u, v: 1e5 * np.maximum(u - 5.0, 0.0),
             restoring_stiffness=[1e5],
             v0=[1.0],
         ),
@@ -202,7 +202,7 @@ def stopped(_, y):
     return [y[1], -40.0 * y[0] - STOP * max(y[0] - GAP, 0.0)]
 
 
-def stop(u, v, t):
+def stop(t, u, v):
     return STOP * np.maximum(u - GAP, 0.0)
 
 
@@ -214,7 +214,7 @@ def watched_cases():
         "stop, Gap": {"restoring": pm.Gap([0], STOP, GAP)},
         "stop, Gap iterated": {"internal": pm.Gap([0], STOP, GAP)},
         "stop, function iterated": {
-            "internal": lambda u, v, t, q: (stop(u, v, t), STOP * np.diag(1.0 * (u > GAP)))
+            "internal": lambda t, u, v, q: (stop(t, u, v), STOP * np.diag(1.0 * (u > GAP)))
         },
     }
     for name, forces in forms.items():
@@ -229,13 +229,13 @@ def watched_cases():
             0.01,
             850,
             lambda t, y: [y[1], -100.0 * y[0]],
-            restoring=lambda u, v, t: -100.0 * u,
+            restoring=lambda t, u, v: -100.0 * u,
             u0=[1e-3],
         ),
     )
     past = deque([0.0] * 2, maxlen=2)
 
-    def late(u, v, t):
+    def late(t, u, v):
         past.append(u[0])
         return np.array([100.0 * past[0]])
 

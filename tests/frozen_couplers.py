@@ -40,7 +40,7 @@ def frame(coupling, springs="none", *, force=None, restoring=None, velocity=None
     a = pm.Subdomain(
         np.array([1.0, 2.0, 1.5]),
         K,
-        0.002 * K,
+        C=0.002 * K,
         scheme=pm.GeneralizedAlpha(1.0 if coupling == "mean" else 0.8),
         u0=[0.05 if velocity is None else 0.0, -0.02, 0.03],
         v0=[0.0, 1.0, -0.5],

@@ -20,8 +20,8 @@ def internal_of(s, form="dense"):
     if getattr(s, "internal", None) is None:
         return None
 
-    def evaluate(u, v, t, q):
-        f, K_t, C_t, q1 = s.internal(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K_t, C_t, q1 = s.internal(t, u, v, q)
         return f, FORMS[form](K_t), FORMS[form](C_t), q1
 
     return pm.InternalForce(evaluate, history=s.history)
@@ -42,7 +42,7 @@ def package(s, form="dense", **changes):
     )
     M, K, C = s.M, s.K, s.C
     values |= changes
-    return pm.Subdomain(M, K if K.any() else None, C if C.any() else None, **values)
+    return pm.Subdomain(M, K if K.any() else None, C=C if C.any() else None, **values)
 
 
 def coupler(subdomains, L, dt, coupling, *, form="dense", **options):
@@ -94,7 +94,7 @@ VARIANTS = {
 class Law:
     """A cubic dashpot and bilinear springs along a chain, to the ground at its first dof.
 
-    `calls` counts the evaluations. The one with the number `at` is not made, but `action(u, v, t,
+    `calls` counts the evaluations. The one with the number `at` is not made, but `action(t, u, v,
     q)` returns its value.
     """
 
@@ -105,10 +105,10 @@ class Law:
         self.stored = self.pattern.nonzero()
         self.calls, self.at, self.action = 0, None, None
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, t, u, v, q):
         self.calls += 1
         if self.calls == self.at:
-            return self.action(u, v, t, q)
+            return self.action(t, u, v, q)
         d = self.B @ u
         p = np.minimum(np.maximum(q, d - self.yield_at), d + self.yield_at)
         k = np.where(p == q, self.k, 0.05 * self.k)

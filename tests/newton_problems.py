@@ -13,12 +13,12 @@ from reference import alpha
 
 
 def springs(pairs, law):
-    """evaluate(u, v, t, q) of springs between pairs of dofs (-1: the ground).
+    """evaluate(t, u, v, q) of springs between pairs of dofs (-1: the ground).
 
     law(d, q) -> force, tangent and new history of every spring, each of the shape of d.
     """
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         B = np.zeros((len(pairs), len(u)))
         for row, (i, j) in enumerate(pairs):
             if i >= 0:
@@ -32,9 +32,9 @@ def springs(pairs, law):
 
 
 def duffing(k, k3, c3=0.0):
-    """evaluate(u, v, t, q) of one dof: k u + k3 u^3 + c3 v^3."""
+    """evaluate(t, u, v, q) of one dof: k u + k3 u^3 + c3 v^3."""
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         return k * u + k3 * u**3 + c3 * v**3, np.diag(k + 3 * k3 * u**2), np.diag(3 * c3 * v**2), q
 
     return evaluate
@@ -167,11 +167,11 @@ def pendulum(ss=(1, 1), double=False, rho=0.5, EA=1e7):
         c, N = x / length, EA * (length - 1.0)
         return N * c, EA * np.outer(c, c) + N / length * (np.eye(2) - np.outer(c, c))
 
-    def upper(u, v, t, q):
+    def upper(t, u, v, q):
         f, k = bar(np.array([1.0, 0.0]) + u)
         return f, k, np.zeros((2, 2)), q
 
-    def lower(u, v, t, q):
+    def lower(t, u, v, q):
         f, k = bar(np.array([1.0, 0.0]) + u[2:] - u[:2])
         return np.concatenate([-f, f]), np.block([[k, -k], [-k, k]]), np.zeros((4, 4)), q
 

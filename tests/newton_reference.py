@@ -70,7 +70,7 @@ class Member:
         """The state at t = 0, a_0 = w_0 (9)."""
         s = self.subdomain
         q = getattr(s, "history", np.zeros(0))
-        q = s.internal(s.u0, s.v0, 0.0, q)[3] if q.size else q  # (N17)
+        q = s.internal(0.0, s.u0, s.v0, q)[3] if q.size else q  # (N17)
         self.levels.append(Level(0.0, s.u0, s.v0, w, w, s.v0, q, Lam, 0))
 
     def begin_double_steps(self):
@@ -88,7 +88,7 @@ class Member:
         free, q = step.free(old, t1), old.q
         if q.size:
             ut, vs = predictors(s, old, step.h)[0], old.v + step.h * old.w
-            q = s.internal(ut, vs, t1, q)[3]
+            q = s.internal(t1, ut, vs, q)[3]
         return free, q
 
     def close(self, free, q, Lam):
@@ -140,7 +140,7 @@ def has_internal(subdomain):
 
 
 def start(members, L):
-    """States at t = 0; returns Lam_0 (S1), with f(u_0, v_0, 0; q) among the forces."""
+    """States at t = 0; returns Lam_0 (S1), with f(0, u_0, v_0; q) among the forces."""
     forces = [with_force(x.subdomain, getattr(x.subdomain, "history", None)) for x in members]
     w0, Lam = initial_accelerations(forces, L)
     for x, w in zip(members, w0, strict=True):
@@ -290,7 +290,7 @@ class MacroMember(Member):
         """Interface velocity for unit multipliers, linearized at t = 0, shape (p, p) (M3)."""
         s, p, ss = self.subdomain, len(self.L), self.subdomain.substeps
         if getattr(s, "internal", None) is not None:
-            _, K_t, C_t, _ = s.internal(s.u0, s.v0, 0.0, s.history)
+            _, K_t, C_t, _ = s.internal(0.0, s.u0, s.v0, s.history)
             s = replace(s, K=s.K + K_t, C=s.C + C_t)
         step = without_load(Step(s, self.L, self.step.h))
         zero = np.zeros(len(s.M))

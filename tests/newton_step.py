@@ -2,7 +2,7 @@
 
 It continues tests/reference.py with subdomains
 
-    M w + C v + K u + r(u, v, t) + f(u, v, t; q) = F(t) + L^T Lam                      (N1)
+    M w + C v + K u + r(t, u, v) + f(t, u, v; q) = F(t) + L^T Lam                      (N1)
 
 whose internal force f is iterated with its tangents; q is the history of f, such as plastic
 strains. The schedules are in tests/newton_reference.py. Numbers are those of docs/method.md:
@@ -33,12 +33,12 @@ LEAP, BEGAN = 1e3, 1e-11  # a residual that has jumped, from what is no less tha
 
 @dataclass
 class Nonlinear(Subdomain):
-    """A subdomain with an internal force f(u, v, t; q) (N1).
+    """A subdomain with an internal force f(t, u, v; q) (N1).
 
     Attributes
     ----------
     internal : callable
-        evaluate(u, v, t, q) -> f (n,), K_t (n, n), C_t (n, n), q1 (m,): the force, its tangents
+        evaluate(t, u, v, q) -> f (n,), K_t (n, n), C_t (n, n), q1 (m,): the force, its tangents
         df/du and df/dv, and the history at the end of a step that began with q. An implicit
         subdomain iterates it; an explicit one evaluates it once per step, at ut and v + h w.
     history : (m,) ndarray or None
@@ -84,7 +84,7 @@ def with_force(s, q):
     """A subdomain with f among its restoring forces, for the history q."""
     if getattr(s, "internal", None) is None:
         return s
-    return replace(s, restoring=lambda u, v, t: s.restore(u, v, t) + s.internal(u, v, t, q)[0])
+    return replace(s, restoring=lambda t, u, v: s.restore(t, u, v) + s.internal(t, u, v, q)[0])
 
 
 # ---- one step of one subdomain --------------------------------------------------------------
@@ -142,7 +142,7 @@ class Trial:
         if self.R is not None:
             return
         u, v, w = self.displacement(self.w), self.velocity(self.w), self.w
-        f, K_t, C_t, _ = self.s.internal(u, v, self.t1, self.old.q)
+        f, K_t, C_t, _ = self.s.internal(self.t1, u, v, self.old.q)
         # (N2)  R = g + L^T Lam - Mbar w - f, g the right-hand side of (11)
         self.R = self.g + self.L.T @ self.Lam - self.step.mbar @ w - f
         # (N3)  Mbar_t = Mbar + al2 C_t + al1 K_t
@@ -213,7 +213,7 @@ class Trial:
         am, af, old = self.s.am, self.s.af, self.old
         u, v, w = self.displacement(self.w), self.velocity(self.w), self.w
         a = ((1 - af) * w + af * old.w - am * old.a) / (1 - am)  # (9)
-        q = self.s.internal(u, v, self.t1, old.q)[3] if old.q.size else old.q
+        q = self.s.internal(self.t1, u, v, old.q)[3] if old.q.size else old.q
         return Level(self.t1, u, v, w, a, v, q, self.Lam, self.iterations)
 
 

@@ -34,7 +34,7 @@ def named(problem):
         arguments |= dict(restoring_stiffness=s.K_r, restoring_damping=s.D_r)
         arguments |= dict(damping="lagged" if s.lagged else "implicit", name=f"s{i}")
         arguments |= dict(symmetric=s.symmetric)
-        subdomains.append(pm.Subdomain(M, K, C, **arguments))
+        subdomains.append(pm.Subdomain(M, K, C=C, **arguments))
     matrices = {f"s{i}": L for i, L in enumerate(problem.L) if L.any()}
     return subdomains, matrices
 
@@ -143,7 +143,7 @@ def bitwise(first=0, count=40):
 def explicit():
     """Internal forces of explicit subdomains: springs, a function, and both, with energies."""
 
-    def force(u, v, t, q):
+    def force(t, u, v, q):
         f = 40.0 * u**3 + 0.3 * np.abs(v) * v
         return f, 120.0 * np.diag(u**2), 0.6 * np.diag(np.abs(v))
 
@@ -249,7 +249,7 @@ def iterate(path, coupling, newton, double):
 def resting(comm=None, own=slice(None)):
     """Four chains on springs, plastic and other internal forces, under dead load."""
 
-    def cubic(u, v, t, q):
+    def cubic(t, u, v, q):
         return 500.0 * u**3, 1500.0 * np.diag(u**2), None
 
     given = dict(internal=cubic), {}, dict(restoring=pm.CubicSpring([1], 80.0, 3e4)), {}

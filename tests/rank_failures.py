@@ -79,7 +79,7 @@ class Counted:
 
     @staticmethod
     def time(*arguments):
-        """Of F(t), r(u, v, t) and f(u, v, t, q)."""
+        """Of F(t), r(t, u, v) and f(t, u, v, q)."""
         return arguments[min(len(arguments), 3) - 1]
 
     def __call__(self, *arguments):
@@ -121,7 +121,7 @@ def restoring(failed, coupling):
     rest = coupler.run(steps=28)  # it goes on, and bitwise as without the failure
     alone = pm.Coupler(
         [
-            chain(3, f"r{r}", substeps=4 if r == 0 else 1, restoring=lambda u, v, t: np.zeros(3))
+            chain(3, f"r{r}", substeps=4 if r == 0 else 1, restoring=lambda t, u, v: np.zeros(3))
             for r in range(SIZE)
         ],
         ties(),
@@ -138,7 +138,7 @@ def internal(failed, coupling):
     zero = np.zeros((3, 3))
 
     def wrong(active):
-        def force(u, v, t, q):  # with a tangent that is far too small
+        def force(t, u, v, q):  # with a tangent that is far too small
             k = 1e9 if active and t > 0.1234 else 0.0
             return k * (u + 1.0), zero, zero
 

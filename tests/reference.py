@@ -65,7 +65,7 @@ def alpha(rho, explicit=False):
 
 @dataclass
 class Subdomain:
-    """One subdomain, M w + C v + K u + r(u, v, t) = F(t) + L^T Lam, its scheme and its step (1).
+    """One subdomain, M w + C v + K u + r(t, u, v) = F(t) + L^T Lam, its scheme and its step (1).
 
     The default scheme is the trapezoidal rule; `Subdomain(M, K, **alpha(0.5), substeps=20)` is
     generalized-alpha, `beta=0.0, explicit=True` the central difference.
@@ -86,7 +86,7 @@ class Subdomain:
     force : callable or None
         F(t) -> (n,).
     restoring : callable or None
-        Restoring force r(u, v, t) -> (n,).
+        Restoring force r(t, u, v) -> (n,).
     K_r, D_r : (n, n) ndarray or None
         Estimates of the stiffness and the damping of r (R2).
     lagged : bool
@@ -106,7 +106,7 @@ class Subdomain:
     substeps: int = 1
     double: bool = False
     force: Callable[[float], np.ndarray] | None = None
-    restoring: Callable[[np.ndarray, np.ndarray, float], np.ndarray] | None = None
+    restoring: Callable[[float, np.ndarray, np.ndarray], np.ndarray] | None = None
     K_r: np.ndarray | None = None
     D_r: np.ndarray | None = None
     lagged: bool = False
@@ -125,9 +125,9 @@ class Subdomain:
         """F(t), shape (n,)."""
         return np.zeros(len(self.M)) if self.force is None else self.force(t)
 
-    def restore(self, u, v, t):
-        """r(u, v, t), shape (n,)."""
-        return np.zeros(len(self.M)) if self.restoring is None else self.restoring(u, v, t)
+    def restore(self, t, u, v):
+        """r(t, u, v), shape (n,)."""
+        return np.zeros(len(self.M)) if self.restoring is None else self.restoring(t, u, v)
 
     def mbar(self, h):
         """Mbar of a step of length h, shape (n, n) (12) (R3) (R4)."""
@@ -209,9 +209,9 @@ class Step:
         ut, vt = predictors(s, old, self.h)
         # (R1)  vs = v + h w
         vs = old.v + self.h * old.w
-        # (7) (10) (11) (R3)  g = F(t1) - C vt - K ut - r(ut, vs, t1) - D_r (vt - vs)
+        # (7) (10) (11) (R3)  g = F(t1) - C vt - K ut - r(t1, ut, vs) - D_r (vt - vs)
         damping = s.C @ (vs if s.lagged else vt)  # (R4)
-        r = s.restore(ut, vs, t1) + s.D_r @ (vt - vs)
+        r = s.restore(t1, ut, vs) + s.D_r @ (vt - vs)
         return ut, vt, s.load(t1) - damping - s.K @ ut - r
 
     def free(self, old, t1):
@@ -264,7 +264,7 @@ def initial_accelerations(subdomains, L):
     Lall = np.hstack(L)
     p, n = Lall.shape
     g = np.concatenate(
-        [s.load(0.0) - s.C @ s.v0 - s.K @ s.u0 - s.restore(s.u0, s.v0, 0.0) for s in subdomains]
+        [s.load(0.0) - s.C @ s.v0 - s.K @ s.u0 - s.restore(0.0, s.u0, s.v0) for s in subdomains]
     )
 
     # unknowns z = d w and y = Lam / c
@@ -566,7 +566,7 @@ class MacroStepper:
 def without_load(step):
     """The same step with F = 0 and r = K_r u + D_r v, for the link response (M3)."""
     K_r, D_r = step.subdomain.K_r, step.subdomain.D_r
-    linear = replace(step.subdomain, force=None, restoring=lambda u, v, t: K_r @ u + D_r @ v)
+    linear = replace(step.subdomain, force=None, restoring=lambda t, u, v: K_r @ u + D_r @ v)
     return Step(linear, step.L, step.h)
 
 

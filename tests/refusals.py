@@ -25,7 +25,7 @@ def refused(error, call, *words):
 
 
 def subdomain(M=(1.0, 1.0), K=(1.0, 1.0), C=None, *, scheme=IMPLICIT, **options):
-    return pm.Subdomain(M, K, C, scheme=scheme, **options)
+    return pm.Subdomain(M, K, C=C, scheme=scheme, **options)
 
 
 def single(n=1, **options):

@@ -33,7 +33,7 @@ def numerical(case, plant, specimen, a=GROUND):
     return pm.Subdomain(
         M - plant.mass * one,
         K - plant.stiffness * one,
-        C - plant.damping * one,
+        C=C - plant.damping * one,
         scheme=pm.CentralDifference(),
         force=pm.SampledForce(a, H, shape=-M @ np.ones(3)),
         restoring=specimen,

@@ -98,7 +98,7 @@ def serve_own(k):
 
     calls = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         calls.append(t)
         if len(calls) == k:
             die()

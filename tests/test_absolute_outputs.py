@@ -12,7 +12,7 @@ ROOF = {"frame": {x: {x: {1: 1.0}} for x in NAMES}}
 
 def shaken(force, **options):
     frame = pm.Subdomain(
-        [2.0, 1.0], K, [0.3, 0.1], scheme=pm.Newmark(), force=force, name="frame", **options
+        [2.0, 1.0], K, C=[0.3, 0.1], scheme=pm.Newmark(), force=force, name="frame", **options
     )
     rig = pm.Subdomain([1.0], [5.0], scheme=pm.Newmark(), force=force, name="rig")
     return pm.Coupler([frame, rig], pm.tie(frame, 0, rig, 0), dt=0.02, coupling="gc")
@@ -26,7 +26,7 @@ def moved(record, dt, steps):
     whole[0, 0] = whole[1:, 1:].sum()
     C = np.diag([0.4, 0.3, 0.1])
     C[0, 1:] = C[1:, 0] = [-0.3, -0.1]
-    frame = pm.Subdomain([1.0, 3.0, 1.0], whole, C, scheme=pm.Newmark(), name="frame")
+    frame = pm.Subdomain([1.0, 3.0, 1.0], whole, C=C, scheme=pm.Newmark(), name="frame")
     ground = pm.SupportMotion(record, dt, "acceleration")
     held = pm.Constraint({frame: [[1.0, 0.0, 0.0]]}, velocity=ground)
     return pm.Coupler([frame], held, dt=0.02).run(steps=steps)["frame"]
@@ -57,7 +57,7 @@ def test_absolute_accelerations_are_the_forces_on_the_masses(tmp_path, average, 
         pm.BaseAcceleration(rng.normal(size=(30, 2)), [[1.0, 0.2], [1.0, -0.3]], dt=0.03),
         pm.BaseAcceleration(rng.normal(size=20), dt=0.05, average=average),
     ]
-    frame = pm.Subdomain([2.0, 1.0], K, [0.3, 0.1], scheme=pm.GeneralizedAlpha(0.6), force=quakes)
+    frame = pm.Subdomain([2.0, 1.0], K, C=[0.3, 0.1], scheme=pm.GeneralizedAlpha(0.6), force=quakes)
     wanted = {0: {"abs": {"absolute a": np.eye(2)}, "first": {"u": [1.0, 0.0]}}}
     coupler = pm.Coupler([frame], dt=0.02)
     run = coupler.run(steps=60, outputs=wanted, every=every)[0]

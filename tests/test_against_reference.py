@@ -50,7 +50,7 @@ class Pull:
         self.B[ends] = np.array([1.0, -1.0])[: ends.size]
         self.springs = [pm.CubicSpring(dofs, 2.0, 5.0), pm.Gap(dofs, 8.0, 0.3)]
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         d = self.B @ u
         return self.B * (2.0 * d + 5.0 * d**3 + 8.0 * max(d - 0.3, 0.0))
 

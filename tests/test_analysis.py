@@ -37,7 +37,7 @@ def limit(rho):
 
 def oscillator(scheme, Omega, xi=0.0, substeps=1):
     """One dof of circular frequency 1, stepped by Omega."""
-    subdomain = pm.Subdomain([1.0], [1.0], [2.0 * xi], scheme=scheme, substeps=substeps)
+    subdomain = pm.Subdomain([1.0], [1.0], C=[2.0 * xi], scheme=scheme, substeps=substeps)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         return pm.Coupler([subdomain], dt=Omega * substeps)
@@ -284,7 +284,7 @@ def loaded_coupler(kind):
         [1.0, 2.0], [3.0, 1.0], scheme=implicit(0.6), force=LOADS[kind], v0=[0.0, 0.5], name="a"
     )
     b = pm.Subdomain(
-        [1.0, 1.0], [[9.0, -4.0], [-4.0, 9.0]], [0.1, 0.1], scheme=explicit(0.6), substeps=4,
+        [1.0, 1.0], [[9.0, -4.0], [-4.0, 9.0]], C=[0.1, 0.1], scheme=explicit(0.6), substeps=4,
         force=LOADS[kind], v0=[0.5, 0.0], name="b",
     )  # fmt: skip
     motion = {"velocity": lambda t: [0.1 * np.sin(t)]} if kind == "callable" else {}
@@ -653,7 +653,7 @@ def three_bars(force=None, substeps=(1, 2, 6), **options):
             pm.Subdomain(
                 BAR["M"],
                 BAR["K"],
-                BAR["C"],
+                C=BAR["C"],
                 scheme=kinds[i],
                 substeps=ss,
                 u0=u0,

@@ -34,7 +34,7 @@ def test_an_existing_file_is_refused_and_unchanged(tmp_path):
 def test_a_rig_is_not_evaluated_before_an_existing_file_is_refused(tmp_path):
     evaluated = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         evaluated.append(t)
         return u
 

@@ -80,7 +80,7 @@ def test_a_spring_between_two_structures_ends_in_a_dof_without_mass(coupling, su
         one = pm.Subdomain(
             [2.0, 0.0],
             spring + np.diag([80.0, 0.0]),
-            damper,
+            C=damper,
             scheme=scheme,
             substeps=substeps,
             v0=[0.0, 1.0],
@@ -281,8 +281,8 @@ def test_a_wrong_shear_stiffness_is_refused_by_name(GA):
 
 
 def pair():
-    a = pm.Subdomain([1.0, 0.5], [[3.0, -2.0], [-2.0, 2.0]], [0.1, 0.0], scheme=SCHEME, name="a")
-    b = pm.Subdomain([1.0], [1.0], [0.2], scheme=SCHEME, name="b")
+    a = pm.Subdomain([1.0, 0.5], [[3.0, -2.0], [-2.0, 2.0]], C=[0.1, 0.0], scheme=SCHEME, name="a")
+    b = pm.Subdomain([1.0], [1.0], C=[0.2], scheme=SCHEME, name="b")
     return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1, coupling="gc")
 
 
@@ -300,9 +300,9 @@ def test_the_harmonic_motion_solves_the_equations_of_the_uncut_structure():
 def test_a_run_comes_to_the_harmonic_motion():
     force = lambda t: [np.cos(0.7 * t), 0.0]  # noqa: E731
     a = pm.Subdomain(
-        [1.0, 0.5], [[3.0, -2.0], [-2.0, 2.0]], [0.1, 0.0], scheme=SCHEME, name="a", force=force
+        [1.0, 0.5], [[3.0, -2.0], [-2.0, 2.0]], C=[0.1, 0.0], scheme=SCHEME, name="a", force=force
     )
-    b = pm.Subdomain([1.0], [1.0], [0.2], scheme=SCHEME, name="b")
+    b = pm.Subdomain([1.0], [1.0], C=[0.2], scheme=SCHEME, name="b")
     history = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.02, coupling="gc").run(200.0)
     amplitude = np.abs(history["b"].u[-1000:]).max()
     # 450 steps a period; what is left of the start: exp(-0.07 * 180)

@@ -37,7 +37,7 @@ def long_run(n=1000, force=None):
 def test_one_of_two_threads_in_the_same_core_object_gets_a_runtime_error():
     errors, within, meddled = [], threading.Event(), threading.Event()
 
-    def force(u, v, t):  # holds this thread in the core until the other one has tried everything
+    def force(t, u, v):  # holds this thread in the core until the other one has tried everything
         within.set()
         meddled.wait(waits.LIMIT)
         return np.zeros(2)

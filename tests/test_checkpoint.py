@@ -28,7 +28,7 @@ def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=Fa
     M, K = chain(n)
     u0 = np.random.default_rng(3).random(n)
     u0[[0, -1]] = 0.0  # no gap to the ground and to b
-    a = pm.Subdomain(M, K, 0.01 * K, scheme=soft, force=force, u0=u0, name="a")
+    a = pm.Subdomain(M, K, C=0.01 * K, scheme=soft, force=force, u0=u0, name="a")
     b = pm.Subdomain(
         M, K, scheme=soft, substeps=2, double_step=double, force=sampled(n, 1), name="b"
     )
@@ -130,7 +130,7 @@ def two_subdomains(**changes):
     } | changes
     options = {x: chosen[x] for x in OPTIONS}
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), name="a")
-    b = pm.Subdomain(chosen["M"], chosen["K"], chosen["C"], **options)
+    b = pm.Subdomain(chosen["M"], chosen["K"], C=chosen["C"], **options)
     constraints = pm.Constraint({a: [[1.0]], b: [[-chosen["L"]]]}, velocity=chosen["velocity"])
     options = {x: chosen[x] for x in ("dt", "coupling", "start")}
     return pm.Coupler([a, b], constraints, **options)
@@ -141,7 +141,7 @@ DIFFERENCES = {
     "K": ([4.5], "K of 'b' (checksum"),
     "C": ([0.1], "C of 'b' (zero in the file, checksum"),
     "damping": ("lagged", "damping of 'b' (implicit in the file, lagged here)"),
-    "restoring": (lambda u, v, t: u, "restoring of 'b' (none in the file, a callable here)"),
+    "restoring": (lambda t, u, v: u, "restoring of 'b' (none in the file, a callable here)"),
     "scheme": (pm.GeneralizedAlpha(0.6), "scheme of 'b' ([0.0, 0.3333"),
     "substeps": (6, "substeps of 'b' (3 in the file, 6 here)"),
     "force": ([2.0], "force of 'b' (checksum"),

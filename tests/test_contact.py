@@ -48,7 +48,7 @@ def random_pair(schemes, h, seed=1, **damping):
         v0[3] = 0.3  # tied
         rayleigh = (0.1, 0.01) if damping.get("rayleigh") else None
         options = dict(scheme=scheme, u0=u0, v0=v0, force=force, name=f"s{i}")
-        made.append(pm.Subdomain(M, K, C, rayleigh=rayleigh, **options))
+        made.append(pm.Subdomain(M, K, C=C, rayleigh=rayleigh, **options))
     return made
 
 
@@ -296,7 +296,7 @@ def test_a_bar_on_the_floor_does_not_sink(name):
     h = (0.9 if name == "CD" else 3.0) * critical(n)
     C = 0.5 * np.diag(M)  # so that it comes to rest
     weight = -M
-    s = pm.Subdomain(M, K, C, scheme=SCHEMES[name], force=weight, name="bar")
+    s = pm.Subdomain(M, K, C=C, scheme=SCHEMES[name], force=weight, name="bar")
     floor = pm.contact(s, [0], gap=drop)
     history = pm.Coupler([s], floor, dt=h).run(steps=10_000, every=1)
     gap, force = (getattr(history.contacts[0], x)[:, 0] for x in ("gap", "force"))
@@ -485,7 +485,7 @@ def test_rows_of_interpolate_are_gaps_of_meshes_that_do_not_match():
     push = np.zeros(top.n)
     push[top.dofs(top.nodes_at(y=1.0), "uy")] = [-1.0, -2.0, -2.0, -1.0]
     above = pm.Subdomain(
-        top.M.diagonal(), top.K, 0.5 * top.M, scheme=pm.Newmark(), force=push, name="above"
+        top.M.diagonal(), top.K, C=0.5 * top.M, scheme=pm.Newmark(), force=push, name="above"
     )
     rows = pm.interpolate(
         above,

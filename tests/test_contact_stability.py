@@ -28,7 +28,7 @@ def ball(scheme=IMPLICIT, dt=DT, **forces):
         (IMPLICIT, {"restoring": pm.Gap([0], K, GAP)}),
         (EXPLICIT, {"restoring": pm.Gap([0], K, GAP)}),
         (EXPLICIT, {"internal": pm.Gap([0], K, GAP)}),
-        (pm.Newmark(), {"restoring": [pm.Gap([0], K, GAP), lambda u, v, t: 0.0 * u]}),
+        (pm.Newmark(), {"restoring": [pm.Gap([0], K, GAP), lambda t, u, v: 0.0 * u]}),
     ],
 )
 def test_a_stop_that_is_too_stiff_when_closed_is_warned_of(scheme, forces):
@@ -152,7 +152,7 @@ def test_spheres_and_reduced_forces_know_their_closed_tangent():
 
 
 @pytest.mark.parametrize(
-    "force", [lambda u, v, t: 1e5 * u, lambda u, v, t: 1e9 * u**3], ids=["linear", "cubic"]
+    "force", [lambda t, u, v: 1e5 * u, lambda t, u, v: 1e9 * u**3], ids=["linear", "cubic"]
 )
 def test_a_run_that_leaves_the_range_of_numbers_is_an_instability_and_not_a_wrong_function(force):
     # warnings of NumPy are errors here: it ends before the function overflows
@@ -169,6 +169,6 @@ def test_a_run_that_leaves_the_range_of_numbers_is_an_instability_and_not_a_wron
 
 @pytest.mark.parametrize("at", [0.005, 0.3])
 def test_a_function_that_returns_nan_at_a_sane_state_is_named(at):
-    coupler = ball(restoring=lambda u, v, t: u if t < at else np.nan * u)
+    coupler = ball(restoring=lambda t, u, v: u if t < at else np.nan * u)
     with pytest.raises(ValueError, match="restoring of subdomain 'ball' at t = .* finite, got nan"):
         coupler.run(1.0)

@@ -57,7 +57,7 @@ def push3(t):
 def alone_orders(scheme, counts, form=np.asarray):
     """Orders of u, v, a at t = 1 of the damped and loaded chain of three."""
     truth = [x[-1] for x in motion(M3, C3, K3, push3, **STATE3, t=np.array([0.0, 1.0]))]
-    chain = pm.Subdomain(form(M3), form(K3), form(C3), scheme=scheme, force=push3, **STATE3)
+    chain = pm.Subdomain(form(M3), form(K3), C=form(C3), scheme=scheme, force=push3, **STATE3)
     errors = []
     for count in counts:
         got = pm.solve(chain, dt=1.0 / count, t_end=1.0)
@@ -96,7 +96,7 @@ def test_a_load_late_by_a_third_of_a_step_costs_one_order():
     truth = motion(M3, C3, K3, push3, **STATE3, t=np.array([0.0, 1.0]))[1][-1]
     for h in (1 / 800, 1 / 1600):
         late = lambda t, h=h: push3(t - h / 3.0)  # noqa: E731
-        chain = pm.Subdomain(M3, K3, C3, scheme=SECOND, force=late, **STATE3)
+        chain = pm.Subdomain(M3, K3, C=C3, scheme=SECOND, force=late, **STATE3)
         errors.append(np.abs(pm.solve(chain, dt=h, t_end=1.0).v[-1] - truth).max())
     assert orders(errors) == pytest.approx(1.0, abs=0.15)  # the dt^2 term, still a tenth of it
 
@@ -165,7 +165,7 @@ class Structure:
 
     def run(self, t_end, count, schemes, substeps, double=None, **options):
         parts = [
-            pm.Subdomain(q.M, q.K, q.C, scheme=s, substeps=ss, force=q.force,
+            pm.Subdomain(q.M, q.K, C=q.C, scheme=s, substeps=ss, force=q.force,
                          double_step=d, u0=self.u0[q.dofs], v0=self.v0[q.dofs])
             for q, s, ss, d in zip(
                 self.pieces, schemes, substeps, double or [None] * len(substeps)

@@ -19,7 +19,7 @@ def three_oscillators(c):
     """The third with two substeps and damping c."""
     a = pm.Subdomain([0.6], [6.0], scheme=pm.Newmark(), name="a")
     b = pm.Subdomain([1.0], [4.0], scheme=ALPHA(0.5), name="b")
-    d = pm.Subdomain([0.1], [30.0], [c], scheme=ALPHA(0.5), substeps=2, name="d")
+    d = pm.Subdomain([0.1], [30.0], C=[c], scheme=ALPHA(0.5), substeps=2, name="d")
     return [a, b, d], [pm.tie(a, 0, b, 0), pm.tie(b, 0, d, 0)]
 
 

@@ -160,7 +160,7 @@ def test_springs_count_with_their_initial_tangent_and_callables_with_their_estim
         [1.0],
         [5.0],
         scheme=pm.Newmark(),
-        restoring=lambda u, v, t: 4.0 * u,
+        restoring=lambda t, u, v: 4.0 * u,
         restoring_stiffness=[4.0],
         restoring_damping=[0.5],
     )
@@ -168,7 +168,7 @@ def test_springs_count_with_their_initial_tangent_and_callables_with_their_estim
     assert coupler.modes(1)[0] == pytest.approx([3.0], rel=1e-12)
     assert coupler.assembled().C.toarray().tolist() == [[0.5]]
     unknown = pm.Subdomain(
-        [1.0], [5.0], scheme=pm.Newmark(), restoring=lambda u, v, t: 4.0 * u, name="rig"
+        [1.0], [5.0], scheme=pm.Newmark(), restoring=lambda t, u, v: 4.0 * u, name="rig"
     )
     with pytest.raises(ValueError, match="needs restoring_stiffness .* got none for 'rig'"):
         pm.Coupler([unknown], dt=0.01).modes(1)

@@ -70,7 +70,7 @@ def test_a_large_subdomain_shows_a_bound_without_eigenvalues(monkeypatch):
 
 def test_a_restoring_function_without_estimated_stiffness_has_no_known_critical_step():
     part = pm.Subdomain(
-        [1.0], [1.0], scheme=pm.CentralDifference(), restoring=lambda u, v, t: u, name="part"
+        [1.0], [1.0], scheme=pm.CentralDifference(), restoring=lambda t, u, v: u, name="part"
     )
     assert table(pm.Coupler([part], dt=0.5))["part"]["step / critical"] == "-"
 

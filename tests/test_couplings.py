@@ -174,7 +174,7 @@ def test_a_stiff_restoring_force_does_not_make_it_grow(product):
         scheme=pm.GeneralizedAlpha(0.5, explicit=True),
         substeps=20,
         u0=[1.0],
-        restoring=lambda u, v, t: k * u,
+        restoring=lambda t, u, v: k * u,
         name="b",
     )
     coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=1.0, coupling="gc")

@@ -223,7 +223,7 @@ def test_steps_that_a_change_elsewhere_makes_grow_are_warned_of():
 @pytest.mark.parametrize(
     "forces",
     [
-        dict(restoring=lambda u, v, t: 0.0 * u),
+        dict(restoring=lambda t, u, v: 0.0 * u),
         dict(internal=pm.CubicSpring([0], k=1.0, k3=1.0)),
         dict(force=lambda t, u, v: 0.0 * u),
     ],

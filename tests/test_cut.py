@@ -346,7 +346,7 @@ def test_elements_of_several_kinds_make_one_structure():
     compare(parts, implicit, lambda u: u, 0.1, 30)
 
 
-def hardening(u, v, t, q, elements):
+def hardening(t, u, v, q, elements):
     """Elements of two dofs with a cubic force, a dashpot, and a counter of steps as history."""
     e = u[:, 1] - u[:, 0]
     f = (3.0 + elements) * e**3 + 0.1 * (v[:, 1] - v[:, 0])
@@ -375,7 +375,7 @@ def test_elements_with_internal_forces_dampers_and_history():
     # an independent uncut model: K u, the cubic springs and the dashpots in one callable
     B = np.eye(12) - np.eye(12, k=-1)
 
-    def whole(u, v, t, q):
+    def whole(t, u, v, q):
         e, rate = B @ u, B @ v
         stiff = 3.0 + np.arange(12)
         K = B.T @ np.diag(3.0 * stiff * e**2) @ B
@@ -383,7 +383,12 @@ def test_elements_with_internal_forces_dampers_and_history():
 
     masses = np.append(np.ones(11), 0.5)
     alone = pm.Subdomain(
-        masses, 4.0 * B.T @ B, 0.2 * B.T @ B, scheme=pm.GeneralizedAlpha(0.5), internal=whole, v0=v0
+        masses,
+        4.0 * B.T @ B,
+        C=0.2 * B.T @ B,
+        scheme=pm.GeneralizedAlpha(0.5),
+        internal=whole,
+        v0=v0,
     )
     expected = pm.Coupler([alone], dt=0.05, newton=newton).run(steps=10)[0]
     assert np.abs(expected.u - reference.u).max() < 1e-9
@@ -770,7 +775,7 @@ def test_bad_arguments_with_labels_are_refused_by_name(arguments, error, message
 
 
 def test_fixed_elements_with_internal_forces_are_refused_by_name():
-    def cubic(u, v, t, q, elements):
+    def cubic(t, u, v, q, elements):
         return u**3, 3.0 * u[:, :, None] ** 2
 
     springs = pm.Elements([[0], [1]], [[1.0]], None, internal=cubic)

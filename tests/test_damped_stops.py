@@ -93,7 +93,7 @@ def test_evaluated_once_a_step_it_is_the_function(coupling, explicit):
     scheme = pm.GeneralizedAlpha(0.8, explicit=explicit)
     stop = pm.Gap([1], k=k, gap=0.01, c=c)
 
-    def function(u, v, t):
+    def function(t, u, v):
         return [0.0, push(u[1], v[1], k, c)[0]]
 
     one = coupled(coupling, {"restoring": stop}, scheme)
@@ -109,7 +109,7 @@ def test_iterated_it_is_the_function_with_both_tangents(coupling):
     k, c = 2000.0, 30.0
     stop = pm.Gap([1], k=k, gap=0.01, c=c)
 
-    def function(u, v, t, q):
+    def function(t, u, v, q):
         force, acts = push(u[1], v[1], k, c)
         return [0.0, force], np.diag([0.0, k * acts]), np.diag([0.0, c * acts])
 

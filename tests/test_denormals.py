@@ -17,7 +17,9 @@ def decayed(threads=1, scale=1e-305, **options):
     n = 6
     K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     how = dict(scheme=pm.GeneralizedAlpha(0.5), v0=scale * np.ones(n))
-    a, b = (pm.Subdomain(np.ones(n), K, np.eye(n), substeps=s, name=f"s{s}", **how) for s in (1, 4))
+    a, b = (
+        pm.Subdomain(np.ones(n), K, C=np.eye(n), substeps=s, name=f"s{s}", **how) for s in (1, 4)
+    )
     tie = pm.tie(a, [n - 1], b, [0])
     return pm.Coupler([a, b], tie, dt=0.4, coupling="gc", threads=threads, **options)
 
@@ -25,7 +27,7 @@ def decayed(threads=1, scale=1e-305, **options):
 def test_callables_of_python_have_the_denormal_numbers_of_the_caller():
     seen = []
 
-    def spring(u, v, t):
+    def spring(t, u, v):
         seen.append(is_denormal_kept())
         return u
 

@@ -165,7 +165,7 @@ def test_a_step_that_fails_does_not_move_the_support_twice():
     class Failing:
         fails = False
 
-        def __call__(self, u, v, t):
+        def __call__(self, t, u, v):
             if self.fails and t > 0.35:
                 raise RuntimeError("no")
             return 0.0 * u
@@ -178,7 +178,7 @@ def test_a_step_that_fails_does_not_move_the_support_twice():
         return pm.Coupler([a, b], [end, pm.tie(a, [1], b, [0])], dt=0.1, coupling="gc")
 
     function = Failing()
-    coupler, other = made(function), made(lambda u, v, t: 0.0 * u)
+    coupler, other = made(function), made(lambda t, u, v: 0.0 * u)
     function.fails = True
     with pytest.raises(RuntimeError):
         coupler.run(1.0)

@@ -135,7 +135,7 @@ def static(evaluate, u, load, free, *, tol=1e-12, iterations=30):
 @pytest.mark.parametrize("name", ALL)
 def test_the_tangent_is_the_derivative_of_the_force(name):
     _, force, u, q = case(name)
-    f, K, C, _ = force(u, np.zeros(force.n), 0.0, q)
+    f, K, C, _ = force(0.0, u, np.zeros(force.n), q)
     h = 1e-5
     steps = h * np.eye(force.n)
     columns = [(force.residual(u + e, q=q) - force.residual(u - e, q=q)) / (2 * h) for e in steps]
@@ -185,7 +185,7 @@ def test_a_call_changes_nothing_and_the_residual_is_its_first_value(name):
     again, K_again, _, q1_again = force(u, q=q)
     for one, other in ((f, again), (K.data, K_again.data), (q1, q1_again)):
         np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(force.residual(u, np.zeros(force.n), 0.0, q), f)
+    np.testing.assert_array_equal(force.residual(0.0, u, np.zeros(force.n), q), f)
     for one, other in zip((u, q, force.history), kept, strict=True):
         np.testing.assert_array_equal(one, other)
     assert q1.shape == force.history.shape == q.shape
@@ -643,7 +643,7 @@ def test_a_structure_hands_its_forces_to_the_subdomain():
 
 def test_an_internal_force_of_the_user_is_added_to_those_of_the_structure():
     bars, spring = net(2), pm.CubicSpring([0], k=2.0, k3=1.0)
-    own = pm.InternalForce(lambda u, v, t, q: (u**3, np.diag(3.0 * u**2)))
+    own = pm.InternalForce(lambda t, u, v, q: (u**3, np.diag(3.0 * u**2)))
     for given, expected in ((own, [own]), ([own, spring], [own]), (None, [])):
         internal = bars.subdomain(scheme=pm.Newmark(), internal=given).internal
         assert [force for force in internal.forces[1:]] == expected

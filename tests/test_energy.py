@@ -99,7 +99,7 @@ def test_an_interval_sums_up_from_its_first_time_level(seed):
 def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_at_its_time_levels():
     seen = []
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         seen.append(0.3 * u)
         return 0.3 * u
 
@@ -141,7 +141,7 @@ def test_the_balance_of_the_trapezoidal_rule_uncoupled_closes_to_rounding(dampin
     rng = np.random.default_rng(1)
     start = {"u0": rng.normal(size=n), "v0": rng.normal(size=n)}
     force = {"force": lambda t: np.sin(7.0 * t) * np.ones(n)}
-    s = pm.Subdomain(M, K, damping * K, scheme=pm.Newmark(), **start, **force)
+    s = pm.Subdomain(M, K, C=damping * K, scheme=pm.Newmark(), **start, **force)
     energy = pm.Coupler([s], dt=0.05).run(steps=500, energy=True).energy
     size = energy.kinetic[0, 0] + energy.strain[0, 0]
     assert energy.external[-1, 0] > 1e-3 * size
@@ -199,7 +199,7 @@ def test_the_work_of_a_prescribed_motion_is_that_of_its_force():
 def test_the_dissipation_of_a_damped_oscillator_is_the_loss_of_a_closed_form():
     # u = exp(-d t) cos-like: E(t) of the exact solution, order 2 in the step
     m, c, k = 1.0, 0.4, 9.0
-    s = pm.Subdomain([m], [k], [c], scheme=pm.Newmark(), u0=[1.0])
+    s = pm.Subdomain([m], [k], C=[c], scheme=pm.Newmark(), u0=[1.0])
     energy = pm.Coupler([s], dt=0.002).run(2.0, energy=True).energy
     d, w = c / (2.0 * m), np.sqrt(k / m - (c / (2.0 * m)) ** 2)
     t = energy.t
@@ -214,12 +214,12 @@ def test_the_work_of_a_restoring_force_is_counted_with_that_of_the_dampers():
     # K u given as r is evaluated at the predictor; its work over the substeps by (B2)
     seen = []
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         seen.append(9.0 * u[0])
         return 9.0 * u
 
     options = {"scheme": pm.CentralDifference(), "u0": [1.0], "restoring": restoring}
-    s = pm.Subdomain([1.0], None, [0.1], substeps=3, **options)
+    s = pm.Subdomain([1.0], None, C=[0.1], substeps=3, **options)
     history = pm.Coupler([s], dt=0.06).run(steps=20, energy=True)
     u, v, r = history[0].u[:, 0], history[0].v[:, 0], np.array(seen)
     q = 0.1 * v + r

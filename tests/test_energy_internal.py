@@ -16,7 +16,7 @@ class Hardening:
     def __init__(self, k, k3):
         self.k, self.k3 = k, k3
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, t, u, v, q):
         return self.k * u + self.k3 * u**3, self.k + 3.0 * self.k3 * u**2
 
     def potential(self, u):

@@ -22,13 +22,13 @@ def coupler(coupling, scheme=pm.GeneralizedAlpha(0.8), double=True, substeps=2):
     a = pm.Subdomain(
         [1.0, 2.0, 1.0],
         K,
-        0.02 * K,
+        C=0.02 * K,
         scheme=scheme,
         force=[
             pm.SampledForce(rng.standard_normal((300, 3)), 0.05),
             lambda t, u, v: np.array([0.0, 0.2 * np.sin(t) * v[1], 0.0]),
         ],
-        restoring=[lambda u, v, t: 2.0 * v + 5.0 * u, pm.Bilinear(2, 9.0, 0.3, 0.1)],
+        restoring=[lambda t, u, v: 2.0 * v + 5.0 * u, pm.Bilinear(2, 9.0, 0.3, 0.1)],
         double_step=None if coupling == "gc" else double,
         u0=[0.0, 0.0, 0.1],
         name="a",
@@ -37,7 +37,7 @@ def coupler(coupling, scheme=pm.GeneralizedAlpha(0.8), double=True, substeps=2):
         [1.0],
         [40.0],
         scheme=scheme,
-        restoring=lambda u, v, t: 3.0 * v + 7.0 * u,
+        restoring=lambda t, u, v: 3.0 * v + 7.0 * u,
         substeps=substeps,
         name="b",
     )

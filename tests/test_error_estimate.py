@@ -53,7 +53,7 @@ def bouncing(dt):
 
 def actuated(dt):
     """A specimen behind an actuator, whose state is that of a coupler, and a feedback force."""
-    specimen = pm.rig.SimulatedActuator(lambda u, v, t: 3.0 * u, delay=0.1)
+    specimen = pm.rig.SimulatedActuator(lambda t, u, v: 3.0 * u, delay=0.1)
     a = pm.Subdomain([1.0], [4.0], scheme=ALPHA(0.5), restoring=specimen, force=[1.0], name="a")
     b = pm.Subdomain([1.0], [1.0], scheme=ALPHA(0.5), force=lambda t, u, v: -0.1 * v, name="b")
     return pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=dt, coupling="gc", start="plain")
@@ -350,7 +350,7 @@ class Friction:
     def __init__(self):
         self.slip = 0.0
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         f = np.clip(20.0 * (u - self.slip), -1.0, 1.0)
         self.slip = u - f / 20.0
         return f
@@ -362,7 +362,7 @@ class Outside:
     def __call__(self, *arguments):
         raise AssertionError("must not be evaluated")
 
-    def force(self, u, v, t):
+    def force(self, t, u, v):
         raise AssertionError("must not be evaluated")
 
     def load(self, t, u, v):

@@ -28,7 +28,7 @@ class InProcess:
         self.specimen, self.calls = simulated_rig.Yielding(**rig.specimen), []
         self.lost = lost
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         self.calls.append((len(self.calls) + 1, t, u[0]))
         if len(self.calls) == self.lost:
             raise ConnectionError(f"the rig was lost at call {self.lost}")
@@ -41,10 +41,10 @@ class Until:
     def __init__(self, rig, numbers, happens):
         self.rig, self.numbers, self.happens = rig, numbers, happens
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         if self.rig.number + 1 in self.numbers:
             self.happens()
-        return self.rig(u, v, t)
+        return self.rig(t, u, v)
 
 
 # ---- a test rig -----------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig():
 
 
 def test_the_rig_may_not_call_the_coupler_that_commands_it():
-    coupler = rig.hybrid(lambda u, v, t: [coupler.time])
+    coupler = rig.hybrid(lambda t, u, v: [coupler.time])
     with pytest.raises(RuntimeError, match="being stepped"):
         coupler.step()
     assert coupler.step_count == 0
@@ -183,7 +183,7 @@ def test_the_rig_may_not_call_the_coupler_that_commands_it():
 
 @pytest.mark.parametrize("force", ["nan", "-inf"])
 def test_a_measurement_that_is_not_finite_names_rig_and_time(force):
-    def broken(u, v, t):
+    def broken(t, u, v):
         return [float(force) if t > 0.0255 else 0.0]
 
     coupler = rig.hybrid(broken)

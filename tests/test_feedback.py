@@ -18,7 +18,7 @@ def controller(t, u, v):
     return [np.sin(3.0 * t) - 0.8 * v[0] - u[1], -0.3 * u[1] ** 3 - 0.1 * v[1]]
 
 
-def restoring(u, v, t):
+def restoring(t, u, v):
     return -np.array(controller(t, u, v))
 
 
@@ -78,11 +78,11 @@ def test_it_is_evaluated_once_per_substep_in_the_order_of_time():
 def test_threads_and_springs_and_other_restoring_forces_go_with_it():
     """All three on one subdomain, against their sum as one restoring function."""
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         return np.array([2.0 * u[0] ** 3, 0.0])
 
-    def both(u, v, t):
-        return specimen(u, v, t) - np.array(controller(t, u, v))
+    def both(t, u, v):
+        return specimen(t, u, v) - np.array(controller(t, u, v))
 
     spring = pm.CubicSpring([1], k=3.0, k3=1.0)
     fed, summed = (
@@ -247,7 +247,7 @@ def test_functions_of_t_are_evaluated_ahead_in_chunks_that_depend_on_counts_only
         log.append("f")
         return [0.0]
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         log.append("r")
         return 0.0 * u
 

@@ -59,7 +59,7 @@ def wind(t):
 def hybrid(wind=wind, commands=None):
     """commands: the list of the displacements and velocities at which the specimen is evaluated."""
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         if commands is not None:
             commands.append((u[1], v[1]))
         return np.array([0.0, specimen(u[1], v[1]), 0.0])

@@ -37,7 +37,7 @@ def history(scheme=IMPLICIT, **given):
     """A run of two subdomains tied by general rows, with these in place of the plain arrays."""
     x = PLAIN | given
     options = {name: x[name] for name in ("u0", "v0", "force")}
-    a = pm.Subdomain(x["M"], x["K"], x["C"], scheme=scheme, substeps=2, name="a", **options)
+    a = pm.Subdomain(x["M"], x["K"], C=x["C"], scheme=scheme, substeps=2, name="a", **options)
     b = pm.Subdomain(np.ones(3), K_B, scheme=pm.GeneralizedAlpha(0.8), u0=U0_B, v0=V0_B, name="b")
     return pm.Coupler([a, b], pm.Constraint({a: x["L"], b: L_B}), dt=0.125, coupling="pm").run(
         steps=20
@@ -489,7 +489,7 @@ def test_a_prescribed_velocity_may_have_any_format(form):
 
 @pytest.mark.parametrize("form", VECTORS)
 def test_reset_takes_vectors_in_any_format(plain, form):
-    a = pm.Subdomain(M, K, C, scheme=IMPLICIT, substeps=2, name="a")
+    a = pm.Subdomain(M, K, C=C, scheme=IMPLICIT, substeps=2, name="a")
     b = pm.Subdomain(np.ones(3), K_B, scheme=pm.GeneralizedAlpha(0.8), name="b")
     coupler = pm.Coupler([a, b], pm.Constraint({a: L_A, b: L_B}), dt=0.125, coupling="pm")
     coupler.step(3)
@@ -516,7 +516,9 @@ DOFS = {
 
 @pytest.mark.parametrize("form", DOFS)
 def test_dofs_to_record_may_be_any_whole_numbers_in_any_order(plain, form):
-    a = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.5), u0=U0, v0=V0, force=FORCE, name="a")
+    a = pm.Subdomain(
+        M, K, C=C, scheme=pm.GeneralizedAlpha(0.5), u0=U0, v0=V0, force=FORCE, name="a"
+    )
     coupler = pm.Coupler([a], dt=0.125)
     everything = coupler.run(steps=5)["a"]
     coupler.reset()

@@ -104,7 +104,7 @@ def test_a_solid_moves_the_same_in_strips_and_dense(scheme):
     C = sp.csr_array(0.01 * K + 0.1 * sp.diags_array(M))
     assert len(core_matrix(canonical(K, "K")[0])) == 5
     ours, theirs = (
-        pm.solve(pm.Subdomain(M, A, B, scheme=scheme, u0=u0), 0.02, 0.4)
+        pm.solve(pm.Subdomain(M, A, C=B, scheme=scheme, u0=u0), 0.02, 0.4)
         for A, B in ((K, C), (K.toarray(), C.toarray()))
     )
     for x in "uva":
@@ -121,7 +121,7 @@ def stepped(make, K, C, scheme, force):
         pm.Subdomain(
             1.0 + 0.5 * np.cos(x) ** 2,
             make(K),
-            None if C is None else make(C),
+            C=None if C is None else make(C),
             scheme=scheme,
             substeps=substeps,
             u0=np.sin(x),

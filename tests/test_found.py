@@ -85,7 +85,7 @@ VALUES = {
         damaged_blocks(), K, scheme=pm.Newmark()
     ),
     "C must be symmetric": lambda: pm.Subdomain(
-        MASSES, K, 1e308 * (np.eye(3, k=1) - np.eye(3, k=-1)), scheme=BETA
+        MASSES, K, C=1e308 * (np.eye(3, k=1) - np.eye(3, k=-1)), scheme=BETA
     ),
     "M must be so large that K_ii / M_ii is finite, which it is not at 2": lambda: (
         pm.models.modal_damping([1.0, 1.0, 5e-324], K, [0.02])
@@ -221,7 +221,7 @@ REFUSED = [
         ValueError,
         "C must be symmetric",
         lambda: pm.Subdomain(
-            MASSES, K, np.array([[0, 1, 0], [2**64 - 1, 0, 0], [0, 0, 0]], "u8"), scheme=BETA
+            MASSES, K, C=np.array([[0, 1, 0], [2**64 - 1, 0, 0], [0, 0, 0]], "u8"), scheme=BETA
         ),
     ),
     (
@@ -287,7 +287,7 @@ def test_shares_of_masses_whose_sum_overflows_are_those_of_smaller_ones():
 
 def test_masses_whose_squares_overflow_raise_no_warning():
     C = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    pm.Subdomain(np.array([1e308, 1.0, 1.0]), K, C, symmetric=False, scheme=pm.Newmark())
+    pm.Subdomain(np.array([1e308, 1.0, 1.0]), K, C=C, symmetric=False, scheme=pm.Newmark())
 
 
 def test_a_step_whose_square_is_zero_raises_no_warning():

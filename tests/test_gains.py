@@ -24,16 +24,16 @@ def ball(dt, scheme, spring=None, **forces):
         return pm.Coupler([part], dt=dt)
 
 
-def stop(u, v, t):
+def stop(t, u, v):
     return K * np.maximum(u - GAP, 0.0)
 
 
-def near_stop(u, v, t):
+def near_stop(t, u, v):
     return K * np.maximum(u - 1e-3, 0.0)
 
 
-def iterated_stop(u, v, t, q):
-    return stop(u, v, t), K * np.diag((u > GAP).astype(float))
+def iterated_stop(t, u, v, q):
+    return stop(t, u, v), K * np.diag((u > GAP).astype(float))
 
 
 STOPS = {
@@ -85,7 +85,7 @@ def test_a_stop_that_is_hit_in_the_first_step_is_warned_of(name, scheme):
         "Gap": {"restoring": pm.Gap([0], K, 1e-3)},
         "iterated Gap": {"internal": pm.Gap([0], K, 1e-3)},
         "iterated function": {
-            "internal": lambda u, v, t, q: (near_stop(u, v, t), K * np.diag((u > 1e-3) * 1.0))
+            "internal": lambda t, u, v, q: (near_stop(t, u, v), K * np.diag((u > 1e-3) * 1.0))
         },
     }[name]
     if scheme.explicit:
@@ -95,7 +95,7 @@ def test_a_stop_that_is_hit_in_the_first_step_is_warned_of(name, scheme):
         assert largest_energy(coupler, 20) > 1.5
 
 
-def rotating_bar(u, v, t, q):
+def rotating_bar(t, u, v, q):
     """A mass on a bar of length 1 and EA = 2000 that turns: its strain is quadratic in u."""
     x = np.array([1.0, 0.0]) + u
     strain = 0.5 * (x @ x - 1.0)
@@ -128,7 +128,7 @@ def test_the_warning_has_amount_ratio_time_and_causes_in_order():
 
 @pytest.mark.parametrize("scheme", [TRAPEZOIDAL, IMPLICIT, RHO_0, EXPLICIT], ids=repr)
 def test_a_restoring_force_with_the_wrong_sign_is_warned_of(scheme):
-    coupler = ball(0.01, scheme, u0=[1e-3], v0=[0.0], restoring=lambda u, v, t: -100.0 * u)
+    coupler = ball(0.01, scheme, u0=[1e-3], v0=[0.0], restoring=lambda t, u, v: -100.0 * u)
     with pytest.warns(pm.StabilityWarning, match=f"{ADDED}.* the wrong sign"):
         u = coupler.run(8.5)["ball"].u[:, 0]
     assert abs(u[-1]) > 1e33  # cosh(10 t) / 1000, and an error of order 2
@@ -140,7 +140,7 @@ def test_a_delay_that_nothing_compensates_is_warned_of(scheme, steps):
     """k u(t - tau) is k u - k tau v: the amplitude grows as exp(omega^2 tau t / 2)."""
     past = deque([0.0] * (steps + 1), maxlen=steps + 1)
 
-    def late(u, v, t):
+    def late(t, u, v):
         past.append(u[0])
         return np.array([100.0 * past[0]])
 
@@ -153,7 +153,7 @@ def test_a_delay_that_nothing_compensates_is_warned_of(scheme, steps):
 
 def test_an_estimate_of_the_damping_far_above_it_is_warned_of():
     coupler = ball(
-        0.01, EXPLICIT, 100.0, u0=[1.0], restoring=lambda u, v, t: v, restoring_damping=[1e4]
+        0.01, EXPLICIT, 100.0, u0=[1.0], restoring=lambda t, u, v: v, restoring_damping=[1e4]
     )
     with pytest.warns(pm.StabilityWarning, match=ADDED):
         coupler.run(steps=60)
@@ -171,8 +171,8 @@ def test_a_force_that_feeds_in_energy_is_a_load(name):
         1.0,
         u0=[0.1],
         v0=[0.0],
-        force=lambda t, u, v: -force(u, v, t),
-        restoring=lambda u, v, t: 0.0 * u,  # without which there is nothing to watch
+        force=lambda t, u, v: -force(t, u, v),
+        restoring=lambda t, u, v: 0.0 * u,  # without which there is nothing to watch
     )
     # warnings are errors; the same numbers in the same order
     assert np.array_equal(as_load.run(steps=200)["ball"].u, fed["ball"].u)
@@ -193,25 +193,25 @@ SOUND = {
         "restoring": pm.BoucWen([0], 10.0, 0.2),
         "force": lambda t: [np.sin(1.1 * t)],
     },
-    "linear": {"restoring": lambda u, v, t: 9.0 * u},
-    "linear, released": {"restoring": lambda u, v, t: 9.0 * u, "u0": [1.0], "v0": [0.0]},
-    "rest elsewhere": {"restoring": lambda u, v, t: 9.0 * (u - 1.0), "v0": [0.0]},
+    "linear": {"restoring": lambda t, u, v: 9.0 * u},
+    "linear, released": {"restoring": lambda t, u, v: 9.0 * u, "u0": [1.0], "v0": [0.0]},
+    "rest elsewhere": {"restoring": lambda t, u, v: 9.0 * (u - 1.0), "v0": [0.0]},
     "resonance": {
         "C": [0.3],
-        "restoring": lambda u, v, t: 9.0 * u,
+        "restoring": lambda t, u, v: 9.0 * u,
         "force": lambda t: [np.sin(3.0 * t)],
     },
-    "Duffing": {"restoring": lambda u, v, t: 4.0 * u + u**3, "u0": [1.0]},
+    "Duffing": {"restoring": lambda t, u, v: 4.0 * u + u**3, "u0": [1.0]},
     "cubic spring": {"restoring": pm.CubicSpring([0], 4.0, 4.0)},
-    "dashpot": {"spring": 9.0, "restoring": lambda u, v, t: 0.6 * v},
-    "plastic function": {"spring": 1.0, "restoring": lambda u, v, t: np.clip(30 * u, -1.0, 1.0)},
-    "carries a weight": {"restoring": lambda u, v, t: 9.0 * u + 100.0, "force": [100.0]},
+    "dashpot": {"spring": 9.0, "restoring": lambda t, u, v: 0.6 * v},
+    "plastic function": {"spring": 1.0, "restoring": lambda t, u, v: np.clip(30 * u, -1.0, 1.0)},
+    "carries a weight": {"restoring": lambda t, u, v: 9.0 * u + 100.0, "force": [100.0]},
     "snap-through": {
         "u0": [0.1],
         "v0": [0.0],
-        "internal": lambda u, v, t, q: (u**3 - u, np.diag(3.0 * u * u - 1.0)),
+        "internal": lambda t, u, v, q: (u**3 - u, np.diag(3.0 * u * u - 1.0)),
     },
-    "P-Delta": {"spring": 9.0, "restoring": lambda u, v, t: -1.0 * u},
+    "P-Delta": {"spring": 9.0, "restoring": lambda t, u, v: -1.0 * u},
 }
 
 
@@ -231,7 +231,7 @@ def test_sound_runs_are_silent(name, scheme):
 
 def test_a_subdomain_at_rest_neither_warns_nor_ends():
     coupler = ball(
-        0.1, IMPLICIT, 3.0, v0=[0.0], restoring=lambda u, v, t: 9.0 * u + 100.0, force=[100.0]
+        0.1, IMPLICIT, 3.0, v0=[0.0], restoring=lambda t, u, v: 9.0 * u + 100.0, force=[100.0]
     )
     coupler.step(2000)
     assert abs(coupler.state("ball").u[0]) < 1e-12  # rounding of forces of 100
@@ -243,7 +243,7 @@ def test_a_subdomain_at_rest_neither_warns_nor_ends():
 def test_noise_is_silent():
     rng = np.random.default_rng(0)
     noisy = ball(
-        0.02, IMPLICIT, 1.0, u0=[1.0], restoring=lambda u, v, t: 4.0 * u + 1e-3 * rng.normal(size=1)
+        0.02, IMPLICIT, 1.0, u0=[1.0], restoring=lambda t, u, v: 4.0 * u + 1e-3 * rng.normal(size=1)
     )
     noisy.step(2000)
 
@@ -260,7 +260,7 @@ def test_noise_of_a_measured_force_at_a_start_from_rest_is_silent(seed):
         1.0,
         v0=[0.0],
         force=lambda t: [np.sin(t)],
-        restoring=lambda u, v, t: 4.0 * u + 1e-2 * rng.normal(size=1),
+        restoring=lambda t, u, v: 4.0 * u + 1e-2 * rng.normal(size=1),
     )
     noisy.run(steps=200)
 
@@ -300,7 +300,7 @@ def test_an_estimate_that_is_the_stiffness_adds_no_mass(scheme):
             0.1,
             scheme,
             1.0,
-            restoring=lambda u, v, t, k=stiff: k * u,
+            restoring=lambda t, u, v, k=stiff: k * u,
             restoring_stiffness=[share * stiff],
         )
         coupler.step(100)

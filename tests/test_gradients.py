@@ -45,7 +45,7 @@ def problem(
             pm.Subdomain(
                 M.diagonal() if scheme.explicit else M,
                 K,
-                C,
+                C=C,
                 scheme=scheme,
                 substeps=s,
                 double_step=True if kind.get("double") and s == 1 else None,
@@ -267,7 +267,7 @@ def test_stiffnesses_are_found_again_from_what_was_measured():
 
     def frame(k):
         M, K = pm.models.shear_frame(np.ones(4), k)
-        upper = pm.Subdomain(M, K, 0.002 * K, scheme=fine, name="frame", v0=[0.0, 0.0, 0.0, 1.0])
+        upper = pm.Subdomain(M, K, C=0.002 * K, scheme=fine, name="frame", v0=[0.0, 0.0, 0.0, 1.0])
         return pm.Coupler([upper], dt=0.01)
 
     springs = [np.zeros((4, 4)) for _ in range(4)]

@@ -34,7 +34,7 @@ def shaft(g, circulatory=0.0, *, rho=0.5, explicit=False, substeps=1, double=Non
     a = pm.Subdomain(
         M_a,
         K_a,
-        g * np.kron(np.diag([2.0, 0.0]), J),
+        C=g * np.kron(np.diag([2.0, 0.0]), J),
         double_step=double,
         v0=[1.0, 0.5, 0.0, 0.0],
         name="a",
@@ -44,7 +44,7 @@ def shaft(g, circulatory=0.0, *, rho=0.5, explicit=False, substeps=1, double=Non
     b = pm.Subdomain(
         M_b,
         K_b,
-        g * np.kron(np.diag([0.0, 1.5]), J),
+        C=g * np.kron(np.diag([0.0, 1.5]), J),
         substeps=substeps,
         v0=[0.0, 0.0, -0.5, 1.0],
         name="b",
@@ -144,7 +144,7 @@ def test_no_gyroscopic_step_of_any_length_is_unstable(coupling, scheme, substeps
                 pm.Subdomain(
                     s.M,
                     s.K,
-                    s.C,
+                    C=s.C,
                     scheme=SCHEMES[scheme],
                     substeps=s.substeps,
                     double_step=s.double_step,
@@ -183,7 +183,7 @@ def particle(g, rho, **options):
     return pm.Subdomain(
         [1.0, 1.0],
         np.eye(2),
-        g * J,
+        C=g * J,
         scheme=pm.GeneralizedAlpha(rho, explicit=True),
         symmetric=False,
         **options,
@@ -230,7 +230,7 @@ def test_the_lagged_limit_is_on_the_safe_side(n):
     s = pm.Subdomain(
         rng.uniform(1.0, 2.0, n),
         sp.csr_array(A @ A.T + sp.eye_array(n)),
-        sp.csr_array(0.05 * A @ A.T + B - B.T),
+        C=sp.csr_array(0.05 * A @ A.T + B - B.T),
         scheme=scheme,
         damping="lagged",
         symmetric=False,
@@ -263,19 +263,19 @@ def test_the_lagged_limit_is_on_the_safe_side(n):
 )
 def test_lagged_gyroscopic_damping_is_refused_elsewhere(scheme):
     with pytest.raises(ValueError, match="damping must be 'implicit' where C is not symmetric"):
-        pm.Subdomain([1.0, 1.0], np.eye(2), J, scheme=scheme, damping="lagged", symmetric=False)
+        pm.Subdomain([1.0, 1.0], np.eye(2), C=J, scheme=scheme, damping="lagged", symmetric=False)
     # its symmetric part may be lagged
-    pm.Subdomain([1.0, 1.0], np.eye(2), 0.1 * np.eye(2), scheme=scheme, damping="lagged")
+    pm.Subdomain([1.0, 1.0], np.eye(2), C=0.1 * np.eye(2), scheme=scheme, damping="lagged")
 
 
 def test_lagged_gyroscopic_damping_is_admitted_by_the_numbers_of_the_scheme():
     """rho = 0 has alpha_m = -1, alpha_f = 0, beta = 1, gamma = 3/2, whatever the class."""
     scheme = pm.Scheme(-1.0, 0.0, 1.0, 1.5, explicit=True)
     assert pm.GeneralizedAlpha(0.0, explicit=True).coefficients(1.0) == scheme.coefficients(1.0)
-    pm.Subdomain([1.0, 1.0], np.eye(2), J, scheme=scheme, damping="lagged", symmetric=False)
+    pm.Subdomain([1.0, 1.0], np.eye(2), C=J, scheme=scheme, damping="lagged", symmetric=False)
     other = pm.Scheme(-1.0, 0.0, 1.0, 1.5001, explicit=True)
     with pytest.raises(ValueError, match="damping must be 'implicit' where C is not symmetric"):
-        pm.Subdomain([1.0, 1.0], np.eye(2), J, scheme=other, damping="lagged", symmetric=False)
+        pm.Subdomain([1.0, 1.0], np.eye(2), C=J, scheme=other, damping="lagged", symmetric=False)
 
 
 def test_an_unsymmetric_stiffness_limits_the_step_by_its_largest_eigenvalue():
@@ -306,7 +306,7 @@ def test_the_balance_of_the_trapezoidal_rule_counts_circulatory_work(coupling):
     a, b = shaft(5.0, 0.7, substeps=3 if coupling != "gc" else 1)(0.05, coupling).subdomains
     a, b = (
         pm.Subdomain(
-            s.M, s.K, s.C, scheme=pm.Newmark(), substeps=s.substeps, v0=s.v0, symmetric=False
+            s.M, s.K, C=s.C, scheme=pm.Newmark(), substeps=s.substeps, v0=s.v0, symmetric=False
         )
         for s in (a, b)
     )
@@ -320,7 +320,7 @@ def test_the_balance_of_the_trapezoidal_rule_counts_circulatory_work(coupling):
 def test_gyroscopic_forces_do_no_work():
     """v . C v = 0; the trapezoidal rule sees it as (u1 - u0) . C (v0 + v1) / 2, zero as well."""
     s = pm.Subdomain(
-        [1.0, 2.0], np.eye(2), 3.0 * J, scheme=pm.Newmark(), v0=[1.0, 0.0], symmetric=False
+        [1.0, 2.0], np.eye(2), C=3.0 * J, scheme=pm.Newmark(), v0=[1.0, 0.0], symmetric=False
     )
     energy = pm.Coupler([s], dt=0.1).run(steps=300, energy=True).energy
     assert np.max(np.abs(energy.dissipated)) < 1e-14 * 300
@@ -340,7 +340,7 @@ def test_symmetric_matrices_are_bitwise_the_same_with_symmetric_false(coupling):
             pm.Subdomain(
                 np.ones(4),
                 A @ A.T + np.eye(4),
-                0.1 * np.eye(4) if i else 0.1 * A @ A.T,
+                C=0.1 * np.eye(4) if i else 0.1 * A @ A.T,
                 substeps=1 + i,
                 symmetric=symmetric,
                 **options,
@@ -402,10 +402,10 @@ def test_unsymmetric_matrices_are_refused_by_default_and_the_remedy_is_named():
 def test_a_mass_added_to_every_row_is_found_in_unsymmetric_damping_too():
     M, K = np.array([1.0, 2.0, 4.0]), 2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1)
     with pytest.raises(ValueError, match="c_m"):
-        pm.Subdomain(M, K, 0.1 * M + 0.2 * K, scheme=pm.Newmark(), symmetric=False)
+        pm.Subdomain(M, K, C=0.1 * M + 0.2 * K, scheme=pm.Newmark(), symmetric=False)
     # a spin about (1, -2, 1) has such a skew part, but not that of these masses
     spin = np.array([[0.0, -1.0, -2.0], [1.0, 0.0, -1.0], [2.0, 1.0, 0.0]])
-    assert pm.Subdomain(M, K, spin, scheme=pm.Newmark(), symmetric=False).C[0, 2] == -2.0
+    assert pm.Subdomain(M, K, C=spin, scheme=pm.Newmark(), symmetric=False).C[0, 2] == -2.0
 
 
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
@@ -425,7 +425,7 @@ def test_a_reduced_subdomain_keeps_its_gyroscopic_matrix():
     """T^T C T, not its symmetric part, which is zero; an unsymmetric K has no such basis."""
     K = 2.0 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
     C = np.kron(np.eye(2), 3.0 * J)
-    whole = pm.Subdomain(np.ones(4), K, C, scheme=pm.Newmark(), symmetric=False)
+    whole = pm.Subdomain(np.ones(4), K, C=C, scheme=pm.Newmark(), symmetric=False)
     small, basis = whole.reduced([0, 1], modes=1)
     np.testing.assert_allclose(small.C, basis.matrix.T @ C @ basis.matrix, rtol=0, atol=1e-14)
     assert np.max(np.abs(small.C - small.C.T)) > 1.0

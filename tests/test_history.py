@@ -51,7 +51,7 @@ def test_a_loaded_history_is_bitwise_identical_to_the_saved_one(tmp_path, kind):
 
 def test_coupling_and_warnings_of_a_run_are_in_its_file(tmp_path):
     wrong = pm.Subdomain(
-        [1.0], None, scheme=pm.Newmark(), u0=[1.0], restoring=lambda u, v, t: -u, name="wrong"
+        [1.0], None, scheme=pm.Newmark(), u0=[1.0], restoring=lambda t, u, v: -u, name="wrong"
     )
     coupler = pm.Coupler([oscillator(), wrong], (), dt=0.1, coupling="gc")
     with pytest.warns(pm.StabilityWarning, match="'wrong' have added energy"):
@@ -267,7 +267,7 @@ def forged(path, **changes):
 )
 def test_states_that_no_run_has_are_refused_by_file_and_array(tmp_path, name, value):
     spring = pm.InternalForce(
-        lambda u, v, t, q: (u**3, np.diag(3.0 * u**2), None, q), history=[1.0]
+        lambda t, u, v, q: (u**3, np.diag(3.0 * u**2), None, q), history=[1.0]
     )
     a = oscillator(name="a")
     b = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), internal=spring, v0=[1.0], name="b")

@@ -50,7 +50,7 @@ def kkt(subdomains, L):
 
 def subdomain(q, form=np.asarray, scheme=SOFT, **options):
     options = dict(force=q["F"], u0=q["u0"], v0=q["v0"]) | options
-    return pm.Subdomain(form(q["M"]), form(q["K"]), form(q["C"]), scheme=scheme, **options)
+    return pm.Subdomain(form(q["M"]), form(q["K"]), C=form(q["C"]), scheme=scheme, **options)
 
 
 def assert_initial(coupler, w, Lam):
@@ -213,7 +213,7 @@ def test_masses_a_million_million_million_times_apart_are_both_masses():
 
 def test_a_structure_at_rest_without_loads_starts_and_stays_at_zero():
     _, made, _ = cross(sp.csr_array, True)
-    still = [pm.Subdomain(s.M, s.K, s.C, scheme=s.scheme, substeps=s.substeps) for s in made]
+    still = [pm.Subdomain(s.M, s.K, C=s.C, scheme=s.scheme, substeps=s.substeps) for s in made]
     history = pm.Coupler(
         still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01, coupling="pm"
     ).run(steps=5)
@@ -416,9 +416,9 @@ def test_the_equilibrium_of_a_massless_row_includes_its_damping():
     # c v + k u = F: 2 * 3 + 5 * 4 = 26
     C, K = np.diag([2.0, 0.0]), np.diag([5.0, 1.0])
     options = {"scheme": SOFT, "u0": [4.0, 0.0], "v0": [3.0, 0.0]}
-    pm.Coupler([pm.Subdomain([0.0, 1.0], K, C, force=[26.0, 0.0], **options)], dt=0.1)
+    pm.Coupler([pm.Subdomain([0.0, 1.0], K, C=C, force=[26.0, 0.0], **options)], dt=0.1)
     with pytest.warns(pm.ConstraintWarning, match=r"dof 0.*\b6 is left"):
-        pm.Coupler([pm.Subdomain([0.0, 1.0], K, C, force=[20.0, 0.0], **options)], dt=0.1)
+        pm.Coupler([pm.Subdomain([0.0, 1.0], K, C=C, force=[20.0, 0.0], **options)], dt=0.1)
 
 
 # ---- gaps and inconsistent velocities -------------------------------------------------------

@@ -134,7 +134,7 @@ def test_no_restoring_force_is_evaluated_beyond_a_macro_step_that_fails(threads)
     # the next one, for a rig cannot take back what it was commanded
     times = []
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         times.append(t)
         return 0.1 * u
 
@@ -155,7 +155,7 @@ def test_the_first_failure_is_raised_though_a_later_step_was_evaluated_meanwhile
     # or 0.45; another thread has evaluated "b" for later substeps
     a = overflowing(substeps=2)
 
-    def breaks(u, v, t):
+    def breaks(t, u, v):
         if t > 0.455:
             raise Broken
         return 0.1 * u

@@ -23,7 +23,7 @@ BROKEN = sp.csr_array(([1.0], [0], [0, 1, 1]), shape=(2, 2))
 BROKEN.indices[0] = 5
 
 
-def cubic(u, v, t, q):
+def cubic(t, u, v, q):
     """Cubic springs to the ground: a diagonal tangent."""
     return u + u**3, 1.0 + 3.0 * u**2
 
@@ -32,7 +32,7 @@ def chain_matrix(n):
     return sp.csr_array(sp.diags_array([2.0, -1.0, -1.0], offsets=[0, 1, -1], shape=(n, n)))
 
 
-def chain(u, v, t, q):
+def chain(t, u, v, q):
     """Springs d + d^3 between neighbouring dofs: a tridiagonal tangent."""
     d = np.diff(u)
     end = d + d**3
@@ -43,13 +43,13 @@ def chain(u, v, t, q):
     return f, sp.csr_array(K)
 
 
-def friction(u, v, t, q):
+def friction(t, u, v, q):
     """Elastic and perfectly plastic, with the plastic displacement as history."""
     f = np.clip(100.0 * (u - q), -1.0, 1.0)
     return f, np.where(np.abs(f) < 1.0, 100.0, 0.0), None, u - f / 100.0
 
 
-def drag(u, v, t, q):
+def drag(t, u, v, q):
     return np.abs(v) * v, None, 2.0 * np.abs(v)
 
 
@@ -62,13 +62,13 @@ class Element:
         self.pattern = chain_matrix(n)
         self.calls = []
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, t, u, v, q):
         self.calls.append("all")
-        return chain(u, v, t, q)
+        return chain(t, u, v, q)
 
-    def residual(self, u, v, t, q):
+    def residual(self, t, u, v, q):
         self.calls.append("residual")
-        return chain(u, v, t, q)[0]
+        return chain(t, u, v, q)[0]
 
     def potential(self, u):
         d = np.diff(u)
@@ -122,7 +122,7 @@ def compiled(function=spring_between, **options):
 def test_a_compiled_force_has_the_values_of_its_python_twin():
     force = compiled(history=[3.0])
     u, v = np.array([0.3, -0.1]), np.array([0.2, 0.4])
-    f, K, C, q1 = force(u, v, 0.5, force.history)
+    f, K, C, q1 = force(0.5, u, v, force.history)
     first = 0.4 + 0.4**3 - 0.5 * 0.2
     # 1e-15: the same few operations, in another order
     np.testing.assert_allclose(f, [first, -first], rtol=0, atol=1e-15)
@@ -136,7 +136,7 @@ def test_a_compiled_force_receives_its_user_data():
     data = ctypes.cast(ctypes.pointer(stiffness), ctypes.c_void_p)
     function = LowLevelCallable(COMPILED(spring_between), user_data=data)
     force = pm.InternalForce(function, history=[0.0], pattern=PAIR)
-    K = force(np.zeros(2), np.zeros(2), 0.0, np.zeros(1))[1]
+    K = force(0.0, np.zeros(2), np.zeros(2), np.zeros(1))[1]
     assert K[0, 0] == 7.0
 
 
@@ -157,14 +157,14 @@ def test_the_tangents_of_a_compiled_force_can_be_checked():
 def test_a_code_of_a_compiled_force_is_an_error():
     force = compiled(lambda *args: 3)
     with pytest.raises(pm.PmalphaError, match="returned 3 at t = 0.5"):
-        force(np.zeros(2), np.zeros(2), 0.5, NONE)
+        force(0.5, np.zeros(2), np.zeros(2), NONE)
 
 
 def test_a_compiled_force_and_a_python_force_are_summed():
     adapter, K, C = at_start([compiled(history=[0.0]), cubic], 2)
     np.testing.assert_array_equal(K, [[2.0, -1.0], [-1.0, 2.0]])
     np.testing.assert_array_equal(C, [[0.5, -0.5], [-0.5, 0.5]])
-    assert adapter(np.ones(2), np.zeros(2), 0.0, np.zeros(1), True)[3].tolist() == [1.0]
+    assert adapter(0.0, np.ones(2), np.zeros(2), np.zeros(1), True)[3].tolist() == [1.0]
 
 
 def test_compiled_forces_are_refused_with_the_reason():
@@ -207,7 +207,7 @@ def test_an_internal_force_holds_copies_and_is_frozen():
 
 def test_the_defaults_are_no_history_and_no_pattern():
     value = (1.0, "K")
-    assert pm.InternalForce(lambda u, v, t, q: value)(None, None, 0.0, None) is value
+    assert pm.InternalForce(lambda t, u, v, q: value)(None, None, 0.0, None) is value
     force = pm.InternalForce(cubic)
     assert force.history.shape == (0,) and force.history.dtype == np.float64
     assert force.pattern is None and force.residual is None and force.potential is None
@@ -255,8 +255,8 @@ def test_consistent_tangents_pass_the_check(given):
 
 
 def test_the_check_names_the_worst_column_and_its_values():
-    def wrong(u, v, t, q):
-        f, K = chain(u, v, t, q)
+    def wrong(t, u, v, q):
+        f, K = chain(t, u, v, q)
         K = K.toarray()
         K[1, 2] *= 2.0  # d = 0.7
         return f, K
@@ -274,16 +274,16 @@ def test_the_check_names_the_worst_column_and_its_values():
 
 
 def test_a_forgotten_velocity_tangent_and_values_that_are_not_finite_are_found():
-    report = pm.InternalForce(lambda u, v, t, q: (u, np.array([1.0, np.nan]))).check([1.0, 2.0])
+    report = pm.InternalForce(lambda t, u, v, q: (u, np.array([1.0, np.nan]))).check([1.0, 2.0])
     assert report.error == np.inf and report.column == 1
-    report = pm.InternalForce(lambda u, v, t, q: (u + 0.1 * v, 1.0)).check(0.5)
+    report = pm.InternalForce(lambda t, u, v, q: (u + 0.1 * v, 1.0)).check(0.5)
     assert (report.matrix, report.given) == ("C_t", 0.0)
     assert report.error == pytest.approx(1.0, rel=1e-8)
-    fixed = pm.InternalForce(lambda u, v, t, q: (u + 0.1 * v, 1.0, 0.1)).check(0.5, 2.0)
+    fixed = pm.InternalForce(lambda t, u, v, q: (u + 0.1 * v, 1.0, 0.1)).check(0.5, 2.0)
     assert fixed.error < 1e-8
 
 
-@pytest.mark.parametrize("force", [drag, lambda u, v, t, q: (u**3, 3.0 * u**2)])
+@pytest.mark.parametrize("force", [drag, lambda t, u, v, q: (u**3, 3.0 * u**2)])
 def test_a_tangent_that_is_zero_where_differences_are_only_small_passes(force):
     assert pm.InternalForce(force).check(np.zeros(2)).error == 0.0
 
@@ -291,9 +291,9 @@ def test_a_tangent_that_is_zero_where_differences_are_only_small_passes(force):
 def test_the_check_is_at_the_given_time_and_history():
     seen = []
 
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         seen.append((t, q.tolist()))
-        return friction(u, v, t, q)
+        return friction(t, u, v, q)
 
     force = pm.InternalForce(law, history=[0.25])
     assert force.check(0.255).error < 1e-8 and set(map(str, seen)) == {"(0.0, [0.25])"}
@@ -319,7 +319,7 @@ def test_bad_arguments_of_the_check_are_errors(arguments, error, text):
     with pytest.raises(error, match=text):
         force.check(**{"u": [0.1, 0.2], **arguments})
     with pytest.raises(TypeError, match="evaluate at t = 0: its value must be the tuple"):
-        pm.InternalForce(lambda u, v, t, q: u).check(1.0)  # as in a run
+        pm.InternalForce(lambda t, u, v, q: u).check(1.0)  # as in a run
 
 
 # ---- internal= of a subdomain ---------------------------------------------------------------
@@ -347,7 +347,7 @@ def test_an_element_gives_its_history_pattern_and_methods():
     force = checked_internal(element, 3).forces[0]
     assert force.history.tolist() == [1.0, 2.0] and force.pattern.nnz == 7
     assert force.potential([0.0, 1.0, 1.0]) == 0.75
-    assert force.residual(np.array([0.0, 1.0, 1.0]), None, 0.0, None).tolist() == [-2.0, 2.0, 0.0]
+    assert force.residual(0.0, np.array([0.0, 1.0, 1.0]), None, None).tolist() == [-2.0, 2.0, 0.0]
 
 
 def test_a_callable_with_a_history_of_another_kind_is_only_a_callable():
@@ -386,7 +386,7 @@ def test_implicit_subdomains_with_internal_forces_iterate_and_need_no_stiffness(
     assert subdomain(internal=cubic).iterates
     assert subdomain(internal=pm.CubicSpring([0], 1.0, 1.0)).iterates
     assert not subdomain(internal=cubic, scheme=EXPLICIT).iterates
-    assert not subdomain(restoring=lambda u, v, t: u).iterates
+    assert not subdomain(restoring=lambda t, u, v: u).iterates
     s = subdomain(K=None, internal=cubic)
     assert s.K is None and len(s.internal.forces) == 1
     assert subdomain().internal is None
@@ -401,7 +401,7 @@ def test_springs_are_found_in_either_and_estimated_among_the_restoring_ones_only
     assert inside.restoring_stiffness is None and inside.tangent.tolist() == [1.0, 1.0]
     assert inside.largest_tangent.tolist() == [1.0, 1.0]
     assert outside.largest_tangent.tolist() == [6.0, 1.0]
-    both = subdomain(restoring=lambda u, v, t: u, internal=spring)
+    both = subdomain(restoring=lambda t, u, v: u, internal=spring)
     assert both.springs == (spring,) and both.restoring_springs == ()
 
 
@@ -417,12 +417,12 @@ OTHERS = [np.asarray, np.float32, lambda K: K.tolist(), sp.csr_matrix]
 )
 def test_every_format_has_the_same_values(convert):
     K = np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -2.0], [0.0, -2.0, 4.0]])
-    adapter, first, C = at_start(lambda u, v, t, q: (K @ u, convert(K)), 3)
+    adapter, first, C = at_start(lambda t, u, v, q: (K @ u, convert(K)), 3)
     np.testing.assert_array_equal(first, K)
     assert C is None
     for scale in (1.0, 2.0):  # the second and third evaluation, with known places
         K = scale * K
-        f, values, C, q1 = adapter(np.ones(3), np.zeros(3), 0.1, NONE, True)
+        f, values, C, q1 = adapter(0.1, np.ones(3), np.zeros(3), NONE, True)
         np.testing.assert_array_equal(dense(adapter.pattern, values), K)
         np.testing.assert_array_equal(f, K @ np.ones(3))
         assert C is None and q1.shape == (0,)
@@ -432,10 +432,10 @@ def test_every_format_has_the_same_values(convert):
 
 def test_the_pattern_is_the_symmetric_union_with_the_diagonal():
     one = pm.InternalForce(
-        lambda u, v, t, q: (0.0 * u, None), pattern=sp.coo_array(([1.0], ([0], [2])), shape=(4, 4))
+        lambda t, u, v, q: (0.0 * u, None), pattern=sp.coo_array(([1.0], ([0], [2])), shape=(4, 4))
     )
 
-    def two(u, v, t, q):  # stored zeros count
+    def two(t, u, v, q):  # stored zeros count
         return 0.0 * u, None, sp.coo_array(([0.0, 0.0], ([1, 3], [3, 1])), shape=(4, 4))
 
     adapter, K, C = at_start([one, two], 4)
@@ -447,15 +447,15 @@ def test_the_pattern_is_the_symmetric_union_with_the_diagonal():
 
 def test_a_dense_tangent_has_all_entries_and_zeros_may_fill_later():
     at_rest = np.eye(3)
-    adapter, _, _ = at_start(lambda u, v, t, q: (u, at_rest + np.outer(u, u)), 3)
+    adapter, _, _ = at_start(lambda t, u, v, q: (u, at_rest + np.outer(u, u)), 3)
     u = np.array([1.0, 2.0, 3.0])
-    values = adapter(u, u, 0.0, NONE, True)[1]
+    values = adapter(0.0, u, u, NONE, True)[1]
     np.testing.assert_array_equal(dense(adapter.pattern, values), at_rest + np.outer(u, u))
 
 
 @pytest.mark.parametrize("symbol", ["K_t", "C_t"])
 def test_the_first_tangents_must_be_symmetric(symbol):
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         A = np.array([[2.0, skewed], [1.0, 2.0]])
         return (u, A) if symbol == "K_t" else (u, None, A)
 
@@ -478,19 +478,19 @@ def test_the_first_tangents_must_be_symmetric(symbol):
 )
 def test_the_first_values_must_be_finite(value, text):
     with pytest.raises(ValueError, match=text):
-        at_start(lambda u, v, t, q: value, 2)
+        at_start(lambda t, u, v, q: value, 2)
 
 
 @pytest.mark.parametrize("call", [at_start, lambda force, n: pm.InternalForce(force).check(F)])
 def test_a_damaged_first_tangent_is_an_error(call):
     with pytest.raises(ValueError, match="at t = 0: K_t must have indices in 0..1, got 5"):
-        call(lambda u, v, t, q: (u, BROKEN), 2)
+        call(lambda t, u, v, q: (u, BROKEN), 2)
 
 
 def test_the_first_tangents_are_evaluated_once_at_the_initial_values():
     calls = []
 
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         calls.append((u.tolist(), v.tolist(), t, q.tolist()))
         return u, None, None, q
 
@@ -507,7 +507,7 @@ def test_forces_tangents_and_histories_are_summed_and_joined():
     assert adapter.history.tolist() == [0.0, 0.1, 0.2, 0.3]
     # dof 0 slides in the first element, dof 1 in the second
     u, v, q = np.array([0.15, 0.105]), np.array([1.0, -2.0]), np.array([0.1, 0.1, 0.145, 0.2])
-    f, K, C, q1 = adapter(u, v, 0.3, q, True)
+    f, K, C, q1 = adapter(0.3, u, v, q, True)
     d = -0.045
     spring, slope = d + d**3, 1.0 + 3.0 * d**2
     # 1e-13: differences of 0.1 times 100, then sums
@@ -523,7 +523,7 @@ def random_law(rng, n):
     shape = rng.random((n, n)) < 0.3
     shape |= shape.T
 
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         tangents = []
         for part in (shape, np.eye(n, dtype=bool)):
             A = np.where(part, rng.integers(-3, 4, (n, n)), 0)
@@ -547,7 +547,7 @@ def test_random_tangents_are_summed_like_dense_matrices(seed):
     for k in range(6):
         made = first
         if k:
-            f, K, C, _ = adapter(np.ones(n), np.zeros(n), 1.0, NONE, True)
+            f, K, C, _ = adapter(1.0, np.ones(n), np.zeros(n), NONE, True)
             made = [dense(adapter.pattern, K), dense(adapter.pattern, C)]
         for symbol in range(2):  # whole numbers: sums are exact
             np.testing.assert_array_equal(made[symbol], sum(x[k][symbol] for x in sums))
@@ -558,14 +558,14 @@ def test_without_tangents_none_are_returned_and_residual_is_used():
     adapter, _, _ = at_start(element, 3)
     u = np.array([0.1, 0.5, 0.2])
     element.calls.clear()
-    with_tangents = adapter(u, u, 0.0, NONE, True)
-    f, K, C, q1 = adapter(u, u, 0.0, NONE, False)
+    with_tangents = adapter(0.0, u, u, NONE, True)
+    f, K, C, q1 = adapter(0.0, u, u, NONE, False)
     assert element.calls == ["all", "residual"] and K is None and C is None
     np.testing.assert_array_equal(f, with_tangents[0])
     plain, _, _ = at_start(chain, 3)
     assert plain(u, u, 0.0, NONE, False)[1] is None
-    element.residual = lambda u, v, t, q: 100.0 * u + 10.0 * v + t
-    f = adapter(np.arange(1.0, 4.0), np.arange(4.0, 7.0), 5.0, NONE, False)[0]
+    element.residual = lambda t, u, v, q: 100.0 * u + 10.0 * v + t
+    f = adapter(5.0, np.arange(1.0, 4.0), np.arange(4.0, 7.0), NONE, False)[0]
     assert f.tolist() == [145.0, 255.0, 365.0]
 
 
@@ -574,16 +574,16 @@ def test_a_force_with_a_history_is_evaluated_whole_since_q1_is_needed():
         history, pattern = [0.0], None
         __call__ = staticmethod(friction)
 
-        def residual(self, u, v, t, q):
+        def residual(self, t, u, v, q):
             raise AssertionError("q1 would be missing")
 
     adapter, _, _ = at_start(Plastic(), 1)
-    f, K, C, q1 = adapter(np.array([0.5]), np.zeros(1), 0.0, np.zeros(1), False)
+    f, K, C, q1 = adapter(0.0, np.array([0.5]), np.zeros(1), np.zeros(1), False)
     assert f.tolist() == [1.0] and K is None and q1.tolist() == [0.49]
 
 
 def test_the_user_receives_copies_and_may_keep_or_change_them():
-    def spoiler(u, v, t, q):
+    def spoiler(t, u, v, q):
         f = u + q
         u[:], v[:], q[:] = np.nan, np.nan, np.nan
         return f, np.ones(2), None, np.ones(2)
@@ -592,7 +592,7 @@ def test_the_user_receives_copies_and_may_keep_or_change_them():
     adapter, _, _ = at_start(forces, 2)
     u, v, q = np.array([1.0, 2.0]), np.array([3.0, 4.0]), np.arange(4.0)
     u.setflags(write=False)  # as views of the core may be
-    f = adapter(u, v, 0.0, q, True)[0]
+    f = adapter(0.0, u, v, q, True)[0]
     assert f.tolist() == [4.0, 8.0]  # 2 u + q[:2] + q[2:]
     assert v.tolist() == [3.0, 4.0] and q.tolist() == [0.0, 1.0, 2.0, 3.0]
 
@@ -600,15 +600,15 @@ def test_the_user_receives_copies_and_may_keep_or_change_them():
 def test_an_array_that_the_user_fills_again_and_again_is_copied():
     K, out = chain_matrix(3), np.zeros(3)
 
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         out[:] = K @ u
         K.data[:] = K.data * 2.0
         return out, K
 
     adapter, _, _ = at_start(law, 3)
-    first = adapter(np.ones(3), np.ones(3), 0.0, NONE, True)
+    first = adapter(0.0, np.ones(3), np.ones(3), NONE, True)
     kept = [first[0].copy(), first[1].copy()]
-    second = adapter(np.ones(3), np.ones(3), 0.0, NONE, True)
+    second = adapter(0.0, np.ones(3), np.ones(3), NONE, True)
     np.testing.assert_array_equal(first[0], kept[0])
     np.testing.assert_array_equal(first[1], kept[1])
     np.testing.assert_array_equal(second[1], 2.0 * kept[1])
@@ -616,21 +616,21 @@ def test_an_array_that_the_user_fills_again_and_again_is_copied():
 
 def test_values_that_are_not_finite_pass_to_the_core():
     value = (np.zeros(2), np.ones(2), np.ones(2))
-    adapter, _, _ = at_start(lambda u, v, t, q: value, 2)
+    adapter, _, _ = at_start(lambda t, u, v, q: value, 2)
     value = (np.array([np.nan, 0.0]), np.array([np.inf, 1.0]), np.array([np.nan, 1.0]))
-    f, K, C, _ = adapter(np.zeros(2), np.zeros(2), 0.0, NONE, True)
+    f, K, C, _ = adapter(0.0, np.zeros(2), np.zeros(2), NONE, True)
     assert np.isnan(f[0]) and np.isinf(K[0]) and np.isnan(C[0])
 
 
 def test_index_arrays_that_change_in_place_are_noticed():
     A = sp.csr_array(([1.0, 2.0], [0, 1], [0, 1, 2]), shape=(2, 2))
     pattern = sp.csr_array(np.ones((2, 2)))
-    adapter, _, _ = at_start(pm.InternalForce(lambda u, v, t, q: (u, A), pattern=pattern), 2)
+    adapter, _, _ = at_start(pm.InternalForce(lambda t, u, v, q: (u, A), pattern=pattern), 2)
     one_each = [0, 1, 2]
     cases = ([0, 1], one_each), ([1, 0], one_each), ([1, 0], [0, 2, 2]), ([0, 1], one_each)
     for indices, indptr in cases:
         A.indices[:], A.indptr[:] = indices, indptr
-        values = adapter(np.zeros(2), np.zeros(2), 0.0, NONE, True)[1]
+        values = adapter(0.0, np.zeros(2), np.zeros(2), NONE, True)[1]
         np.testing.assert_array_equal(dense(adapter.pattern, values), A.toarray())
 
 
@@ -638,10 +638,10 @@ def test_unsorted_and_repeated_entries_are_summed():
     A = sp.csr_array(([1.0, 2.0, 4.0, 8.0], [1, 0, 1, 1], [0, 3, 4]), shape=(2, 2))
     pattern = sp.csr_array(np.ones((2, 2)))
     adapter, first, _ = at_start(
-        pm.InternalForce(lambda u, v, t, q: (u, A + A.T if t == 0.0 else A), pattern=pattern), 2
+        pm.InternalForce(lambda t, u, v, q: (u, A + A.T if t == 0.0 else A), pattern=pattern), 2
     )
     for _ in range(2):
-        values = adapter(np.zeros(2), np.zeros(2), 1.0, NONE, True)[1]
+        values = adapter(1.0, np.zeros(2), np.zeros(2), NONE, True)[1]
         np.testing.assert_array_equal(dense(adapter.pattern, values), [[2.0, 5.0], [0.0, 8.0]])
 
 
@@ -649,8 +649,8 @@ def test_tangents_may_change_their_format_within_the_pattern():
     K = chain_matrix(3)
     forms = [K, K.toarray(), K.diagonal(), None, K.tocoo(), K]
     number = iter(range(6))
-    adapter, first, _ = at_start(lambda u, v, t, q: (u, forms[next(number)]), 3)
-    results = [adapter(np.zeros(3), np.zeros(3), 0.0, NONE, True)[1] for _ in range(5)]
+    adapter, first, _ = at_start(lambda t, u, v, q: (u, forms[next(number)]), 3)
+    results = [adapter(0.0, np.zeros(3), np.zeros(3), NONE, True)[1] for _ in range(5)]
     whole, part = K.toarray(), np.diag(K.diagonal())
     for values, expected in zip(results, [whole, part, 0.0 * part, whole, whole]):
         np.testing.assert_array_equal(dense(adapter.pattern, values), expected)
@@ -670,18 +670,18 @@ OUTSIDE = r"must be within the pattern of the first tangents, or of InternalForc
 )
 @pytest.mark.parametrize("symbol", ["K_t", "C_t"])
 def test_entries_outside_the_pattern_are_named(later, symbol):
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         A = np.ones(2) if t == 0.0 else later
         return (u, A, np.ones(2)) if symbol == "K_t" else (u, np.ones(2), A)
 
     adapter, _, _ = at_start(law, 2, name="rig")
     text = rf"internal of subdomain 'rig' at t = 0.25: {symbol} {OUTSIDE} 7 at \[1, 0\]"
     with pytest.raises(ValueError, match=text):
-        adapter(np.zeros(2), np.zeros(2), 0.25, NONE, True)
+        adapter(0.25, np.zeros(2), np.zeros(2), NONE, True)
     # it can be given in advance
     pattern = sp.csr_array(np.ones((2, 2)))
     adapter, _, _ = at_start(pm.InternalForce(law, pattern=pattern), 2)
-    adapter(np.zeros(2), np.zeros(2), 0.25, NONE, True)
+    adapter(0.25, np.zeros(2), np.zeros(2), NONE, True)
 
 
 def test_the_first_tangent_must_be_within_a_given_pattern():
@@ -692,13 +692,13 @@ def test_the_first_tangent_must_be_within_a_given_pattern():
 
 def test_stored_zeros_outside_the_pattern_are_no_error():
     A = sp.csr_array(([1.0, 0.0, 2.0], [0, 1, 1], [0, 2, 3]), shape=(2, 2))
-    adapter, _, _ = at_start(lambda u, v, t, q: (u, np.ones(2) if t == 0.0 else A), 2)
+    adapter, _, _ = at_start(lambda t, u, v, q: (u, np.ones(2) if t == 0.0 else A), 2)
     for _ in range(2):
-        values = adapter(np.zeros(2), np.zeros(2), 1.0, NONE, True)[1]
+        values = adapter(1.0, np.zeros(2), np.zeros(2), NONE, True)[1]
         assert values.tolist() == [1.0, 2.0]
     A.data[1] = 3.0  # the same index arrays
     with pytest.raises(ValueError, match=OUTSIDE):
-        adapter(np.zeros(2), np.zeros(2), 1.0, NONE, True)
+        adapter(1.0, np.zeros(2), np.zeros(2), NONE, True)
 
 
 # ---- bad values -----------------------------------------------------------------------------
@@ -731,9 +731,9 @@ def test_stored_zeros_outside_the_pattern_are_no_error():
 )
 def test_wrong_values_name_the_subdomain_the_time_and_the_rule(value, error, text):
     right = (F, np.ones(2), np.ones(2))
-    adapter, _, _ = at_start(lambda u, v, t, q: right if t == 0.0 else value, 2, name="rig")
+    adapter, _, _ = at_start(lambda t, u, v, q: right if t == 0.0 else value, 2, name="rig")
     with pytest.raises(error, match=rf"internal of subdomain 'rig' at t = 0.5: .*{text}"):
-        adapter(np.zeros(2), np.zeros(2), 0.5, NONE, True)
+        adapter(0.5, np.zeros(2), np.zeros(2), NONE, True)
 
 
 @pytest.mark.parametrize(
@@ -746,38 +746,38 @@ def test_wrong_values_name_the_subdomain_the_time_and_the_rule(value, error, tex
     ],
 )
 def test_wrong_histories_are_errors(q1, error, text):
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         return (F, F, None, q) if t == 0.0 else (F, F, None, *q1)
 
     adapter, _, _ = at_start(pm.InternalForce(law, history=[0.0]), 2)
     for wanted in (True, False):
         with pytest.raises(error, match=f"internal of subdomain 'x' at t = 0.5: {text}"):
-            adapter(F, F, 0.5, np.zeros(1), wanted)
+            adapter(0.5, F, F, np.zeros(1), wanted)
 
 
 def test_a_velocity_tangent_that_appears_later_is_an_error():
-    adapter, _, _ = at_start(lambda u, v, t, q: (u, u, u if t else None), 2)
+    adapter, _, _ = at_start(lambda t, u, v, q: (u, u, u if t else None), 2)
     text = "internal of subdomain 'x' at t = 1: C_t must be returned at t = 0 too"
     with pytest.raises(ValueError, match=text):
-        adapter(F, F, 1.0, NONE, True)
+        adapter(1.0, F, F, NONE, True)
 
 
 def test_of_several_forces_the_wrong_one_is_named():
-    adapter, _, _ = at_start([chain, lambda u, v, t, q: (u, None) if t == 0.0 else u], 2)
+    adapter, _, _ = at_start([chain, lambda t, u, v, q: (u, None) if t == 0.0 else u], 2)
     with pytest.raises(TypeError, match="internal\\[1\\] of subdomain 'x' at t = 1: its value"):
-        adapter(F, F, 1.0, NONE, True)
+        adapter(1.0, F, F, NONE, True)
 
 
 def test_a_wrong_residual_is_named():
     element = Element(2)
-    element.residual = lambda u, v, t, q: np.zeros(3)
+    element.residual = lambda t, u, v, q: np.zeros(3)
     adapter, _, _ = at_start(element, 2)
     with pytest.raises(ValueError, match=r"'x' at t = 1: residual must have shape \(2,\)"):
-        adapter(F, F, 1.0, NONE, False)
+        adapter(1.0, F, F, NONE, False)
 
 
 def test_an_exception_of_the_user_is_not_changed():
-    def fails(u, v, t, q):
+    def fails(t, u, v, q):
         raise failure
 
     failure = ValueError("the material is at its end")

@@ -252,11 +252,11 @@ def test_an_exception_of_a_handler_in_a_function_of_the_user_ends_the_run(
         meet(t)
         return [np.sin(t)]
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         meet(t)
         return 0.1 * u
 
-    def internal(u, v, t, q):
+    def internal(t, u, v, q):
         meet(t)
         return 0.1 * u, 0.1 * np.eye(1)
 

@@ -389,12 +389,12 @@ def coupler_of(x, spoil):
     spoil("values", "shape")
     ground = pm.BaseAcceleration(x["record"], x["direction"], x["M"], dt=0.05)
     spoil("record", "direction")
-    matrices = x["M"], x["K"], x["C"]
+    matrices = {name: x[name] for name in "MKC"}
     soft = {"u0": x["u0"], "v0": x["v0"], "scheme": pm.GeneralizedAlpha(0.5)}
     fast = {**soft, "scheme": pm.CentralDifference()}
-    a = pm.Subdomain(*matrices, force=sampled, name="a", **soft)
-    b = pm.Subdomain(*matrices, force=ground, substeps=2, name="b", **soft)
-    c = pm.Subdomain(*matrices, force=x["constant"], substeps=4, **fast)
+    a = pm.Subdomain(**matrices, force=sampled, name="a", **soft)
+    b = pm.Subdomain(**matrices, force=ground, substeps=2, name="b", **soft)
+    c = pm.Subdomain(**matrices, force=x["constant"], substeps=4, **fast)
     spoil("M", "K", "C", "u0", "v0", "constant")
     general = pm.Constraint({a: x["L_dense"], c: x["L_sparse"]})
     ties = [general, pm.tie(b, x["dofs_a"], c, x["dofs_b"])]
@@ -595,7 +595,7 @@ def test_an_uncoupled_run_inside_a_coupler_equals_solve():
     problem = everything("sparse", coupling="gc")
     names = "scheme", "substeps", "force", "u0", "v0"
     subdomains = [
-        pm.Subdomain(s.M, s.K, s.C, **{x: getattr(s, x) for x in names})
+        pm.Subdomain(s.M, s.K, C=s.C, **{x: getattr(s, x) for x in names})
         for s in problem.subdomains[1:]
     ]
     together = pm.Coupler(subdomains, dt=0.06, coupling="gc").run(steps=STEPS)

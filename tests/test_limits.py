@@ -19,7 +19,7 @@ class Specimen:
     def __init__(self, k=4.0, delay=0):
         self.k, self.delay, self.commands = k, delay, []
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         self.commands.append((t, *u, *v))
         late = max(0, len(self.commands) - 1 - self.delay)
         return self.k * np.array(self.commands[late][1:2])
@@ -110,10 +110,10 @@ def test_after_a_failure_the_next_initial_values_are_no_motion_from_there():
     failures = [OSError("no reply")]
 
     class Failing(Specimen):
-        def __call__(self, u, v, t):
+        def __call__(self, t, u, v):
             if t > 5.5 * H and failures:
                 raise failures.pop()
-            return super().__call__(u, v, t)
+            return super().__call__(t, u, v)
 
     specimen = Failing()
     compensated = [pm.rig.Compensated(specimen, 0.1, order=1)]
@@ -147,7 +147,7 @@ def test_springs_and_iterated_subdomains_have_limits_too():
 
 
 def test_limits_are_those_of_each_dof_in_the_users_order():
-    how = dict(restoring=lambda u, v, t: 0.0 * u, limits=Limits(displacement=[np.inf, 0.2, 0.4]))
+    how = dict(restoring=lambda t, u, v: 0.0 * u, limits=Limits(displacement=[np.inf, 0.2, 0.4]))
     a = pm.Subdomain(np.ones(3), 4.0 * np.eye(3), scheme=CENTRAL, v0=np.ones(3), **how)
     b = pm.Subdomain([1.0], [4.0], scheme=CENTRAL, v0=[1.0], name="b")
     error = ended(pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=H, coupling="gc"))
@@ -242,7 +242,7 @@ def test_the_work_of_the_first_substep_counts():
     """A specimen that pulls with 1 along its motion returns the distance: 0.1 from the start on;
     also where a run begins anew."""
     for _ in range(2):
-        coupler = made(lambda u, v, t: -np.ones(1), Limits(energy=0.1), v0=[1.0])
+        coupler = made(lambda t, u, v: -np.ones(1), Limits(energy=0.1), v0=[1.0])
         for _ in range(2):
             error = ended(coupler)
             u = coupler.last_history["rig"].u[:, 0]

@@ -103,9 +103,9 @@ def test_springs_and_estimates_hold_a_subdomain_and_an_unknown_restoring_force_m
     assert loose(restoring=pm.CubicSpring([1], k=1.0, k3=0.0)) == 0
     assert loose(restoring=pm.Gap([1], k=1.0, gap=1.0)) == 0
     assert loose(restoring=pm.CubicSpring([0], k=1.0, k3=0.0)) == 1  # along x
-    assert loose(restoring=lambda u, v, t: 0.0 * u) == 0  # its stiffness is not known
-    assert loose(restoring=lambda u, v, t: 0.0 * u, restoring_stiffness=[0, 0, 0, 1.0]) == 0
-    assert loose(restoring=lambda u, v, t: 0.0 * u, restoring_stiffness=[1.0, 0, 0, 0]) == 1
+    assert loose(restoring=lambda t, u, v: 0.0 * u) == 0  # its stiffness is not known
+    assert loose(restoring=lambda t, u, v: 0.0 * u, restoring_stiffness=[0, 0, 0, 1.0]) == 0
+    assert loose(restoring=lambda t, u, v: 0.0 * u, restoring_stiffness=[1.0, 0, 0, 0]) == 1
 
 
 def test_a_diagonal_stiffness_leaves_its_zero_dofs_loose_unless_tied():

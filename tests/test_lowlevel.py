@@ -20,7 +20,7 @@ N = 3
 CENTRAL = pm.CentralDifference()
 
 
-def python_restoring(u, v, t):
+def python_restoring(t, u, v):
     return 0.5 * u * u * u + 0.25 * v + 0.125 * t
 
 

@@ -191,7 +191,7 @@ def test_three_subdomains_with_any_numbers_of_substeps_have_order_two(substeps):
             A = rng.normal(size=(3, 3))
             K = 20.0 * A @ A.T + 10.0 * np.eye(3)
             M = np.diag(rng.uniform(1.0, 3.0, 3))
-            subdomains.append(pm.Subdomain(M, K, 0.01 * K, scheme=scheme, substeps=ss, v0=v0))
+            subdomains.append(pm.Subdomain(M, K, C=0.01 * K, scheme=scheme, substeps=ss, v0=v0))
         a, b, c = subdomains
         ties = [pm.tie(a, [0, 1], b, [2, 0]), pm.tie(b, [1], c, [0])]
         return pm.Coupler(subdomains, ties, dt=dt, coupling="macro")
@@ -384,7 +384,7 @@ def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, exp
     count = 19  # two full blocks of eight and three more
     scheme = pm.GeneralizedAlpha(0.8, explicit=explicit)
     C = np.linspace(0.3, 0.1, 60)  # not proportional
-    part = pm.Subdomain(M, K, C, scheme=scheme, substeps=3, name="part")
+    part = pm.Subdomain(M, K, C=C, scheme=scheme, substeps=3, name="part")
     other = pm.Subdomain(np.ones(count), np.ones(count), scheme=SECOND)
     dofs = list(range(2, 2 + 3 * count, 3))
     tie = pm.tie(part, dofs, other, list(range(count)))
@@ -393,7 +393,7 @@ def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, exp
     L[np.arange(count), dofs] = 1.0
     alpha = dict(am=scheme.am, af=scheme.af, beta=scheme.beta, gamma=scheme.gamma)
     M, K = np.diag(M), dense(K)
-    subdomain = reference.Subdomain(M, K, np.diag(C), **alpha, explicit=explicit, substeps=3)
+    subdomain = reference.Subdomain(M, K, C=np.diag(C), **alpha, explicit=explicit, substeps=3)
     if coupling == "macro":
         U = reference.MacroStepper(subdomain, L, 0.3).U[-1]
     else:
@@ -446,7 +446,7 @@ def test_subdomains_that_resonate_with_the_macro_step_are_named():
 def test_a_restoring_force_with_substeps_is_warned_of_and_one_without_is_not():
     def rig(substeps):
         return pm.Subdomain(
-            [1.0], None, scheme=SECOND, substeps=substeps, restoring=lambda u, v, t: u, name="rig"
+            [1.0], None, scheme=SECOND, substeps=substeps, restoring=lambda t, u, v: u, name="rig"
         )
 
     a, _ = halves(v0=0.0)
@@ -571,11 +571,11 @@ def test_the_energies_follow_from_the_recorded_states_and_change_no_result(seed)
 # ---- restoring forces -------------------------------------------------------------------------
 
 
-def duffing(u, v, t):
+def duffing(t, u, v):
     return 30.0 * u + 60.0 * u**3
 
 
-def van_der_pol(u, v, t):
+def van_der_pol(t, u, v):
     return 20.0 * u + 6.0 * (u**2 - 0.25) * v
 
 
@@ -597,7 +597,7 @@ def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
 def uncut(r):
     """u and v of the oscillator of mass 1, far below every error here, 1e-5 and more."""
     return solve_ivp(
-        lambda t, x: [x[1], -10.0 * x[0] - r(x[0], x[1], t)],
+        lambda t, x: [x[1], -10.0 * x[0] - r(t, x[0], x[1])],
         (0.0, 0.51), [1.0, 0.0], method="DOP853", dense_output=True, rtol=1e-11, atol=1e-12,
     ).sol  # fmt: skip
 
@@ -623,7 +623,7 @@ def growth(share, product, substeps=10, coupling="macro"):
     """
     k = 0.5 * product**2
     a = pm.Subdomain([0.5], [k], scheme=SECOND, u0=[1.0])
-    how = dict(restoring=lambda u, v, t: k * u, substeps=substeps, u0=[1.0])
+    how = dict(restoring=lambda t, u, v: k * u, substeps=substeps, u0=[1.0])
     how |= dict(restoring_stiffness=None if share == 0.0 else [share * k])
     b = pm.Subdomain([0.5], None, scheme=FAST, **how)
     with warnings.catch_warnings():
@@ -651,7 +651,7 @@ def test_commands_to_a_rig_differ_from_the_final_displacements():
     def off(coupling, count):
         commands = []
 
-        def rig(u, v, t):
+        def rig(t, u, v):
             commands.append(float(u[0]))
             return 0.0 * u
 

@@ -118,9 +118,9 @@ def test_means_of_neighbouring_multipliers_are_of_order_two():
 
 def tied_springs(explicit, C=0.0, u0=(0.0, 0.0)):
     """Two springs to the ground under loads, whose masses are tied; omega h = 0.2 in the second."""
-    a = pm.Subdomain([2.0], [3.0], [C], scheme=pm.Newmark(), force=[5.0], u0=u0[:1], name="a")
+    a = pm.Subdomain([2.0], [3.0], C=[C], scheme=pm.Newmark(), force=[5.0], u0=u0[:1], name="a")
     b = pm.Subdomain(
-        [1.0], [16.0], [C], scheme=explicit, substeps=2, force=[-1.0], u0=u0[1:], name="b"
+        [1.0], [16.0], C=[C], scheme=explicit, substeps=2, force=[-1.0], u0=u0[1:], name="b"
     )
     return pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
 
@@ -188,7 +188,7 @@ def test_a_single_step_is_closed_as_it_would_respond(monkeypatch, how, consisten
     def histories(deferred):
         a, b = (
             pm.Subdomain(
-                M if consistent else np.diag(M), stiffness * K, C, scheme=scheme, name=name,
+                M if consistent else np.diag(M), stiffness * K, C=C, scheme=scheme, name=name,
                 force=lambda t: np.array([np.sin(t), 0.0, 1.0]),
                 double_step=(double and name == "a") or None,
             )
@@ -229,7 +229,7 @@ def test_nothing_drifts_with_damping_that_is_not_proportional(scheme, substeps, 
     """H is not symmetric then, (K8): half of it left gaps of 1e-6."""
     K = np.array([[3.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]])
     values = dict(scheme=scheme, substeps=substeps, double_step=double, v0=[0.0, 0.0, 1.0])
-    a = pm.Subdomain([1.0, 2.0, 3.0], K, [0.4, 0.0, 0.1], name="a", **values)
+    a = pm.Subdomain([1.0, 2.0, 3.0], K, C=[0.4, 0.0, 0.1], name="a", **values)
     b = pm.Subdomain([1.0, 1.0], [1.0, 2.0], scheme=pm.Newmark(), name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.5, coupling="mean")
     history = coupler.run(10.0)
@@ -237,7 +237,7 @@ def test_nothing_drifts_with_damping_that_is_not_proportional(scheme, substeps, 
 
 
 def damped(scheme, c=0.1, substeps=1, **values):
-    a = pm.Subdomain([1.0], [1.0], [c], scheme=scheme, substeps=substeps, name="a", **values)
+    a = pm.Subdomain([1.0], [1.0], C=[c], scheme=scheme, substeps=substeps, name="a", **values)
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     return pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.5, coupling="mean")
 
@@ -286,7 +286,7 @@ def test_loads_damping_and_prescribed_motion_have_order_two():
     errors = []
     for n in (100, 200):
         frame = pm.Subdomain(
-            [1.0, 2.0], K, C, scheme=pm.Newmark(), substeps=3, force=force, name="frame"
+            [1.0, 2.0], K, C=C, scheme=pm.Newmark(), substeps=3, force=force, name="frame"
         )
         support = pm.Constraint({frame: [[1.0, 0.0]]}, velocity=g)
         history = pm.Coupler([frame], support, dt=2.0 / n, coupling="mean").run(2.0)
@@ -335,7 +335,7 @@ def test_a_scheme_with_the_numbers_of_generalized_alpha_is_admitted_as_that_is(r
         (dict(M=[1.0, 0.0], scheme=pm.GeneralizedAlpha(0.5)), ValueError, "needs mass"),
         (dict(u0=[0.0, 0.1]), pm.ConstraintError, "displacements u0 must satisfy"),
         (dict(v0=[0.0, 0.1]), pm.ConstraintError, "velocities"),
-        (dict(restoring=lambda u, v, t: u), ValueError, "restoring forces in 'a'"),
+        (dict(restoring=lambda t, u, v: u), ValueError, "restoring forces in 'a'"),
         (dict(double_step=True, substeps=2), ValueError, 'coupling="mean"'),
     ],
 )

@@ -90,13 +90,13 @@ def two_bodies(schemes, substeps, double=False):
     def force_a(u, v):
         return K @ u + 4.0 * u**3 + 0.3 * v**3
 
-    def internal_a(u, v, t, q):
+    def internal_a(t, u, v, q):
         return 4.0 * u**3 + 0.3 * v**3, 12.0 * u**2, 0.9 * v**2
 
     def force_b(u, v):
         return 2.0 * K @ u + 2.0 * u**3
 
-    def internal_b(u, v, t, q):
+    def internal_b(t, u, v, q):
         return 2.0 * u**3, 6.0 * u**2
 
     a = pm.Subdomain(
@@ -149,7 +149,7 @@ def test_a_linear_force_given_as_internal_is_the_linear_subdomain():
     runs = []
     for explicit in (False, True):
         scheme = pm.CentralDifference() if explicit else TRAPEZOIDAL
-        for stiffness, internal in ((K, None), (None, lambda u, v, t, q: (K @ u, K))):
+        for stiffness, internal in ((K, None), (None, lambda t, u, v, q: (K @ u, K))):
             a = pm.Subdomain(
                 [1.0, 0.5], stiffness, scheme=scheme, substeps=3, u0=[1.0, 0.3],
                 internal=internal, name="a",
@@ -284,13 +284,13 @@ def test_the_work_of_a_discrete_gradient_is_the_change_of_its_potential(seed):
     ]
     force = pm.DiscreteGradient(springs)
     u0, u1 = rng.normal(size=(2, 3)) * 0.5
-    f0, _, _, q = force(u0, None, 0.0, force.history)
+    f0, _, _, q = force(0.0, u0, None, force.history)
     # the gradient of the potential, by differences with an error of 1e-10
     h = 1e-5
     e = h * np.eye(3)
     gradient = [(force.potential(u0 + x) - force.potential(u0 - x)) / (2.0 * h) for x in e]
     np.testing.assert_allclose(f0, gradient, atol=1e-7)
-    f1 = force(u1, None, 0.0, q)[0]
+    f1 = force(0.0, u1, None, q)[0]
     work = 0.5 * (f0 + f1) @ (u1 - u0)
     assert abs(work - (force.potential(u1) - force.potential(u0))) < 1e-13
     assert pm.InternalForce(force, force.history).check(u1, q=q).error < 1e-6
@@ -313,9 +313,9 @@ def test_discrete_gradients_of_other_springs_and_schemes_are_refused():
 
 def test_contact_that_opens_and_closes_has_the_limits_of_the_discrete_gradient():
     stop = pm.DiscreteGradient(pm.Gap(0, k=8.0, gap=0.5))
-    started = stop(np.array([0.75]), None, 0.0, stop.history)[3]  # closed, force 2
+    started = stop(0.0, np.array([0.75]), None, stop.history)[3]  # closed, force 2
     for u1, mean in ((0.75, 2.0), (1.0, 3.0), (0.25, 8.0 * 0.25**2 / (2.0 * 0.5))):
-        f, K, _, _ = stop(np.array([u1]), None, 0.0, started)
+        f, K, _, _ = stop(0.0, np.array([u1]), None, started)
         assert f[0] == pytest.approx(2.0 * mean - 2.0, abs=1e-14)
         assert K.nnz == 1
 

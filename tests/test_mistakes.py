@@ -29,35 +29,76 @@ class Controller:
     [
         ("force", lambda u, v, t: u, "t, u, v", "u, v, t"),
         ("force", Controller(), "t, u, v", "u, v, t"),
-        ("restoring", lambda t, u, v: u, "u, v, t", "t, u, v"),
-        ("restoring", functools.partial(lambda k, t, u, v: u, 2.0), "u, v, t", "t, u, v"),
-        ("internal", lambda t, u, v, q: (u, 1.0), "u, v, t, q", "t, u, v, q"),
-        ("internal", lambda u, v, q, t: (u, 1.0), "u, v, t, q", "u, v, q, t"),
+        ("force", lambda x, y, time: x, "t, u, v", "x, y, time"),
+        ("restoring", lambda u, v, t: u, "t, u, v", "u, v, t"),
+        ("restoring", lambda x, rate, t=0.0, k=2.0: k * x, "t, u, v", "x, rate, t, k"),
+        ("restoring", lambda t, v, u: u, "t, u, v", "t, v, u"),
+        ("restoring", functools.partial(lambda k, u, v, t: u, 2.0), "t, u, v", "u, v, t"),
+        ("internal", lambda u, v, t, q: (u, 1.0), "t, u, v, q", "u, v, t, q"),
+        ("internal", lambda t, u, q, v: (u, 1.0), "t, u, v, q", "t, u, q, v"),
     ],
 )
-def test_arguments_in_the_order_of_another_force_are_a_type_error(
-    argument, function, expected, found
-):
+def test_a_time_that_is_not_the_first_argument_is_a_type_error(argument, function, expected, found):
     message = f"{argument} must be a function of {expected} in this order, got one of {found}:"
     with pytest.raises(TypeError, match=message):
         mass(**{argument: function})
 
 
-def test_a_specimen_behind_an_actuator_has_the_order_of_a_restoring_force():
-    with pytest.raises(TypeError, match="specimen must be a function of u, v, t in this order"):
-        rig.Compensated(lambda t, u, v: u, 0.01)
+@pytest.mark.parametrize(
+    ("call", "rule"),
+    [
+        (
+            lambda: rig.Compensated(lambda u, v, t: u, 0.01),
+            "specimen must be a function of t, u, v",
+        ),
+        (lambda: rig.serve(lambda u, v, t: u), "what must be a function of t, u, v"),
+        (
+            lambda: pm.Elements([[0]], None, None, internal=lambda u, v, t, q, elements: (u, u)),
+            "internal must be a function of t, u, v, q, elements",
+        ),
+        (lambda: pm.InternalForce(Late()), "residual of internal must be a function of t, u, v, q"),
+    ],
+)
+def test_all_functions_of_the_user_have_the_time_first(call, rule):
+    with pytest.raises(TypeError, match=f"{rule} in this order"):
+        call()
+
+
+class Late:
+    def __call__(self, t, u, v, q):
+        return u, np.eye(u.size)
+
+    def residual(self, u, v, t, q):
+        return u
+
+
+def test_the_tangents_are_checked_at_a_time_which_is_the_first_argument():
+    growing = pm.InternalForce(lambda t, u, v, q: (t * u + v, t, 1.0))
+    assert growing.check(3.0, [0.5], [2.0]).error < 1e-8
+    report = pm.InternalForce(lambda t, u, v, q: (t * u, t * t)).check(3.0, 0.5)
+    np.testing.assert_allclose([report.given, report.difference], [9.0, 3.0], rtol=1e-8)
+    assert pm.InternalForce(lambda t, u, v, q: (u + t, 1.0)).check(0.5).error < 1e-8  # t = 0
+    with pytest.raises(TypeError, match="t must be a real number"):
+        growing.check([0.5], [2.0])
+
+
+def test_a_damping_matrix_by_position_is_a_type_error_that_names_it():
+    M, C, K = [1.0], [0.1], [4.0]
+    with pytest.raises(TypeError, match="C must be given by name, C=.*only M and K"):
+        pm.Subdomain(M, C, K, scheme=pm.Newmark())
+    assert pm.Subdomain(M, K, C=C, scheme=pm.Newmark()).C.tolist() == C
 
 
 def test_a_wrapper_that_changes_the_order_has_its_own_order():
-    def force(t, u, v):
+    def force(u, v, t):
         return u
 
     @functools.wraps(force)
-    def restoring(u, v, t):
-        return force(t, u, v)
+    def restoring(t, u, v):
+        return force(u, v, t)
 
     assert mass(restoring=restoring).restoring is restoring
-    with pytest.raises(TypeError, match="got one of t, u, v"):
+    with pytest.raises(TypeError, match="got one of u, v, t"):
         mass(restoring=force)
 
 
@@ -100,7 +141,7 @@ def test_a_ground_motion_of_all_that_have_mass_is_no_warning():
 )
 def test_a_delay_of_more_than_100_substeps_is_refused_unless_it_is_said(device):
     def coupler(delay, **options):
-        specimen = device(lambda u, v, t: u, delay, **options)
+        specimen = device(lambda t, u, v: u, delay, **options)
         return pm.Coupler([mass(restoring=specimen, substeps=2)], dt=0.02)
 
     message = "at most max_steps = 100 substeps of 0.01, got 8, 800 substeps; it is in the unit"
@@ -135,11 +176,11 @@ def plastic(u, q):
 def test_an_internal_force_that_remembers_outside_of_q_is_an_error_that_explains_q():
     slip = np.zeros(1)
 
-    def remembering(u, v, t, q):
+    def remembering(t, u, v, q):
         f, K, _, slip[:] = plastic(u, slip.copy())
         return f, K
 
-    message = r"function of u, v, t and q alone.*InternalForce\(evaluate, history=...\)"
+    message = r"function of t, u, v and q alone.*InternalForce\(evaluate, history=...\)"
     with pytest.raises(ValueError, match=message):
         pm.Coupler([mass(internal=remembering, v0=10.0)], dt=0.01).run(0.1)
 
@@ -148,7 +189,7 @@ def test_an_internal_force_that_remembers_outside_of_q_is_an_error_that_explains
 def test_an_internal_force_with_a_history_is_evaluated_once_more_in_a_run(scheme):
     calls = []
 
-    def force(u, v, t, q):
+    def force(t, u, v, q):
         calls.append((u[0], v[0], t, q[0]))
         return plastic(u, q)
 

@@ -269,7 +269,7 @@ def test_an_oscillator_under_the_record_reaches_the_published_peak(period):
     omega = 2.0 * np.pi / period
     load, C = pm.BaseAcceleration(record, [1.0], [1.0], dt=dt), [2.0 * RATIO * omega]
     how = dict(scheme=pm.GeneralizedAlpha(1.0), force=load)
-    history = pm.solve(pm.Subdomain([1.0], [omega**2], C, **how), 0.005, 31.2)
+    history = pm.solve(pm.Subdomain([1.0], [omega**2], C=C, **how), 0.005, 31.2)
     peak = np.abs(history.u).max() / 0.0254
     # the peak between two points of the record is up to 0.5 % above the published one at a
     # point (T = 0.5 s); the period error (omega 0.005)^2 / 12 = 0.03 % comes on top

@@ -100,8 +100,8 @@ def test_chains_move_and_iterate_as_in_the_reference(coupling, double, ss, tange
 def with_dampers(internal):
     """Cubic dampers to the ground beside an internal force."""
 
-    def evaluate(u, v, t, q):
-        f, K_t, C_t, q1 = internal(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K_t, C_t, q1 = internal(t, u, v, q)
         return f + 0.3 * v**3, K_t, C_t + np.diag(0.9 * v**2), q1
 
     return evaluate
@@ -122,7 +122,7 @@ def test_all_rho_with_dampers_loads_and_a_restoring_force(coupling, double, ss, 
         s.K, s.C = 30.0 * np.eye(N), 0.4 * np.eye(N) - 0.1 * np.ones((N, N)) / N
         s.force = lambda t, i=i: (5.0 + i) * np.sin(20.0 * t) * np.arange(1.0, N + 1)
         if coupling != "macro":  # which repeats its substeps
-            s.restoring = lambda u, v, t: 2.0 * u**3 + 0.1 * v + t
+            s.restoring = lambda t, u, v: 2.0 * u**3 + 0.1 * v + t
         s.internal = with_dampers(s.internal)
     ours, theirs = both(subdomains, L, 0.01, 3, coupling, TIGHT, form="sparse")
     # as above, without a contact
@@ -180,7 +180,7 @@ def test_three_subdomains_in_a_row_of_which_one_or_all_iterate(coupling, tangent
     if iterated == 3:
         K, zero = subdomains[1].K, np.zeros((N, N))
 
-        def hardening(u, v, t, q):
+        def hardening(t, u, v, q):
             return K @ u + 1e4 * u**3, K + np.diag(3e4 * u**2), zero, q
 
         subdomains[1] = replace(subdomains[1], K=zero, internal=hardening)
@@ -253,10 +253,10 @@ def test_an_explicit_internal_force_is_a_restoring_force():
         s = pm.Subdomain([1.0, 2.0], K, scheme=scheme, u0=[1.0, -0.5], **how)
         return pm.solve(s, dt=0.02, t_end=1.0)
 
-    def r(u, v, t):
+    def r(t, u, v):
         return u**3 + 0.1 * v
 
-    one = motion(internal=lambda u, v, t, q: (r(u, v, t), 3.0 * u**2, np.full(2, 0.1)))
+    one = motion(internal=lambda t, u, v, q: (r(t, u, v), 3.0 * u**2, np.full(2, 0.1)))
     other = motion(restoring=r)
     np.testing.assert_array_equal(one.u, other.u)
     np.testing.assert_array_equal(one.a, other.a)
@@ -275,9 +275,9 @@ def test_linear_forces_given_as_internal_equal_the_linear_run(coupling, double, 
         A = rng.normal(size=(N, N))
         s.K, s.C = 30.0 * np.eye(N), np.diag(rng.uniform(0.1, 0.3, N))
         s.force = lambda t: 10.0 * np.cos(30.0 * t) * np.ones(N)
-        K = s.internal(s.u0, s.v0, 0.0, s.history)[1]
+        K = s.internal(0.0, s.u0, s.v0, s.history)[1]
         C = 0.05 * A @ A.T
-        s.internal = lambda u, v, t, q, K=K, C=C: (K @ u + C @ v, K, C, q)
+        s.internal = lambda t, u, v, q, K=K, C=C: (K @ u + C @ v, K, C, q)
         linear.append(replace(s, internal=None, K=s.K + K, C=s.C + C))
     ours = coupler(subdomains, L, 0.02, coupling, newton=TIGHT).run(steps=12)
     theirs = coupler(linear, L, 0.02, coupling).run(steps=12)
@@ -346,8 +346,8 @@ def test_the_unit_of_force_changes_no_bit(coupling, double, ss, k):
         for i, s in enumerate(doubled(subdomains, double, ss)):
             internal = s.internal
 
-            def evaluate(u, v, t, q, internal=internal):
-                f, K_t, C_t, q1 = internal(u, v, t, q)
+            def evaluate(t, u, v, q, internal=internal):
+                f, K_t, C_t, q1 = internal(t, u, v, q)
                 return unit * f, unit * K_t, unit * C_t, q1
 
             one = unit * np.eye(N)
@@ -391,7 +391,7 @@ def test_a_massless_dof_between_two_springs_is_condensed():
     def middle(u):
         return brentq(lambda x: 40.0 * x - 30.0 * (u - x) - 500.0 * (u - x) ** 3, -2, 2, xtol=1e-15)
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         d = u[0] - u[1]
         f, k = 30.0 * d + 500.0 * d**3, 30.0 + 1500.0 * d**2
         return np.array([f, -f]), k * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -404,6 +404,6 @@ def test_a_massless_dof_between_two_springs_is_condensed():
     errors = []
     for n in (40, 80):
         u = pm.solve(s, dt=0.1 / n, t_end=1.0).u
-        assert abs(40.0 * u[1:, 1] + [evaluate(x, x, 0.0, None)[0][1] for x in u[1:]]).max() < 1e-6
+        assert abs(40.0 * u[1:, 1] + [evaluate(0.0, x, x, None)[0][1] for x in u[1:]]).max() < 1e-6
         errors.append(abs(u[::n, 0] - exact).max())
     assert errors[1] < 1e-3 and 1.9 < np.log2(errors[0] / errors[1]) < 2.1

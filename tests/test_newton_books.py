@@ -26,7 +26,7 @@ def elastoplastic(share=1.0, role="internal", **options):
     c = 2.0 * 0.05 * np.sqrt(k * m)
     spring = pm.Bilinear([0], k=share * k, fy=share * 36e3)
     M, C = np.array([[share * m]]), np.array([[share * c]])
-    return pm.Subdomain(M, None, C, scheme=TRAPEZOIDAL, **{role: spring}, **options)
+    return pm.Subdomain(M, None, C=C, scheme=TRAPEZOIDAL, **{role: spring}, **options)
 
 
 def test_chopra_5_5_elastoplastic_system_under_a_half_sine_pulse():
@@ -83,7 +83,9 @@ def yielding(share=1.0, **options):
     pairs = [(i, i - 1) for i in range(5)]
     storeys = pm.Bilinear(pairs, k=share * STIFFNESS, fy=share * YIELD, hardening=HARDENING)
     options["force"] = lambda t: -share * MASS * ground(t) * np.ones(5)
-    return pm.Subdomain(share * M, None, share * C, scheme=TRAPEZOIDAL, internal=storeys, **options)
+    return pm.Subdomain(
+        share * M, None, C=share * C, scheme=TRAPEZOIDAL, internal=storeys, **options
+    )
 
 
 def test_chopra_16_4_bilinear_frame_under_a_full_sine_of_the_ground():

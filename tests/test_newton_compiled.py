@@ -21,7 +21,7 @@ N = 3
 DIAGONAL = sp.eye_array(N, format="csr")
 
 
-def python(u, v, t, q):
+def python(t, u, v, q):
     """Cubic springs with a dashpot, and a plastic deformation that follows beyond 0.25."""
     d = u - q
     p = np.where(d > 0.25, u - 0.25, np.where(d < -0.25, u + 0.25, q))
@@ -119,7 +119,7 @@ def test_a_compiled_force_gives_the_bits_of_its_python_twin(make, threads, coupl
 def test_beside_a_python_force_and_a_spring_it_is_one_of_a_sum():
     function = compiled(by_ctypes())
     spring = pm.CubicSpring([0, 1], k=1.0, k3=2.0)
-    extra = pm.InternalForce(lambda u, v, t, q: (3.0 * u, np.full(N, 3.0)))
+    extra = pm.InternalForce(lambda t, u, v, q: (3.0 * u, np.full(N, 3.0)))
     one = coupled([function, extra, spring]).run(steps=10)
     other = coupled([twin(), extra, spring]).run(steps=10)
     for x, y in zip(one, other):
@@ -201,7 +201,7 @@ def test_the_examples_of_the_page_are_the_same_friction_element(tool):
     same_bits(friction_run(names["force"]), expected)
 
 
-def friction(u, v, t, q):
+def friction(t, u, v, q):
     d = 100.0 * (u - q)
     f = np.clip(d, -1.0, 1.0)
     return f, np.where(np.abs(d) < 1.0, 100.0, 0.0), None, u - f / 100.0

@@ -51,10 +51,10 @@ def raises(error):
 FAILURES = {
     "an exception": (raises(Broken("at its end")), Broken, "at its end"),
     "Ctrl-C": (raises(KeyboardInterrupt()), KeyboardInterrupt, "^$"),
-    "no tuple": (lambda u, v, t, q: u, TypeError, "internal of subdomain '.' at t = .* tuple"),
-    "a wrong shape": (lambda u, v, t, q: (u[:2], u, u, q), ValueError, "f must have shape"),
-    "a wrong history": (lambda u, v, t, q: (u, u, u, q[:3]), ValueError, "q1 must have shape"),
-    "no history": (lambda u, v, t, q: (u, u, u), ValueError, "q1 must be returned"),
+    "no tuple": (lambda t, u, v, q: u, TypeError, "internal of subdomain '.' at t = .* tuple"),
+    "a wrong shape": (lambda t, u, v, q: (u[:2], u, u, q), ValueError, "f must have shape"),
+    "a wrong history": (lambda t, u, v, q: (u, u, u, q[:3]), ValueError, "q1 must have shape"),
+    "no history": (lambda t, u, v, q: (u, u, u), ValueError, "q1 must be returned"),
 }
 
 
@@ -108,9 +108,9 @@ class Spoiled(Law):
 
     begins, last = None, (0.0, 0)
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, t, u, v, q):
         self.last = (t, self.last[1] + 1 if t == self.last[0] else 0)
-        f, K_t, C_t, q1 = super().__call__(u, v, t, q)
+        f, K_t, C_t, q1 = super().__call__(t, u, v, q)
         spoils = self.begins is not None and t > 0.13 and self.last[1] >= self.begins
         return (np.nan * f if spoils else f), K_t, C_t, q1
 
@@ -161,10 +161,10 @@ def test_a_force_may_run_another_coupler():
     inner, _ = made("macro")
 
     class Nested(Law):
-        def __call__(self, u, v, t, q):
+        def __call__(self, t, u, v, q):
             if t > 0.0 and inner.step_count < 5:
                 inner.step()
-            return super().__call__(u, v, t, q)
+            return super().__call__(t, u, v, q)
 
     c = plastic_pair("pm", laws=(Nested(5), Law(5, k=3e3)))
     c.step(STEPS)
@@ -195,7 +195,7 @@ def test_ctrl_c_at_any_time_loses_no_whole_step(variant, threads, interrupt):
 # ---- tangents -------------------------------------------------------------------------------
 
 
-def stiff_chain(u, v, t, q, wrong=1.0):
+def stiff_chain(t, u, v, q, wrong=1.0):
     """Cubic springs between four dofs and the ground; a factor of one entry of K_t."""
     B = np.eye(4) - np.eye(4, k=-1)
     d = B @ u
@@ -242,7 +242,7 @@ def test_a_singular_tangent_is_named_with_its_dof(coupling, tangent):
 
         grows = True
 
-        def __call__(self, u, v, t, q):
+        def __call__(self, t, u, v, q):
             K = 1e5 * np.diag([4.0, 4.0, 1.0, 4.0])
             if self.grows and t > 0.5:
                 K[1:3, 1:3] = 1e25
@@ -291,7 +291,7 @@ def test_a_coupler_that_has_failed_may_be_reset(variant):
 def test_a_tangent_that_is_lost_is_a_convergence_error_and_nothing_is_committed(coupling, ss):
     B = np.eye(3) - np.eye(3, k=-1)
 
-    def law(u, v, t, q):
+    def law(t, u, v, q):
         k = 1e6 if t < 0.43 else 0.0  # of three springs in a row, which stay as they are
         return 1e6 * (B.T @ B @ u), k * B.T @ B
 
@@ -318,7 +318,7 @@ def test_a_run_with_a_lost_tangent_beside_a_linear_subdomain_is_right_or_ends(co
     """A line search finds equilibrium along a correction of which the linear side has the whole."""
 
     def run(lost):
-        def law(u, v, t, q):
+        def law(t, u, v, q):
             return 1e6 * u, (0.0 if lost and t > 0.43 else 1e6) * np.eye(3)
 
         start = dict(u0=[1e-3] * 3, v0=[1.0, 2.0, 3.0], scheme=pm.GeneralizedAlpha(0.8))

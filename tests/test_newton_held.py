@@ -37,7 +37,7 @@ def matrix(rng, n, size):
 
 
 def law(K, k3):
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         return np.sum(K * u, axis=1) + k3 * u**3, K + np.diag(3.0 * k3 * u**2), np.zeros_like(K), q
 
     return evaluate
@@ -128,8 +128,8 @@ def test_what_is_held_at_zero_stays_there(seed, coupling, monkeypatch):
 def with_factor(internal, factor):
     """A tangent that is wrong by a factor."""
 
-    def evaluate(u, v, t, q):
-        f, K, C, q1 = internal(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K, C, q1 = internal(t, u, v, q)
         return f, factor * K, C, q1
 
     return evaluate
@@ -138,8 +138,8 @@ def with_factor(internal, factor):
 def with_jump(internal, part):
     """Dry friction, but of the displacement: a jump at zero, where the subdomain is held."""
 
-    def evaluate(u, v, t, q):
-        f, K, C, q1 = internal(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K, C, q1 = internal(t, u, v, q)
         return f + part * np.diag(K) * np.sign(u), K, C, q1
 
     return evaluate
@@ -161,7 +161,7 @@ def imbalance(s, L, x, multipliers, jump):
     """
     worst, zero = 0.0, 1e-10 * abs(x.u).max() + 1e-13
     for k in range(1, len(x.t)):
-        f, K, _, _ = s.internal(x.u[k], x.v[k], x.t[k], x.q)
+        f, K, _, _ = s.internal(x.t[k], x.u[k], x.v[k], x.q)
         terms = [s.M @ x.a[k], s.K @ x.u[k], f, -s.force(x.t[k])]
         pull = L.T * multipliers[k * ((len(multipliers) - 1) // (len(x.t) - 1))]
         size = sum(abs(y) for y in terms) + abs(pull).sum(axis=1)
@@ -240,8 +240,8 @@ def test_a_residual_that_jumps_in_the_last_correction_is_seen(seed, coupling):
 def with_last_digits(internal, part):
     """A force that leaps with the last eight bits of a displacement."""
 
-    def evaluate(u, v, t, q):
-        f, K, C, q1 = internal(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K, C, q1 = internal(t, u, v, q)
         bits = np.ascontiguousarray(u).view(np.int64) & 255
         return f + part * np.diag(K) * bits / 255.0, K, C, q1
 
@@ -271,7 +271,7 @@ def test_a_force_that_leaps_within_rounding_ends_in_equilibrium_where_constraint
 
 def test_the_forces_of_a_first_guess_far_away_are_no_scale_of_the_residual():
     # the guess h v_n is up to 1.5 from where a spring 1000 u^3 has stopped the mass before
-    def internal(u, v, t, q):
+    def internal(t, u, v, q):
         return 1e3 * u**3, 2.0 * 3e3 * u**2  # the tangent is twice the right one
 
     s = pm.Subdomain([1.0], None, scheme=pm.GeneralizedAlpha(0.5), internal=internal, v0=[3.0])
@@ -285,7 +285,7 @@ def test_the_forces_of_a_first_guess_far_away_are_no_scale_of_the_residual():
 
 
 def test_a_force_without_equilibrium_is_refused():
-    def leap(u, v, t, q):  # of the velocity, which no constraint holds
+    def leap(t, u, v, q):  # of the velocity, which no constraint holds
         return np.where(v > 0.0, 1.0, -2.0), np.eye(1), np.eye(1), q
 
     one = np.eye(1)
@@ -307,7 +307,7 @@ class PrestressedString:
         self.X = np.outer(np.linspace(0.0, 1.0, n) ** 1.3, [0.6, 0.8])
         self.rest = np.linalg.norm(np.diff(self.X, axis=0), axis=1)
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, t, u, v, q):
         x = self.X.copy()
         x[1:-1] += u.reshape(-1, 2)
         F, K = np.zeros(2 * self.n), np.zeros((2 * self.n, 2 * self.n))
@@ -340,7 +340,7 @@ def test_a_string_under_prestress_stays_at_rest_and_is_in_balance_when_it_is_pul
     assert rest.iterations[2:].max() < 15  # it is known now, but for what it fluctuates by
     moved = c.run(steps=4)["s"]
     for u, v, a, t in zip(moved.u[1:], moved.v[1:], moved.a[1:], moved.t[1:], strict=True):
-        f = string(u, v, t, None)[0]
+        f = string(t, u, v, None)[0]
         size = abs(force(t)) + abs(f) + abs(T * a)
         assert abs(force(t) - f - T * a).max() < 1e-7 * size.max()  # ten times the tolerance
 

@@ -23,18 +23,18 @@ def bar(x):
     return N * c, EA * np.outer(c, c) + N / length * (np.eye(2) - np.outer(c, c))
 
 
-def upper(u, v, t, q):
+def upper(t, u, v, q):
     return bar(ALONG + u)
 
 
-def lower(u, v, t, q):
+def lower(t, u, v, q):
     f, K = bar(ALONG + u[2:] - u[:2])
     return np.concatenate([-f, f]), np.block([[K, -K], [-K, K]])
 
 
-def both(u, v, t, q):
-    f, K = lower(u, v, t, q)
-    p, k = upper(u[:2], v, t, q)
+def both(t, u, v, q):
+    f, K = lower(t, u, v, q)
+    p, k = upper(t, u[:2], v, q)
     f[:2] += p
     K[:2, :2] += k
     return f, K
@@ -48,14 +48,14 @@ def with_lu(steps):
     """
     h, u, v, indefinite = END / steps, np.zeros(4), np.zeros(4), 0
     F = np.tile(WEIGHT, 2)
-    a = F - both(u, v, 0.0, None)[0]
+    a = F - both(0.0, u, v, None)[0]
     for _ in range(steps):
         u0, v0, a0 = u, v, a
         v = v0
         for _ in range(30):
             u = u0 + 0.5 * h * (v0 + v)
             a = 2.0 * (v - v0) / h - a0
-            f, K = both(u, v, 0.0, None)
+            f, K = both(0.0, u, v, None)
             A = np.eye(4) + 0.25 * h * h * K
             indefinite += np.linalg.eigvalsh(A)[0] < 0.0
             dv = np.linalg.solve(A, 0.5 * h * (F - f - a))
@@ -136,8 +136,8 @@ def test_an_indefinite_tangent_of_many_dofs_is_factored_in_panels():
     Q = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]
     mixed = Q[:, :4]  # the pendulum in a rotated space with free masses beside it
 
-    def internal(u, v, t, q):
-        f, K = both(mixed.T @ u, None, t, q)
+    def internal(t, u, v, q):
+        f, K = both(t, mixed.T @ u, None, q)
         K = mixed @ K @ mixed.T
         return mixed @ f, 0.5 * (K + K.T)
 
@@ -157,7 +157,7 @@ def test_a_start_with_an_indefinite_tangent(coupling):
     k = 3.0 / al1
 
     def mass(share, name):
-        def internal(u, v, t, q):
+        def internal(t, u, v, q):
             return share * k * (u**3 - u), share * k * (3.0 * u**2 - 1.0)
 
         how = dict(scheme=TRAPEZOIDAL, internal=internal, v0=[1.0], double_step=False)

@@ -42,7 +42,7 @@ def test_every_time_level_is_in_equilibrium_with_the_history_of_its_own_chain(sc
         stride = (len(result.multipliers) - 1) // (len(x.t) - 1)
         for i in range(1, len(x.t)):
             q = x.q[max(i - back, 0)]
-            f, _, _, q1 = s.internal(x.u[i], x.v[i], x.t[i], q)
+            f, _, _, q1 = s.internal(x.t[i], x.u[i], x.v[i], q)
             np.testing.assert_array_equal(x.q[i], q1)
             if stride:  # "macro" records the multipliers at the ends of macro steps only
                 residual = (
@@ -58,7 +58,7 @@ def test_the_initial_state_satisfies_the_equations_and_takes_over_its_history():
     result = run(subdomains, L, 0.01, 1, TIGHT)
     total = 0.0
     for s, Li, x in zip(subdomains, L, result.subdomains, strict=True):
-        f, _, _, q1 = s.internal(s.u0, s.v0, 0.0, s.history)
+        f, _, _, q1 = s.internal(0.0, s.u0, s.v0, s.history)
         np.testing.assert_array_equal(x.q[0], q1)
         # accelerations about 100; least squares of a few unknowns
         np.testing.assert_allclose(s.M @ x.w[0] + f, Li.T @ result.multipliers[0], atol=1e-11)

@@ -214,7 +214,7 @@ def test_a_chain_of_sparse_tangents_has_the_pattern_of_its_springs():
     n = 20_000
     B = sp.eye_array(n, format="csr") - sp.eye_array(n, k=-1, format="csr")
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         d = B @ u
         return B.T @ (d + 1e4 * d**3), B.T @ sp.diags_array(1.0 + 3e4 * d**2) @ B
 

@@ -162,7 +162,7 @@ def test_the_work_of_a_linear_internal_force_is_its_strain_energy(coupling):
 
     def energies(inside):
         how = dict(scheme=pm.Newmark(), double_step=False, v0=[0.0, 1.0, 0.0])
-        given = {"K": K} if not inside else {"K": None, "internal": lambda u, v, t, q: (K @ u, K)}
+        given = {"K": K} if not inside else {"K": None, "internal": lambda t, u, v, q: (K @ u, K)}
         a = pm.Subdomain(np.ones(3), given.pop("K"), name="a", **given, **how)
         b = pm.Subdomain(np.ones(3), K, name="b", substeps=3, **how)
         newton = pm.Newton(tol=1e-12)

@@ -27,8 +27,8 @@ def whirling(internal, n, size=1.0):
     A, G = size * rng.normal(size=(n, n)), size * rng.normal(size=(n, n))
     G = G - G.T
 
-    def evaluate(u, v, t, q):
-        f, K, C, q1 = internal(u, v, t, q)
+    def evaluate(t, u, v, q):
+        f, K, C, q1 = internal(t, u, v, q)
         f = f + A @ np.sin(u) + G @ (v + v**3)
         return f, K + A * np.cos(u), C + G * (1.0 + 3.0 * v**2), q1
 
@@ -78,7 +78,7 @@ def test_bands_and_panels_iterate_as_in_the_reference(n, form):
 def conveyed(n):
     """A long chain with springs that pull on one neighbour more than on the other, a band."""
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         d = np.diff(np.append(0.0, u))
         f = np.zeros(n)
         force, k = 100.0 * d + 1e3 * d**3, 100.0 + 3e3 * d**2
@@ -128,14 +128,14 @@ def test_a_follower_force_has_order_two():
 
     chain = np.array([[2.0, -1.0], [-1.0, 1.0]])
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         # linearized inertia, nonlinear springs and follower force: M u'' + f(u, v) = 0
         d = u[1] - u[0]
         f = chain @ (k * u + c * v) + [P * np.sin(d), 0.3 * d**3]
         return f, k * chain + np.outer([P * np.cos(d), 0.9 * d**2], [-1.0, 1.0]), c * chain
 
     def rates(t, x):
-        return np.append(x[2:], -np.linalg.solve(M, evaluate(x[:2], x[2:], t, None)[0]))
+        return np.append(x[2:], -np.linalg.solve(M, evaluate(t, x[:2], x[2:], None)[0]))
 
     M, u0, v0 = np.array([[3.0, 1.0], [1.0, 1.0]]), [0.3, -0.2], [0.0, 0.5]
     exact = solve_ivp(rates, (0.0, 4.0), [*u0, *v0], "DOP853", rtol=1e-12, atol=1e-13).y[:2, -1]
@@ -150,7 +150,7 @@ def test_a_follower_force_has_order_two():
 # ---- tangents that become unsymmetric ------------------------------------------------------------
 
 
-def late(u, v, t, q):
+def late(t, u, v, q):
     """Circulatory from t = 0.35 on."""
     g = 0.5 if t > 0.35 else 0.0
     K = np.array([[4.0, g], [-g, 4.0]])
@@ -220,7 +220,7 @@ def test_entries_of_one_side_alone_are_unsymmetric():
 def test_a_static_equilibrium_with_an_unsymmetric_tangent_stays_at_rest():
     """Springs and a follower load on two dofs, tied to a linear one; residual of the raw data."""
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         d = u[1] - u[0]
         f = np.array([3.0 * u[0] - d + 0.4 * np.sin(d), d + d**3])
         K = np.array(
@@ -233,7 +233,7 @@ def test_a_static_equilibrium_with_an_unsymmetric_tangent_stays_at_rest():
     b = pm.Subdomain([1.0], [0.5], scheme=HALF, force=[0.25], name="b")
     c = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.05, coupling="gc")
     u = c.static()
-    f = evaluate(u["a"], None, 0.0, None)[0]
+    f = evaluate(0.0, u["a"], None, None)[0]
     residual = [0.5 - f[0], 1.25 - f[1] - 0.5 * u["b"][0]]
     assert np.max(np.abs(residual)) < 1e-12 and abs(u["a"][1] - u["b"][0]) < 1e-14
     c.reset(u0=u)

@@ -177,7 +177,7 @@ def test_passes_of_macro_coupling_go_back_to_earlier_states(page):
             how = {"scheme": pm.Newmark(), "force": load, "name": part}
             if part == "lower" and internal is not None:
                 K, how["internal"] = None, internal
-            parts.append(pm.Subdomain(M, K, C, **how))
+            parts.append(pm.Subdomain(M, K, C=C, **how))
         return pm.Coupler(parts, page["ties"], dt=0.02, coupling=coupling).run(steps=6)["lower"].u
 
     with example.served("lower", "states") as model:

@@ -119,7 +119,7 @@ def test_a_history_shows_the_run_in_a_notebook():
     for text in ("t = 0 .. 2", "coupling = &#x27;macro&#x27;", "tower", "subdomain 1", "roof, t ="):
         assert text in shown
     assert "energy: largest" in shown and "warnings" not in shown
-    wrong = dict(restoring=lambda u, v, t: -u, name="<wrong>")
+    wrong = dict(restoring=lambda t, u, v: -u, name="<wrong>")
     growing = pm.Subdomain([1.0], None, scheme=pm.Newmark(), u0=[1.0], **wrong)
     with pytest.warns(pm.StabilityWarning):
         history = pm.Coupler([growing], dt=0.1).run(4.0)

@@ -97,7 +97,7 @@ def require_same(ours, theirs):
 
 def sdof(name, k, c, **options):
     scheme = pm.GeneralizedAlpha(0.8)
-    return pm.Subdomain([1.0], [k], [c], scheme=scheme, name=name, **options)
+    return pm.Subdomain([1.0], [k], C=[c], scheme=scheme, name=name, **options)
 
 
 def test_the_base_shear_balances_the_inertia_forces():
@@ -111,7 +111,7 @@ def test_the_base_shear_balances_the_inertia_forces():
     C = np.diag([c, 0.0, 0.0])
     m_a, m_b = np.array([2.0, 1.0, 0.5]), np.array([0.7, 1.5])
     scheme = pm.GeneralizedAlpha(0.8)
-    a = pm.Subdomain(m_a, K, C, scheme=scheme, v0=[0.0, 0.0, 1.0], name="a")
+    a = pm.Subdomain(m_a, K, C=C, scheme=scheme, v0=[0.0, 0.0, 1.0], name="a")
     b = pm.Subdomain(m_b, 15.0 * spring, scheme=scheme, substeps=4, v0=[1.0, 2.0], name="b")
     first = [[1.0, 0.0, 0.0]]
     shear = {"u": k * np.array(first), "v": c * np.array(first)}

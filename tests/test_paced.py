@@ -36,7 +36,7 @@ def made(coupling="gc", restoring=None, **options):
     return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.02, coupling=coupling, **options)
 
 
-def spring(u, v, t):
+def spring(t, u, v):
     return 4.0 * u
 
 
@@ -94,7 +94,7 @@ def test_late_steps_are_counted_and_none_is_left_out():
 def test_a_late_specimen_shifts_the_schedule_by_as_much_as_it_was_late():
     calls, wait, period = [], 0.05, 0.01
 
-    def late(u, v, t):
+    def late(t, u, v):
         calls.append(time.monotonic())
         if len(calls) == 4:  # the first one is at t = 0
             time.sleep(wait)
@@ -257,7 +257,7 @@ def test_without_the_right_to_a_priority_nothing_moves(monkeypatch):
 def test_the_priority_is_that_of_the_steps_of_this_thread_alone():
     before, inside, other = os.sched_getscheduler(0), [], []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         if t > 0.0:
             inside.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
             thread = threading.Thread(target=lambda: other.append(os.sched_getscheduler(0)))
@@ -280,7 +280,7 @@ def test_memory_is_locked_during_the_steps():
             return next(int(x.split()[1]) for x in status if x.startswith("VmLck"))
 
     seen = []
-    coupler = made(restoring=lambda u, v, t: seen.append(locked()) or 4.0 * u)
+    coupler = made(restoring=lambda t, u, v: seen.append(locked()) or 4.0 * u)
     coupler.step()
     before = locked()
     try:
@@ -324,10 +324,10 @@ def test_a_file_of_a_paced_run_is_that_of_a_run(coupling, options, tmp_path, mon
             super().__init__(*args, **options)
             recordings.append(self)
 
-    def patient(u, v, t):  # the ring is never full
+    def patient(t, u, v):  # the ring is never full
         if recordings:
             waits.until(lambda: t / 0.02 - recordings[-1].begin < 5.0)
-        return spring(u, v, t)
+        return spring(t, u, v)
 
     monkeypatch.setattr(recording, "FILED_BYTES", 4000)  # some thirty macro steps at a time
     monkeypatch.setattr(ring, "INTERVAL", 0.001)
@@ -353,7 +353,7 @@ def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(ring, "INTERVAL", 0.001)
     over = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         over.append(t)
         return 4.0 * u
 
@@ -387,12 +387,12 @@ def test_a_file_that_cannot_be_written_ends_the_run_at_once_and_memory_keeps_all
             raise OSError(28, "no space left")
         write(file, arrays, begin, end)
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         calls.append(t)
         if len(calls) > 20:
             waits.until(failed.is_set)
             time.sleep(0.001)  # that the core looks, every 50 ms, long before the end
-        return spring(u, v, t)
+        return spring(t, u, v)
 
     monkeypatch.setattr(history_file.HistoryFile, "write", full)
     coupler = made(restoring=specimen)
@@ -407,7 +407,7 @@ def test_a_paced_run_that_ends_early_has_its_file(tmp_path):
     pytest.importorskip("h5py")
     calls = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         calls.append(t)
         if t > 0.1:
             raise RuntimeError("enough")
@@ -456,7 +456,7 @@ def test_a_monitor_keeps_the_last_rows_of_the_last_run(tmp_path):
 def test_a_monitor_is_written_while_the_run_goes_on(tmp_path):
     seen = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         if t > 0.1:  # what came before is written some time
             waits.until(lambda: (tmp_path / "live").exists())
             waits.until(lambda: pm.rig.read_monitor(tmp_path / "live").step.size >= 10)

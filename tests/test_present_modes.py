@@ -24,7 +24,7 @@ def test_the_mass_on_a_hardening_spring_under_its_load():
         assert coupler.modes(1)[0] == pytest.approx([np.sqrt(13.0)], rel=1e-7)  # of Newton
 
 
-def softening(u, v, t, q):
+def softening(t, u, v, q):
     """f = (1 - q) k u + c v with damage q = max |u| / 4 at the end of a step; k, c of two dofs."""
     k, c = np.array([30.0, 20.0]), np.array([0.3, 0.2])
     K = np.diag((1.0 - q) * k)
@@ -99,7 +99,7 @@ def test_estimates_of_functions_stay_beside_the_tangents_of_springs():
         [1.0],
         [1.0],
         scheme=pm.Newmark(),
-        restoring=[lambda u, v, t: 4.0 * u, pm.CubicSpring([0], 5.0, 1.0)],
+        restoring=[lambda t, u, v: 4.0 * u, pm.CubicSpring([0], 5.0, 1.0)],
         restoring_stiffness=[9.0],
         u0=[1.0],
     )
@@ -117,7 +117,7 @@ def test_estimates_of_functions_stay_beside_the_tangents_of_springs():
 # ---- dead load and buckling ----------------------------------------------------------------------
 
 
-def bar(u, v, t, q):
+def bar(t, u, v, q):
     """A bar from the origin to (0, -LENGTH) + u, with its tangent."""
     x = np.array([u[0], u[1] - LENGTH])
     length = np.linalg.norm(x)
@@ -171,7 +171,7 @@ def test_the_motion_that_grows_is_found_in_structures_of_any_size(n, down):
     lowest = 2.0 - 2.0 * np.cos(np.pi / (n + 1))
     k = np.full(n, -lowest - down)
     s = pm.Subdomain(
-        np.ones(n), K, scheme=pm.Newmark(), internal=lambda u, v, t, q: (k * u, k), name="chain"
+        np.ones(n), K, scheme=pm.Newmark(), internal=lambda t, u, v, q: (k * u, k), name="chain"
     )
     with pytest.raises(
         pm.BucklingError, match="negative stiffness, buckling or softening"

@@ -101,7 +101,7 @@ def test_threads_with_couplers_of_their_own_do_not_disturb_each_other(coupling):
 
 
 def test_threads_share_subdomains_and_a_callable_that_iterates():
-    def spring(u, v, t, q):
+    def spring(t, u, v, q):
         return u**3, np.diag(3 * u**2)
 
     shared = coupler(internal=spring).subdomains
@@ -189,7 +189,7 @@ def test_couplers_of_the_core_that_share_a_subdomain_do_not_step_it_at_once():
     # Python's guards are one for each coupler: here the flags of the core alone decide
     inside = Lock()
 
-    def spring(u, v, t):
+    def spring(t, u, v):
         assert inside.acquire(blocking=False)
         inside.release()
         return np.zeros(2)

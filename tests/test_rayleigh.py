@@ -44,7 +44,7 @@ def test_rayleigh_damping_is_a_sum_of_matrices_in_every_format(form_m, form_k):
 
 def test_rayleigh_damping_is_added_to_a_matrix_of_dashpots():
     dashpot = sp.csr_array(([5e3, 5e3, -5e3, -5e3], ([0, 1, 0, 1], [0, 1, 1, 0])), shape=(4, 4))
-    s = pm.Subdomain(MASSES, sp.csr_array(FRAME_K), dashpot, rayleigh=(C_M, C_K), scheme=SCHEME)
+    s = pm.Subdomain(MASSES, sp.csr_array(FRAME_K), C=dashpot, rayleigh=(C_M, C_K), scheme=SCHEME)
     np.testing.assert_allclose(as_array(s.C, 4), FRAME_C + dashpot.toarray(), rtol=1e-15)
 
 
@@ -124,7 +124,7 @@ def test_the_roof_of_a_damped_frame_moves_as_in_closed_form():
     # the frame of four storeys of issue 13: static deflection of the roof under a constant force
     M, K = models.shear_frame([1e3] * 4, [1e6] * 4)
     load = np.array([0.0, 0.0, 0.0, 1200.0])
-    s = pm.Subdomain(M, K, 50.0 * M + 0.01 * K, scheme=SCHEME, force=load)
+    s = pm.Subdomain(M, K, C=50.0 * M + 0.01 * K, scheme=SCHEME, force=load)
     # four springs in series; the damping ratio of the first mode is 1.36, so it has died out
     assert pm.solve(s, dt=0.05, t_end=40.0).u[-1, 3] == pytest.approx(4 * 1200.0 / 1e6, rel=1e-6)
 
@@ -137,36 +137,36 @@ def test_the_roof_of_a_damped_frame_moves_as_in_closed_form():
 def test_a_mass_added_to_every_row_is_refused_with_the_reason(form, masses):
     K = form(FRAME_K)
     with pytest.raises(ValueError, match=r"C must .*NumPy adds a 1-D M .*rayleigh=\(c_m, c_k\)"):
-        pm.Subdomain(masses, K, C_M * masses + C_K * K, scheme=SCHEME)
+        pm.Subdomain(masses, K, C=C_M * masses + C_K * K, scheme=SCHEME)
 
 
 def test_a_mass_added_to_every_row_of_a_diagonal_stiffness_is_refused():
     K = sp.diags_array([1.0, 2.0, 3.0]).tocsr()
     with pytest.raises(ValueError, match="got 0.5 added"):
-        pm.Subdomain(np.ones(3), K, 0.5 * np.ones(3) + 0.1 * K, scheme=SCHEME)
+        pm.Subdomain(np.ones(3), K, C=0.5 * np.ones(3) + 0.1 * K, scheme=SCHEME)
 
 
 def test_a_full_damping_matrix_of_another_kind_is_accepted():
     rng = np.random.default_rng(3)
     C = 1e3 * rng.normal(size=(4, 4))
     C = C @ C.T
-    assert pm.Subdomain(MASSES, FRAME_K, C, scheme=SCHEME).C.shape == (4, 4)
+    assert pm.Subdomain(MASSES, FRAME_K, C=C, scheme=SCHEME).C.shape == (4, 4)
     # two dofs: any C with equal diagonal entries is a K + b, so none is refused
     two = np.array([[2.0, -1.0], [-1.0, 2.0]])
-    assert pm.Subdomain([1.0, 1.0], two, two + 0.3, scheme=SCHEME).C[0, 1] == -0.7
+    assert pm.Subdomain([1.0, 1.0], two, C=two + 0.3, scheme=SCHEME).C[0, 1] == -0.7
     # gyroscopic terms are refused as such
     skew = np.diag([1.0, -1.0, 1.0], 1) - np.diag([1.0, -1.0, 1.0], -1)
     with pytest.raises(ValueError, match="gyroscopic"):
-        pm.Subdomain(MASSES, FRAME_K, skew, scheme=SCHEME)
+        pm.Subdomain(MASSES, FRAME_K, C=skew, scheme=SCHEME)
 
 
 def test_a_dense_damping_matrix_beside_a_sparse_or_diagonal_stiffness_is_warned_of():
     C = 1e3 * (np.ones((4, 4)) + np.diag([1.0, 2.0, 3.0, 4.0]))
     for K, kind in ((sp.csr_array(FRAME_K), "sparse"), (SPRINGS, "diagonal")):
         with pytest.warns(pm.PerformanceWarning, match=f"C is dense and K is {kind}"):
-            pm.Subdomain(MASSES, K, C, scheme=SCHEME)
-        pm.Subdomain(MASSES, K, sp.csr_array(C), scheme=SCHEME)  # no warning: it is meant
-        pm.Subdomain(MASSES, K, np.diag([1.0, 0.0, 2.0, 0.0]), scheme=SCHEME)  # a diagonal
+            pm.Subdomain(MASSES, K, C=C, scheme=SCHEME)
+        pm.Subdomain(MASSES, K, C=sp.csr_array(C), scheme=SCHEME)  # no warning: it is meant
+        pm.Subdomain(MASSES, K, C=np.diag([1.0, 0.0, 2.0, 0.0]), scheme=SCHEME)  # a diagonal
 
 
 # ---- modal damping -----------------------------------------------------------------------------
@@ -189,7 +189,7 @@ def test_modal_damping_gives_each_mode_its_ratio(form):
     assert sp.issparse(C) == (form is sp.csr_array)
     found = damped_ratios(FRAME_M, FRAME_K, as_array(C, 4))
     np.testing.assert_allclose(found, [*ratios, 0.0], atol=1e-12)  # the fourth is undamped
-    pm.Subdomain(MASSES, form(FRAME_K), C, scheme=SCHEME)  # without a warning
+    pm.Subdomain(MASSES, form(FRAME_K), C=C, scheme=SCHEME)  # without a warning
 
 
 def test_modal_damping_with_one_ratio_damps_all_modes():

@@ -22,7 +22,7 @@ def hardening(rng, n, unsymmetric=False):
     B = rng.normal(size=(n + 1, n))
     skew = rng.normal(size=(n, n)) if unsymmetric else np.zeros((n, n))
 
-    def f(u, v, t, q):
+    def f(t, u, v, q):
         d = B @ u
         skewed = skew - skew.T
         return B.T @ (d + d**3) + skewed @ u, (B.T * (1.0 + 3.0 * d**2)) @ B + skewed
@@ -45,14 +45,14 @@ def test_damping_has_the_tangent_of_internal_forces_at_u0(unsymmetric):
         s = pm.Subdomain(
             M,
             K,
-            own,
+            C=own,
             internal=f,
             rayleigh=(C_M, C_K),
             scheme=SCHEME,
             u0=u0,
             symmetric=not unsymmetric,
         )
-        tangent = K + slope(lambda u, f=f: f(u, None, 0.0, None)[0], u0)
+        tangent = K + slope(lambda u, f=f: f(0.0, u, None, None)[0], u0)
         expected = own + C_M * np.diag(M) + C_K * tangent
         np.testing.assert_allclose(dense(s.C, n), expected, rtol=0, atol=1e-8 * C_K)
 
@@ -81,7 +81,7 @@ def test_damping_has_the_estimate_for_a_function_beside_springs():
     s = pm.Subdomain(
         [1.0],
         None,
-        restoring=[pm.CubicSpring(0, 2.0, 5.0), lambda u, v, t: 4.0 * u],
+        restoring=[pm.CubicSpring(0, 2.0, 5.0), lambda t, u, v: 4.0 * u],
         restoring_stiffness=[6.0],
         rayleigh=(C_M, C_K),
         scheme=SCHEME,
@@ -101,7 +101,7 @@ def test_modes_of_internal_forces_have_the_damping_ratio_that_was_asked_for():
         s = pm.Subdomain(
             M,
             None,
-            internal=lambda u, v, t, q: (K @ u, K),
+            internal=lambda t, u, v, q: (K @ u, K),
             damping_ratio=ratios,
             scheme=pm.Newmark(),
             u0=1e-3 * shape,
@@ -127,7 +127,7 @@ def test_a_structure_and_its_cut_have_the_same_damping():
     whole = net.subdomain(scheme=SCHEME, fixed=fixed, rayleigh=(C_M, C_K), u0=u0)
     force = net.subdomain(scheme=SCHEME, fixed=fixed).internal.forces
     free = u0[[2, 3, 6, 7]]
-    tangent = slope(lambda u: sum(f(u, 0.0 * u, 0.0, f.history)[0] for f in force), free)
+    tangent = slope(lambda u: sum(f(0.0, u, 0.0 * u, f.history)[0] for f in force), free)
     expected = C_M * dense(whole.M, 4) + C_K * tangent
     np.testing.assert_allclose(dense(whole.C, 4), expected, rtol=0, atol=1e-8 * C_K)
 

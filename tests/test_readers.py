@@ -420,7 +420,7 @@ def test_the_dof_file_of_calculix_gives_the_labels(written):
 def test_what_a_reader_returns_is_taken_as_a_matrix(written):
     K = read_abaqus(written("5,1, 5,1, 2.0\n5,1, 9,1, -1.0\n9,1, 9,1, 1.0\n"))
     M = read_abaqus(written("5,1, 5,1, 3.0\n9,1, 9,1, 4.0\n", "job_MASS1.mtx"))
-    s = pm.Subdomain(M, K, K, scheme=pm.Newmark())
+    s = pm.Subdomain(M, K, C=K, scheme=pm.Newmark())
     assert s.M.tolist() == [3.0, 4.0]
     for A in (s.K, s.C, pm.reduce(M, K, fixed=[]).K, symmetrized(K, 0.0)):
         assert A.toarray().tolist() == [[2.0, -1.0], [-1.0, 1.0]]

@@ -277,7 +277,7 @@ def test_an_exception_of_a_tangent_before_the_first_step_leaves_a_file_of_the_pr
     # a run that continues evaluates the tangents of an explicit subdomain for its critical step
     broken = []
 
-    def internal(u, v, t, q):
+    def internal(t, u, v, q):
         if broken:
             raise ZeroDivisionError
         return u**3, np.diag(3.0 * u**2)
@@ -369,7 +369,7 @@ def cut(x, name, last):
 def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_path):
     times = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         times.append(t)
         return u
 

@@ -31,7 +31,7 @@ def test_rows_and_columns_of_fixed_dofs_are_left_out_in_every_format(form):
     np.testing.assert_array_equal(whole_of(reduced.K), FULL[LEFT])
     np.testing.assert_array_equal(whole_of(reduced.C), 2.0 * FULL[LEFT])
     assert sp.issparse(reduced.K) == sp.issparse(form(FULL))
-    assert pm.Subdomain(reduced.M, reduced.K, reduced.C, scheme=pm.Newmark()).n == 3
+    assert pm.Subdomain(reduced.M, reduced.K, C=reduced.C, scheme=pm.Newmark()).n == 3
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def damped_chain(**scheme):
     K = 40.0 * (2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
     M = np.diag([1.0, 2.0, 1.5])
     start = {"u0": [1.0, 0.0, -0.5], "v0": [0.0, 2.0, 1.0]}
-    return Subdomain(M, K, 0.02 * M + 0.01 * K, **scheme, **start)
+    return Subdomain(M, K, C=0.02 * M + 0.01 * K, **scheme, **start)
 
 
 def uncoupled_errors(s, counts):
@@ -94,7 +94,7 @@ def three_step_residual(rho, h):
     m, c, k = 2.0, 0.4, 30.0
     scheme = alpha(rho)
     am, af, g, b = scheme["am"], scheme["af"], scheme["gamma"], scheme["beta"]
-    s = Subdomain(m * ONE, k * ONE, c * ONE, **scheme, u0=[1.0], v0=[2.0])
+    s = Subdomain(m * ONE, k * ONE, C=c * ONE, **scheme, u0=[1.0], v0=[2.0])
     u = run([s], FREE, h, 40).subdomains[0].u[:, 0]
     al = [am, 1 - 3 * am, -2 + 3 * am, 1 - am]
     ga = [af * (g - 1), -1 + 2 * af + g - 3 * g * af, 1 - af - 2 * g + 3 * g * af, (1 - af) * g]

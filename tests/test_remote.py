@@ -70,7 +70,7 @@ def test_the_number_of_calls_is_returned(served):
 
 
 def test_a_served_specimen_gives_the_run_of_a_local_one(served):
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         return 4.0 * u + 0.1 * v**3
 
     def run(restoring):

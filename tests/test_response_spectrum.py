@@ -98,7 +98,7 @@ def test_a_spectrum_is_that_of_runs_with_tiny_steps():
         oscillator = pm.Subdomain(
             [1.0],
             [omega**2],
-            [0.1 * omega],
+            C=[0.1 * omega],
             scheme=pm.Newmark(),
             force=pm.BaseAcceleration(record, [1.0], [1.0], dt=dt),
         )

@@ -31,7 +31,7 @@ class LoggedSpring:
     def __init__(self, fail_at=None):
         self.times, self.seen, self.fail_at = [], [], fail_at
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         self.times.append(t)
         self.seen.append((u, v))
         if len(self.times) == self.fail_at:
@@ -126,13 +126,13 @@ def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_agai
 
 
 def test_it_receives_copies():
-    def spoiling(u, v, t):
+    def spoiling(t, u, v):
         r = u**3 + v
         kept.append((u, v, u.copy(), v.copy()))
         return r
 
-    def spoiler(u, v, t):
-        r = spoiling(u, v, t)
+    def spoiler(t, u, v):
+        r = spoiling(t, u, v)
         u[:], v[:] = np.nan, np.inf
         return r
 
@@ -161,17 +161,17 @@ def test_reset_evaluates_anew_and_keeps_the_force():
 # ---- order ----------------------------------------------------------------------------------
 
 
-def duffing(u, v, t):
+def duffing(t, u, v):
     return u + u**3
 
 
-def damped(u, v, t):
+def damped(t, u, v):
     return u + (0.2 + u**2) * v
 
 
 def truth(restoring, t):
     def slope(t, x):
-        return [x[1], -restoring(x[0], x[1], t)]
+        return [x[1], -restoring(t, x[0], x[1])]
 
     # 1e-12: three digits below the smallest error measured here
     return solve_ivp(slope, (0.0, t), [1.0, 0.5], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
@@ -189,7 +189,7 @@ def cut(restoring, scheme, dt, coupling):
             [share],
             None,
             scheme=s,
-            restoring=lambda u, v, t, share=share: share * restoring(u, v, t),
+            restoring=lambda t, u, v, share=share: share * restoring(t, u, v),
             u0=[1.0],
             v0=[0.5],
         )
@@ -235,11 +235,11 @@ def test_coupled_with_equal_steps_it_is_of_order_two(scheme, restoring, coupling
 def test_with_exact_estimates_a_linear_force_is_the_implicit_step(scheme):
     K, C = np.array([[3.0, -1.0], [-1.0, 1.0]]), np.array([[0.4, 0.1], [0.1, 0.3]])
     common = dict(scheme=scheme, u0=[0.5, -0.2], v0=[0.1, 0.0])
-    linear = pm.Subdomain([1.0, 2.0], K, C, **common)
+    linear = pm.Subdomain([1.0, 2.0], K, C=C, **common)
     restored = pm.Subdomain(
         [1.0, 2.0],
         None,
-        restoring=lambda u, v, t: K @ u + C @ v,
+        restoring=lambda t, u, v: K @ u + C @ v,
         restoring_stiffness=K,
         restoring_damping=C,
         **common,
@@ -253,16 +253,16 @@ def test_with_exact_estimates_a_linear_force_is_the_implicit_step(scheme):
 def test_with_an_exact_estimate_linear_damping_is_the_implicit_one(scheme):
     C = np.array([[0.4, 0.1], [0.1, 0.3]])
     common = dict(scheme=scheme, u0=[0.5, -0.2], v0=[0.1, 0.0])
-    linear = pm.Subdomain([1.0, 2.0], [1.0, 2.0], C, **common)
+    linear = pm.Subdomain([1.0, 2.0], [1.0, 2.0], C=C, **common)
     restored = pm.Subdomain(
-        [1.0, 2.0], [1.0, 2.0], restoring=lambda u, v, t: C @ v, restoring_damping=C, **common
+        [1.0, 2.0], [1.0, 2.0], restoring=lambda t, u, v: C @ v, restoring_damping=C, **common
     )
     expected = pm.solve(linear, dt=0.5, t_end=20.0)
     np.testing.assert_allclose(pm.solve(restored, dt=0.5, t_end=20.0).u, expected.u, atol=1e-13)
 
 
 def test_a_stiff_force_in_an_implicit_subdomain_needs_an_estimate_and_is_stable_with_it():
-    def stiff(u, v, t):
+    def stiff(t, u, v):
         return 1e4 * u
 
     def run(**estimate):
@@ -297,7 +297,7 @@ def test_the_estimated_stiffness_counts_in_the_critical_step():
 
 def damped_chain(n, scheme, damping="lagged", rayleigh=0.01, **more):
     K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    return pm.Subdomain(np.ones(n), K, rayleigh * K, scheme=scheme, damping=damping, **more)
+    return pm.Subdomain(np.ones(n), K, C=rayleigh * K, scheme=scheme, damping=damping, **more)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=names)
@@ -329,7 +329,7 @@ def plate(n, **more):
     """A square grid of n x n springs with stiffness-proportional damping, explicit."""
     line = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
     K = sp.csr_array(sp.kron(line, sp.eye_array(n)) + sp.kron(sp.eye_array(n), line))
-    return pm.Subdomain(np.ones(n * n), K, 0.01 * K, scheme=CD, name="plate", **more)
+    return pm.Subdomain(np.ones(n * n), K, C=0.01 * K, scheme=CD, name="plate", **more)
 
 
 def test_a_factor_that_is_most_of_an_explicit_step_is_warned_of_with_its_size_and_a_remedy():
@@ -350,7 +350,7 @@ def test_a_factor_that_costs_little_is_not_warned_of():
     pm.Coupler([damped_chain(400, CD, damping="implicit")], dt=0.1)
     n = 30_000  # a long chain: its factor is no longer than its matrix
     K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
-    pm.Coupler([pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD)], dt=0.1)
+    pm.Coupler([pm.Subdomain(np.ones(n), K, C=0.1 * K, scheme=CD)], dt=0.1)
 
 
 def radius(subdomain, h):
@@ -377,7 +377,7 @@ def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
         K, C = (A @ A.T for A in rng.normal(size=(2, 4, 4)))
         M = rng.uniform(0.5, 2.0, 4)
         subdomain = pm.Subdomain(
-            M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=True), damping="lagged"
+            M, K, C=C, scheme=pm.GeneralizedAlpha(0.6, explicit=True), damping="lagged"
         )
         h = analysis.critical_step(subdomain)
         assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
@@ -386,14 +386,14 @@ def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
 
 def test_the_critical_step_of_a_damped_oscillator_is_the_closed_form():
     for xi in (0.01, 0.1, 1.0):
-        subdomain = pm.Subdomain([2.0], [18.0], [2.0 * xi * 6.0], scheme=CD, damping="lagged")
+        subdomain = pm.Subdomain([2.0], [18.0], C=[2.0 * xi * 6.0], scheme=CD, damping="lagged")
         expected = (2.0 * np.sqrt(1.0 + 4.0 * xi**2) - 4.0 * xi) / 3.0  # (C2), omega = 3
         assert analysis.critical_step(subdomain) == pytest.approx(expected, rel=1e-11)
 
 
 @pytest.mark.parametrize("scheme", IMPLICIT, ids=names)
 def test_an_implicit_subdomain_with_lagged_damping_has_a_critical_step_too(scheme):
-    subdomain = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
+    subdomain = pm.Subdomain([1.0], [1e-6], C=[2.0], scheme=scheme, damping="lagged")
     h = analysis.critical_step(subdomain)
     assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
     assert radius(subdomain, h * 1.001) > 1.0 + 1e-4
@@ -402,14 +402,14 @@ def test_an_implicit_subdomain_with_lagged_damping_has_a_critical_step_too(schem
 def test_a_long_chain_has_the_same_critical_step_by_lanczos():
     n = 400
     K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
-    subdomain = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
+    subdomain = pm.Subdomain(np.ones(n), K, C=0.1 * K, scheme=CD, damping="lagged")
     top = 2.0 - 2.0 * np.cos(np.pi * n / (n + 1))  # largest eigenvalue of K
     exact = (-0.4 * top + np.sqrt(0.16 * top**2 + 16.0 * top)) / (2.0 * top)  # (C2): Z_s = 1
     assert 0.997 * exact < analysis.critical_step(subdomain) <= exact
 
 
 def test_a_step_above_the_critical_one_of_lagged_damping_warns():
-    subdomain = pm.Subdomain([1.0], [1.0], [0.9], scheme=CD, damping="lagged")
+    subdomain = pm.Subdomain([1.0], [1.0], C=[0.9], scheme=CD, damping="lagged")
     with pytest.warns(pm.StabilityWarning, match="critical step"):
         pm.Coupler([subdomain], dt=1.0)  # 1 + 4 * 0.9 > 4
     pm.Coupler([subdomain], dt=0.8)
@@ -440,7 +440,7 @@ def failing_coupler(restoring):
     ],
 )
 def test_a_bad_value_is_an_error_that_names_subdomain_and_time(value, error, text):
-    def bad_later(u, v, t):
+    def bad_later(t, u, v):
         return u if t < 0.6 else value
 
     coupler = failing_coupler(bad_later)
@@ -448,7 +448,7 @@ def test_a_bad_value_is_an_error_that_names_subdomain_and_time(value, error, tex
         coupler.run(steps=5)
     assert coupler.step_count == 2
     with pytest.raises(error, match=r"restoring of subdomain 'rig' at t = 0: .*" + text):
-        failing_coupler(lambda u, v, t: value).step()
+        failing_coupler(lambda t, u, v: value).step()
 
 
 def test_a_force_that_calls_its_coupler_is_an_error_and_no_deadlock():
@@ -460,7 +460,7 @@ def test_a_force_that_calls_its_coupler_is_an_error_and_no_deadlock():
         lambda: coupler.multipliers,
     ]
     for call in calls:
-        coupler = failing_coupler(lambda u, v, t: call())  # noqa: B023
+        coupler = failing_coupler(lambda t, u, v: call())  # noqa: B023
         with pytest.raises(RuntimeError, match="being stepped"):
             coupler.step()
         assert coupler.step_count == 0
@@ -469,7 +469,7 @@ def test_a_force_that_calls_its_coupler_is_an_error_and_no_deadlock():
 def test_a_force_may_step_another_coupler():
     inner = failing_coupler(duffing)
 
-    def outer(u, v, t):
+    def outer(t, u, v):
         inner.step()
         return inner.state(0).u
 
@@ -505,7 +505,7 @@ def test_a_stiffness_may_be_missing_with_a_restoring_force_only():
 def test_lagged_damping_on_dofs_without_mass_is_refused():
     scheme = pm.GeneralizedAlpha(0.5)
     with pytest.raises(ValueError, match="damping must be 'implicit' where dofs have no mass"):
-        pm.Subdomain([1.0, 0.0], [1.0, 1.0], [0.1, 0.1], scheme=scheme, damping="lagged")
+        pm.Subdomain([1.0, 0.0], [1.0, 1.0], C=[0.1, 0.1], scheme=scheme, damping="lagged")
 
 
 def test_static_refuses_restoring_functions_which_may_be_specimens():

@@ -20,11 +20,11 @@ def compiled(function):
     return LowLevelCallable(RESTORING(function))
 
 
-def drag(u, v, t):
+def drag(t, u, v):
     return 0.3 * v * np.abs(v)
 
 
-def pull(u, v, t):
+def pull(t, u, v):
     return np.array([0.0, 0.5 * np.sin(3.0 * t), 0.7 * u[2] ** 3])
 
 
@@ -44,9 +44,9 @@ def compiled_dashpot(t, n, u, v, r, user):
 MIXED = [compiled_softening, drag, CUBIC, pull, compiled_dashpot]
 
 
-def whole(u, v, t):
+def whole(t, u, v):
     """The sum of `MIXED`, written once more."""
-    r = drag(u, v, t) + pull(u, v, t) + 0.5 * u / (1.0 + u * u)
+    r = drag(t, u, v) + pull(t, u, v) + 0.5 * u / (1.0 + u * u)
     r[0] += 3.0 * u[0] + 7.0 * u[0] ** 3
     r[1] += 0.2 * v[1]
     return r
@@ -103,7 +103,7 @@ def test_a_mixed_list_moves_the_structure_like_one_function_of_the_sum(coupling)
 
 
 def test_compiled_functions_alone_are_summed_too_in_any_thread():
-    def sum_of_both(u, v, t):
+    def sum_of_both(t, u, v):
         r = 0.5 * u / (1.0 + u * u)
         r[1] += 0.2 * v[1]
         return r
@@ -118,7 +118,7 @@ def test_compiled_functions_alone_are_summed_too_in_any_thread():
 def test_callables_are_summed_in_the_order_of_the_list():
     # 1 + 1e16 - 1e16 depends on the order: 0 or 1
     def constant(value):
-        return lambda u, v, t: np.array([value])
+        return lambda t, u, v: np.array([value])
 
     for values, expected in (((1.0, 1e16, -1e16), 0.0), ((1e16, -1e16, 1.0), 1.0)):
         part = pm.Subdomain(
@@ -130,10 +130,10 @@ def test_callables_are_summed_in_the_order_of_the_list():
 
 
 def test_a_function_that_is_twice_in_a_list_counts_twice():
-    def half(u, v, t):
+    def half(t, u, v):
         return 0.5 * u**3
 
-    def full(u, v, t):
+    def full(t, u, v):
         return u**3
 
     twice, once = run([half, half], "gc"), run(full, "gc")
@@ -159,7 +159,7 @@ def test_springs_with_a_history_and_functions_do_not_disturb_each_other():
     isolator = pm.BoucWen([0], k=40.0, fy=1.0, hardening=0.05)
     stop = pm.Gap([(1, -1)], k=30.0, gap=0.05)
 
-    def third(u, v, t):
+    def third(t, u, v):
         return np.array([0.0, 0.0, 4.0 * u[2] ** 3 + 0.1 * v[2]])
 
     def history(restoring):
@@ -183,7 +183,7 @@ def test_springs_with_a_history_and_functions_do_not_disturb_each_other():
     np.testing.assert_array_equal(mixed["part"].force, springs["part"].force)
     assert mixed["part"].force.shape[1] == 2 and np.abs(mixed["part"].force[:, 1]).max() > 0.0
     # per dof energies add; dofs 0 and 1 of `function` and dof 2 of `springs` move linearly
-    linear = history(lambda u, v, t: np.zeros(3)).energy
+    linear = history(lambda t, u, v: np.zeros(3)).energy
     for x in ("strain", "dissipated"):
         parts = [getattr(e, x) for e in (springs.energy, function.energy)]
         # sums of 250 numbers below 10
@@ -200,7 +200,7 @@ def test_each_function_is_evaluated_once_at_the_start_and_once_per_substep(coupl
     calls = []
 
     def logged(name):
-        return lambda u, v, t: calls.append((name, t)) or np.zeros(3)
+        return lambda t, u, v: calls.append((name, t)) or np.zeros(3)
 
     def logged_compiled(name):
         return compiled(lambda t, n, u, v, r, user: calls.append((name, t)) or 0)
@@ -217,7 +217,7 @@ def test_each_function_is_evaluated_once_at_the_start_and_once_per_substep(coupl
 
 
 def test_what_a_function_writes_into_its_arguments_does_not_reach_the_next():
-    def scribble(u, v, t):
+    def scribble(t, u, v):
         u[:], v[:] = 1e6, -1e6
         return np.zeros(3)
 
@@ -237,14 +237,14 @@ def test_functions_may_return_the_same_array():
     shared = np.zeros(3)
 
     def fill(value):
-        def evaluate(u, v, t):
+        def evaluate(t, u, v):
             shared[:] = value * u
             return shared
 
         return evaluate
 
     history = run([fill(1.0), fill(2.0)], "gc")
-    expected = run([lambda u, v, t: 1.0 * u, lambda u, v, t: 2.0 * u], "gc")
+    expected = run([lambda t, u, v: 1.0 * u, lambda t, u, v: 2.0 * u], "gc")
     np.testing.assert_array_equal(history["a"].u, expected["a"].u)
 
 
@@ -274,7 +274,7 @@ def test_a_code_of_one_compiled_function_stops_the_run_which_can_go_on(threads):
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_an_exception_of_one_callable_reaches_the_caller(threads):
-    def breaks(u, v, t):
+    def breaks(t, u, v):
         if t > 0.2:
             raise ArithmeticError("the actuator is at its end")
         return np.zeros(3)
@@ -286,7 +286,7 @@ def test_an_exception_of_one_callable_reaches_the_caller(threads):
 
 
 def test_a_wrong_value_names_the_item_of_the_list():
-    coupler = coupled([CUBIC, drag, lambda u, v, t: [1.0, 2.0]])
+    coupler = coupled([CUBIC, drag, lambda t, u, v: [1.0, 2.0]])
     text = r"restoring\[2\] of subdomain 'a' at t = 0: its value must have shape \(3,\), got \(2,\)"
     with pytest.raises(ValueError, match=text):
         coupler.step(1)
@@ -322,7 +322,7 @@ def test_the_critical_step_counts_an_estimate_and_the_largest_tangents():
     def step(**options):
         return analysis.critical_step(pm.Subdomain([1.0], [4.0], **common, **options))
 
-    soft = [gap, lambda u, v, t: 7.0 * u]
+    soft = [gap, lambda t, u, v: 7.0 * u]
     assert step(restoring=soft) == pytest.approx(2.0 / np.sqrt(4.0 + 5.0), rel=1e-14)
     known = step(restoring=soft, restoring_stiffness=[7.0])
     assert known == pytest.approx(2.0 / np.sqrt(4.0 + 5.0 + 7.0), rel=1e-14)
@@ -337,7 +337,7 @@ def one_dof(restoring, **options):
 
 def test_a_stiff_function_beside_springs_adds_energy():
     soft = pm.CubicSpring([0], k=1.0, k3=0.0)
-    halves = [lambda u, v, t: 5e3 * u, soft, lambda u, v, t: 5e3 * u]
+    halves = [lambda t, u, v: 5e3 * u, soft, lambda t, u, v: 5e3 * u]
     coupler = one_dof(halves)
     # omega = 100 of both halves together
     with pytest.warns(pm.StabilityWarning, match="forces of subdomain 'rig' have added energy"):
@@ -347,7 +347,7 @@ def test_a_stiff_function_beside_springs_adds_energy():
 
 def test_where_a_function_has_no_estimate_the_stiffness_counts_as_unknown():
     springs = pm.CubicSpring([0], k=4.0, k3=0.0)
-    mixture = [springs, lambda u, v, t: 3.0 * u]
+    mixture = [springs, lambda t, u, v: 3.0 * u]
     with pytest.raises(ValueError, match="needs restoring_stiffness .* got none for 'rig'"):
         one_dof(mixture).modes(1)
     omega, _ = one_dof(mixture, restoring_stiffness=[7.0]).modes(1)

@@ -17,7 +17,7 @@ def oscillator(restoring, *, k, c=0.0, k_r=None, u0=1.0, v0=0.0):
     return pm.Subdomain(
         [1.0],
         [k],
-        [c] if c else None,
+        C=[c] if c else None,
         scheme=pm.CentralDifference(),
         damping="lagged" if c else "implicit",
         u0=[u0],
@@ -87,7 +87,7 @@ def test_with_damping_there_is_a_critical_delay(share, grows):
 def test_a_dashpot_as_specimen_has_a_critical_delay(share, grows):
     m, k, c_e = 1.0, 100.0, 2.0
     w = (c_e + np.sqrt(c_e**2 + 4.0 * m * k)) / (2.0 * m)
-    late = rig.SimulatedActuator(lambda u, v, t: c_e * v, delay=share * np.pi / (2.0 * w))
+    late = rig.SimulatedActuator(lambda t, u, v: c_e * v, delay=share * np.pi / (2.0 * w))
     assert (growth(late, k, k, end=8.0) > 1.0) == grows
 
 
@@ -116,7 +116,7 @@ def test_the_dynamics_are_those_of_the_transfer_function(order):
     assert np.abs(response.measured - expected).max() < 1e-10
     velocity = []
     probe = rig.SimulatedActuator(
-        lambda u, v, t: velocity.append(v[0]) or u, order=order, frequency=8.0, damping=damping
+        lambda t, u, v: velocity.append(v[0]) or u, order=order, frequency=8.0, damping=damping
     )
     probe.respond(command, 0.002)
     # differences over two steps of a curve with corners in its slope, of the first order: w h = 0.1
@@ -208,7 +208,7 @@ def test_the_adaptive_compensation_finds_a_delay_and_an_amplitude(guess):
     h = 1 / 512
     d = motion(h, 6.0)
 
-    def weak(u, v, t):  # measures 0.9 of what it was sent
+    def weak(t, u, v):  # measures 0.9 of what it was sent
         return u, 0.9 * u
 
     late = rig.SimulatedActuator(weak, delay=0.02)
@@ -223,7 +223,7 @@ def test_the_adaptive_compensation_finds_a_delay_and_an_amplitude(guess):
 def test_the_adaptive_compensation_needs_what_was_measured():
     with pytest.raises(TypeError, match="must return the measured displacement"):
         rig.Compensated([spring()], 0.02, "adaptive")
-    alone = rig.Compensated(lambda u, v, t: u, 0.02, "adaptive")
+    alone = rig.Compensated(lambda t, u, v: u, 0.02, "adaptive")
     with pytest.raises(TypeError, match=r"must return \(r, x\).*got r alone"):
         alone.respond([0.0, 1.0], 0.01)
     mass = pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), restoring=alone, name="m")
@@ -240,7 +240,7 @@ class Late:
     def __init__(self, k, begin):
         self.k, self.before = k, np.array(begin)
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         r, self.before = self.k * self.before, u
         return r
 
@@ -268,7 +268,7 @@ KINDS = [
     ("gc", {}),
     (
         "gc",
-        dict(substeps=1, internal=pm.InternalForce(lambda u, v, t, q: (u**3, np.diag(3 * u**2)))),
+        dict(substeps=1, internal=pm.InternalForce(lambda t, u, v, q: (u**3, np.diag(3 * u**2)))),
     ),
     ("pm", dict(substeps=1, double_step=False)),
 ]
@@ -302,7 +302,7 @@ def complete():
 def test_the_state_is_saved_restored_and_kept_by_what_fails(tmp_path):
     fails = [False]
 
-    def failing(u, v, t):
+    def failing(t, u, v):
         if fails[0] and t > 0.75:
             raise RuntimeError("torn off")
         return 0.0 * u
@@ -360,8 +360,8 @@ def test_another_actuator_is_another_problem_and_other_steps_are_refused(tmp_pat
 
 
 def test_a_specimen_may_return_what_was_measured():
-    plain = problem(lambda u, v, t: 3.0 * u, "pm").run(1.0)
-    both = problem(lambda u, v, t: (3.0 * u, 0.0 * u), "pm").run(1.0)
+    plain = problem(lambda t, u, v: 3.0 * u, "pm").run(1.0)
+    both = problem(lambda t, u, v: (3.0 * u, 0.0 * u), "pm").run(1.0)
     np.testing.assert_array_equal(plain["rig"].u, both["rig"].u)
 
 
@@ -393,7 +393,7 @@ def test_dynamics_that_are_far_faster_than_the_step_are_refused():
 
 
 def test_bad_specimens_and_methods_are_refused():
-    for wrong in (3.0, None, [], [spring(), lambda u, v, t: u], [[spring()]]):
+    for wrong in (3.0, None, [], [spring(), lambda t, u, v: u], [[spring()]]):
         with pytest.raises(TypeError, match="specimen must be a callable"):
             rig.SimulatedActuator(wrong)
     with pytest.raises(ValueError, match="method must be"):

@@ -46,7 +46,7 @@ def test_a_rig_is_recorded_on_request_only():
     assert coupler.run(0.125)["building"].rig is None
     assert coupler.run(0.25, record={}, rig=True)["building"].rig.sent.shape == (513, 1)
     with pytest.raises(ValueError, match="rig must be False without a specimen"):
-        pm.Coupler([numerical(1, Plant(), lambda u, v, t: u, BRIEF)], dt=H).run(0.125, rig=True)
+        pm.Coupler([numerical(1, Plant(), lambda t, u, v: u, BRIEF)], dt=H).run(0.125, rig=True)
 
 
 @GROWS
@@ -54,7 +54,7 @@ def test_rigs_of_several_specimens_are_recorded_side_by_side(tmp_path):
     two = [actuator(dofs=[0]), rig.Linkage(actuator(dofs=[2]), [[-2.0]])]
     M, C, K = np.eye(3) * 1e3, np.eye(3) * 1e4, np.eye(3) * 1e7
     one = pm.Subdomain(
-        M, K, C, scheme=pm.CentralDifference(), restoring=two, u0=[1e-3, 2e-3, 3e-3], name="s"
+        M, K, C=C, scheme=pm.CentralDifference(), restoring=two, u0=[1e-3, 2e-3, 3e-3], name="s"
     )
     coupler = pm.Coupler([one], dt=H)
     history = coupler.run(steps=40, rig=True)
@@ -188,7 +188,7 @@ def test_a_step_that_fails_leaves_the_rig_as_it_was():
         building = pm.Subdomain(
             building.M,
             building.K,
-            building.C,
+            C=building.C,
             scheme=pm.CentralDifference(),
             force=force,
             restoring=building.restoring,
@@ -307,7 +307,7 @@ def test_margins_against_dead_time_are_those_of_an_independent_loop(case, feedba
 def test_what_is_not_known_is_not_judged():
     adaptive = rig.Compensated(actuator(), 0.024, "adaptive")
     pm.Coupler([numerical(1, Plant(), adaptive)], dt=H)  # no warning: it adapts
-    pm.Coupler([numerical(1, Plant(), [actuator(), lambda u, v, t: 0.0 * u])], dt=H)
+    pm.Coupler([numerical(1, Plant(), [actuator(), lambda t, u, v: 0.0 * u])], dt=H)
     with pytest.warns(pm.StabilityWarning, match="grows as exp"):
         pm.Coupler([numerical(1, Plant(), actuator(delay=0.01))], dt=H)
 
@@ -358,16 +358,16 @@ def test_the_multi_axial_frame_by_subdomains_is_the_whole_frame(rho, tolerance):
     force = pm.SampledForce(ground, h, shape=-load)
     scheme = pm.GeneralizedAlpha(rho)
 
-    whole = pm.Subdomain(M, K, C, scheme=scheme, force=force, name="whole")
+    whole = pm.Subdomain(M, K, C=C, scheme=scheme, force=force, name="whole")
     rest = pm.Subdomain(
         M - E @ mass @ E.T,
         K - E @ part @ E.T,
-        C - E @ damping @ E.T,
+        C=C - E @ damping @ E.T,
         scheme=scheme,
         force=force,
         name="rest",
     )
-    bay = pm.Subdomain(mass, part, damping, scheme=scheme, name="bay")
+    bay = pm.Subdomain(mass, part, C=damping, scheme=scheme, name="bay")
     ties = [pm.tie("rest", at, "bay", [0, 1, 2])]
     expected = pm.Coupler([whole], dt=h).run(6.0)["whole"].u
     history = pm.Coupler([rest, bay], ties, dt=h, coupling="gc").run(6.0)

@@ -502,7 +502,7 @@ BAD = {
     "model must have zeros with negative": lambda: rig.Compensated(
         zero_on_the_right(), method="model"
     ),
-    "model must be a LinearActuator": lambda: rig.Compensated(lambda u, v, t: u, method="model"),
+    "model must be a LinearActuator": lambda: rig.Compensated(lambda t, u, v: u, method="model"),
     "bandwidth must be positive": lambda: rig.Compensated(
         actuator(), method="model", bandwidth=0.0
     ),

@@ -202,7 +202,7 @@ def test_a_column_of_opensees_is_a_specimen(kind, n):
 
     with specimen(kind) as (there, _):
         u = run(there)
-    whole = run(lambda u, v, t: K @ u)
+    whole = run(lambda t, u, v: K @ u)
     assert np.abs(u - whole).max() < 1e-9 * np.abs(whole).max()
 
 
@@ -211,7 +211,7 @@ def test_opensees_that_is_killed_is_named_by_the_server():
         def __init__(self):
             self.process, self.calls = None, 0
 
-        def __call__(self, u, v, t):
+        def __call__(self, t, u, v):
             self.calls += 1
             if self.calls == 20:
                 self.process.send_signal(signal.SIGKILL)

@@ -86,7 +86,7 @@ def run(restoring, t_end=0.5):
 # ---- what is served ------------------------------------------------------------------------------
 
 
-def specimen(u, v, t):
+def specimen(t, u, v):
     return 4.0 * u + 0.1 * v**3 + 0.01 * np.sin(t)
 
 
@@ -177,12 +177,12 @@ def test_a_served_subdomain_gives_its_force_and_its_matrices():
     own = pm.Subdomain(
         [5.0, 7.0],
         K,
-        C,
+        C=C,
         symmetric=False,
         scheme=pm.Newmark(),
         internal=[
             pm.CubicSpring([0], k=1.0, k3=2.0),
-            lambda u, v, t, q: (u**3, np.diag(3.0 * u**2)),
+            lambda t, u, v, q: (u**3, np.diag(3.0 * u**2)),
         ],
         name="own",
     )
@@ -204,7 +204,7 @@ class Committing:
     def __init__(self):
         self.evaluated, self.committed = [], []
 
-    def __call__(self, u, v, t):
+    def __call__(self, t, u, v):
         self.evaluated.append(u[0])
         return 2.0 * u, 0.5 * u
 
@@ -231,7 +231,7 @@ def test_a_function_is_evaluated_once_for_each_trial_and_told_which_one_was_acce
 
 
 def structure(command, coupling="gc", substeps=1):
-    lower = pm.Subdomain([2.0], [30.0], [0.4], scheme=pm.Newmark(), name="lower")
+    lower = pm.Subdomain([2.0], [30.0], C=[0.4], scheme=pm.Newmark(), name="lower")
     upper = pm.Subdomain([1.0], [20.0], scheme=pm.Newmark(), substeps=substeps, name="upper")
     ties = [pm.tie(lower, [0], upper, [0]), pm.Constraint({lower: [[1.0]]}, velocity=command)]
     return pm.Coupler([lower, upper], ties, dt=0.05, coupling=coupling)
@@ -324,7 +324,7 @@ def test_a_coupler_needs_velocities():
 
 def test_what_cannot_be_served_is_refused_before_it_listens():
     heard = []
-    late = rig.SimulatedActuator(lambda u, v, t: u)
+    late = rig.SimulatedActuator(lambda t, u, v: u)
     for wrong in (3.0, None, [], [specimen], late, [late]):
         with pytest.raises(TypeError, match="what must be a Subdomain, a Coupler, springs, or"):
             rig.serve(wrong, announce=heard.append)
@@ -397,7 +397,7 @@ def test_a_client_that_announces_nonsense_is_turned_away(head, message, caplog):
     ],
 )
 def test_a_client_that_misbehaves_ends_the_server(behaviour, error, message):
-    with served(lambda u, v, t: 4.0 * u) as (address, results):
+    with served(lambda t, u, v: 4.0 * u) as (address, results):
         with peer("drive", address[1], behaviour, 1) as process:
             process.wait(waits.LIMIT)
     with pytest.raises(error, match=message):
@@ -567,7 +567,7 @@ def test_a_client_of_many_dofs_takes_no_memory_before_it_asks_for_a_matrix():
 @pytest.mark.parametrize("k", [0, 1, 4, 7])
 def test_a_client_that_is_killed_is_named(k):
     behaviour = ("die", "half")[k % 2]
-    with served(lambda u, v, t: 4.0 * u) as (address, results):
+    with served(lambda t, u, v: 4.0 * u) as (address, results):
         with peer("drive", address[1], behaviour, k):
             waits.until(lambda: results)
     with pytest.raises(ConnectionError, match="closed the connection|was lost"):
@@ -583,7 +583,7 @@ KILLS = [k if k in (1, 2, 7) else pytest.param(k, marks=pytest.mark.campaign) fo
 def test_a_coupler_that_is_killed_is_named_by_the_server_of_its_specimen(k):
     commands = []
 
-    def specimen(u, v, t):
+    def specimen(t, u, v):
         commands.append(t)
         return 4.0 * u
 
@@ -608,7 +608,7 @@ def test_a_served_specimen_that_is_killed_leaves_the_coupler_at_its_last_macro_s
 
 
 def test_a_client_that_ends_is_no_error():
-    with served(lambda u, v, t: 4.0 * u) as (address, results):
+    with served(lambda t, u, v: 4.0 * u) as (address, results):
         with peer("drive", address[1], "end", 5):
             waits.until(lambda: results)
     assert results == [5]
@@ -625,7 +625,7 @@ def test_a_rig_that_is_killed_leaves_the_coupler_at_its_last_macro_step(k):
         done = (3 * k - 2) // 4  # one evaluation at t = 0, four in each macro step
         assert coupler.step_count == done and there.calls == 3 * k - 1
         assert coupler.last_history is None or coupler.last_history.macro_times.size == done + 1
-        local = pm.Coupler([mass(lambda u, v, t: 4.0 * u, substeps=4)], dt=0.04)
+        local = pm.Coupler([mass(lambda t, u, v: 4.0 * u, substeps=4)], dt=0.04)
         local.step(done)
         np.testing.assert_array_equal(coupler.state("m").u, local.state("m").u)
         with pytest.raises(ConnectionError, match="the connection to the rig is closed"):
@@ -668,7 +668,7 @@ def test_without_a_rig_there_is_no_connection():
 
 
 def test_an_exception_of_a_served_function_ends_both_sides():
-    def broken(u, v, t):
+    def broken(t, u, v):
         raise RuntimeError("torn off")
 
     with served(broken) as (address, results):

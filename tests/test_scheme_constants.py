@@ -77,14 +77,15 @@ def rng_matrices(n, seed):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(n, n))
     B = rng.normal(size=(n, n))
-    return np.diag(rng.uniform(1.0, 2.0, n)), A @ A.T + np.eye(n), 0.1 * B @ B.T
+    M, K, C = np.diag(rng.uniform(1.0, 2.0, n)), A @ A.T + np.eye(n), 0.1 * B @ B.T
+    return {"M": M, "K": K, "C": C}
 
 
 def tied(scheme=None, coupling="gc", substeps=(1, 2), **options):
     """Three and two dofs, tied at one."""
     a, b = (
         pm.Subdomain(
-            *rng_matrices(n, seed),
+            **rng_matrices(n, seed),
             scheme=BackwardEuler() if scheme is None else scheme,
             substeps=count,
             u0=np.zeros(n),

@@ -32,9 +32,9 @@ def test_the_tangent_of_the_page_is_the_derivative_of_its_force(page):
     evaluate, n = page["evaluate"], len(page["free"])
     rng = np.random.default_rng(1)
     u, direction = rng.uniform(-1e-3, 1e-3, n), rng.uniform(-1.0, 1.0, n)
-    f, K = evaluate(u, np.zeros(n), 0.0, np.zeros(0))
+    f, K = evaluate(0.0, u, np.zeros(n), np.zeros(0))
     h = 1e-7
-    sides = [evaluate(u + s * h * direction, None, 0.0, None)[0] for s in (1, -1)]
+    sides = [evaluate(0.0, u + s * h * direction, None, None)[0] for s in (1, -1)]
     # central differences: rounding of f over h, and h^2 over the square of an edge, both 1e-9
     expected = (sides[0] - sides[1]) / (2 * h)
     np.testing.assert_allclose(K @ direction, expected, atol=1e-7 * np.abs(expected).max())
@@ -62,7 +62,7 @@ def test_a_constant_deformation_of_quadratic_triangles_has_its_stress(page):
         axis[basis.get_dofs(elements=np.arange(basis.mesh.nelements)).all(f"u^{i + 1}")] = i
     assert set(axis) == {0, 1}
     u = ((STRETCH - np.eye(2)) @ X)[axis, every]
-    f, _ = page["neo_hookean"](basis, LAM, MU, every)(u, None, 0.0, None)
+    f, _ = page["neo_hookean"](basis, LAM, MU, every)(0.0, u, None, None)
     inverse = np.linalg.inv(STRETCH).T
     P = MU * (STRETCH - inverse) + LAM * np.log(np.linalg.det(STRETCH)) * inverse
     # virtual work of a linear field: sum_a f_ai X_aJ = P_iJ V
@@ -83,7 +83,7 @@ def test_on_hexahedra_the_forms_of_the_page_are_nonlinear_solid(page):
     theirs = basis.nodal_dofs.T.ravel()[free]  # the numbers of our dofs in scikit-fem
     evaluate = page["neo_hookean"](basis, LAM, MU, theirs)
     u = np.random.default_rng(2).uniform(-0.005, 0.005, free.size)
-    f, K = evaluate(u, None, 0.0, None)
+    f, K = evaluate(0.0, u, None, None)
     ours, K_ours, _, _ = block.internal[0].reduced(free)(u)
     scale = np.abs(K_ours.data).max()
     # rounding; F - F^-T cancels a digit, and displacements are 0.005

@@ -94,8 +94,8 @@ def test_a_mask_is_placed_in_the_reduced_numbers():
 
 
 def test_numbers_are_the_matrices_of_one_dof():
-    short = pm.Subdomain(2, 8.0, 0.1, scheme=SOFT, u0=1, v0=np.float64(0.5))
-    long = pm.Subdomain([2.0], [8.0], [0.1], scheme=SOFT, u0=[1.0], v0=[0.5])
+    short = pm.Subdomain(2, 8.0, C=0.1, scheme=SOFT, u0=1, v0=np.float64(0.5))
+    long = pm.Subdomain([2.0], [8.0], C=[0.1], scheme=SOFT, u0=[1.0], v0=[0.5])
     assert short.n == 1
     u, wanted = (pm.solve(x, dt=0.01, steps=100).u for x in (short, long))
     np.testing.assert_array_equal(u, wanted)
@@ -276,8 +276,8 @@ def test_a_prescribed_velocity_of_one_row_is_a_number(velocity):
 
 def test_a_restoring_force_of_one_dof_is_a_number():
     options = dict(restoring_stiffness=1.0, u0=1.0)
-    short = one(None, restoring=lambda u, v, t: float(u[0]), **options)
-    long = one(None, restoring=lambda u, v, t: u, **options)
+    short = one(None, restoring=lambda t, u, v: float(u[0]), **options)
+    long = one(None, restoring=lambda t, u, v: u, **options)
     ours, theirs = (pm.solve(s, 0.1, steps=5).u for s in (short, long))
     assert np.array_equal(ours, theirs)
 

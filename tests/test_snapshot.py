@@ -20,7 +20,7 @@ DAMPED = pm.GeneralizedAlpha(0.5)
 def nonlinear(coupling, tangent="full", threads=None):
     """An iterated subdomain with a history, iterated springs, and explicit ones with springs."""
 
-    def friction(u, v, t, q):
+    def friction(t, u, v, q):
         f = np.clip(50.0 * (u - q), -1.0, 1.0)
         return f, np.where(np.abs(f) < 1.0, 50.0, 0.0), None, u - f / 50.0
 

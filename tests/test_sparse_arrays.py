@@ -69,10 +69,10 @@ CASES = [(form, name) for form, damages in DAMAGES.items() for name in damages]
 CALLS = {
     "K": lambda A: pm.Subdomain(np.ones(N), A, scheme=pm.Newmark()),
     "M": lambda A: pm.Subdomain(A, np.ones(N), scheme=pm.Newmark()),
-    "C": lambda A: pm.Subdomain(np.ones(N), np.ones(N), A, scheme=pm.Newmark()),
+    "C": lambda A: pm.Subdomain(np.ones(N), np.ones(N), C=A, scheme=pm.Newmark()),
     "L": lambda A: pm.Constraint({pm.Subdomain(np.ones(N), np.ones(N), scheme=pm.Newmark()): A}),
     "reduce": lambda A: pm.reduce(np.ones(N), A, fixed=[0]),
-    "pattern": lambda A: pm.InternalForce(lambda u, v, t, q: (u, PLAIN), pattern=A),
+    "pattern": lambda A: pm.InternalForce(lambda t, u, v, q: (u, PLAIN), pattern=A),
     "symmetrized": lambda A: pm.readers.symmetrized(A, tol=0.1),
     "completed": lambda A: pm.readers.completed(A),
 }

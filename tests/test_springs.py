@@ -125,7 +125,7 @@ def test_a_cubic_spring_equals_its_python_counterpart(scheme):
     python = pm.Subdomain(
         [1.0, 1.5],
         None,
-        restoring=lambda u, v, t: u * (np.array([1.0, 2.0]) + np.array([1.0, 0.5]) * u * u),
+        restoring=lambda t, u, v: u * (np.array([1.0, 2.0]) + np.array([1.0, 0.5]) * u * u),
         restoring_stiffness=[1.0, 2.0],
         **common,
     )
@@ -213,7 +213,7 @@ def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
     uncut = pm.Subdomain(
         M,
         K,
-        C,
+        C=C,
         scheme=IMPLICIT,
         restoring=pm.BoucWen([0], **isolator),
         force=pm.BaseAcceleration(record, np.ones(3), M, dt=step),
@@ -224,7 +224,7 @@ def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
     frame = pm.Subdomain(
         half,
         K,
-        C,
+        C=C,
         scheme=IMPLICIT,
         force=pm.BaseAcceleration(record, np.ones(3), half, dt=step),
         name="frame",
@@ -291,7 +291,7 @@ def test_each_chain_of_a_double_step_subdomain_has_its_own_history(coupling):
 
 
 def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
-    def counted(u, v, t):  # in the middle of a macro step, when springs have moved
+    def counted(t, u, v):  # in the middle of a macro step, when springs have moved
         if 1.01 < t < 1.04 and fails.pop(0):
             raise ArithmeticError
         return 0.0 * u

@@ -14,7 +14,7 @@ EXPLICIT = pm.CentralDifference()
 def hardening(calls=None):
     """2 u + u^3 on one dof; the tangent is 2 + 3 u^2."""
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         if calls is not None:
             calls.append((u.copy(), t))
         return 2.0 * u + u**3, 2.0 + 3.0 * u**2
@@ -49,7 +49,7 @@ def test_the_default_is_that_of_the_initial_displacements():
 
 
 def test_the_tangent_follows_velocity_and_history():
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         stiffness = 1.0 + 3.0 * v**2 + 5.0 * q
         return stiffness * u, stiffness, None, q
 
@@ -145,7 +145,7 @@ def test_a_warning_as_an_error_leaves_the_coupler():
 def chain(dt, gap):
     """An explicit chain behind an implicit mass, so that its elimination order is its own."""
 
-    def evaluate(u, v, t, q):
+    def evaluate(t, u, v, q):
         k = np.where(np.abs(q) > 0.05, 4e3, 1.0)  # stiffens for good once it has moved
         return k * u, k, None, np.maximum(np.abs(u), q)
 

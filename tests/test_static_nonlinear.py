@@ -142,7 +142,7 @@ def test_a_cable_hangs_so_that_its_force_carries_its_weight(options):
 def test_a_compiled_force_and_a_python_one_are_evaluated_together():
     """d + d^3 = 1 between the dofs, and u_1 + u_1^3 = 1 at the second one: both are the same."""
 
-    def at_second(u, v, t, q):
+    def at_second(t, u, v, q):
         return np.array([0.0, u[1] + u[1] ** 3]), np.array([0.0, 1.0 + 3.0 * u[1] ** 2])
 
     internal = [compiled(history=[0.0]), at_second]
@@ -302,7 +302,7 @@ def test_a_load_above_the_strength_does_not_converge():
 
 
 def test_a_wrong_tangent_does_not_converge_and_the_subdomain_is_named():
-    def wrong(u, v, t, q):
+    def wrong(t, u, v, q):
         return 50.0 * u + 50.0 * u**3, 1e-3 * np.ones(1)
 
     a = pm.Subdomain([1.0], None, scheme=IMPLICIT, internal=wrong, force=[5.0], name="wrong")
@@ -317,7 +317,7 @@ def test_a_wrong_tangent_does_not_converge_and_the_subdomain_is_named():
 
 
 def test_bad_arguments_and_exceptions_leave_the_coupler():
-    def failing(u, v, t, q):
+    def failing(t, u, v, q):
         if u[0] > 0.1:
             raise ZeroDivisionError
         return 4.0 * u, np.full(1, 4.0)
@@ -354,7 +354,7 @@ def test_linear_structures_given_as_internal_forces_have_their_linear_equilibriu
     F = 10.0 ** rng.uniform(-3.0, 3.0) * rng.normal(size=n)
     L = np.eye(n)[rng.permutation(n)[:p]] if rng.integers(2) else rng.normal(size=(p, n))
     how = dict(scheme=pm.Newmark(), force=F, name="s")
-    s = pm.Subdomain(np.ones(n), None, internal=lambda u, v, t, q: (K @ u, K), **how)
+    s = pm.Subdomain(np.ones(n), None, internal=lambda t, u, v, q: (K @ u, K), **how)
     u = pm.Coupler([s], [pm.Constraint({s: L})] if p else [], dt=0.01).static()["s"]
     saddle = np.block([[K, -L.T], [L, np.zeros((p, p))]])
     expected = np.linalg.solve(saddle, np.concatenate([F, np.zeros(p)]))[:n]

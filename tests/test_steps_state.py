@@ -358,7 +358,7 @@ def test_iterated_linear_forces_equal_linear_subdomains_over_changes(coupling, t
             pm.Subdomain(
                 M[i],
                 None if internal else K[i],
-                internal=(lambda u, v, t, q, S=K[i]: (S @ u, S)) if internal else None,
+                internal=(lambda t, u, v, q, S=K[i]: (S @ u, S)) if internal else None,
                 scheme=pm.GeneralizedAlpha(RHO),
                 substeps=1 + i,
                 u0=U0[i],

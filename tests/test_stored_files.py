@@ -19,7 +19,7 @@ TOLERANCE = 1e-10
 KINDS = ("pm", "macro", "mean")  # couplings
 
 
-def plastic(u, v, t, q):
+def plastic(t, u, v, q):
     """Elastic, perfectly plastic: q the plastic displacement, yield force 1."""
     trial = 30.0 * (u - q)
     force = np.clip(trial, -1.0, 1.0)
@@ -42,7 +42,7 @@ def coupler(kind):
     frame = pm.Subdomain(
         np.ones(3),
         K,
-        None if kind == "mean" else 0.01 * K,  # which grows there
+        C=None if kind == "mean" else 0.01 * K,  # which grows there
         scheme=soft,
         force=pm.BaseAcceleration(record, np.ones(3), np.ones(3), dt=0.03),
         v0=np.full(3, 4.0),

@@ -339,8 +339,8 @@ def chain(**options):
         ({}, [0], {"modes": 5}, ValueError, "modes must be at most 4, got 5"),
         ({}, [0], {"modes": -1}, ValueError, "modes must be at least 0, got -1"),
         ({}, [0], {"omega": 0.0}, ValueError, "omega must be positive, got 0.0"),
-        ({"restoring": lambda u, v, t: u}, [0], {"modes": 1}, ValueError, "got functions"),
-        ({"internal": lambda u, v, t, q: (u, 1)}, [0], {"modes": 1}, ValueError, "got functions"),
+        ({"restoring": lambda t, u, v: u}, [0], {"modes": 1}, ValueError, "got functions"),
+        ({"internal": lambda t, u, v, q: (u, 1)}, [0], {"modes": 1}, ValueError, "got functions"),
         ({"restoring": pm.Gap([2], k=1.0, gap=1.0)}, [0], {"modes": 1}, ValueError, "springs on 2"),
         ({"internal": pm.Gap([2], k=1.0, gap=1.0)}, [0], {"modes": 1}, ValueError, "springs on 2"),
     ],
@@ -358,7 +358,7 @@ def test_a_subdomain_that_floats_with_the_kept_dofs_fixed_is_refused():
             s.reduced(keep, modes=0)
     s.reduced(structure.dofs([0, 34]), modes=0)
     with pytest.raises(ValueError, match="K must not be zero for a reduction"):
-        pm.Subdomain([1.0], None, scheme=SCHEME, restoring=lambda u, v, t: u).reduced([0], modes=0)
+        pm.Subdomain([1.0], None, scheme=SCHEME, restoring=lambda t, u, v: u).reduced([0], modes=0)
 
 
 def test_a_compiled_force_is_refused():

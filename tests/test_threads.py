@@ -70,7 +70,7 @@ def double_and_fine(coupling="pm", **options):
     """A coarse implicit subdomain with double steps, two fine ones, all loaded."""
     n = 30
     a = pm.Subdomain(
-        np.ones(n), chain(n), 0.01 * chain(n), scheme=IMPLICIT, substeps=2,
+        np.ones(n), chain(n), C=0.01 * chain(n), scheme=IMPLICIT, substeps=2,
         force=pm.SampledForce(np.sin(np.arange(200.0)), 0.07, shape=np.ones(n)), name="a",
     )  # fmt: skip
     b, c = (
@@ -83,7 +83,7 @@ def double_and_fine(coupling="pm", **options):
     return pm.Coupler([a, b, c], ties, dt=0.5, coupling=coupling, **options)
 
 
-def sums(u, v, t):
+def sums(t, u, v):
     return 0.1 * u + 0.01 * v
 
 
@@ -272,7 +272,7 @@ def test_a_restoring_force_is_evaluated_once_per_substep_with_threads_too():
     by_threads = {1: [], 3: []}
     for threads, times in by_threads.items():
 
-        def recording(u, v, t, times=times):
+        def recording(t, u, v, times=times):
             times.append((t, *u, *v))
             return 0.1 * u
 
@@ -320,7 +320,7 @@ def solid(n, scheme=EXPLICIT, **options):
     K = sp.csr_array(60.0 * sp.eye_array(3 * n**3) - sp.kron(nodes, block))
     load = pm.SampledForce(np.sin(np.arange(9.0)), 0.1, shape=np.ones(3 * n**3))
     return pm.Subdomain(
-        np.ones(3 * n**3), K, np.full(3 * n**3, 0.1), scheme=scheme, force=load,
+        np.ones(3 * n**3), K, C=np.full(3 * n**3, 0.1), scheme=scheme, force=load,
         u0=np.sin(np.arange(3.0 * n**3)), **options,
     )  # fmt: skip
 

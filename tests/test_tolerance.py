@@ -214,7 +214,7 @@ def test_wrong_tolerances_change_nothing(value, kind):
 
 
 def test_restoring_functions_are_refused():
-    s = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), restoring=lambda u, v, t: u, name="rig")
+    s = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), restoring=lambda t, u, v: u, name="rig")
     with pytest.raises(ValueError, match="restoring functions"):
         pm.Coupler([s], dt=0.1, coupling="gc").run(1.0, tolerance=0.1)
 

@@ -52,7 +52,7 @@ pm.reduce(np.ones(n), K, fixed=[True, False, False])
 isolators = pm.BoucWen([0, 1], k=50.0, fy=[1.0, 2.0])
 quake = pm.BaseAcceleration([0.0, 1.0], dt=0.01, direction=np.ones(3), M=a.M)
 e = pm.Subdomain(
-    a.M, a.K, scheme=a.scheme, restoring=[isolators, lambda u, v, t: 0.1 * u**3], force=quake
+    a.M, a.K, scheme=a.scheme, restoring=[isolators, lambda t, u, v: 0.1 * u**3], force=quake
 )
 run = pm.Coupler([e], dt=0.01)
 balance: float = np.abs(run.run(0.1, energy=True).energy.balance).max()

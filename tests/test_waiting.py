@@ -128,7 +128,7 @@ def test_an_exception_of_a_restoring_force_survives_the_wait_for_another_worker(
         time.sleep(0.12)  # reports are due every 50 ms
         return 0
 
-    def bad(u, v, t):
+    def bad(t, u, v):
         evaluated.append(t)
         if len(evaluated) > 4:
             raise ValueError("of the user")

@@ -96,7 +96,7 @@ def only(caught, category):
 
 MACRO = [
     (
-        {"scheme": SOFT, "substeps": 2, "restoring": lambda u, v, t: 0.1 * u},
+        {"scheme": SOFT, "substeps": 2, "restoring": lambda t, u, v: 0.1 * u},
         pm.StabilityWarning,
         "the restoring forces of subdomains 'a', 'b' are combined with substeps",
     ),

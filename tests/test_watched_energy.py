@@ -106,7 +106,7 @@ def test_a_watched_subdomain_moves_the_same_whether_inner_time_levels_are_record
 # ---- functions that are iterated -----------------------------------------------------------------
 
 
-def stop(u, v, t, q):
+def stop(t, u, v, q):
     closed = u > GAP
     return K * np.where(closed, u - GAP, 0.0), K * np.diag(closed.astype(float))
 
@@ -166,7 +166,7 @@ def test_contact_of_a_compiled_function_is_watched_like_that_of_a_python_one(est
         None,
         scheme=IMPLICIT,
         v0=[1.0],
-        restoring=lambda u, v, t: K * np.maximum(u - 0.1, 0.0),
+        restoring=lambda t, u, v: K * np.maximum(u - 0.1, 0.0),
         restoring_stiffness=[estimate],
     )
     other = pm.Coupler([by_python], dt=DT)

@@ -15,7 +15,7 @@ def growing():
     return pm.Coupler([s], dt=0.1)
 
 
-def wrong(u, v, t):
+def wrong(t, u, v):
     return -u
 
 

@@ -48,7 +48,7 @@ def stepped(cut, substeps):
         pm.Subdomain(
             s.M,
             s.K,
-            s.C,
+            C=s.C,
             scheme=s.scheme,
             substeps=k,
             force=s.force,
@@ -128,7 +128,7 @@ def sdnd103():
         x = A * np.sin(W * t)
         return np.array([m * x * (-(W**2) + k / m * (1.0 - abs(x) / 0.1))])
 
-    def law(u, v, t):
+    def law(t, u, v):
         return -k * u * np.maximum(np.abs(u) - 1e-6, 0.0) / 0.1
 
     s = pm.Subdomain([m], [k], scheme=TR, force=force, v0=[A * W], restoring=law)
@@ -191,14 +191,14 @@ def sdld29():
 
     lines = [(0, (0, None)), *((i, (i - 1, i)) for i in range(1, n)), (n, (n - 1, None))]
     M, K, C, F = part(lines, list(range(n)), {})
-    s = pm.Subdomain(M, K, C, scheme=TR, force=F)
+    s = pm.Subdomain(M, K, C=C, scheme=TR, force=F)
     ours = at(pm.solve(s, dt=dt, t_end=1.0), times, 3)
     coupled = {}
     for coupling in ("macro", "mean", "pm", "gc"):
         left = part(lines[:5], [0, 1, 2, 3, 4], {4: 0.5})
         right = part(lines[5:], [4, 5, 6, 7], {4: 0.5})
-        a = pm.Subdomain(*left[:3], scheme=TR, force=left[3], name="a")
-        b = pm.Subdomain(*right[:3], scheme=TR, force=right[3], substeps=5, name="b")
+        a = pm.Subdomain(*left[:2], C=left[2], scheme=TR, force=left[3], name="a")
+        b = pm.Subdomain(*right[:2], C=right[2], scheme=TR, force=right[3], substeps=5, name="b")
         coupler = pm.Coupler([a, b], pm.tie(a, [4], b, [0]), dt=dt, coupling=coupling)
         coupled[coupling] = at(coupler.run(1.0)["a"], times, 3)
     # read from a curve with three digits
@@ -221,15 +221,15 @@ def sdld325():
         return force
 
     K, C = (springs(2, [(*soft, x), (*stiff, y)]) for x, y in ((2800.0, 2.8e5), (50.0, 50.0)))
-    s = pm.Subdomain([10.0, 10.0], K, C, scheme=TR, force=load(5.0, 2, 1))
+    s = pm.Subdomain([10.0, 10.0], K, C=C, scheme=TR, force=load(5.0, 2, 1))
     ours = at(pm.solve(s, dt=1e-3, t_end=3.0), times, 1)
     coupled = {}
     for coupling in ("macro", "mean", "pm", "gc"):
-        a = pm.Subdomain([5.0], [2800.0], [50.0], scheme=TR, name="soft")
+        a = pm.Subdomain([5.0], [2800.0], C=[50.0], scheme=TR, name="soft")
         b = pm.Subdomain(
             [5.0, 10.0],
             springs(2, [(*stiff, 2.8e5)]),
-            springs(2, [(*stiff, 50.0)]),
+            C=springs(2, [(*stiff, 50.0)]),
             scheme=TR,
             force=load(5.0, 2, 1),
             substeps=10,
@@ -250,13 +250,13 @@ def sdld321():
     def force(t):
         return np.array([5.0 * np.sin(50.0 * t)])
 
-    s = pm.Subdomain([10.0], [k], [c], scheme=TR, force=force)
+    s = pm.Subdomain([10.0], [k], C=[c], scheme=TR, force=force)
     ours = at(pm.solve(s, dt=1e-3, t_end=5.0), times, 0)
     coupled = {}
     # with 126 steps a period "gc" and "pm" miss it, and ten times as many are on the page
     for coupling in ("macro", "mean"):
-        a = pm.Subdomain([6.0], [5e3], [c / 2.0], scheme=DAMPED, force=force, name="a")
-        b = pm.Subdomain([4.0], [20e3], [c / 2.0], scheme=FAST, substeps=5, name="b")
+        a = pm.Subdomain([6.0], [5e3], C=[c / 2.0], scheme=DAMPED, force=force, name="a")
+        b = pm.Subdomain([4.0], [20e3], C=[c / 2.0], scheme=FAST, substeps=5, name="b")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", pm.StabilityWarning)
             coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=1e-3, coupling=coupling)
@@ -305,16 +305,16 @@ def sdld110():
 def _two_masses(m, k, c, v0, share, ss, dt, t_end, scheme=TR, restoring=None):
     """One mass, whole and as two with the spring on the first and the damper on both."""
     s = pm.Subdomain(
-        [m], [k] if restoring is None else None, [c], scheme=scheme, v0=[v0], restoring=restoring
+        [m], [k] if restoring is None else None, C=[c], scheme=scheme, v0=[v0], restoring=restoring
     )
     runs = {"": pm.solve(s, dt=dt, t_end=t_end)}
     for coupling in ("macro", "mean", "pm", "gc") if restoring is None else ("macro", "pm", "gc"):
         options = {"K": None, "restoring": restoring} if restoring is not None else {"K": [k]}
-        a = pm.Subdomain([share * m], [0.0], [c / 2.0], scheme=scheme, v0=[v0], name="a")
+        a = pm.Subdomain([share * m], [0.0], C=[c / 2.0], scheme=scheme, v0=[v0], name="a")
         b = pm.Subdomain(
             [(1.0 - share) * m],
             options.pop("K"),
-            [c / 2.0],
+            C=[c / 2.0],
             scheme=CD,
             v0=[v0],
             substeps=ss,

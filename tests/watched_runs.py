@@ -89,7 +89,7 @@ def law_of(name, dofs, k, u, h, m, iterated):
         return pm.Gap(dofs, 0.1 * m.min() / h**2, 0.5 * u)  # Omega = 0.3
     k = 0.5 * k
 
-    def force(u_, v, t):
+    def force(t, u_, v):
         if name == "dashpot":
             return 0.02 * np.sqrt(k * m) * v
         if name == "clipped":
@@ -99,10 +99,10 @@ def law_of(name, dofs, k, u, h, m, iterated):
     if not iterated:
         return force
 
-    def with_tangent(u_, v, t, q):
+    def with_tangent(t, u_, v, q):
         if name == "clipped":
-            return force(u_, v, t), np.diag(np.where(np.abs(u_) < 0.3 * u, k, 0.0))
-        return force(u_, v, t), np.diag(k * (1.0 + 3.0 * (u_ / u) ** 2))
+            return force(t, u_, v), np.diag(np.where(np.abs(u_) < 0.3 * u, k, 0.0))
+        return force(t, u_, v), np.diag(k * (1.0 + 3.0 * (u_ / u) ** 2))
 
     return with_tangent
 
@@ -172,7 +172,7 @@ def sound_subdomain(rng, m, k, parts, i, dt, coupling, law, scales, v, load, fin
     iterated = coupling in ("macro", "mean") or (not scheme.explicit and rng.random() < 0.5)
     springs_on = [int(d) for d in (range(dofs.size) if i == 0 else range(1, dofs.size))]
     if law == "linear":
-        return pm.Subdomain(own, K, 0.01 * K / np.sqrt(k.mean()), **options)
+        return pm.Subdomain(own, K, C=0.01 * K / np.sqrt(k.mean()), **options)
     if law in ("dashpot", "clipped", "function"):
         springs_on = list(range(dofs.size))
         iterated = iterated and law != "dashpot"
@@ -306,7 +306,7 @@ def forces_of(name, n, k, gap, late):
     last = np.zeros(n)
     last[-1] = 1.0
 
-    def stop(u, v, t):
+    def stop(t, u, v):
         return k * np.maximum(u - gap, 0.0) * last
 
     if name == "function":
@@ -318,14 +318,14 @@ def forces_of(name, n, k, gap, late):
     if name == "iterated Gap":
         return {"internal": pm.Gap([n - 1], k, gap)}
     if name == "iterated function":
-        return {"internal": lambda u, v, t, q: (stop(u, v, t), np.diag(k * last * (u > gap)))}
+        return {"internal": lambda t, u, v, q: (stop(t, u, v), np.diag(k * last * (u > gap)))}
     if name == "cubic function":
-        return {"restoring": lambda u, v, t: k * u * (u / gap) ** 2 * last}
+        return {"restoring": lambda t, u, v: k * u * (u / gap) ** 2 * last}
     if name == "wrong sign":
-        return {"restoring": lambda u, v, t: -k * u * last}
+        return {"restoring": lambda t, u, v: -k * u * last}
     past = deque([0.0] * (late + 1), maxlen=late + 1)
 
-    def delayed(u, v, t):
+    def delayed(t, u, v):
         past.append(u[-1])
         return k * past[0] * last
 

@@ -33,7 +33,7 @@ def compiled(function, kind):
     def called(t, n, *pointers):
         *given, value = (np.ctypeslib.as_array(x, (n,)) for x in pointers[:-1])
         try:
-            value[:] = function(*given, t)
+            value[:] = function(t, *given)
         except BaseException:
             return 7
         return 0
@@ -101,14 +101,14 @@ class Function:
     pulse: float
     omega: float
 
-    def value(self, u, v, t):
+    def value(self, t, u, v):
         x = self.G.T @ u / self.length
         along = self.force * np.tanh(x) + self.c * (self.G.T @ v)
         return self.G @ (along + self.pulse * np.sin(self.omega * t))
 
-    def iterated(self, u, v, t, q):
+    def iterated(self, t, u, v, q):
         slope = self.force / self.length / np.cosh(self.G.T @ u / self.length) ** 2
-        return self.value(u, v, t), (self.G * slope) @ self.G.T, self.c * self.G @ self.G.T
+        return self.value(t, u, v), (self.G * slope) @ self.G.T, self.c * self.G @ self.G.T
 
     @property
     def stiffness(self):
@@ -126,10 +126,10 @@ class Linear:
     A: np.ndarray
     damping = None
 
-    def value(self, u, v, t):
+    def value(self, t, u, v):
         return self.A @ u
 
-    def iterated(self, u, v, t, q):
+    def iterated(self, t, u, v, q):
         return self.A @ u, self.A
 
     @property
@@ -194,7 +194,7 @@ class Member:
                 options["restoring_damping"] = function.damping
         if forces:
             options[self.role] = forces if self.springs else forces[0]
-        return pm.Subdomain(M, K, C, **options)
+        return pm.Subdomain(M, K, C=C, **options)
 
     @property
     def stiffness(self):

@@ -31,8 +31,8 @@ def restoring(s):
     values = {name: getattr(s, name) for name in s.__dataclass_fields__}
     f = values.pop("internal")
     q = values.pop("history")
-    K_r = f(s.u0, s.v0, 0.0, q)[1]
-    values.update(restoring=lambda u, v, t: f(u, v, t, q)[0], K_r=K_r)
+    K_r = f(0.0, s.u0, s.v0, q)[1]
+    values.update(restoring=lambda t, u, v: f(t, u, v, q)[0], K_r=K_r)
     return Subdomain(**values)
 
 

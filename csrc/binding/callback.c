@@ -2,7 +2,7 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* r := f(u, v, t), and u := x where the callable returns (r, x), what was measured; -1 with an
+/* r := f(t, u, v), and u := x where the callable returns (r, x), what was measured; -1 with an
  * exception set. The callable gets copies of u and v. */
 static int evaluate(PyObject *callable, double t, npy_intp n, double *u, const double *v, double *r)
 {
@@ -10,7 +10,7 @@ static int evaluate(PyObject *callable, double t, npy_intp n, double *u, const d
     int failed = -1;
     PyObject *result = NULL, *own_u = pma_new_vector(n, u), *own_v = pma_new_vector(n, v);
     if (own_u && own_v)
-        result = PyObject_CallFunction(callable, "OOd", own_u, own_v, t);
+        result = PyObject_CallFunction(callable, "dOO", t, own_u, own_v);
     const bool both = result && PyTuple_Check(result) && PyTuple_Size(result) == 2;
     PyObject *force = both ? PyTuple_GetItem(result, 0) : result;
     if (result && pma_take_doubles(force, n, "restoring", NULL, &values) == 0 &&

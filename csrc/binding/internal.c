@@ -30,7 +30,7 @@ static int take_values(PyObject *result, Py_ssize_t item, npy_intp size, double 
     return 0;
 }
 
-/* (f, K, C, q1) := evaluate(u, v, t, q, wanted); -1 with an exception set */
+/* (f, K, C, q1) := evaluate(t, u, v, q, wanted); -1 with an exception set */
 static int evaluate(const evaluation *e)
 {
     const npy_intp entries = e->of->entries, history = e->of->history;
@@ -38,7 +38,7 @@ static int evaluate(const evaluation *e)
     PyObject *q = pma_new_vector(history, e->q), *result = NULL;
     int failed = -1;
     if (u && v && q)
-        result = PyObject_CallFunction(e->of->callable, "OOdOO", u, v, e->t, q,
+        result = PyObject_CallFunction(e->of->callable, "dOOOO", e->t, u, v, q,
                                        e->K ? Py_True : Py_False);
     if (result && (!PyTuple_Check(result) || PyTuple_Size(result) != 4))
         PyErr_SetString(PyExc_TypeError, "internal must return a tuple (f, K, C, q1)");

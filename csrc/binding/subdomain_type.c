@@ -314,7 +314,7 @@ static PyMethodDef subdomain_methods[] = {
     {"force", (PyCFunction)subdomain_force, METH_VARARGS,
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
     {"restoring", (PyCFunction)subdomain_restoring, METH_VARARGS,
-     "restoring(t, u, v) -> r(u, v, t), the code that the function returned, or {kind, ...} of a "
+     "restoring(t, u, v) -> r(t, u, v), the code that the function returned, or {kind, ...} of a "
      "force beyond the limits"},
     {"levels", (PyCFunction)pma_subdomain_object_levels, METH_NOARGS,
      "levels() -> {u, v, w, a, vf, springs, history} of the present time level, and if double "

@@ -193,7 +193,7 @@ def _divided(structure: Any, model: Whole, choice: Choice, dt: float | None, val
             Subdomain(
                 portion.M,
                 portion.K,
-                portion.C,
+                C=portion.C,
                 scheme=member.scheme,
                 substeps=member.substeps,
                 force=loads[i],

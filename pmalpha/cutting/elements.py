@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import counted, flag, listing, plain_array, real_array
+from ..problem.argument_order import OF_ELEMENTS, check_order
 from ..problem.frozen import Frozen
 
 __all__ = ["Elements"]
@@ -34,7 +35,7 @@ class Elements(Frozen):
     C : (e, k, k) or (1, k, k) array, optional
         Damping matrices, symmetric. Default: none.
     internal : callable, optional
-        Internal forces of elements, added to K u: ``internal(u, v, t, q, elements)`` returns
+        Internal forces of elements, added to K u: ``internal(t, u, v, q, elements)`` returns
         ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` with f (m, k), the tangents
         (m, k, k) or None, and the history q1 (m, h) at the end of the step, for the m elements
         whose numbers in this group are in ``elements`` (m,); u and v are (m, k), zero at fixed
@@ -78,6 +79,8 @@ class Elements(Frozen):
             self._require_mass()
         if internal is not None and not callable(internal):
             raise TypeError(f"internal must be callable, got {internal!r}")
+        if internal is not None:
+            check_order(internal, OF_ELEMENTS, "internal")
         if K is None and internal is None:
             raise TypeError("K must not be None without internal forces")
         if history is not None and internal is None:

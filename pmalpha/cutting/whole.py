@@ -81,11 +81,11 @@ class GroupForce:
         ones = np.ones(self._column.size)
         return InternalForce(self, history=history.ravel(), pattern=self._matrix_of(ones))
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray) -> tuple[Any, ...]:
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray) -> tuple[Any, ...]:
         assert self._internal is not None
         # the dof -1 is the zero at the end
         at = [np.append(x, 0.0)[self._dofs] for x in (u, v)]
-        f, *tangents = self._internal(*at, t, q.reshape(self._shape), self._numbers)
+        f, *tangents = self._internal(t, *at, q.reshape(self._shape), self._numbers)
         q1 = [np.asarray(tangents.pop()).ravel()] if len(tangents) == 3 else []
         values = self._checked(f, self._dofs.shape, "f")
         total = np.bincount(self._dofs[self._kept], values[self._kept], minlength=self._n)
@@ -422,7 +422,7 @@ class WholeElements(Whole):
                 M, K = (x if len(x) == 1 else x[numbers] for x in (M, K))
                 if group.internal is not None:
                     rest = np.zeros((numbers.size, k))
-                    tangent = group.internal(rest, rest, 0.0, group.history[numbers], numbers)[1]
+                    tangent = group.internal(0.0, rest, rest, group.history[numbers], numbers)[1]
                     K = K if tangent is None else K + np.asarray(tangent)
                 where = group.dofs[numbers]
                 free = (where >= 0) & self.free[where]

@@ -160,7 +160,7 @@ class Problem:
             Subdomain(
                 s.M,
                 np.zeros(s.n) if s.K is None else turned(s.K),
-                turned(s.C),
+                C=turned(s.C),
                 scheme=s.scheme,
                 substeps=s.substeps,
                 double_step=steady and (double or g is None),

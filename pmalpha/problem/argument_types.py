@@ -45,14 +45,14 @@ class MotionLoad(Protocol):
 class RestoringForce(Protocol):
     """``restoring=``: the force (n,), evaluated once for each substep, in the order of time."""
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float, /) -> Any: ...
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray, /) -> Any: ...
 
 
 class InternalForceFunction(Protocol):
     """``internal=``: (f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1), called any number of times."""
 
     def __call__(
-        self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, /
+        self, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray, /
     ) -> tuple[Any, ...]: ...
 
 

@@ -173,7 +173,7 @@ class Device:
 
         Examples
         --------
-        >>> late = rig.SimulatedActuator(lambda u, v, t: 2.0 * u, delay=0.02)
+        >>> late = rig.SimulatedActuator(lambda t, u, v: 2.0 * u, delay=0.02)
         >>> late.respond([0.0, 1.0, 0.0, 0.0, 0.0], 0.01).force
         array([0., 0., 0., 2., 0.])
         """
@@ -212,11 +212,11 @@ class CheckedSpecimen:
         self.needs_measured = needs_measured
         self.preset: np.ndarray | None = None  # what counts in its place, without a call
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> Any:
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray) -> Any:
         if self.preset is not None:
             return self.preset
         where = f"{self.what} at t = {t:g}"
-        r, x = divided(self.function(u, v, t), self.n)
+        r, x = divided(self.function(t, u, v), self.n)
         try:
             if x is None and self.needs_measured:
                 raise TypeError(

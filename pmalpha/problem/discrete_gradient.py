@@ -100,7 +100,7 @@ class DiscreteGradient(Frozen):
         return f"<DiscreteGradient of {counted((self.history.size - 1) // 2, 'spring')}>"
 
     def __call__(
-        self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
+        self, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray
     ) -> tuple[np.ndarray, sp.csr_array, None, np.ndarray]:
         """(f, K_t, None, q1): from q, or the forces at u where nothing was evaluated before."""
         d0, f0 = np.split(q[1:], 2)

@@ -15,17 +15,17 @@ RETURNS = "(f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1)"
 
 # Differences of two evaluations that are rounding, relative to the largest entry.
 SAME = 1e-9
-# u, v, t, q
+# t, u, v, q
 Arguments = tuple[Any, ...]
 # f, K_t, C_t, q1 of one force.
 Values = tuple[np.ndarray, Tangent, Tangent, np.ndarray]
 
 
 def evaluated(
-    force: Any, what: str, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
+    force: Any, what: str, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray
 ) -> Values:
     """One evaluation with copies of u, v (n,) and q (m,), checked but for values not finite."""
-    value = force(u.copy(), v.copy(), t, q.copy())
+    value = force(t, u.copy(), v.copy(), q.copy())
     try:
         return _checked(value, u.size, q.size)
     except (TypeError, ValueError) as error:
@@ -87,7 +87,7 @@ class CheckedInternal:
         self.first = dict.fromkeys(range(len(self.forces)))
 
     def __call__(
-        self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, wanted: bool
+        self, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray, wanted: bool
     ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray]:
         """The sum of the forces, of their tangents, and their histories.
 
@@ -105,14 +105,14 @@ class CheckedInternal:
             zip(self.forces, self.what, self.ranges, self.places)
         ):
             if not wanted and force.residual is not None and not force.history.size:
-                residual = self._residual(force, what, u, v, t, q[part])
+                residual = self._residual(force, what, t, u, v, q[part])
                 self._look_at({"residual": residual}, what, u, t)
                 f += residual
                 continue
-            values = evaluated(force, what, u, v, t, q[part])
+            values = evaluated(force, what, t, u, v, q[part])
             self._look_at({"f": values[0], "q1": values[3]}, what, u, t)
             if i in self.first and self.not_finite is None:
-                self._repeat(i, (u, v, t, q[part]), values)
+                self._repeat(i, (t, u, v, q[part]), values)
             f += values[0]
             q1[part] = values[3]
             if K is not None:
@@ -131,14 +131,14 @@ class CheckedInternal:
         before, *results = first
         if all(np.array_equal(x, y) for x, y in zip(before, arguments)):
             return
-        u, v, t, q = before
-        again = evaluated(self.forces[i], self.what[i], u, v, float(t), q)
+        t, u, v, q = before
+        again = evaluated(self.forces[i], self.what[i], float(t), u, v, q)
         for name, x, y in zip(("f", "q1"), results, (again[0], again[3])):
             wrong = np.abs(y - x) > SAME * np.max(np.abs(x), initial=0.0)
             if wrong.any():
                 j = int(np.argmax(wrong))
                 raise ValueError(
-                    f"{self.what[i]} must be a function of u, v, t and q alone: evaluated again "
+                    f"{self.what[i]} must be a function of t, u, v and q alone: evaluated again "
                     f"with the arguments of its first evaluation, at t = {float(t):g}, it returned "
                     f"{name}[{j}] = {y[j]:g}, before {x[j]:g}. An iteration evaluates it any "
                     "number of times; what it remembers of earlier steps is the history q, of "
@@ -176,9 +176,9 @@ class CheckedInternal:
         return lambda u: sum(_energy(force, what, u.copy()) for force, what in conservative)
 
     def _residual(
-        self, force: Any, what: str, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
+        self, force: Any, what: str, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray
     ) -> np.ndarray:
-        value = force.residual(u.copy(), v.copy(), t, q.copy())
+        value = force.residual(t, u.copy(), v.copy(), q.copy())
         try:
             return numbers(value, "residual", self.n)
         except (TypeError, ValueError) as error:
@@ -235,7 +235,7 @@ def first_tangent(
     """
     ranges = histories(forces)[1]
     what = names(forces, name, labels)
-    first = [evaluated(x, w, u0, v0, 0.0, q0[o]) for x, w, o in zip(forces, what, ranges)]
+    first = [evaluated(x, w, 0.0, u0, v0, q0[o]) for x, w, o in zip(forces, what, ranges)]
     patterns = [
         entries_of(A, n)
         for force, (_, K, C, _) in zip(forces, first)

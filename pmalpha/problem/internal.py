@@ -23,11 +23,11 @@ from .tangents import by_rows
 
 __all__ = ["InternalForce"]
 
-Evaluate: TypeAlias = Callable[[np.ndarray, np.ndarray, float, np.ndarray], Any] | LowLevelCallable
+Evaluate: TypeAlias = Callable[[float, np.ndarray, np.ndarray, np.ndarray], Any] | LowLevelCallable
 
 
 class InternalForce(Frozen):
-    """A force :math:`f(u, v, t; q)` with tangents and history, for ``internal=`` of a `Subdomain`.
+    """A force :math:`f(t, u, v; q)` with tangents and history, for ``internal=`` of a `Subdomain`.
 
     It is on the left-hand side, added to K u + C v. An implicit subdomain iterates it by Newton's
     method. A callable without a history and without a pattern needs no InternalForce: it can be
@@ -36,14 +36,14 @@ class InternalForce(Frozen):
     Parameters
     ----------
     evaluate : callable or LowLevelCallable
-        ``evaluate(u, v, t, q)`` returns the tuple ``(f, K_t)``, ``(f, K_t, C_t)`` or
+        ``evaluate(t, u, v, q)`` returns the tuple ``(f, K_t)``, ``(f, K_t, C_t)`` or
         ``(f, K_t, C_t, q1)``: the force f (n,); the tangents K_t = df/du and C_t = df/dv, symmetric
         in any format of the matrices of `Subdomain`, or None for zero; and the history q1 (m,) at
         the end of the substep. u, v and q (m,) are copies; q is the history at the beginning of the
         substep. A pure function of its arguments: it is evaluated any number of times, and q1 is
         taken over only when the substep is complete. That is not checked: it would take another
         evaluation in every step.
-        If it has a method ``residual(u, v, t, q) -> f``, and the force no history, that is called
+        If it has a method ``residual(t, u, v, q) -> f``, and the force no history, that is called
         where no tangent is needed. A method ``potential(u) -> float`` is its energy, see `Energy`.
         A method ``largest_tangent() -> K_t`` is the stiffest tangent, of contact that is closed,
         for the critical step of an explicit subdomain.
@@ -76,13 +76,13 @@ class InternalForce(Frozen):
     --------
     A hardening spring on one dof, and a check of its tangent:
 
-    >>> spring = InternalForce(lambda u, v, t, q: (u + u**3, 1.0 + 3.0 * u**2))
+    >>> spring = InternalForce(lambda t, u, v, q: (u + u**3, 1.0 + 3.0 * u**2))
     >>> spring.check([0.5]).error < 1e-8
     True
 
     A friction element with the slip as history:
 
-    >>> def friction(u, v, t, q):
+    >>> def friction(t, u, v, q):
     ...     f = np.clip(100.0 * (u - q), -1.0, 1.0)
     ...     return f, np.where(np.abs(f) < 1.0, 100.0, 0.0), None, u - f / 100.0
     >>> InternalForce(friction, history=[0.0])
@@ -105,6 +105,8 @@ class InternalForce(Frozen):
             _check_order(pattern)
         else:
             check_order(evaluate, OF_INTERNAL, "internal")
+            if self.residual is not None:
+                check_order(self.residual, OF_INTERNAL, "residual of internal")
         self._freeze()
 
     def __repr__(self) -> str:
@@ -114,19 +116,19 @@ class InternalForce(Frozen):
             facts.append(f"pattern of {counted(self.pattern.nnz, 'value')}")
         return f"<InternalForce {name}{': ' if facts else ''}{', '.join(facts)}>"
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray) -> Any:
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray) -> Any:
         """What evaluate returns, unchecked; of a LowLevelCallable (f, K_t, C_t, q1)."""
         if not isinstance(self.evaluate, LowLevelCallable):
-            return self.evaluate(u, v, t, q)
+            return self.evaluate(t, u, v, q)
         A = self.pattern
         assert A is not None
-        f, K, C, q1 = evaluate_compiled(self.evaluate, u, v, t, q, A.nnz)
+        f, K, C, q1 = evaluate_compiled(self.evaluate, t, u, v, q, A.nnz)
         tangents = [sp.csr_array((x, A.indices, A.indptr), shape=A.shape) for x in (K, C)]
         return f, *tangents, q1
 
     @property
     def residual(self) -> Callable[..., Any] | None:
-        """The method ``residual(u, v, t, q) -> f`` of evaluate, or None."""
+        """The method ``residual(t, u, v, q) -> f`` of evaluate, or None."""
         return _method(self.evaluate, "residual")
 
     @property
@@ -141,9 +143,9 @@ class InternalForce(Frozen):
 
     def check(
         self,
-        u: VectorLike,
+        t: Any = None,
+        u: VectorLike | None = None,
         v: VectorLike | None = None,
-        t: float = 0.0,
         q: VectorLike | None = None,
         step: float = 6e-6,
     ) -> TangentCheck:
@@ -154,12 +156,12 @@ class InternalForce(Frozen):
 
         Parameters
         ----------
+        t : float, optional
+            Time. Left out, as in ``check(u)``, it is 0.
         u : (n,) array, or a number for one dof
             Displacement at which the tangents are compared, away from kinks of f.
         v : (n,) array, optional
             Velocity. Default: zero.
-        t : float, default 0
-            Time.
         q : (m,) array, optional
             History at the beginning of the substep. Default: `history`.
         step : float, default 6e-6
@@ -180,11 +182,13 @@ class InternalForce(Frozen):
 
         Examples
         --------
-        >>> wrong = InternalForce(lambda u, v, t, q: (u**3, 2.0 * u**2))
+        >>> wrong = InternalForce(lambda t, u, v, q: (u**3, 2.0 * u**2))
         >>> print(wrong.check([0.5]))
         K_t and C_t differ from differences of f by up to 0.33 of the largest entry, in K_t in the \
 column of dof 0: 0.5 given at [0, 0], 0.75 by differences
         """
+        if u is None:  # the time was left out
+            t, u = None, t
         displacement = real_array(u, "u", (0, 1)).reshape(-1)
         n = displacement.size
         if n == 0 or (self.pattern is not None and self.pattern.shape != (n, n)):
@@ -193,7 +197,12 @@ column of dof 0: 0.5 given at [0, 0], 0.75 by differences
         velocity = vector(np.zeros(n) if v is None else [v] if np.ndim(v) == 0 else v, n, "v")
         past = self.history if q is None else vector(q, self.history.size, "q")
         return check_tangents(
-            self, displacement, velocity, real_number(t, "t"), past, positive_number(step, "step")
+            self,
+            0.0 if t is None else real_number(t, "t"),
+            displacement,
+            velocity,
+            past,
+            positive_number(step, "step"),
         )
 
 

@@ -35,7 +35,7 @@ class Linkage(Device):
 
     Examples
     --------
-    >>> two = rig.Linkage(lambda u, v, t: 3.0 * u, arms=[(0.3, 0.45), (0.3, -0.45)])
+    >>> two = rig.Linkage(lambda t, u, v: 3.0 * u, arms=[(0.3, 0.45), (0.3, -0.45)])
     >>> two.to_actuators([0.02, 0.01]).round(6).tolist()
     [0.021291, 0.018682]
     >>> two.to_dofs(two.to_actuators([0.02, 0.01])).round(12).tolist()

@@ -59,7 +59,7 @@ def address_and_user(function: LowLevelCallable) -> tuple[int, int | None]:
 
 
 def evaluate_compiled(
-    function: LowLevelCallable, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, nnz: int
+    function: LowLevelCallable, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray, nnz: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(f, K, C, q1) with K and C the values of nnz entries; PmalphaError for a code other than 0.
 

@@ -16,7 +16,7 @@ from .external import External
 from .lowlevel import check_signature
 from .springs import Spring
 
-Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable | Device
+Function: TypeAlias = Callable[[float, np.ndarray, np.ndarray], Any] | LowLevelCallable | Device
 # A function, springs, or at least one of each or several functions, in the user's order.
 Restoring = Function | tuple[Spring | Function, ...] | None
 
@@ -92,7 +92,7 @@ class Feedback:
         self.what, self.last = what, np.zeros(n)
         self.function: Callable[..., Any] | None = None
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         if self.function is None:
             return np.zeros(self.last.size)
         return _checked(self.function(t, u, v), self.last.size, f"{self.what} at t = {t:g}")
@@ -108,7 +108,7 @@ def _checked(value: Any, n: int, where: str) -> np.ndarray:
 class CheckedRestoring:
     """The sum of Python callables for the core, whose values are checked.
 
-    functions: sequence of (callable, str), r(u, v, t) -> (n,), and its name in messages, such as
+    functions: sequence of (callable, str), r(t, u, v) -> (n,), and its name in messages, such as
         "restoring of subdomain 'rig'". Each gets copies of u and v, and is evaluated once in a
         call, in this order.
     feedback: a load, evaluated after them; the sum contains it with a minus.
@@ -126,12 +126,12 @@ class CheckedRestoring:
         # a function may change its arguments, the core's copies
         self.copies = len(functions) + (feedback is not None) > 1
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         if self.preset is not None:
             return self.preset
         values = [
             _checked(
-                divided(function(*self._motion(u, v), t), self.n)[0], self.n, f"{what} at t = {t:g}"
+                divided(function(t, *self._motion(u, v)), self.n)[0], self.n, f"{what} at t = {t:g}"
             )
             for function, what in self.functions
         ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import check_word, counted, flag, numbered, vector, whole_number
+from .._checks import check_word, counted, damping_by_name, flag, numbered, vector, whole_number
 from .._tables import html_facts
 from ..errors import FactorizationError
 from .argument_types import (
@@ -130,7 +130,7 @@ class Subdomain(Frozen):
         column of M, requires an implicit scheme that damps at infinite frequency. K may be None
         with a restoring or internal force.
     C : like M and K, optional
-        Viscous damping, symmetric unless `symmetric` is False. Default: none.
+        By name only. Viscous damping, symmetric unless `symmetric` is False. Default: none.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
@@ -154,10 +154,10 @@ class Subdomain(Frozen):
     damping_ratio : dict, optional
         The same by damping ratios at two periods: ``{1.2: 0.05, 0.1: 0.05}``.
     internal : callable, `InternalForce`, springs, or a list of them, optional
-        A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
+        A further force that an implicit subdomain iterates with its tangents: ``f(t, u, v, q)``
         returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)`` of its arguments alone.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
-        A further force, equation (R2), such as a specimen: ``r(u, v, t)`` is evaluated exactly
+        A further force, equation (R2), such as a specimen: ``r(t, u, v)`` is evaluated exactly
         once a substep, in the order of time, at predicted displacements and velocities. A
         ``scipy.LowLevelCallable`` is ``int (double t, intptr_t n, double *u, double *v, double *r,
         void *user)``. It gives back at most what it has taken: a force that feeds in energy, of a
@@ -202,7 +202,7 @@ class Subdomain(Frozen):
     A Duffing oscillator, explicit:
 
     >>> duffing = Subdomain([1.0], None, scheme=CentralDifference(), v0=[1.0],
-    ...                     restoring=lambda u, v, t: u + u**3)
+    ...                     restoring=lambda t, u, v: u + u**3)
     >>> float(np.round(solve(duffing, dt=0.001, t_end=1.0).u[-1, 0], 4))
     0.8044
     """
@@ -214,12 +214,13 @@ class Subdomain(Frozen):
     # whether a function among the restoring forces has no estimate of its stiffness
     has_unknown_stiffness: bool
 
+    @damping_by_name
     def __init__(
         self,
         M: MatrixLike,
         K: MatrixLike | None,
-        C: MatrixLike | None = None,
         *,
+        C: MatrixLike | None = None,
         scheme: Scheme,
         substeps: int = 1,
         force: VectorLike | Load | MotionLoad | Any = None,

@@ -56,14 +56,14 @@ class TangentCheck:
 
 
 def check_tangents(
-    force: Any, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, step: float
+    force: Any, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray, step: float
 ) -> TangentCheck:
     """The check of `InternalForce.check`; u, v (n,), q (m,)."""
 
     def f(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return evaluated(force, "evaluate", u, v, t, q)[0]
+        return evaluated(force, "evaluate", t, u, v, q)[0]
 
-    _, K, C, _ = evaluated(force, "evaluate", u, v, t, q)
+    _, K, C, _ = evaluated(force, "evaluate", t, u, v, q)
     of_u = _worst("K_t", K, lambda x: f(x, v), u, step)
     of_v = _worst("C_t", C, lambda x: f(u, x), v, step)
     return of_v if of_v.error > of_u.error else of_u

@@ -63,7 +63,7 @@ class Client:
     --------
     >>> import threading, queue
     >>> ports = queue.Queue()
-    >>> server = threading.Thread(target=serve, args=(lambda u, v, t: 4.0 * u,),
+    >>> server = threading.Thread(target=serve, args=(lambda t, u, v: 4.0 * u,),
     ...                           kwargs=dict(announce=ports.put))
     >>> server.start()
     >>> with Client(("127.0.0.1", ports.get())) as spring:

@@ -55,7 +55,7 @@ def connect(
     Returns
     -------
     Connected
-        A callable r(u, v, t), and a context that closes the connection.
+        A callable r(t, u, v), and a context that closes the connection.
 
     Raises
     ------
@@ -139,13 +139,13 @@ class Connected:
     def __repr__(self) -> str:
         return f"<Connected to {self.link.peer}, {self.calls} calls>"
 
-    def __call__(self, u: Any, v: Any, t: float) -> Any:
+    def __call__(self, t: float, u: Any, v: Any) -> Any:
         """Send a command and wait for the force.
 
         Parameters
         ----------
-        u, v : (n,) array
         t : float
+        u, v : (n,) array
 
         Returns
         -------
@@ -163,12 +163,12 @@ class Connected:
         if not self.open:
             raise ConnectionError(f"the connection to {self.link.peer} is closed")
         try:
-            return self._exchange(np.asarray(u, float), np.asarray(v, float), float(t))
+            return self._exchange(float(t), np.asarray(u, float), np.asarray(v, float))
         except BaseException:
             self._abandon()  # a late reply would be taken for that of the next command
             raise
 
-    def _exchange(self, u: np.ndarray, v: np.ndarray, t: float) -> Any:
+    def _exchange(self, t: float, u: np.ndarray, v: np.ndarray) -> Any:
         doubles = self._doubles(u.size)
         self.link.check_silent()
         if self.commits and self.last is not None and t > self.time:

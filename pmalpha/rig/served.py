@@ -10,6 +10,7 @@ from scipy import LowLevelCallable
 
 from .. import _core
 from .._checks import real_array, vector, whole_number
+from ..problem.argument_order import OF_RESTORING, check_order
 from ..problem.device import divided
 from ..problem.evaluation import evaluated
 from ..problem.internal import InternalForce
@@ -21,11 +22,11 @@ from ..run.coupler import Coupler
 
 
 class Trial(NamedTuple):
-    """A trial state, of n dofs, its time and acceleration, None where the client sends none."""
+    """A trial state of n dofs; time and acceleration are None where the client sends none."""
 
+    t: float | None
     u: np.ndarray
     v: np.ndarray
-    t: float | None
     a: np.ndarray | None = None
 
 
@@ -89,7 +90,7 @@ class Command:
 
 
 class FunctionElement:
-    """A specimen r(u, v, t), which is evaluated once for each trial state."""
+    """A specimen r(t, u, v), which is evaluated once for each trial state."""
 
     def __init__(self, function: Callable[..., Any], n: int, matrices: dict[str, np.ndarray]):
         self.function, self.n, self.matrices = function, n, matrices
@@ -98,7 +99,7 @@ class FunctionElement:
     def force(self, trial: Trial) -> tuple[np.ndarray, np.ndarray]:
         if self.last is None or not _same(self.last[0], trial):
             t = 0.0 if trial.t is None else trial.t
-            r, x = divided(self.function(trial.u.copy(), trial.v.copy(), t), self.n)
+            r, x = divided(self.function(t, trial.u.copy(), trial.v.copy()), self.n)
             measured = trial.u if x is None else vector(x, self.n, "measured displacement x")
             self.last = trial, (vector(r, self.n, "the value of the function"), measured)
         return self.last[1]
@@ -184,7 +185,7 @@ class StructureElement:
         if "stiffness" in self.matrices:
             r = r + self.matrices["stiffness"] @ trial.u
         for function in self.functions:
-            value, _ = divided(function(trial.u.copy(), trial.v.copy(), t), self.n)
+            value, _ = divided(function(t, trial.u.copy(), trial.v.copy()), self.n)
             r = r + vector(value, self.n, "the value of restoring")
         for f, _, _, _ in self._internal(trial):
             r = r + f
@@ -193,7 +194,7 @@ class StructureElement:
     def _internal(self, trial: Trial) -> list[Any]:
         t = 0.0 if trial.t is None else trial.t
         pairs = zip(self.internal, self.q)
-        return [evaluated(f, "internal", trial.u, trial.v, t, q) for f, q in pairs]
+        return [evaluated(f, "internal", t, trial.u, trial.v, q) for f, q in pairs]
 
     def commit(self, trial: Trial) -> None:
         q = [q1 for _, _, _, q1 in self._internal(trial)]
@@ -322,7 +323,7 @@ class CouplerElement:
         """dLam/dv of the next macro step: of the first, the second and all later ones."""
         step = min(round(self.command.t0 / self.coupler.dt), 2)
         if step not in self.slopes:
-            zero = Trial(np.zeros(self.n), np.zeros(self.n), None)
+            zero = Trial(None, np.zeros(self.n), np.zeros(self.n))
             rest = self._step(zero).copy()
             columns = [self._step(zero._replace(v=e)) - rest for e in np.eye(self.n)]
             self._back()
@@ -367,9 +368,10 @@ def check_served(what: Any) -> None:
         return
     if not callable(what) or isinstance(what, LowLevelCallable):
         raise TypeError(
-            "what must be a Subdomain, a Coupler, springs, or a function r(u, v, t), got "
+            "what must be a Subdomain, a Coupler, springs, or a function r(t, u, v), got "
             f"{what!r}; actuators and compiled functions are evaluated once in a step"
         )
+    check_order(what, OF_RESTORING, "what")
 
 
 def _square(A: Any, n: int, name: str) -> np.ndarray:

@@ -36,7 +36,7 @@ def serve(
     Parameters
     ----------
     what : callable, springs, Subdomain or Coupler
-        A specimen ``r(u, v, t)``, evaluated once for each trial state that a force is wanted of,
+        A specimen ``r(t, u, v)``, evaluated once for each trial state that a force is wanted of,
         and for the one that is accepted; it may return (r, x), and have a method ``commit()``,
         called at the end of each step. Springs go on from their last committed state. A Subdomain
         without load has all its dofs on the interface; it gives M, C and its tangent too. A Coupler
@@ -85,7 +85,7 @@ def serve(
     --------
     >>> import threading, queue
     >>> ports = queue.Queue()
-    >>> server = threading.Thread(target=rig.serve, args=(lambda u, v, t: 4.0 * u,),
+    >>> server = threading.Thread(target=rig.serve, args=(lambda t, u, v: 4.0 * u,),
     ...                           kwargs=dict(announce=ports.put))
     >>> server.start()
     >>> with rig.connect(("127.0.0.1", ports.get())) as spring:
@@ -142,7 +142,7 @@ class _Session:
     def __init__(self, doubles: w.Doubles, element: Element):
         self.doubles, self.element, self.sizes = doubles, element, doubles.sizes
         n = self.sizes.n
-        self.trial = Trial(np.zeros(n), np.zeros(n), None)
+        self.trial = Trial(None, np.zeros(n), np.zeros(n))
         self.commits = 0
         self.fields: dict[str, np.ndarray] = {}
 
@@ -172,7 +172,7 @@ class _Session:
                 raise ValueError(f"{kind} must be finite, got {values} from the client")
         u, v = (self.fields.get(x, np.zeros(self.sizes.n)) for x in ("displacement", "velocity"))
         t = float(self.fields["time"][0]) if "time" in self.fields else None
-        self.trial = Trial(u, v, t, self.fields.get("acceleration"))
+        self.trial = Trial(t, u, v, self.fields.get("acceleration"))
 
     def _values(self) -> np.ndarray:
         r, x = self.element.force(self.trial)

@@ -378,7 +378,7 @@ class Loads:
     def terms_of_motion(
         self, states: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> list[list[np.ndarray]]:
-        """For each subdomain the terms of r in (S1) without F(0): -C v, -K u, -r(u, v, 0)."""
+        """For each subdomain the terms of r in (S1) without F(0): -C v, -K u, -r(0, u, v)."""
         with np.errstate(over="ignore", invalid="ignore"):  # seen in the accelerations
             terms = [
                 [-product(member.C, v), -product(member.K, u)]
@@ -405,7 +405,7 @@ class Loads:
 
 
 def first_answer(member: Member, u: np.ndarray, v: np.ndarray) -> np.ndarray | int:
-    """r(u, v, 0), or the code that a function returned; LimitError for a force beyond its limit."""
+    """r(0, u, v), or the code that a function returned; LimitError for a force beyond its limit."""
     r = member.core.restoring(0.0, u, v)
     if isinstance(r, dict):
         raise limit_error(member, r)

@@ -76,7 +76,7 @@ def _assembled(session: Session, what: str) -> Assembled:
     for member in session.members:
         u, v, *memory = member.present()
         s, internal = member.subdomain, member.internal
-        matrices.append((s.M, *matrices_at(s, internal, u, v, t, *memory)))
+        matrices.append((s.M, *matrices_at(s, internal, t, u, v, *memory)))
     for member, (_, _, K) in zip(session.members, matrices):
         if what == "modes" and not (member.subdomain.symmetric or is_symmetric(K)):
             raise ValueError(

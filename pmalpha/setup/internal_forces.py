@@ -279,9 +279,9 @@ class Evaluation(NamedTuple):
 def internal_at(
     internal: InternalForces | None,
     n: int,
+    t: float,
     u: np.ndarray,
     v: np.ndarray,
-    t: float,
     q: np.ndarray,
     *,
     tangent: bool = True,
@@ -295,9 +295,9 @@ def internal_at(
         q0 = q[at : at + history]
         at += history
         if isinstance(function, LowLevelCallable):
-            force, K, C, _ = evaluate_compiled(function, u, v, t, q0, A.nnz)
+            force, K, C, _ = evaluate_compiled(function, t, u, v, q0, A.nnz)
         else:
-            force, K, C, _ = function(u, v, t, q0, tangent)
+            force, K, C, _ = function(t, u, v, q0, tangent)
         f += force
         for terms, values in ((stiff, K), (damped, C)):
             if tangent and values is not None:
@@ -320,9 +320,9 @@ def springs_at(
 def present_tangent(
     s: Subdomain,
     internal: InternalForces | None,
+    t: float,
     u: np.ndarray,
     v: np.ndarray,
-    t: float,
     q: np.ndarray,
     remembered: np.ndarray | None = None,
     *,
@@ -335,9 +335,9 @@ def present_tangent(
     """
     if s.internal is None:
         return None
-    K = internal_at(internal, s.n, u, v, t, q).K
+    K = internal_at(internal, s.n, t, u, v, q).K
     if closed:
-        K = combination([(1.0, K), (1.0, _closing_of_functions(s, u, v, t))])
+        K = combination([(1.0, K), (1.0, _closing_of_functions(s, t, u, v))])
     if not s.internal.springs:
         return K
     _, tangents = springs_at(s, u, remembered)
@@ -349,9 +349,9 @@ def present_tangent(
 def matrices_at(
     s: Subdomain,
     internal: InternalForces | None,
+    t: float,
     u: np.ndarray,
     v: np.ndarray,
-    t: float,
     q: np.ndarray,
     remembered: np.ndarray,
 ) -> tuple[Matrix | None, Matrix | None]:
@@ -361,7 +361,7 @@ def matrices_at(
     what K_r is beyond the initial tangents of springs beside them. Springs with a memory count as
     in `present_tangent`: in small motions one that yields unloads.
     """
-    forces = internal_at(internal, s.n, u, v, t, q)
+    forces = internal_at(internal, s.n, t, u, v, q)
     C = [s.C, s.restoring_damping, forces.C]
     K: list[tuple[float, Matrix | None]] = [(1.0, s.K), (1.0, forces.K)]
     if s.has_functions or not s.springs:
@@ -381,21 +381,21 @@ def closing_tangent(s: Subdomain) -> Matrix | None:
     """What springs and contact add to the initial tangent of an explicit subdomain, at most."""
     if s.internal is None or not s.scheme.explicit:
         return None
-    K = _closing_of_functions(s, s.u0, s.v0, 0.0)
+    K = _closing_of_functions(s, 0.0, s.u0, s.v0)
     rises = [x.largest_tangent - x.initial_tangent for x in s.internal.springs]
     if not any(np.any(rise > 0.0) for rise in rises):
         return K
     return combination([(1.0, K), (1.0, matrix_of_springs(s, rises))])
 
 
-def _closing_of_functions(s: Subdomain, u: np.ndarray, v: np.ndarray, t: float) -> Matrix | None:
+def _closing_of_functions(s: Subdomain, t: float, u: np.ndarray, v: np.ndarray) -> Matrix | None:
     """The largest tangents of the forces that know them, less the present ones."""
     assert s.internal is not None
     terms: list[tuple[float, Matrix]] = []
     for force in s.internal.forces:
         largest = None if force.largest_tangent is None else force.largest_tangent()
         if largest is not None:
-            present = force(u.copy(), v.copy(), t, force.history.copy())[1]
+            present = force(t, u.copy(), v.copy(), force.history.copy())[1]
             terms += [(1.0, canonical(largest, "largest_tangent", s.n)[0])]
             terms += [(-1.0, canonical(present, "K_t", s.n)[0])]
     return combination(terms)

@@ -366,7 +366,7 @@ def present_ratio(
     """The step divided by the critical one for the tangents of internal forces in a state: u, v, q
     and what springs remember, in the user's order of dofs."""
     u, v, q, remembered = state
-    return step_ratio(subdomain, step, present_tangent(subdomain, internal, u, v, t, q, remembered))
+    return step_ratio(subdomain, step, present_tangent(subdomain, internal, t, u, v, q, remembered))
 
 
 def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> None:

@@ -91,16 +91,18 @@ class ElementForce:
         return f"<{type(self).__name__} of {self.n} dofs{history}>"
 
     def __call__(
-        self, u: Any, v: Any = None, t: float = 0.0, q: Any = None
+        self, t: Any = 0.0, u: Any = None, v: Any = None, q: Any = None
     ) -> tuple[np.ndarray, sp.csr_array, None, np.ndarray]:
         """The force, its tangents and the history.
 
         Parameters
         ----------
+        t : float, optional
+            The time, on which no element of this package depends: it can be left out, ``(u)``.
         u : (n,) array_like
             Displacements.
-        v, t : optional
-            Velocities and the time, which no element of this package depends on.
+        v : optional
+            Velocities, on which no element depends either.
         q : (m,) array_like, optional
             The history at the beginning of the step. Default: that at t = 0.
 
@@ -120,18 +122,16 @@ class ElementForce:
         ValueError
             If u or q have another shape.
         """
-        f, K, q1 = self._evaluate(self._displacements(u), self._before(q), True)
+        f, K, q1 = self._evaluate(self._displacements(t if u is None else u), self._before(q), True)
         return f, K, None, q1
 
-    def residual(self, u: Any, v: Any = None, t: float = 0.0, q: Any = None) -> np.ndarray:
+    def residual(self, t: Any = 0.0, u: Any = None, v: Any = None, q: Any = None) -> np.ndarray:
         """The force alone, which takes a quarter of the time of force and tangent.
 
         Parameters
         ----------
-        u, v : (n,) array_like
-            As for a call.
-        t, q : optional
-            As for a call.
+        t, u, v, q
+            As for a call; ``residual(u)`` without the time.
 
         Returns
         -------
@@ -150,7 +150,7 @@ class ElementForce:
         >>> bar.internal[0].residual([0.0, 0.0, 0.02, 0.0]).round(12).tolist()
         [-1.0, 0.0, 1.0, 0.0]
         """
-        return self._evaluate(self._displacements(u), self._before(q), False)[0]
+        return self._evaluate(self._displacements(t if u is None else u), self._before(q), False)[0]
 
     def largest_tangent(self) -> sp.csr_array | None:
         """The stiffest tangent, for the critical step of an explicit subdomain.

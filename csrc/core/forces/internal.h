@@ -1,4 +1,4 @@
-/* internal.h - internal forces f(u, v, t; q) of a subdomain, with their tangents.          (N1)
+/* internal.h - internal forces f(t, u, v; q) of a subdomain, with their tangents.          (N1)
  *
  * They are functions of the user's, called any number of times in a step until its equilibrium is
  * found; q is the history at the beginning of the step, q1 at its end. Springs that are iterated
@@ -12,7 +12,7 @@
 
 #include "status.h"
 
-/* f (n) and q1 at u, v, t from the history q; where K is not NULL, the values of df/du and df/dv in
+/* f (n) and q1 at t, u, v from the history q; where K is not NULL, the values of df/du and df/dv in
  * the pattern of the function too. In the user's order of dofs; f, K, C arrive zeroed, q1 as q.
  * Other than 0: stop the run. u, v and q are copies. */
 typedef int (*pma_internal_function)(double t, intptr_t n, double *u, double *v, double *q,
@@ -47,7 +47,7 @@ pma_status pma_internal_check(const pma_internal *internal, size_t entries);
 /* Doubles of scratch of pma_internal_evaluate. */
 size_t pma_internal_scratch(const pma_internal *internal);
 
-/* f (n) += f(u, v, t; q) in elimination order, q1 := the histories at the end; where `tangent` (of
+/* f (n) += f(t, u, v; q) in elimination order, q1 := the histories at the end; where `tangent` (of
  * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv, and where `stiffness`
  * is not NULL either, stiffness += df/du in the same pattern. q1 may be q.
  * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC

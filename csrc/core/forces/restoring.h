@@ -1,4 +1,4 @@
-/* restoring.h - a further restoring force r(u, v, t) of a subdomain, beyond K u + C v. */
+/* restoring.h - a further restoring force r(t, u, v) of a subdomain, beyond K u + C v. */
 #ifndef PMA_RESTORING_H
 #define PMA_RESTORING_H
 
@@ -9,7 +9,7 @@
 #include "state.h"
 #include "status.h"
 
-/* r (n) := r(u, v, t), in the user's order of dofs; r arrives zeroed. Other than 0: stop the run.
+/* r (n) := r(t, u, v), in the user's order of dofs; r arrives zeroed. Other than 0: stop the run.
  * u and v are copies: what the function writes into them is lost. */
 typedef int (*pma_restoring_function)(double t, intptr_t n, double *u, double *v, double *r,
                                       void *user);
@@ -60,7 +60,7 @@ pma_status pma_restoring_check(const pma_restoring *restoring);
  * the substep whose force is evaluated next. */
 void pma_restoring_accelerate(const pma_restoring *restoring, const double *w, double ahead);
 
-/* y (n) -= r(u, v, t), all in elimination order; `to` (memory) is what the function remembers
+/* y (n) -= r(t, u, v), all in elimination order; `to` (memory) is what the function remembers
  * after it, `from` before it, which may be the same. PMA_RESTORING_FAILED when the function returns
  * other than 0, which goes to *code, PMA_LIMITED when it gives no command since `cell` refuses it;
  * y is then as it was. Does not allocate. */

@@ -154,7 +154,7 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
 
 /* Its stages. */
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
-/* y -= r(ut, vs, t1); what the function remembers goes on from the level before, double step or
+/* y -= r(t1, ut, vs); what the function remembers goes on from the level before, double step or
  * not, since it is evaluated at one level after the other */
 pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *step,
                                           const pma_state *to, double *y);

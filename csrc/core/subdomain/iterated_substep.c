@@ -34,7 +34,7 @@ static const pma_state *iterate_of(const pma_iterate *it)
 
 /* ---- first guess (N4) ----------------------------------------------------------------------- */
 
-/* fixed := F(t1) - r(ut, vs, t1) + D_r vs, evaluated once, from F(t1); lagged: - C vs too */
+/* fixed := F(t1) - r(t1, ut, vs) + D_r vs, evaluated once, from F(t1); lagged: - C vs too */
 static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *to)
 {
     pma_subdomain *s = it->of;
@@ -168,7 +168,7 @@ static void add_spring_tangents(const pma_iterate *it, const double *to, const p
     }
 }
 
-/* f := C v + K u + f(u, v, t1; q_n) of springs and functions; the tangent of Mbar if wanted */
+/* f := C v + K u + f(t1, u, v; q_n) of springs and functions; the tangent of Mbar if wanted */
 static pma_status evaluate_forces(pma_iterate *it, const double *u, const double *v,
                                   double *tangent)
 {

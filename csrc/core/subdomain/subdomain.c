@@ -288,7 +288,7 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
     return status;
 }
 
-/* r += f(u, v, t; q) with the histories of the start; the next start takes what they become, and
+/* r += f(t, u, v; q) with the histories of the start; the next start takes what they become, and
  * the balance, if there is one, f with its stiffness */
 static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u, const double *v,
                                      double *r)

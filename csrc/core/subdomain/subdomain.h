@@ -126,7 +126,7 @@ pma_status pma_subdomain_admit(const pma_subdomain *s, const pma_substep *step, 
 /* F (n) := the functions among the loads at t, as `open` evaluates them */
 pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 
-/* r (n) := r(u, v, t) + f(u, v, t; q): the restoring force as `open` evaluates it, with springs
+/* r (n) := r(t, u, v) + f(t, u, v; q): the restoring force as `open` evaluates it, with springs
  * that were never loaded before, and the internal forces from their initial histories: what these
  * become is what the next start takes */
 pma_status pma_subdomain_evaluate_restoring(pma_subdomain *s, double t, const double *u,

@@ -57,7 +57,7 @@ void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, d
     pma_factor_close(&p->mass, pull, y, work);
 }
 
-/* y -= f(ut, vs, t1; q), internal forces of an explicit subdomain, which go on to q1 */
+/* y -= f(t1, ut, vs; q), internal forces of an explicit subdomain, which go on to q1 */
 static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, const pma_state *to,
                                     double t1)
 {
@@ -112,7 +112,7 @@ static void watch_forces(const pma_subdomain *s, const double *y, double *r)
         r[i] += restoring->load[restoring->order[i]];
 }
 
-/* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
+/* y -= r(t1, ut, vs) + D_r (vt - vs); vs is then used up                                  (R3) */
 __attribute__((noinline)) static pma_status
 subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *from,
                    const pma_state *to)
