@@ -141,7 +141,7 @@ def test_a_compiled_force_receives_its_user_data():
 
 
 def test_the_tangents_of_a_compiled_force_can_be_checked():
-    right = compiled(history=[0.0]).check([0.3, -0.1], [0.2, 0.4])
+    right = compiled(history=[0.0]).check(0.0, [0.3, -0.1], [0.2, 0.4])
     assert right.error < 1e-8  # of a cubic law differences have ten digits
 
     def wrong(*args):
@@ -149,7 +149,7 @@ def test_the_tangents_of_a_compiled_force_can_be_checked():
         args[7][3] = 0.75  # in C
         return code
 
-    report = compiled(wrong, history=[0.0]).check([0.3, -0.1], [0.2, 0.4])
+    report = compiled(wrong, history=[0.0]).check(0.0, [0.3, -0.1], [0.2, 0.4])
     assert (report.matrix, report.row, report.column, report.given) == ("C_t", 1, 1, 0.75)
     assert report.difference == pytest.approx(0.5, rel=1e-8)
 
@@ -279,7 +279,7 @@ def test_a_forgotten_velocity_tangent_and_values_that_are_not_finite_are_found()
     report = pm.InternalForce(lambda t, u, v, q: (u + 0.1 * v, 1.0)).check(0.5)
     assert (report.matrix, report.given) == ("C_t", 0.0)
     assert report.error == pytest.approx(1.0, rel=1e-8)
-    fixed = pm.InternalForce(lambda t, u, v, q: (u + 0.1 * v, 1.0, 0.1)).check(0.5, 2.0)
+    fixed = pm.InternalForce(lambda t, u, v, q: (u + 0.1 * v, 1.0, 0.1)).check(0.0, 0.5, 2.0)
     assert fixed.error < 1e-8
 
 
@@ -298,7 +298,7 @@ def test_the_check_is_at_the_given_time_and_history():
     force = pm.InternalForce(law, history=[0.25])
     assert force.check(0.255).error < 1e-8 and set(map(str, seen)) == {"(0.0, [0.25])"}
     seen.clear()
-    assert force.check(0.255, t=2.0, q=[0.0]).error == 0.0  # it slides
+    assert force.check(2.0, 0.255, q=[0.0]).error == 0.0  # it slides
     assert set(map(str, seen)) == {"(2.0, [0.0])"}
 
 
@@ -563,7 +563,7 @@ def test_without_tangents_none_are_returned_and_residual_is_used():
     assert element.calls == ["all", "residual"] and K is None and C is None
     np.testing.assert_array_equal(f, with_tangents[0])
     plain, _, _ = at_start(chain, 3)
-    assert plain(u, u, 0.0, NONE, False)[1] is None
+    assert plain(0.0, u, u, NONE, False)[1] is None
     element.residual = lambda t, u, v, q: 100.0 * u + 10.0 * v + t
     f = adapter(5.0, np.arange(1.0, 4.0), np.arange(4.0, 7.0), NONE, False)[0]
     assert f.tolist() == [145.0, 255.0, 365.0]

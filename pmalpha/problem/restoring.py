@@ -139,7 +139,7 @@ class CheckedRestoring:
         self.last = r
         if self.feedback is None:
             return r
-        f = self.feedback(*self._motion(u, v), t)
+        f = self.feedback(t, *self._motion(u, v))
         self.feedback.last[:] = f
         result: np.ndarray = r - f
         return result

@@ -346,7 +346,7 @@ class Loads:
         if member.feedback is None or member.feedback.function is None:
             return self.at_start(i, step)
         u, v = motion
-        result: np.ndarray = member.feedback(u.copy(), v.copy(), 0.0)[member.order]
+        result: np.ndarray = member.feedback(0.0, u.copy(), v.copy())[member.order]
         return result
 
     def at_present(self, i: int) -> np.ndarray:

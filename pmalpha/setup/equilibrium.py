@@ -306,7 +306,7 @@ class Equilibrium:
     def _force(self, i: int, u: np.ndarray) -> np.ndarray:
         (_, s), internal = self.subdomains[i], self.internal[i]
         q = np.empty(0) if internal is None else internal.initial
-        f = internal_at(internal, s.n, u, np.zeros(s.n), 0.0, q, tangent=False).f
+        f = internal_at(internal, s.n, 0.0, u, np.zeros(s.n), q, tangent=False).f
         if s.springs:
             f = f + springs_at(s, u)[0]
         result: np.ndarray = product(s.K, u) + f
@@ -316,7 +316,7 @@ class Equilibrium:
         tangents = []
         for (_, s), internal, u_i in zip(self.subdomains, self.internal, self._members(u)):
             q = np.empty(0) if internal is None else internal.initial
-            terms = [(1.0, s.K), (1.0, internal_at(internal, s.n, u_i, np.zeros(s.n), 0.0, q).K)]
+            terms = [(1.0, s.K), (1.0, internal_at(internal, s.n, 0.0, u_i, np.zeros(s.n), q).K)]
             if s.springs:
                 terms.append((1.0, matrix_of_springs(s, springs_at(s, u_i)[1])))
             tangents.append(sparse(combination(terms), s.n))

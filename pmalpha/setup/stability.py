@@ -176,7 +176,7 @@ def critical_step(
         subdomain.v0 if v is None else vector(v, subdomain.n, "v"),
     )
     past = initial if q is None else vector(q, initial.size, "q")
-    K = present_tangent(subdomain, forces, *state, 0.0, past, closed=True)
+    K = present_tangent(subdomain, forces, 0.0, *state, past, closed=True)
     return limit_of(subdomain, K)
 
 
