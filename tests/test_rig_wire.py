@@ -314,7 +314,7 @@ def test_a_coupler_needs_velocities():
     with served(structure(rig.Command(1))) as (address, results):
         with connected(address, send=["displacement"]) as there:
             with pytest.raises(ConnectionError, match="the rig"):
-                there(np.ones(1), np.ones(1), 0.05)
+                there(0.05, np.ones(1), np.ones(1))
     with pytest.raises(ValueError, match="a coupler needs the velocities of its interface"):
         raise results[0]
 
@@ -440,7 +440,7 @@ def test_an_address_is_a_host_and_a_port():
 def test_both_sides_have_to_know_the_secret():
     with served(specimen, secret="two") as (address, results):
         with connected(address, secret=b"two") as there:
-            assert there(np.ones(1), np.zeros(1), 0.0)[0].shape == (1,)
+            assert there(0.0, np.ones(1), np.zeros(1))[0].shape == (1,)
     assert results == [1]
     with served(specimen, secret="two") as (address, results):
         with pytest.raises(ConnectionError, match="it may have another secret"):
@@ -452,7 +452,7 @@ def test_both_sides_have_to_know_the_secret():
 def command(address, **options):
     """A command by the client that is invited."""
     with connected(address, **options) as there:
-        there(np.ones(1), np.zeros(1), 0.0)
+        there(0.0, np.ones(1), np.zeros(1))
 
 
 def test_the_server_shows_nothing_that_a_stranger_could_try_words_on():
@@ -557,7 +557,7 @@ def test_a_client_of_many_dofs_takes_no_memory_before_it_asks_for_a_matrix():
     n = 65536  # a dense matrix would have 34 GB
     with served(pm.CubicSpring([n - 1], k=4.0, k3=0.0)) as (address, results):
         with connected(address) as there:
-            assert there(np.ones(n), np.zeros(n), 0.0)[0][-1] == 4.0
+            assert there(0.0, np.ones(n), np.zeros(n))[0][-1] == 4.0
     assert results == [1]
 
 
@@ -673,6 +673,6 @@ def test_an_exception_of_a_served_function_ends_both_sides():
 
     with served(broken) as (address, results):
         with connected(address) as there, pytest.raises(ConnectionError, match="the rig"):
-            there(np.ones(1), np.zeros(1), 0.0)
+            there(0.0, np.ones(1), np.zeros(1))
     with pytest.raises(RuntimeError, match="torn off"):
         raise results[0]
