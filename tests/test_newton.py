@@ -236,7 +236,7 @@ def test_explicit_subdomains_evaluate_once(coupling, history):
     assert_agrees(ours, theirs, 1e-9 if coupling == "macro" else 1e-11)  # as above
     calls = []
     law = subdomains[1].internal
-    subdomains[1].internal = lambda *args: calls.append(args[2]) or law(*args)
+    subdomains[1].internal = lambda *args: calls.append(args[0]) or law(*args)
     c = coupler(subdomains, L, 0.01, coupling)
     c.run(steps=4)
     times = [t for t in calls if t > 0.0]
