@@ -228,7 +228,7 @@ class Drawn:
         dofs = part["specimen"]
         numbers = [self.specimens[f"r{i}.d{dof}"] for dof in dofs]
 
-        def restoring(u, v, t):
+        def restoring(t, u, v):
             r = np.zeros(part["n"])
             for dof, x in zip(dofs, numbers):
                 r[dof] = force_of(x, u[dof], v[dof])
@@ -266,7 +266,7 @@ def MOTION(t, u, v):
     return -0.1 * v
 
 
-def RESTORING(u, v, t):
+def RESTORING(t, u, v):
     return 1.0 * u
 
 

@@ -80,7 +80,7 @@ class Writing:
 
 SHIFT = 2.0**-36
 # the arguments of functions that depend on the motion
-TUV, TUVQ = "u, v, t", "u, v, t, q"
+TUV, TUVQ = "t, u, v", "t, u, v, q"
 
 
 @dataclass

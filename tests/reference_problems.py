@@ -101,7 +101,7 @@ def _subdomain(s):
     return pm.Subdomain(
         M,
         K,
-        C,
+        C=C,
         scheme=s.scheme,
         substeps=s.substeps,
         double_step=s.double,
@@ -123,7 +123,7 @@ def reference_subdomain(s, double):
     return reference.Subdomain(
         s.M,
         s.K,
-        s.C,
+        C=s.C,
         am=scheme.am,
         af=scheme.af,
         beta=scheme.beta,
@@ -204,7 +204,7 @@ def _set_random_restoring(rng, s, massless):
     G = rng.normal(size=(len(s.M), 2))
     G[massless] = 0.0  # its equation must hold at t = 0
     # it takes energy at all times, and gives back no more than it has taken
-    s.restoring = lambda u, v, t: G @ (4.0 * np.tanh(G.T @ u) + 0.2 * (1.0 + np.cos(t)) * (G.T @ v))
+    s.restoring = lambda t, u, v: G @ (4.0 * np.tanh(G.T @ u) + 0.2 * (1.0 + np.cos(t)) * (G.T @ v))
     if rng.random() < 0.5:
         s.K_r = 3.0 * G @ G.T
     if rng.random() < 0.5:

@@ -71,7 +71,7 @@ def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model.pma"
     outside = frame("pm", "bilinear", restoring=rig.External([1], force=300.0 * -0.02))
     outside.freeze(path, {"column": ("specimen", "a", 1)}, {"u": ("u", "a", 1)})
-    coupler = frame("pm", "bilinear", restoring=lambda u, v, t: np.array([0.0, 300.0 * u[1], 0.0]))
+    coupler = frame("pm", "bilinear", restoring=lambda t, u, v: np.array([0.0, 300.0 * u[1], 0.0]))
     history = coupler.run(steps=STEPS // 3)
     return path, history["a"].u[-1, 1]
 

@@ -99,7 +99,9 @@ def test_steps_that_were_changed_are_frozen(library, tmp_path):
 def test_a_sparse_structure_in_panels_moves_as_a_run(library, tmp_path):
     n, K = 17, plate(17**2)
     u0 = np.sin(np.arange(n * n)) * 0.01
-    a = pm.Subdomain(np.ones(n * n), K, 0.001 * K, scheme=pm.GeneralizedAlpha(0.7), u0=u0, name="a")
+    a = pm.Subdomain(
+        np.ones(n * n), K, C=0.001 * K, scheme=pm.GeneralizedAlpha(0.7), u0=u0, name="a"
+    )
     b = pm.Subdomain(
         [0.5],
         [100.0],
@@ -172,7 +174,7 @@ def specimen(d, v):
 def hybrid(coupling, substeps=1, limits=None, device=None, **rest):
     """The frame with a specimen at its second dof, behind a device."""
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         return np.array([0.0, specimen(u[1], v[1]), 0.0])
 
     return frame(
@@ -254,7 +256,7 @@ def test_an_attached_function_is_called_with_the_command(library, tmp_path, coup
 def test_the_command_is_the_displacement_at_which_a_run_evaluates(library, tmp_path):
     commands = []
 
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         commands.append((u[1], v[1]))
         return np.array([0.0, specimen(u[1], v[1]), 0.0])
 
@@ -512,7 +514,7 @@ def test_a_state_goes_on_bitwise_in_the_same_and_in_another_model(
     if coupling == "mean":
         coupler, inputs = frame(coupling), {}
     else:
-        coupler, inputs = frame(coupling, "bilinear", restoring=lambda u, v, t: 0.0 * u), PORT
+        coupler, inputs = frame(coupling, "bilinear", restoring=lambda t, u, v: 0.0 * u), PORT
     where_pushed = "b" if coupling in ("gc", "pm") else "a"  # of several substeps, or of one
     model = frozen(coupler, library, tmp_path, inputs | {"push": ("force", where_pushed, 1)})
     other = library.model(tmp_path / "model.pma")
@@ -618,16 +620,16 @@ def commands_of(restoring):
     """A function, and the list of the displacements and velocities at which it is evaluated."""
     commands = []
 
-    def function(u, v, t):
+    def function(t, u, v):
         commands.append((u[1], v[1]))
-        return restoring(u, v, t)
+        return restoring(t, u, v)
 
     return function, commands
 
 
 @pytest.mark.parametrize("what", ["displacement", "velocity", "acceleration"])
 def test_a_command_beyond_the_limits_is_never_given(library, tmp_path, what):
-    def restoring(u, v, t):
+    def restoring(t, u, v):
         return np.array([0.0, specimen(u[1], v[1]), 0.0])
 
     t = 0.01 * np.arange(1000)
@@ -671,7 +673,7 @@ def test_a_random_coupler_moves_as_in_a_run_or_is_refused_by_name(library, tmp_p
 
 
 def test_what_no_file_can_have_is_refused_by_name_and_leaves_no_file(tmp_path):
-    def function(u, v, t):
+    def function(t, u, v):
         return 0.0 * u
 
     moving = frame("gc", restoring=function)
@@ -731,7 +733,7 @@ def test_internal_forces_and_loads_of_the_motion_are_refused_by_name(tmp_path):
     s = pm.Subdomain([1.0], [4.0], scheme=scheme, force=load, name="fed")
     with pytest.raises(ValueError, match=r"force of subdomain 'fed' depends on the motion"):
         pm.Coupler([s], dt=0.1).freeze(tmp_path / "x.pma")
-    force = pm.InternalForce(lambda u, v, t, q: (u**3, np.diag(3.0 * u**2)))
+    force = pm.InternalForce(lambda t, u, v, q: (u**3, np.diag(3.0 * u**2)))
     s = pm.Subdomain([1.0], [4.0], scheme=scheme, internal=force, name="bent")
     with pytest.raises(ValueError, match=r"internal of subdomain 'bent' has functions"):
         pm.Coupler([s], dt=0.1).freeze(tmp_path / "x.pma")
@@ -744,7 +746,7 @@ def test_compiled_functions_obstacles_that_move_and_adaptive_compensators_are_re
     compiled_restoring = LowLevelCallable(RESTORING(lambda t, n, u, v, r, user: 0))
     compiled_force = LowLevelCallable(FORCE(lambda t, n, f, user: 0))
 
-    def measured(u, v, t):
+    def measured(t, u, v):
         return 0.0 * u, u
 
     def behind(method, **options):

@@ -82,7 +82,7 @@ class External(Frozen):
         forces = ", ".join(f"{x:g}" for x in self.at_start[self.dofs])
         return f"<External on dof{'s' * (self.dofs.size > 1)} {dofs}, force {forces} at the start>"
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+    def __call__(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Its force at the start; ValueError later, since it is not in this program."""
         if t > 0.0 or self.at_start is None:
             raise ValueError(OUTSIDE)
