@@ -22,6 +22,7 @@ _Load = forms.Load | tuple[forms.Load, ...]  # whose sum acts
 class Subdomain:
     entries: int
     gain: tuple[float, float, float]
+    stiff: tuple[float, float, float, float]
     added_mass: float
     def __new__(cls, parts: dict[str, Any]) -> Subdomain: ...
     def set_load(self, load: _Load | tuple[_Load, ...], /) -> None: ...

@@ -375,3 +375,86 @@ def gain_of(history, K):
     U = 0.5 * np.sum(x.u * (x.u @ K), axis=1)
     fastest = np.maximum.accumulate(T) <= T
     return float((T.max() - T[0] - U[0]) / (T + U)[fastest].max())
+
+
+# ---- forces that are too stiff, cut structures, double steps -------------------------------------
+
+TOO_STIFF = ("function", "dashpot", "low estimate", "controller", "damping controller", "spring")
+
+
+def too_stiff(name, n, k, h):
+    """Forces on the last of n masses of stiffness k, or of a dashpot with as much of the step h."""
+    last, c = np.eye(n)[-1], 0.5 * k * h
+    if name == "function":
+        return {"restoring": lambda *x: k * _motion(x)[0] * last}
+    if name == "dashpot":
+        return {"restoring": lambda *x: c * _motion(x)[1] * last}
+    if name == "low estimate":
+        stiff = {"restoring": lambda *x: (k + 4.0 / h**2) * _motion(x)[0] * last}
+        return stiff | {"restoring_stiffness": np.diag(last) * 4.0 / h**2}
+    if name == "controller":
+        return {"force": lambda t, u, v: -k * u * last}
+    if name == "damping controller":
+        return {"force": lambda t, u, v: -c * v * last}
+    return {"restoring": pm.CubicSpring([n - 1], k, 0.0)}
+
+
+def _motion(x):
+    """u and v of the arguments of a restoring function."""
+    return x[-2:] if np.ndim(x[0]) == 0 else x[:2]
+
+
+def grown(seed):
+    """Two chains that are tied, with a force that is too stiff or thrown on the first; and the gain
+    of energy of both, from their History, with the steps of the force over what it allows.
+
+    Under "pm" the first takes double steps where it is implicit.
+    """
+    rng = np.random.default_rng([seed, 433])
+    n, coupling = int(rng.integers(1, 4)), str(rng.choice(["gc", "pm", "pm", "alone"]))
+    names = TOO_STIFF + THROWN[:6]
+    name = names[seed % len(names)]
+    K = stiffness(10.0 ** rng.uniform(-0.3, 0.3, n), n)
+    w2, modes = eigh(K)
+    explicit = bool(rng.random() < 0.4) and name not in ("low estimate", "function with K_r")
+    rho = float(rng.choice([0.5, 0.8, 1.0]))
+    scheme = pm.Newmark() if rng.random() < 0.3 else pm.GeneralizedAlpha(rho, explicit=explicit)
+    h = 2.0 * np.pi / np.sqrt(w2[-1]) / 10.0 ** rng.uniform(1.3, 2.0)
+    Omega = 10.0 ** rng.uniform(0.0, 0.9)
+    gap = abs(modes[-1, 0]) / np.sqrt(w2[0]) * rng.uniform(0.05, 0.9)
+    v0 = modes[:, 0] * (1.0 if modes[-1, 0] > 0.0 else -1.0)
+    substeps = int(rng.choice([1, 2, 4]))
+
+    def make():
+        k = (Omega / h) ** 2
+        forces = too_stiff(name, n, k, h) if name in TOO_STIFF else forces_of(name, n, k, gap, 1)
+        options = {"scheme": scheme, "v0": v0, "name": "a"}
+        with warnings.catch_warnings():  # of critical steps
+            warnings.simplefilter("ignore", pm.StabilityWarning)
+            a = pm.Subdomain(np.ones(n), K, **options, **forces)
+            if coupling == "alone":
+                return pm.Coupler([a], dt=h)
+            b = pm.Subdomain(
+                [0.5, 1.0],
+                np.array([[1.0, -1.0], [-1.0, 2.0]]),
+                scheme=pm.GeneralizedAlpha(0.8),
+                v0=[v0[0], 0.0],
+                substeps=substeps,
+                name="b",
+            )
+            return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=h, coupling=coupling)
+
+    steps = min(400, int(3.0 * 2.0 * np.pi / np.sqrt(w2[0]) / h))
+    return Run(make, steps, f"{coupling} {name} {scheme!r} Omega={Omega:.2f}"), gain_of_both
+
+
+def gain_of_both(history):
+    """As gain_of, of all subdomains at macro time levels."""
+    T = U = 0.0
+    for x, s in zip(history.subdomains, (s for _, s in history.keys)):
+        every = (len(x.t) - 1) // (len(history.macro_times) - 1)
+        K = s.K if s.K.ndim == 2 else np.diag(s.K)
+        T = T + 0.5 * np.sum(x.v[::every] ** 2 * s.M, axis=1)
+        U = U + 0.5 * np.sum(x.u[::every] * (x.u[::every] @ K), axis=1)
+    fastest = np.maximum.accumulate(T) <= T
+    return float((T.max() - T[0] - U[0]) / (T + U)[fastest].max())

@@ -282,6 +282,13 @@ static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closu
     return Py_BuildValue("(ddd)", gain.added, gain.energy, gain.t);
 }
 
+static PyObject *subdomain_get_stiff(SubdomainObject *self, void *Py_UNUSED(closure))
+{
+    const pma_balance *b = pma_subdomain_balance(self->core);
+    const pma_stiff x = b ? pma_balance_stiff(b) : (pma_stiff){.t = 0.0};
+    return Py_BuildValue("(dddd)", x.excess.displacement, x.excess.velocity, x.h, x.t);
+}
+
 static PyObject *subdomain_get_added_mass(SubdomainObject *self, void *Py_UNUSED(closure))
 {
     const pma_balance *b = pma_subdomain_balance(self->core);
@@ -294,6 +301,10 @@ static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(cl
 }
 
 static PyGetSetDef subdomain_getset[] = {
+    {"stiff", (getter)subdomain_get_stiff, NULL,
+     "the step over that which forces evaluated once allow, if they depend on displacements, "
+     "squared, and on velocities; its length; since when the motion has grown, or zeros",
+     NULL},
     {"gain", (getter)subdomain_get_gain, NULL,
      "the largest energy that evaluated forces have added to the motion, that it had, and since "
      "when the former is more than a tenth; zeros if it is not, and if not watched",

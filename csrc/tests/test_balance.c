@@ -6,6 +6,7 @@
 #include "check.h"
 #include "observe/balance.h"
 #include "observe/passage.h"
+#include "observe/stiffness.h"
 #include "tests.h"
 
 enum { N = 2 };
@@ -13,7 +14,7 @@ enum { N = 2 };
 static const double ONES[N] = {1.0, 1.0}, STIFF[N] = {3.0, 5.0}, NONE[N] = {0.0, 0.0};
 static const pma_springs NO_SPRINGS = {.count = 0};
 
-static pma_balance *create(bool estimates)
+static pma_balance *create(bool estimates, double al1)
 {
     const pma_matrix none = {.form = PMA_ZERO, .n = N};
     const pma_matrix stiff = {.form = PMA_DIAGONAL, .n = N, .values = STIFF};
@@ -23,7 +24,8 @@ static pma_balance *create(bool estimates)
                                      .corrects = estimates,
                                      .is_passive = true,
                                      .estimates = estimates,
-                                     .h = 1.0,
+                                     .is_explicit = al1 == 0.0,
+                                     .single = {.h = 1.0, .al1 = al1, .stiff = 0.25, .damp = 1.0},
                                      .M = {.form = PMA_DIAGONAL, .n = N, .values = ONES},
                                      .K = none,
                                      .K_r = estimates ? stiff : none,
@@ -45,19 +47,18 @@ static void start(pma_balance *b, double v)
 
 static void open_substep(pma_balance *b, int64_t number, const double *ut, const double *force)
 {
-    double *r = pma_balance_open(b, number, ut);
+    double *r = pma_balance_open(b, number, ut).r;
     for (size_t i = 0; i < N; i++)
         r[i] = force[i];
 }
 
 /* Without an acceleration, so that the displacement is that where forces were evaluated. */
-static void close_substep(pma_balance *b, int64_t number, double al1, const double *ut,
-                          const double *v)
+static void close_substep(pma_balance *b, int64_t number, const double *ut, const double *v)
 {
     double u[N] = {ut[0], ut[1]}, speed[N] = {v[0], v[1]}, zeros[N] = {0.0};
     const pma_state x = {.u = u, .v = speed, .w = zeros, .springs = zeros};
     const pma_substep step = {.number = number, .t1 = (double)(number + 1)};
-    pma_balance_close(b, &step, al1, &x);
+    pma_balance_close(b, &step, &x);
     pma_balance_commit(b, &x);
 }
 
@@ -67,16 +68,16 @@ static void forces_that_give_more_than_they_took_are_seen_at_two_levels(void)
     static const double ut[3][N] = {{1.0, 0.5}, {0.0, 1.0}, {-2.0, 1.0}};
     static const double r[3][N] = {{0.0, 0.25}, {4.0, 0.0}, {0.0, 0.0}};
     static const double v[3][N] = {{1.0, 0.0}, {-2.0, 0.0}, {-4.0, 0.0}};
-    pma_balance *b = create(false);
+    pma_balance *b = create(false, 0.0);
     start(b, 1.0);
     open_substep(b, 0, ut[0], r[0]);
     open_substep(b, 1, ut[1], r[1]); /* before the first one is closed */
-    close_substep(b, 0, 0.0, ut[0], v[0]);
+    close_substep(b, 0, ut[0], v[0]);
     CHECK(pma_balance_gain(b).t == 0.0);
     open_substep(b, 2, ut[2], r[2]);
-    close_substep(b, 1, 0.0, ut[1], v[1]); /* 1.875 of 2 */
+    close_substep(b, 1, ut[1], v[1]); /* 1.875 of 2 */
     CHECK(pma_balance_gain(b).t == 0.0);
-    close_substep(b, 2, 0.0, ut[2], v[2]); /* 5.875 of 8 */
+    close_substep(b, 2, ut[2], v[2]); /* 5.875 of 8 */
     const pma_gain gain = pma_balance_gain(b);
     CHECK_NEAR(gain.added, 5.875, 0.0);
     CHECK_NEAR(gain.energy, 8.0, 0.0);
@@ -90,12 +91,12 @@ static void a_weight_is_no_source(void)
 {
     static const double ut[2][N] = {{-1.0, 0.0}, {-3.0, 0.0}}, v[2][N] = {{-2.0, 0.0}, {-3.0, 0.0}};
     static const double weight[N] = {1.0, 0.0};
-    pma_balance *b = create(false);
+    pma_balance *b = create(false, 0.0);
     pma_balance_first(b)->once[0] = 1.0;
     start(b, 1.0);
     for (int64_t k = 0; k < 2; k++) {
         open_substep(b, k, ut[k], weight);
-        close_substep(b, k, 0.0, ut[k], v[k]);
+        close_substep(b, k, ut[k], v[k]);
     }
     CHECK(pma_balance_gain(b).t == 0.0);
     pma_balance_destroy(b);
@@ -106,11 +107,11 @@ static void a_weight_is_no_source(void)
 static void an_estimate_above_the_stiffness_is_a_mass(void)
 {
     static const double ut[2][N] = {{1.0, 1.0}, {2.0, -2.0}}, r[2][N] = {{3.0, 0.0}, {6.0, 0.0}};
-    pma_balance *b = create(true);
+    pma_balance *b = create(true, 0.25);
     start(b, 1.0);
     for (int64_t k = 0; k < 2; k++) {
         open_substep(b, k, ut[k], r[k]);
-        close_substep(b, k, 0.25, ut[k], NONE);
+        close_substep(b, k, ut[k], NONE);
     }
     CHECK_NEAR(pma_balance_added_mass(b), 12.5 / 12.0, 1e-15);
     pma_balance_destroy(b);
@@ -172,11 +173,43 @@ static void a_passage_sums_the_works_of_one_step(void)
     CHECK(to[0] == 3.0 && to[1] == 1.0 && to[2] == 20.0);
 }
 
+/* (B15)  du = (2, 1), dr = (6, 8), M = (1, 1), K = (3, 5), K_r = (3, 5), D_r = (1, 1): dr.du = 20,
+ * du.M du = 5, du.K du = 17; dv = (1, 1): dr.dv = 14, dv.M dv = 2, dv.D_r dv = 2 */
+static void the_step_over_that_which_the_forces_allow_is_that_of_a_step_by_hand(void)
+{
+    static const double ut[2][N] = {{1.0, 0.0}, {3.0, 1.0}}, vs[2][N] = {{0.0, 1.0}, {1.0, 2.0}};
+    static const double total[2][N] = {{-1.0, -2.0}, {5.0, 6.0}};
+    const pma_matrix none = {.form = PMA_ZERO, .n = N};
+    const pma_matrix one = {.form = PMA_DIAGONAL, .n = N, .values = ONES};
+    const pma_matrix stiff = {.form = PMA_DIAGONAL, .n = N, .values = STIFF};
+    const pma_step_limits step = {
+        .h = 1.0, .al1 = 0.25, .stiff = 0.5, .inert = 0.125, .damp = 0.75};
+    pma_stiffness s = {.n = N, .lanes = 1, .M = one, .K = stiff, .K_r = stiff, .D_r = one};
+    const pma_evaluation_at from = {.ut = ut[0], .total = total[0], .vs = vs[0]};
+    const pma_evaluation_at to = {.ut = ut[1], .total = total[1], .vs = vs[1]};
+    double scratch[3 * N];
+    /* (10 - 17/4 - 17/8) / 5 is below 1: nothing else is asked */
+    pma_excess x = pma_stiffness_excess(&s, &step, &from, &to, 0, scratch);
+    CHECK_NEAR(x.displacement, 0.725, 1e-15);
+    CHECK(x.velocity == 0.0);
+    s.K = s.K_r = none; /* 10 / 5; (10.5 - 1) / 2 */
+    x = pma_stiffness_excess(&s, &step, &from, &to, 0, scratch);
+    CHECK_NEAR(x.displacement, 2.0, 1e-15);
+    CHECK_NEAR(x.velocity, 4.75, 1e-15);
+    s.is_explicit = true; /* K alone is above: 8.5 / 5 */
+    s.K = stiff;
+    CHECK(pma_stiffness_excess(&s, &step, &from, &to, 0, scratch).displacement == 0.0);
+    s.K = one; /* 0.5 (20 + 5) / 5 */
+    CHECK_NEAR(pma_stiffness_excess(&s, &step, &from, &to, 0, scratch).displacement, 2.5, 1e-15);
+    CHECK(pma_stiffness_excess(&s, &step, &to, &to, 0, scratch).displacement == 0.0);
+}
+
 const test BALANCE_TESTS[] = {
     TEST(forces_that_give_more_than_they_took_are_seen_at_two_levels),
     TEST(a_weight_is_no_source),
     TEST(an_estimate_above_the_stiffness_is_a_mass),
     TEST(a_passage_in_lanes_is_that_of_each_lane),
     TEST(a_passage_sums_the_works_of_one_step),
+    TEST(the_step_over_that_which_the_forces_allow_is_that_of_a_step_by_hand),
     END_OF_TESTS,
 };

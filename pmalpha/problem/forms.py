@@ -277,10 +277,11 @@ class Limits(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """The matrices of the energy that evaluated forces add."""
+    """The matrices with which evaluated forces are watched; K acts where they are evaluated."""
 
     M: Any
     K_r: Any
+    is_explicit: bool
 
 
 class Responses(NamedTuple):

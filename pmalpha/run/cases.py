@@ -125,7 +125,7 @@ class Lanes:
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
-        if any(core.gain[2] > 0.0 for core in self.cores):
+        if any(core.gain[2] > 0.0 or core.stiff[3] > 0.0 for core in self.cores):
             return False
         for all_lanes, *cases in zip(self.interface, *(x.interface for x in records)):
             split_lanes(all_lanes, tuple(cases))

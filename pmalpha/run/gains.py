@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from ..errors import AccuracyWarning, StabilityWarning, warn
@@ -20,10 +21,11 @@ ADDED_MASS = 0.1
 
 
 def warn_of_gains(members: Sequence[Member]) -> None:
-    """StabilityWarning for energy that evaluated forces have added, (B10), AccuracyWarning for mass
-    that an estimate has, (B13), once for each subdomain and start."""
+    """StabilityWarning for evaluated forces that are too stiff for the step, (B15), or have added
+    energy, (B10), AccuracyWarning for mass that an estimate has, (B13), once for each subdomain and
+    start."""
     for member in members:
-        text = gain_of(member)
+        text = stiff_of(member) or gain_of(member)
         if text and not member.reported:
             warn(text, StabilityWarning)
             member.reported = True
@@ -39,6 +41,25 @@ def _words_of_mass(member: Member, share: float) -> str:
         f"have had in the motion: what is beyond has acted as {100.0 * share:.3g} per cent of its "
         f"mass; take a smaller estimate or shorter steps than {member.step:g}, or give a stop and "
         "other forces of which the stiffness is known as internal= with their tangents"
+    )
+
+
+def stiff_of(member: Member) -> str:
+    """By how much the step of a subdomain is too long for its evaluated forces, or empty."""
+    excess, rate, h, t = member.core.stiff
+    if not t > 0.0:
+        return ""
+    ratio, substep = math.sqrt(excess), h / 2.0 if member.double else h
+    cure = f"take substeps of at most {substep / ratio:.3g}"
+    if rate > 1.0:
+        cure += f" if they are of springs and {substep / rate:.3g} if they are of dashpots"
+    estimate = "" if member.subdomain.restoring is None else ", a larger restoring_stiffness"
+    double = " (a double step)" if member.double else ""
+    return (
+        f"forces of subdomain {member.name!r} that are evaluated once in a step are too stiff for "
+        f"it: since t = {t:g} its motion grows, and the step {h:g}{double} is {ratio:.3g} times "
+        f"that which their increments over those of the displacement allow; {cure}{estimate}, or "
+        "internal= with tangents"
     )
 
 
@@ -64,7 +85,7 @@ def cause_of(member: Member) -> str:
     """What is known of why a motion has grown beyond all bounds, or empty."""
     ratio = member.step_ratio
     if ratio is None or not ratio.is_above or ratio.raised:
-        return gain_of(member)
+        return stiff_of(member) or gain_of(member)
     return (
         f"its step {member.step:g} is {ratio.value:.3g} times the critical one; take smaller steps"
     )

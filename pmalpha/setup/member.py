@@ -525,10 +525,11 @@ def _limits(member: Member) -> forms.Limits | None:
 
 
 def _watch(member: Member) -> forms.Watch | None:
-    if member.subdomain.restoring is None and member.internal is None:
+    s = member.subdomain
+    if s.restoring is None and member.internal is None and not s.has_feedback:
         return None
-    K_r = None if member.subdomain.scheme.explicit else member.K_r
-    return forms.Watch(*(member.core_matrix(A) for A in (member.M, K_r)))
+    K_r = None if s.scheme.explicit else member.K_r
+    return forms.Watch(*(member.core_matrix(A) for A in (member.M, K_r)), s.scheme.explicit)
 
 
 def _internal(member: Member, threads: int) -> dict[str, Any]:

@@ -108,7 +108,7 @@ typedef struct {
     pma_parts parts;
     pma_iterate_parts iterate;
     size_t threads;
-    bool is_limited, is_watched;
+    bool is_limited, is_watched, watched_explicit;
     pma_limits_parts limits;
     pma_matrix watched_M, watched_K_r;
     pma_unit_responses responses; /* count = 0: none are stored */
@@ -119,7 +119,7 @@ typedef struct {
  * deferred, continues, mass, restoring, springs, internal, iterate, impulse, limits, watch,
  * responses, load}; single and twice are {step, inverse, R}, second is the step of a second stage,
  * limits {displacement, velocity, acceleration, force, energy}, (n,) each or None, and watch
- * {M, K_r}: energy that evaluated forces add. */
+ * {M, K_r, is_explicit}: what evaluated forces do. */
 pma_status pma_parts_subdomain(const pma_field *f, pma_subdomain_taken *out);
 
 /* {rows (k,), states (k, 4, n)}: u, v, w, a at the end of a macro step for unit multipliers */

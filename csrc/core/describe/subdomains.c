@@ -123,7 +123,9 @@ static pma_status take_limits(const pma_field *f, const pma_parts *parts, pma_li
 static pma_status take_watch(const pma_field *f, size_t n, pma_subdomain_taken *out)
 {
     const pma_field M = pma_field_at(f, "M"), K_r = pma_field_at(f, "K_r");
+    const pma_field is_explicit = pma_field_at(f, "is_explicit");
     PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_flag(&is_explicit, &out->watched_explicit));
     PMA_TRY(pma_parts_matrix(&M, n, &out->watched_M));
     return pma_parts_matrix(&K_r, n, &out->watched_K_r);
 }
@@ -163,7 +165,8 @@ static pma_status add(const pma_subdomain_taken *taken, pma_subdomain *s)
     if (taken->is_limited)
         PMA_TRY(pma_subdomain_limit(s, &taken->limits));
     if (taken->is_watched)
-        PMA_TRY(pma_subdomain_watch(s, taken->watched_M, taken->watched_K_r));
+        PMA_TRY(
+            pma_subdomain_watch(s, taken->watched_M, taken->watched_K_r, taken->watched_explicit));
     if (taken->responses.count > 0)
         pma_response_store(pma_subdomain_response(s), taken->responses);
     pma_subdomain_set_load(s, taken->load);

@@ -19,6 +19,14 @@
 #define ROUNDING 1e-9
 #define EQUAL 1e-9
 
+/* Macro time levels in turn at which forces are stiffer than the step allows, and by how much the
+ * kinetic energy grows over them, from which on that is reported: noise does so once or twice. */
+enum { LEVELS_OF_STIFF = 3 };
+#define GROWTH_OF_STIFF 10.0
+
+/* Stiffness over that at the first of these levels from which on it grows with the motion. */
+#define HARDENS 4.0
+
 /* From this multiple of the first kinetic energy on there is no motion any more. */
 #define BROKEN 1e200
 
@@ -28,7 +36,8 @@
  * denominator. What springs take along their path is what they store, and what they keep. */
 typedef struct {
     double path, work, since, resultant, gross, size, excess, inertia;
-    double kinetic; /* twice the energy there, where matrices are diagonal */
+    double kinetic;       /* twice the energy there, where matrices are diagonal */
+    double start, stored; /* kinetic energy where the sums begin, and that of the springs */
 } sums;
 
 /* At a time level: the forces as they act, M w and the displacement. Where what follows is used:
@@ -39,6 +48,7 @@ typedef struct {
     double *iterated;              /* the forces that are evaluated at the state, */
     double *functions, *stiffness; /* ... and of functions among them */
     bool bends;                    /* the stiffness is known */
+    bool is_known;                 /* ... and the forces, since the sums begin */
     double t;
     sums *sums; /* of each lane */
 } level;
@@ -47,22 +57,35 @@ enum { ARRAYS = 8 }; /* of n numbers in a level */
 
 /* What macro time levels so far have shown, of a lane. */
 typedef struct {
-    double start, stored;  /* kinetic energy where the sums begin, and that of the springs, */
-    double first, largest; /* ... the first one that is not zero, the largest one, */
+    double first, largest; /* kinetic energy: the first one that is not zero, the largest one, */
     double last;           /* ... and the last one */
-    double since;          /* the time from which on the gain has exceeded what is reported */
-    bool exceeds;          /* ... as it does now */
-    pma_gain gain;         /* t > 0: it did so at two macro levels */
+    size_t stiff_levels;   /* in turn, at which forces were stiffer than the step allows, */
+    double stiff_first;    /* ... and the kinetic energy at the first of them, */
+    double stiff_since;    /* ... its time, and what was found there */
+    pma_excess first_excess;
+    pma_stiff stiff;
+    double since;  /* the time from which on the gain has exceeded what is reported */
+    bool exceeds;  /* ... as it does now */
+    pma_gain gain; /* t > 0: it did so at two macro levels */
 } judgement;
+
+/* Substeps whose evaluations are kept: two that are open, and those from which they go on. */
+enum { OPENED = 4 };
 
 struct pma_balance {
     pma_balance_parts parts;
     level *levels, **at; /* all of them; the present, and those after it */
-    size_t kept;         /* after the present; two take turns, or one for each substep */
+    level *before;       /* the present: of double steps; otherwise not used */
+    size_t kept;         /* after the present; some take turns, or one for each substep */
     bool is_diagonal;    /* M and K_r are, and nothing else corrects the forces */
-    double *opened;      /* 2 x 2 n: ut and r of substeps that are open */
-    bool keeps;          /* where forces were evaluated, for what is summed or completed later */
+    double *opened;      /* of the last substeps ut and r, and what else functions are shown */
+    int64_t opened_number[OPENED]; /* those substeps */
+    pma_substep closed;            /* the last one */
+    pma_stiffness stiffness;
+    bool measures;             /* some forces are evaluated once */
+    bool keeps;                /* what is opened, in the time level: summed or completed later */
     double *product, *scratch; /* n each */
+    double *differences;       /* 3 n */
     double *w;                 /* n: at the end of a substep, of which it is found later */
     double *start;             /* n: what acts at the time level at which the sums begin; */
                                /* ... after it the diagonals of K_r and M, if is_diagonal */
@@ -70,7 +93,6 @@ struct pma_balance {
     double *stored;            /* energy of the springs of each lane */
     double bent;               /* (B12) of a substep */
     bool has_stored;           /* the energy is that of the level that is judged */
-    bool begun;                /* the present is known */
     bool is_broken;            /* it is no motion any more */
     bool is_passive;           /* the path is not known */
     judgement *judged;         /* of each lane */
@@ -120,26 +142,51 @@ static bool is_diagonal(const pma_balance_parts *p)
            (p->K_r.form == PMA_ZERO || p->K_r.form == PMA_DIAGONAL) && p->D_r.form == PMA_ZERO;
 }
 
+/* After the present: with responses all of a macro step, otherwise those from which the next
+ * substeps go on, and that at its end. */
+static size_t levels_after(const pma_balance_parts *p)
+{
+    const size_t turns = p->doubled ? 3 : 2;
+    return p->substeps <= 2 ? 2 : p->has_responses ? p->substeps : turns;
+}
+
+/* Numbers of a substep that is opened. */
+static size_t opened_size(const pma_balance_parts *p)
+{
+    return (p->has_functions ? 4 : 2) * p->n;
+}
+
+static void fill_levels(pma_balance *b)
+{
+    for (size_t k = 0; k <= b->kept + (b->parts.doubled ? 1 : 0); k++)
+        b->levels[k] = take_level(b, k);
+    for (size_t k = 0; k <= b->kept; k++)
+        b->at[k] = &b->levels[k];
+    b->before = &b->levels[b->kept + 1];
+}
+
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
     const size_t n = parts->n, lanes = parts->lanes;
     const size_t entries = parts->ptr ? (size_t)parts->ptr[n] : 0;
-    const size_t kept = parts->has_responses && parts->substeps > 2 ? parts->substeps : 2;
+    const size_t kept = levels_after(parts), levels = kept + 2;
+    const size_t numbers = parts->doubled ? levels : levels - 1;
     const pma_array arrays[] = {
-        PMA_ARRAY(pma_balance, levels, kept + 1),
+        PMA_ARRAY(pma_balance, levels, levels),
         PMA_ARRAY(pma_balance, at, kept + 1),
         PMA_ARRAY(pma_balance, judged, lanes),
-        PMA_ARRAY(pma_balance, sums, (kept + 1) * lanes),
-        PMA_ARRAY(pma_balance, opened, 4 * n),
+        PMA_ARRAY(pma_balance, sums, levels * lanes),
+        PMA_ARRAY(pma_balance, opened, OPENED * opened_size(parts)),
         PMA_ARRAY(pma_balance, product, n),
         PMA_ARRAY(pma_balance, scratch, n),
+        PMA_ARRAY(pma_balance, differences, 3 * n),
         PMA_ARRAY(pma_balance, w, parts->has_responses ? n : 0),
         PMA_ARRAY(pma_balance, start, 3 * n),
         PMA_ARRAY(pma_balance, first.once, n),
         PMA_ARRAY(pma_balance, first.iterated, n),
         PMA_ARRAY(pma_balance, first.stiffness, entries),
         PMA_ARRAY(pma_balance, stored, lanes),
-        {offsetof(pma_balance, numbers), kept + 1, level_size(parts) * sizeof(double)},
+        {offsetof(pma_balance, numbers), numbers, level_size(parts) * sizeof(double)},
         {0}};
     *out = NULL;
     if (parts->M.n != n || parts->K.n != n || (parts->K_r.form != PMA_ZERO && parts->K_r.n != n))
@@ -152,15 +199,20 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
     b->parts = *parts;
     b->kept = kept;
     b->keeps = sums_path(parts) || parts->estimates || parts->has_responses;
+    b->measures = parts->has_functions || !parts->iterates;
     b->is_diagonal = is_diagonal(parts);
     for (size_t i = 0; i < n && b->is_diagonal; i++) {
         b->start[n + i] = parts->K_r.form == PMA_DIAGONAL ? parts->K_r.values[i] : 0.0;
         b->start[2 * n + i] = parts->M.values[i];
     }
-    for (size_t k = 0; k <= kept; k++) {
-        b->levels[k] = take_level(b, k);
-        b->at[k] = &b->levels[k];
-    }
+    fill_levels(b);
+    b->stiffness = (pma_stiffness){.n = n,
+                                   .lanes = lanes,
+                                   .is_explicit = parts->is_explicit,
+                                   .M = parts->M,
+                                   .K = parts->K,
+                                   .K_r = parts->K_r,
+                                   .D_r = parts->D_r};
     *out = b;
     return PMA_OK;
 }
@@ -218,7 +270,10 @@ static void multiply_mass(pma_balance *b, const double *x, double *y)
 
 void pma_balance_begin(pma_balance *b)
 {
-    b->begun = false;
+    b->at[0]->is_known = b->before->is_known = false;
+    for (size_t k = 0; k < OPENED; k++)
+        b->opened_number[k] = PMA_NO_SUBSTEP;
+    b->closed.number = PMA_NO_SUBSTEP;
     b->is_passive = b->parts.is_passive;
     b->is_broken = false;
     for (size_t l = 0; l < b->parts.lanes; l++) {
@@ -227,29 +282,52 @@ void pma_balance_begin(pma_balance *b)
     }
 }
 
-static double *opened_at(const pma_balance *b, int64_t number)
+static size_t slot_of_number(int64_t number)
 {
-    return b->opened + (number & 1) * 2 * (int64_t)b->parts.n;
+    return (size_t)number % OPENED;
 }
 
-double *pma_balance_open(pma_balance *b, int64_t number, const double *ut)
+static double *opened_at(const pma_balance *b, int64_t number)
+{
+    return b->opened + slot_of_number(number) * opened_size(&b->parts);
+}
+
+pma_evaluated_forces pma_balance_open(pma_balance *b, int64_t number, const double *ut)
 {
     const size_t n = b->parts.n;
     double *opened = opened_at(b, number);
-    if (b->keeps)
-        memcpy(opened, ut, n * sizeof(double));
-    return opened + n;
+    memcpy(opened, ut, n * sizeof(double));
+    b->opened_number[slot_of_number(number)] = number;
+    return (pma_evaluated_forces){.r = opened + n,
+                                  .total = b->parts.has_functions ? opened + 2 * n : NULL,
+                                  .vs = b->parts.has_rates ? opened + 3 * n : NULL};
 }
 
 /* Where time level j is in `at`. */
 static size_t slot_of(const pma_balance *b, size_t j)
 {
-    return j == 0 ? 0 : 1 + (b->kept == 2 ? (j - 1) & 1 : j - 1);
+    return j == 0 ? 0 : 1 + (j - 1) % b->kept;
 }
 
 static level *level_at(const pma_balance *b, size_t j)
 {
     return b->at[slot_of(b, j)];
+}
+
+/* The time level from which the sums go on to the end of a substep                         (B3) */
+static const level *origin_of(const pma_balance *b, size_t j, bool twice)
+{
+    if (twice) {
+        const level *origin = j > 0 ? level_at(b, j - 1) : b->before;
+        if (origin->is_known)
+            return origin;
+    }
+    return level_at(b, j);
+}
+
+static const pma_step_limits *limits_of(const pma_balance *b, bool twice)
+{
+    return twice ? &b->parts.twice : &b->parts.single;
 }
 
 /* product := K_r (u1 - ut) + D_r (v1 - vs), subtracted from zero                           (R2) */
@@ -296,10 +374,10 @@ void pma_balance_iterate(pma_balance *b, const pma_substep *step, const double *
 void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
                       const double *K)
 {
-    const level *from = level_at(b, step->j);
+    const level *from = origin_of(b, step->j, step->twice);
     level *to = level_at(b, step->j + 1);
     b->bent = 0.0;
-    if (K && from->bends && (step->j > 0 || b->begun)) {
+    if (K && from->bends && from->is_known) {
         double *du = b->scratch, change = 0.0;
         for (size_t i = 0; i < b->parts.n; i++) {
             du[i] = u[i] - from->u[i];
@@ -340,6 +418,8 @@ INLINE void sum_up(const sums *before, const double *terms, size_t lanes, double
     now->gross = before->gross + fabs(since);
     now->size = larger(before->size, terms[PMA_PASSAGE_SIZE * lanes]);
     now->kinetic = terms[PMA_PASSAGE_KINETIC * lanes];
+    now->start = before->start;
+    now->stored = before->stored;
 }
 
 /* Along the path of functions that are iterated, without what springs take there. The work of
@@ -371,9 +451,10 @@ static void begin_sums(pma_balance *b, level *at, const double *v, const double 
     multiply(b, &b->parts.M, v);
     store(b, springs);
     for (size_t l = 0; l < b->parts.lanes; l++) {
-        at->sums[l] = (sums){.size = at->sums[l].size, .kinetic = at->sums[l].kinetic};
-        b->judged[l].start = half_square(b, v, l);
-        b->judged[l].stored = b->stored[l];
+        at->sums[l] = (sums){.size = at->sums[l].size,
+                             .kinetic = at->sums[l].kinetic,
+                             .start = half_square(b, v, l),
+                             .stored = b->stored[l]};
     }
 }
 
@@ -388,11 +469,12 @@ static void find_forces(pma_balance *b, const double *vs, level *to, const pma_p
 }
 
 /* To level j + 1, where the substep ends with u, v, w; it has evaluated the forces r. */
-static void come_to(pma_balance *b, size_t j, double al1, const double *r, const pma_state *x)
+static void come_to(pma_balance *b, size_t j, bool twice, const double *r, const pma_state *x)
 {
     const size_t lanes = b->parts.lanes;
-    const bool known = j > 0 || b->begun;
-    const level *from = level_at(b, j);
+    const double al1 = limits_of(b, twice)->al1;
+    const level *from = origin_of(b, j, twice);
+    const bool known = from->is_known;
     level *to = level_at(b, j + 1);
     const pma_passage p = {.from = from->u,
                            .to = to->u,
@@ -417,13 +499,14 @@ static void come_to(pma_balance *b, size_t j, double al1, const double *r, const
         sum_up(&from->sums[l], terms + l, lanes, path, &to->sums[l]);
     if (!known)
         begin_sums(b, to, x->v, x->springs);
+    to->is_known = true;
 }
 
 /* What the next substep evaluates its forces with, of which D_r is one: v + h w */
 static void extrapolate(pma_balance *b, const double *v, const double *w, double *vs)
 {
     for (size_t i = 0; i < b->parts.n && b->parts.D_r.form != PMA_ZERO; i++)
-        vs[i] = v[i] + b->parts.h * w[i];
+        vs[i] = v[i] + b->parts.single.h * w[i];
 }
 
 pma_first_forces *pma_balance_first(pma_balance *b)
@@ -456,25 +539,27 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
     multiply(b, &b->parts.K, x->u);
     for (size_t l = 0; l < b->parts.lanes; l++) {
         judgement *j = &b->judged[l];
-        j->largest = j->start;
-        j->gain.energy = j->start + half_square(b, x->u, l);
+        j->largest = at->sums[l].start;
+        j->gain.energy = at->sums[l].start + half_square(b, x->u, l);
     }
-    b->begun = true;
+    at->is_known = true;
 }
 
-void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, const pma_state *x)
+void pma_balance_close(pma_balance *b, const pma_substep *step, const pma_state *x)
 {
     const size_t n = b->parts.n, bytes = n * sizeof(double), j = step->j;
+    const double al1 = limits_of(b, step->twice)->al1;
     level *to = level_at(b, j + 1);
     const double *ut = opened_at(b, step->number), *r = ut + n;
     to->t = step->t1;
+    b->closed = *step;
     if (b->keeps) {
         memcpy(to->ut, ut, bytes);
         memcpy(to->r, r, bytes);
         memcpy(to->springs, x->springs, pma_springs_numbers(b->parts.springs) * sizeof(double));
     }
     if (b->is_diagonal) {
-        come_to(b, j, al1, r, x);
+        come_to(b, j, step->twice, r, x);
         return;
     }
     const double share = b->parts.has_responses && !b->parts.corrects ? 0.0 : al1;
@@ -484,15 +569,15 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, double al1, cons
         memcpy(to->v, x->v, bytes);
         memcpy(to->inertia, x->w, bytes);
     } else {
-        come_to(b, j, al1, r, x);
+        come_to(b, j, step->twice, r, x);
     }
     extrapolate(b, x->v, x->w, to->vs);
 }
 
-void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pma_state *link)
+void pma_balance_advance_response(pma_balance *b, size_t j, bool twice, const pma_state *link)
 {
     level *to = level_at(b, j);
-    const double share = b->parts.corrects ? 0.0 : al1;
+    const double share = b->parts.corrects ? 0.0 : limits_of(b, twice)->al1;
     double *w = b->w;
     for (size_t i = 0; i < b->parts.n; i++) {
         to->x[i] += link->u[i] - share * link->w[i];
@@ -501,7 +586,7 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
         to->u[i] = to->ut[i] + to->x[i];
     }
     const pma_state x = {.u = to->u, .v = to->v, .w = w, .springs = to->springs};
-    come_to(b, j - 1, al1, to->r, &x);
+    come_to(b, j - 1, twice, to->r, &x);
     if (j == b->parts.substeps) /* the state at the end, not that of the free run */
         extrapolate(b, to->v, w, to->vs);
 }
@@ -511,18 +596,17 @@ void pma_balance_advance_response(pma_balance *b, size_t j, double al1, const pm
 static double added(pma_balance *b, const level *at, const double *springs, size_t lane,
                     double least)
 {
-    const judgement *so_far = &b->judged[lane];
     const sums *now = &at->sums[lane];
-    const double passive = smaller(-now->since, -now->work);
-    const double lost = now->resultant - (so_far->last - so_far->start);
+    const double given = b->is_passive ? smaller(-now->since, -now->work) : -now->work;
+    const double lost = now->resultant - (b->judged[lane].last - now->start);
     const double dissipated = b->parts.is_pushed ? 0.0 : larger(lost, 0.0);
-    if (b->is_passive || passive - dissipated <= least)
-        return passive - dissipated;
+    if (b->is_passive || given - dissipated <= least)
+        return given - dissipated;
     if (!b->has_stored)
         store(b, springs);
     b->has_stored = true;
-    const double path = now->path + (b->stored[lane] - so_far->stored);
-    return smaller(passive, path - now->work) - dissipated;
+    const double path = now->path + (b->stored[lane] - now->stored);
+    return smaller(given, path - now->work) - dissipated;
 }
 
 /* (B10)  Does the gain exceed what is reported, where the motion is faster than ever before? */
@@ -546,17 +630,87 @@ static bool exceeds(pma_balance *b, const level *at, const double *springs, size
     return gain->added > REPORTED * gain->energy;
 }
 
+/* ---- forces that are too stiff --------------------------------------------------------------- */
+
+/* What was evaluated once in a substep */
+static pma_evaluation_at evaluation_of(const pma_balance *b, int64_t number)
+{
+    const size_t n = b->parts.n;
+    const double *opened = opened_at(b, number);
+    const bool functions = b->parts.has_functions;
+    return (pma_evaluation_at){.ut = opened,
+                               .total = functions ? opened + 2 * n : opened + n,
+                               .vs = b->parts.has_rates ? opened + 3 * n : NULL};
+}
+
+/* (B15)  In the last substep, if it and that from which it goes on are known */
+static pma_excess excess_of(pma_balance *b, size_t lane)
+{
+    const int64_t number = b->closed.number;
+    const int64_t origin = number - (b->closed.twice ? 2 : 1);
+    if (number == PMA_NO_SUBSTEP || b->opened_number[slot_of_number(origin)] != origin)
+        return (pma_excess){.displacement = 0.0};
+    const pma_evaluation_at from = evaluation_of(b, origin), to = evaluation_of(b, number);
+    return pma_stiffness_excess(&b->stiffness, limits_of(b, b->closed.twice), &from, &to, lane,
+                                b->differences);
+}
+
+/* Where the motion is faster than ever before */
+static void judge_stiffness(pma_balance *b, const level *at, size_t lane)
+{
+    judgement *so_far = &b->judged[lane];
+    const double kinetic = so_far->last;
+    if (!b->measures || so_far->stiff.t > 0.0 || !(kinetic > 0.0) || !isfinite(kinetic) ||
+        kinetic < (1.0 - EQUAL) * so_far->largest)
+        return;
+    const pma_excess excess = excess_of(b, lane);
+    if (!(excess.displacement > 1.0)) {
+        so_far->stiff_levels = 0;
+        return;
+    }
+    if (so_far->stiff_levels++ == 0) {
+        so_far->stiff_first = kinetic;
+        so_far->stiff_since = at->t;
+        so_far->first_excess = excess;
+    }
+    if (so_far->stiff_levels < LEVELS_OF_STIFF || kinetic <= GROWTH_OF_STIFF * so_far->stiff_first)
+        return;
+    const double hardens = HARDENS * so_far->first_excess.displacement;
+    so_far->stiff =
+        (pma_stiff){.excess = excess.displacement > hardens ? so_far->first_excess : excess,
+                    .h = limits_of(b, b->closed.twice)->h,
+                    .t = so_far->stiff_since};
+}
+
 static void judge(pma_balance *b, const level *at, const double *springs, size_t lane)
 {
     judgement *so_far = &b->judged[lane];
     const bool before = so_far->exceeds;
     so_far->first = so_far->first > 0.0 ? so_far->first : so_far->last;
+    judge_stiffness(b, at, lane);
     so_far->exceeds = exceeds(b, at, springs, lane);
     b->is_broken = b->is_broken || so_far->last > BROKEN * so_far->first;
     if (!before)
         so_far->since = at->t;
     else if (so_far->exceeds && !(so_far->gain.t > 0.0))
         so_far->gain.t = so_far->since;
+}
+
+/* The level in this slot becomes the present, and the one before it that before the present. */
+static void take_present(pma_balance *b, size_t slot)
+{
+    level *last = b->at[slot], *free = b->at[0];
+    if (b->parts.doubled && b->parts.substeps > 1) {
+        const size_t slot_before = slot_of(b, b->parts.substeps - 1);
+        level *before = b->at[slot_before];
+        b->at[slot_before] = b->before;
+        b->before = before;
+    } else if (b->parts.doubled) {
+        free = b->before;
+        b->before = b->at[0];
+    }
+    b->at[slot] = free;
+    b->at[0] = last;
 }
 
 void pma_balance_commit(pma_balance *b, const pma_state *x)
@@ -570,9 +724,7 @@ void pma_balance_commit(pma_balance *b, const pma_state *x)
     b->has_stored = false;
     for (size_t l = 0; l < b->parts.lanes; l++)
         judge(b, last, x->springs, l);
-    b->at[slot] = b->at[0];
-    b->at[0] = last;
-    b->begun = true;
+    take_present(b, slot);
 }
 
 pma_gain pma_balance_gain(const pma_balance *b)
@@ -582,6 +734,17 @@ pma_gain pma_balance_gain(const pma_balance *b)
         const pma_gain own = b->judged[l].gain;
         if (b->judged[l].exceeds && own.t > 0.0 &&
             own.added * most.energy >= most.added * own.energy)
+            most = own;
+    }
+    return most;
+}
+
+pma_stiff pma_balance_stiff(const pma_balance *b)
+{
+    pma_stiff most = {.t = 0.0};
+    for (size_t l = 0; l < b->parts.lanes; l++) {
+        const pma_stiff own = b->judged[l].stiff;
+        if (own.t > 0.0 && own.excess.displacement >= most.excess.displacement)
             most = own;
     }
     return most;

@@ -176,6 +176,9 @@ pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
 /* r (n) += springs and restoring forces, as evaluated last, without loads that depend on motion */
 void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r);
 
+/* total (n) := those of them that are evaluated once, with such loads, of an iterated substep */
+void pma_substep_take_total(const pma_subdomain *s, const pma_state *x, double *total);
+
 /* The balance is shown a substep that is closed. */
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step);
 

@@ -504,7 +504,10 @@ static void balance(pma_iterate *it, const pma_state *x)
                          it->has_tangent ? it->stiffness : NULL);
     for (size_t i = 0; i < s->parts.n; i++)
         it->size[i] = x->u[i] - al1 * x->w[i];
-    double *r = pma_balance_open(s->balance, it->step.number, it->size);
+    const pma_evaluated_forces watched = pma_balance_open(s->balance, it->step.number, it->size);
+    double *r = watched.r;
+    if (watched.total)
+        pma_substep_take_total(s, x, watched.total);
     memcpy(r, it->force, s->parts.n * sizeof(double));
     pma_substep_add_evaluated(s, x, r);
     pma_balance_iterate(s->balance, &it->step, it->parts.springs ? r : it->force);

@@ -190,7 +190,7 @@ static void advance_response(void *self, size_t j, const double *lam, const doub
         pma_energy_advance_response(s->energy, j, s->response->twice, &s->response->state, lam,
                                     dlam);
     if (s->balance && s->parts.nb > 0)
-        pma_balance_advance_response(s->balance, j, s->parts.single.step.al1, &s->response->state);
+        pma_balance_advance_response(s->balance, j, s->response->twice, &s->response->state);
 }
 
 /* A subdomain that no constraint reaches does not respond. */

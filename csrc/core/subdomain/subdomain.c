@@ -1,6 +1,7 @@
 #include "subdomain/subdomain.h"
 
 #include <assert.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -418,13 +419,25 @@ static pma_status watch(pma_subdomain *s, const pma_balance_parts *parts)
     return PMA_OK;
 }
 
-pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
+/* Of a motion that changes its sign with each step, where a is a share of w                (B15) */
+static pma_step_limits limits_of(const pma_step *c)
+{
+    const double kept = 1.0 + c->a_a;
+    const double share = fabs(kept) > 1e-9 ? (c->a_w1 - c->a_w) / kept : 1.0;
+    const double v = -0.5 * (c->v_a * share + c->v_w - c->al2);
+    const double u = -0.5 * (c->h * v + c->u_a * share + c->u_w - c->al1);
+    return (pma_step_limits){
+        .h = c->h, .al1 = c->al1, .stiff = c->al1 - u, .inert = u, .damp = c->h + v};
+}
+
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, bool is_explicit)
 {
     const pma_parts *p = &s->parts;
     const pma_matrix none = {.form = PMA_ZERO, .n = p->n};
     const bool follows = !p->doubled; /* vs is that of the level before */
     const bool responds = p->has_responses && p->nb > 0;
     const bool bends = s->iterate && p->internal.count > 0;
+    const bool springs = s->iterate && !p->iterate->springs && p->springs.total > 0;
     const pma_balance_parts parts = {
         .n = p->n,
         .lanes = 1,
@@ -434,7 +447,12 @@ pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
         .is_passive = p->restoring.function || (!s->iterate && p->internal.count > 0),
         .estimates = p->restoring.function && !p->has_responses && K_r.form != PMA_ZERO,
         .is_pushed = p->mean,
-        .h = p->single.step.h,
+        .doubled = p->doubled,
+        .is_explicit = is_explicit,
+        .has_functions = p->restoring.function || (!s->iterate && p->internal.count > 0) || springs,
+        .has_rates = p->restoring.function && !s->iterate,
+        .single = limits_of(&p->single.step),
+        .twice = limits_of(p->doubled ? &p->twice.step : &p->single.step),
         .M = M,
         .K = p->K,
         .K_r = responds ? p->K_r : K_r,

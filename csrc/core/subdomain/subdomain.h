@@ -148,7 +148,7 @@ pma_response *pma_subdomain_response(pma_subdomain *s);
 
 /* Watched from the present on, with these matrices: M, and K_r where it acts. Allocates. Steps that
  * follow a motion out of bounds fail with PMA_UNBOUNDED. */
-pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r);
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r, bool is_explicit);
 
 /* The same for cases side by side (cases.h), as each is. */
 pma_status pma_subdomain_watch_lanes(pma_subdomain *s, const pma_subdomain *each);

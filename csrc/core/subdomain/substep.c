@@ -100,14 +100,20 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
     return PMA_OK;
 }
 
-/* r (n) := what has been subtracted since y was r, without loads that depend on the motion */
-static void watch_forces(const pma_subdomain *s, const double *y, double *r)
+/* total (n) := what has been subtracted since y was r, and r the same without loads that depend on
+ * the motion */
+static void watch_forces(const pma_subdomain *s, const double *y, const pma_evaluated_forces *f)
 {
     const pma_restoring *restoring = &s->parts.restoring;
     const size_t n = s->parts.n;
+    double *r = f->r;
 #pragma omp simd
     for (size_t i = 0; i < n; i++)
         r[i] -= y[i];
+    if (f->total)
+        memcpy(f->total, r, n * sizeof(double));
+    if (f->vs)
+        memcpy(f->vs, s->vs, n * sizeof(double));
     for (size_t i = 0; restoring->function && restoring->load && i < n; i++)
         r[i] += restoring->load[restoring->order[i]];
 }
@@ -118,9 +124,11 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
-    double *r = s->balance ? pma_balance_open(s->balance, step->number, to->u) : NULL;
-    if (r)
-        memcpy(r, to->w, p->n * sizeof(double));
+    pma_evaluated_forces watched = {NULL};
+    if (s->balance) {
+        watched = pma_balance_open(s->balance, step->number, to->u);
+        memcpy(watched.r, to->w, p->n * sizeof(double));
+    }
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
@@ -131,14 +139,25 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
         PMA_TRY(pma_rig_reply(s->rig, to));
     if (s->extrapolates && s->internal)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
-    if (r)
-        watch_forces(s, to->w, r);
+    if (watched.r)
+        watch_forces(s, to->w, &watched);
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
         return PMA_OK;
     for (size_t i = 0; i < p->n; i++)
         s->vs[i] = to->v[i] - s->vs[i];
     pma_matrix_subtract(&p->D_r, s->vs, to->w);
     return PMA_OK;
+}
+
+void pma_substep_take_total(const pma_subdomain *s, const pma_state *x, double *total)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    const size_t n = s->parts.n;
+    memset(total, 0, n * sizeof(double));
+    if (!s->parts.iterate->springs)
+        pma_springs_add(&s->parts.springs, x->springs, total);
+    for (size_t i = 0; restoring->function && i < n; i++)
+        total[i] += pma_restoring_last(restoring)[restoring->order[i]];
 }
 
 void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r)
@@ -294,9 +313,7 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
 
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
 {
-    const pma_step *c = &pma_operator_at(s, step)->step;
-    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    pma_balance_close(s->balance, step, c->al1, x);
+    pma_balance_close(s->balance, step, pma_levels_at(&s->levels, step->j + 1));
 }
 
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
