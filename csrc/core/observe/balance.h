@@ -61,8 +61,8 @@ pma_first_forces *pma_balance_first(pma_balance *b);
 void pma_balance_start(pma_balance *b, const pma_state *x);
 
 /* To be filled when a substep is opened, n each. r: the forces evaluated there or, of iterated
- * ones, at the state. With parts.has_functions, otherwise NULL: total, what was evaluated once, with
- * loads that depend on the motion; vs, with parts.has_rates, the velocity at which it was. */
+ * ones, at the state. With parts.has_functions, otherwise NULL: total, what was evaluated once,
+ * with loads that depend on the motion; vs, with parts.has_rates, the velocity at which it was. */
 typedef struct {
     double *r, *total, *vs;
 } pma_evaluated_forces;
