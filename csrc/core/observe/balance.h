@@ -98,8 +98,9 @@ typedef struct {
 } pma_gain;
 pma_gain pma_balance_gain(const pma_balance *b);
 
-/* Since t the forces that are evaluated once have been stiffer than the step h allows, at macro time
- * levels in turn at which the motion was faster than ever and grew; t = 0: they have not. (B15) */
+/* Since t the forces that are evaluated once have been stiffer than the step h allows, at macro
+ * time levels in turn at which the motion was faster than ever and grew; t = 0: they have not.
+ *                                                                                         (B15) */
 typedef struct {
     pma_excess excess;
     double h, t;
