@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, positive_number, vector
+from .._checks import counted, positive_number, real_number, vector, whole_number
 from ..meshes.kinds import KINDS
 from ..meshes.mesh import unshared
 from ..problem.forces import SampledForce
 from ..problem.record import Record
+from .elasticity import lumped_shares, masses_at_points
 
 __all__ = ["AbsorbingBoundary"]
 
@@ -125,6 +126,52 @@ def boundary(structure: Any, nodes: Any, rho: Any, c_p: Any, c_s: Any) -> Absorb
     columns = np.swapaxes(rows, 1, 2)
     C = sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n))
     return AbsorbingBoundary(C, np.unique(where), d)
+
+
+def graded(structure: Any, nodes: np.ndarray, elements: Any, reflection: Any) -> sp.csr_array:
+    """Of `Structure.graded_damping`: C = sum of alpha_e M_e, lumped, with (V7)."""
+    if not structure.moduli or set(structure.moduli) != set(structure.elements):
+        raise ValueError(
+            "graded_damping needs linear plates or solids, got elements "
+            f"{', '.join(map(repr, structure.elements)) or 'of no kind'}"
+        )
+    count = whole_number(elements, "elements", low=1)
+    R = real_number(reflection, "reflection", low=0.0, high=1.0)
+    if not 0.0 < R < 1.0:
+        raise ValueError(f"reflection must lie in (0, 1), got {R:g}")
+    depth = {kind: np.zeros(len(x), dtype=int) for kind, x in structure.elements.items()}
+    reached = np.zeros(len(structure.points), dtype=bool)
+    reached[nodes] = True
+    for ring in range(count, 0, -1):  # the outermost elements are `count` deep
+        rings = {k: (depth[k] == 0) & reached[x].any(axis=1) for k, x in structure.elements.items()}
+        for kind, ring_of_kind in rings.items():
+            depth[kind][ring_of_kind] = ring
+            reached[structure.elements[kind][ring_of_kind]] = True
+    if all((x > 0).all() for x in depth.values()):
+        raise ValueError(
+            f"elements must leave some of the mesh without damping, got {count}, which are all of "
+            "it: the layer is a part of the mesh"
+        )
+    n, d = structure.n, structure.dofs_per_node
+    dim = structure.points.shape[1]
+    damping = np.zeros(len(structure.points))
+    for kind, cells in structure.elements.items():
+        lam, mu, density, thickness, _ = structure.moduli[kind]
+        inside = np.flatnonzero(depth[kind])
+        if not inside.size:
+            continue
+        N, masses = masses_at_points(kind, structure.points[cells[inside]], np.ones(1))
+        volume = masses.sum(axis=1)
+        c_p, rho, t = (
+            _of(x, inside) for x in (np.sqrt((lam + 2.0 * mu) / density), density, thickness)
+        )
+        share = (depth[kind][inside] - 0.5) / count
+        alpha = 2.0 * c_p * np.log(1.0 / R) / (count * volume ** (1.0 / dim)) * share
+        nodal = lumped_shares(kind, N, (alpha * rho * t)[:, None] * masses)
+        damping += np.bincount(cells[inside].ravel(), nodal.ravel(), minlength=len(damping))
+    of_dofs = np.zeros((len(damping), d))
+    of_dofs[:, :dim] = damping[:, None]
+    return sp.csr_array(sp.diags_array(of_dofs.ravel(), shape=(n, n)))
 
 
 def _impedances(

@@ -141,7 +141,7 @@ def mass_matrix(
     block: Block, pattern: Pattern, corners: np.ndarray, density: np.ndarray, lumped: bool
 ) -> Any:
     """M, or its diagonal if lumped; corners (E or 1, a, d) are the coordinates of the nodes."""
-    N, weights = _masses(block.kind, corners, density)
+    N, weights = masses_at_points(block.kind, corners, density)
     d, a = corners.shape[2], N.shape[1]
     if lumped:
         shares = lumped_shares(block.kind, N, weights)
@@ -154,7 +154,9 @@ def mass_matrix(
     return sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
 
 
-def _masses(kind: str, corners: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def masses_at_points(
+    kind: str, corners: np.ndarray, density: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Shape functions (q, a), and masses (E or 1, q), at the points of quadrature."""
     shape, (_, rule) = SHAPES[kind], RULES[kind]
     N, slopes = shape.values(rule.points), shape.slopes(rule.points)

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from .._cached import cached_property
-from .._checks import counted, listing, plain_array, real_number
+from .._checks import counted, flag, listing, plain_array, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
 from ..problem.dofs import NodeNames, as_nodes, dof_list
@@ -20,7 +20,8 @@ from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..reduction.fixed_dofs import Reduction, reduce
-from .absorbing import AbsorbingBoundary, boundary
+from .absorbing import AbsorbingBoundary, boundary, graded
+from .absorbing_layer import AbsorbingLayer, absorbing_layer
 from .attached import Attached, moved_masses, not_negative, placed_springs
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
@@ -580,6 +581,106 @@ class Structure:
         """
         places = np.unique(self.dofs(nodes) // self.dofs_per_node)
         return boundary(self, places, rho, c_p, c_s)
+
+    def absorbing_layer(
+        self, nodes: Any, elements: int = 8, *, reflection: float = 1e-3
+    ) -> AbsorbingLayer:
+        """A perfectly matched layer beyond sides of a plate, with steps of its own.
+
+        It absorbs waves of any angle, and surface waves: of Lamb's problem 10 elements leave an
+        error below 1 per cent where dashpots leave 55. The layer is made of the elements of the
+        plate at the side, so layers of the ground go on in it.
+
+        Parameters
+        ----------
+        nodes : int, (k,) array of int, or str
+            As for `dofs`: all nodes of one to four sides of the mesh, each a line along an axis at
+            the end of the mesh.
+        elements : int, default 8
+            Number of elements through its thickness.
+        reflection : float, default 1e-3
+            Of a pressure wave perpendicular to it, by the continuum, in (0, 1]: less makes the
+            layer steeper, which its elements have to resolve.
+
+        Returns
+        -------
+        AbsorbingLayer
+            With M, C and K, ``subdomain``, ``tie`` and ``free_field``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For triangles and elements of second order at the sides, solids, other structures, nodes
+            that are not all of a side, and numbers out of range.
+
+        Notes
+        -----
+        Beside the layer, under "macro" the soil has at most 5 substeps and a scheme with rho of at
+        most 0.8; beyond that take "gc". 20 steps of the layer in a period leave 1 per cent of
+        error, 10 leave 6.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> soil = structures.plate(20, 10, 0.1, E=2.5, nu=0.25, rho=1.0, plane="strain")
+        >>> edge = soil.nodes(lambda x, y: (x < 0.01) | (x > 1.99) | (y < 0.01))
+        >>> soil.absorbing_layer(edge, elements=5)
+        <AbsorbingLayer at x = 0, x = 2, y = 0: 250 elements, 3582 unknowns>
+        """
+        places = np.unique(self.dofs(nodes) // self.dofs_per_node)
+        return absorbing_layer(self, places, elements, reflection)
+
+    def graded_damping(
+        self,
+        nodes: Any,
+        elements: int = 20,
+        reflection: float = 0.5,
+        *,
+        dashpots: bool = True,
+    ) -> Structure:
+        """The same structure with damping in its own elements next to a side, for waves that leave.
+
+        Damping grows linearly with the depth in elements that the mesh has for it, and the side
+        has dashpots (absorbing layer with increasing damping, Semblat, Lenti and Gandomzadeh 2011).
+        It is for all linear plates and solids, where `absorbing_layer` is for four-node elements in
+        the plane, and needs many more elements.
+
+        Parameters
+        ----------
+        nodes : int, (k,) array of int, or str
+            As for `dofs`: all nodes of the outer sides.
+        elements : int, default 20
+            Number of elements through the thickness of the damped zone.
+        reflection : float, default 0.5
+            Share of a pressure wave perpendicular to it that returns from a rigid end, in (0, 1).
+            Less damps more, and reflects more where the damping begins.
+        dashpots : bool, default True
+            False: without those of `absorbing` on the side, which takes no solids of second order.
+
+        Returns
+        -------
+        Structure
+            A new one: C of each element is proportional to its lumped mass. `cut` takes it
+            along, and every scheme.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `absorbing`; for a zone that is the whole mesh, and numbers out of range.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> bar = structures.plate(6, 1, 1.0, E=1.0, nu=0.0, rho=1.0, mass="lumped")
+        >>> damped = bar.graded_damping(bar.nodes_at(x=6.0), elements=3, dashpots=False)
+        >>> damped.C.diagonal()[::4].round(3).tolist()
+        [0.0, 0.0, 0.0, 0.019, 0.077, 0.154, 0.096]
+        """
+        places = np.unique(self.dofs(nodes) // self.dofs_per_node)
+        C = graded(self, places, elements, reflection)
+        if flag(dashpots, "dashpots"):
+            C = C + boundary(self, places, None, None, None).C
+        return self.with_damping(C)
 
     def lump(self, *, away_from: Any, left: float = 0.01) -> Structure:
         """The same structure with the mass of some nodes at their neighbours, for contact.
