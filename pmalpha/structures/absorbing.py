@@ -16,7 +16,7 @@ from ..meshes.kinds import KINDS
 from ..meshes.mesh import unshared
 from ..problem.forces import SampledForce
 from ..problem.record import Record
-from .elasticity import lumped_shares, masses_at_points
+from .elasticity import lumped_shares, masses_at_points, of_elements
 
 __all__ = ["AbsorbingBoundary"]
 
@@ -163,7 +163,8 @@ def graded(structure: Any, nodes: np.ndarray, elements: Any, reflection: Any) ->
         N, masses = masses_at_points(kind, structure.points[cells[inside]], np.ones(1))
         volume = masses.sum(axis=1)
         c_p, rho, t = (
-            _of(x, inside) for x in (np.sqrt((lam + 2.0 * mu) / density), density, thickness)
+            of_elements(x, inside)
+            for x in (np.sqrt((lam + 2.0 * mu) / density), density, thickness)
         )
         share = (depth[kind][inside] - 0.5) / count
         alpha = 2.0 * c_p * np.log(1.0 / R) / (count * volume ** (1.0 / dim)) * share
@@ -184,14 +185,14 @@ def _impedances(
     """(s, a, dim, dim) at the nodes of sides: A (rho c_p n n^T + rho c_s (1 - n n^T))      (V1)"""
     dim = structure.points.shape[1]
     area, normal = _measured(structure.points[sides], dim)
-    m = {name: _of(x, elements) for name, x in structure.moduli[kind]._asdict().items()}
-    of_elements = {
+    m = {name: of_elements(x, elements) for name, x in structure.moduli[kind]._asdict().items()}
+    at_sides = {
         "rho": m["density"],
         "c_p": np.sqrt((m["lam"] + 2.0 * m["mu"]) / m["density"]),
         "c_s": np.sqrt(m["mu"] / m["density"]),
     }
     rho, c_p, c_s = (
-        of_elements[x] if beyond[x] is None else np.full(len(sides), beyond[x]) for x in of_elements
+        at_sides[x] if beyond[x] is None else np.full(len(sides), beyond[x]) for x in at_sides
     )
     area = area * m["thickness"]
     along = normal[:, :, None] * normal[:, None, :]
@@ -200,11 +201,6 @@ def _impedances(
     shares = np.array(SHARES[_name(sides.shape[1], dim)])
     result: np.ndarray = shares[:, None, None] * Z[:, None]
     return result
-
-
-def _of(values: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    values = np.atleast_1d(np.asarray(values, dtype=float))
-    return np.broadcast_to(values, elements.shape) if len(values) == 1 else values[elements]
 
 
 def _name(nodes: int, dim: int) -> str:

@@ -11,13 +11,9 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
-from ..blas import one_thread
 from ..meshes.kinds import KINDS, SHAPES
-from ..meshes.mesh import Block
 from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
-from .elasticity import Moduli, mass_matrix, stiffness
-from .element_force import Made, Selected
-from .pattern import Pattern
+from .elasticity import Moduli, elastic_matrices
 from .structure import Structure
 
 __all__ = ["plate", "plate_on", "solid", "solid_on"]
@@ -293,27 +289,6 @@ def elastic(
     """The structure; corners (1, a, d) of each kind whose elements are all equal."""
     recipe = partial(elastic_matrices, points, elements, moduli, is_lumped(mass), corners)
     return Structure._of(recipe, points, elements, ("ux", "uy", "uz")[: points.shape[1]], moduli)
-
-
-def elastic_matrices(
-    points: np.ndarray,
-    mesh: Mapping[str, np.ndarray],
-    moduli: Mapping[str, Moduli],
-    lumped: bool,
-    corners: Mapping[str, np.ndarray] | None,
-    selected: Selected,
-) -> Made:
-    """A `Recipe`: M, K of the chosen ones of the elements of the `mesh`, and no internal forces."""
-    M: Any = 0
-    K: Any = 0
-    with one_thread():
-        for kind, elements in selected.elements.items():
-            block, pattern = Block(kind, elements), Pattern.of(elements, selected.nodes)
-            lam, mu, density, t, _ = selected.rows(kind, moduli[kind])
-            where = points[mesh[kind][selected.chosen[kind]]] if corners is None else corners[kind]
-            M = M + mass_matrix(block, pattern, where, t * density, lumped)
-            K = K + stiffness(block, pattern, where, t * lam, t * mu)
-    return M, K, ()
 
 
 def _on(

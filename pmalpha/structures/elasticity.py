@@ -7,7 +7,7 @@ would depend on their number, and differ where a structure is cut.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import permutations
 from typing import Any, NamedTuple
 
@@ -15,9 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import listing
+from ..blas import one_thread
 from ..meshes.kinds import KINDS, SHAPES
 from ..meshes.mesh import Block
-from .element_force import of_chosen
+from .element_force import Made, Selected, of_chosen
 from .pattern import Pattern, lumped_mass, upper
 
 _A = (5.0 - np.sqrt(5.0)) / 20.0
@@ -131,10 +132,37 @@ class Moduli(NamedTuple):
     across: np.ndarray
 
 
+def of_elements(values: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """The values of some elements, (k,), from those of all or the one that all have."""
+    values = np.atleast_1d(np.asarray(values, dtype=float))
+    return np.broadcast_to(values, elements.shape) if len(values) == 1 else values[elements]
+
+
 def chunks(count: int, numbers: int) -> Iterator[slice]:
     """Slices of the elements, each of which has `numbers` numbers."""
     size = max(NUMBERS // numbers, 1)
     return (slice(first, min(first + size, count)) for first in range(0, count, size))
+
+
+def elastic_matrices(
+    points: np.ndarray,
+    mesh: Mapping[str, np.ndarray],
+    moduli: Mapping[str, Moduli],
+    lumped: bool,
+    corners: Mapping[str, np.ndarray] | None,
+    selected: Selected,
+) -> Made:
+    """A `Recipe`: M, K of the chosen ones of the elements of the `mesh`, and no internal forces."""
+    M: Any = 0
+    K: Any = 0
+    with one_thread():
+        for kind, elements in selected.elements.items():
+            block, pattern = Block(kind, elements), Pattern.of(elements, selected.nodes)
+            lam, mu, density, t, _ = selected.rows(kind, moduli[kind])
+            where = points[mesh[kind][selected.chosen[kind]]] if corners is None else corners[kind]
+            M = M + mass_matrix(block, pattern, where, t * density, lumped)
+            K = K + stiffness(block, pattern, where, t * lam, t * mu)
+    return M, K, ()
 
 
 def mass_matrix(

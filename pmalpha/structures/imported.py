@@ -19,8 +19,8 @@ from ..problem.dofs import as_nodes
 from ..readers.mesh_files import read_mesh
 from ..readers.unread import Unread
 from .checked import is_lumped, node_numbers, positive
-from .continuum import elastic_matrices, moduli_of
-from .elasticity import RULES, Moduli, Rule, lumped_shares
+from .continuum import moduli_of
+from .elasticity import RULES, Moduli, Rule, elastic_matrices, lumped_shares
 from .element_force import Made, Selected
 from .frames import ROTARY, beam_matrices, require_length
 from .pattern import Pattern, lumped_mass

@@ -597,7 +597,7 @@ class Structure:
             As for `dofs`: all nodes of one to four sides of the mesh, each a line along an axis at
             the end of the mesh.
         elements : int, default 8
-            Number of elements through its thickness.
+            Number of elements through its thickness, at least 3.
         reflection : float, default 1e-3
             Of a pressure wave perpendicular to it, by the continuum, in (0, 1]: less makes the
             layer steeper, which its elements have to resolve.
@@ -611,7 +611,8 @@ class Structure:
         ------
         TypeError, ValueError
             For triangles and elements of second order at the sides, solids, other structures, nodes
-            that are not all of a side, and numbers out of range.
+            that are not all of a side, ground that is nearly incompressible (nu above 0.479), and
+            numbers out of range.
 
         Notes
         -----
@@ -625,7 +626,7 @@ class Structure:
         >>> soil = structures.plate(20, 10, 0.1, E=2.5, nu=0.25, rho=1.0, plane="strain")
         >>> edge = soil.nodes(lambda x, y: (x < 0.01) | (x > 1.99) | (y < 0.01))
         >>> soil.absorbing_layer(edge, elements=5)
-        <AbsorbingLayer at x = 0, x = 2, y = 0: 250 elements, 3582 unknowns>
+        <AbsorbingLayer at x = 0, x = 2, y = 0: 250 elements, 3612 unknowns>
         """
         places = np.unique(self.dofs(nodes) // self.dofs_per_node)
         return absorbing_layer(self, places, elements, reflection)

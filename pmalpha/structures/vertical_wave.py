@@ -21,6 +21,7 @@ from ..problem.record import Record
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..run.coupler import solve
+from .elasticity import of_elements
 
 __all__ = ["VerticalWave"]
 
@@ -109,9 +110,9 @@ def vertical_wave(
     base[0] = Z  # (V1)
     shape = 2.0 * base  # (V2)
     if isinstance(velocity, Record):
-        load = SampledForce(velocity.values, velocity.dt if dt is None else dt, shape=shape)
-    else:
-        load = SampledForce(velocity, dt, shape=shape)
+        velocity, dt = velocity.values, velocity.dt if dt is None else dt
+    assert dt is not None
+    load = SampledForce(velocity, dt, shape=shape)
     column = Subdomain(
         M.diagonal() if lumped else M, K, C=base, scheme=scheme, force=load, name="column"
     )
@@ -176,9 +177,6 @@ def _of_side(structure: Any, side: Any, wave: str) -> tuple[np.ndarray, np.ndarr
 
 def _materials(structure: Any, elements: np.ndarray, wave: str) -> tuple[np.ndarray, np.ndarray]:
     """Modulus and density of elements, times their thickness."""
-    lam, mu, density, thickness = (
-        np.broadcast_to(x, elements.shape) if len(x) == 1 else x[elements]
-        for x in structure.moduli["quad"][:4]
-    )
+    lam, mu, density, thickness = (of_elements(x, elements) for x in structure.moduli["quad"][:4])
     modulus = mu if wave == "SV" else lam + 2.0 * mu
     return modulus * thickness, density * thickness
