@@ -8,7 +8,6 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.structures import layer_matrices
 
 DAMPED = pm.GeneralizedAlpha(0.8)
 
@@ -74,16 +73,17 @@ def test_mass_is_positive_damping_takes_energy_and_no_motion_of_the_layer_grows(
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_between_two_edges_nothing_grows_that_grows_without_the_stretch_across(held, monkeypatch):
+def test_a_layer_between_two_edges_is_warned_of_and_decays_with_a_stretch_across(held):
     soil = box(1, 4)
-    largest = {}
-    for across in (0.0, layer_matrices.ACROSS):
-        monkeypatch.setattr(layer_matrices, "ACROSS", across)
-        layer = soil.absorbing_layer(soil.nodes_at(x=0.1), 3)
-        fixed = layer.mesh.dofs(layer.mesh.nodes_at(y=0.0)) if held else ()
-        largest[across] = rates_of(layer, fixed)[-1].real.max()
-    without, with_it = largest.values()
+    side = soil.nodes_at(x=0.1)
+    layers = [soil.absorbing_layer(side, 3, across=share) for share in (0.0, 0.25)]
+    fixed = layers[0].mesh.dofs(layers[0].mesh.nodes_at(y=0.0)) if held else ()
+    without, with_it = (rates_of(layer, fixed)[-1].real.max() for layer in layers)
     assert with_it < 0.0 and 0.1 < without
+    ground = soil.subdomain(scheme=DAMPED, name="soil")
+    with pytest.warns(pm.StabilityWarning, match="layer at x = 0.1 is between two edges"):
+        layers[0].tie(ground, layers[0].subdomain(scheme=DAMPED, fixed=fixed))
+    assert layers[1].tie(ground, layers[1].subdomain(scheme=DAMPED, fixed=fixed)).p == 10
 
 
 def test_a_layer_has_the_mass_of_its_elements_and_of_the_units():
@@ -285,7 +285,7 @@ def test_nodes_and_numbers_that_make_no_layer_are_refused_by_name():
         ValueError, match="at most 5 times the speed of shear .*, got 7.14: a layer"
     ):
         box(4, 3, nu=0.49).absorbing_layer(side)
-    layer = soil.absorbing_layer(side, 3)
+    layer = soil.absorbing_layer(side, 3, across=0.25)
     with pytest.raises(ValueError, match="scheme of an absorbing layer must be implicit"):
         layer.subdomain(scheme=pm.CentralDifference())
     edge, ground = layer.subdomain(scheme=DAMPED), soil.subdomain(scheme=DAMPED, name="soil")

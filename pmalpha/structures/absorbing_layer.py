@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, real_number, whole_number
+from ..errors import StabilityWarning, warn
 from ..problem.argument_types import DofsLike
 from ..problem.constraints import Constraint
 from ..problem.dofs import dof_list
@@ -32,6 +33,9 @@ __all__ = ["AbsorbingLayer", "absorbing_layer"]
 FEWEST = 3
 # and layers of ground that is nearly incompressible, with a larger c_p / c_s: nu above 0.479.
 FASTEST = 5.0
+# Between two edges that are free or fixed there are waves whose phase travels against their energy.
+# A stretch along the normal alone makes them grow; with this share of it across they decayed.
+ACROSS = 0.2
 Motion = Callable[[float, np.ndarray], tuple[Any, Any, Any]]
 
 
@@ -80,6 +84,7 @@ class AbsorbingLayer:
     pairs: np.ndarray
     _structure: Any
     _sides: tuple[Side, ...]
+    _guides: str = ""  # sides between free or fixed edges without a stretch across
 
     @property
     def points(self) -> np.ndarray:
@@ -124,9 +129,10 @@ class AbsorbingLayer:
         --------
         >>> from pmalpha import GeneralizedAlpha, structures
         >>> soil = structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
-        >>> layer = soil.absorbing_layer(soil.nodes_at(x=2.0), elements=3)
+        >>> edge = soil.nodes(lambda x, y: (x > 1.99) | (y < 0.01))
+        >>> layer = soil.absorbing_layer(edge, elements=3)
         >>> layer.subdomain(scheme=GeneralizedAlpha(0.8), fixed=["uy 0"]).n
-        89
+        378
         """
         if scheme.explicit:
             raise ValueError(
@@ -166,14 +172,20 @@ class AbsorbingLayer:
         TypeError, ValueError
             For subdomains without these names.
 
+        Warns
+        -----
+        StabilityWarning
+            For a side that meets no layer at its ends, without a stretch across.
+
         Examples
         --------
         >>> from pmalpha import GeneralizedAlpha, structures
         >>> soil = structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
-        >>> layer = soil.absorbing_layer(soil.nodes_at(x=2.0), elements=3)
+        >>> edge = soil.nodes(lambda x, y: (x > 1.99) | (y < 0.01))
+        >>> layer = soil.absorbing_layer(edge, elements=3)
         >>> scheme = GeneralizedAlpha(0.8)
         >>> layer.tie(soil.subdomain(scheme=scheme, name="soil"), layer.subdomain(scheme=scheme))
-        <6 constraints on 'soil' and 'layer'>
+        <14 constraints on 'soil' and 'layer'>
         """
         sides = [soil] if isinstance(soil, Subdomain) else list(soil)
         numbers = [_numbers(s, "soil") for s in sides] + [_numbers(layer, "layer")]
@@ -197,6 +209,14 @@ class AbsorbingLayer:
             raise ValueError(
                 f"soil and layer must have free dofs of the sides by their names, such as "
                 f"{self._names()[0]}, got {[*sides, layer]}"
+            )
+        if self._guides:
+            warn(
+                f"the layer at {self._guides} is between two edges that are free or fixed: waves "
+                "whose phase travels against their energy can grow in it; see coupler.growth(), "
+                "and take absorbing_layer(..., across=0.25), which reflects more, or a layer at "
+                "the edges too",
+                StabilityWarning,
             )
         if velocity is None:
             return Constraint(matrices)
@@ -240,7 +260,8 @@ class AbsorbingLayer:
         --------
         >>> from pmalpha import GeneralizedAlpha, structures
         >>> soil = structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
-        >>> layer = soil.absorbing_layer(soil.nodes_at(x=2.0), elements=3)
+        >>> edge = soil.nodes(lambda x, y: (x > 1.99) | (y < 0.01))
+        >>> layer = soil.absorbing_layer(edge, elements=3)
         >>> def falling(t, points):
         ...     along = np.tile([0.0, -1.0], (len(points), 1))
         ...     return 0.5 * t**2 * along, t * along, along
@@ -339,13 +360,14 @@ class AbsorbingLayer:
 
 
 def absorbing_layer(
-    structure: Any, nodes: np.ndarray, elements: Any, reflection: Any
+    structure: Any, nodes: np.ndarray, elements: Any, reflection: Any, across: Any
 ) -> AbsorbingLayer:
     """Of `Structure.absorbing_layer`."""
     count = whole_number(elements, "elements", low=FEWEST)
     R = real_number(reflection, "reflection", low=0.0, high=1.0)
     if not R > 0.0:
         raise ValueError(f"reflection must lie in (0, 1], got {R:g}")
+    share = real_number(across, "across", low=0.0, high=1.0)
     sides = sides_of(structure, nodes)
     points, quads, owners = extruded(structure, sides, count)
     lam, mu = (of_elements(x, owners) for x in structure.moduli["quad"][:2])
@@ -361,7 +383,7 @@ def absorbing_layer(
     elements_of, moduli_of = {"quad": quads}, {"quad": moduli}
     recipe = partial(elastic_matrices, points, elements_of, moduli_of, lumped, None)
     mesh = type(structure)._of(recipe, points, elements_of, ("ux", "uy"), moduli_of)
-    beta = stretch_of(structure, sides, count, R)
+    beta = stretch_of(structure, sides, count, R, share)
     M, C, K = matrices(points, quads, moduli, beta, lumped)
     outer = np.zeros(len(points), dtype=bool)
     for side in sides:
@@ -371,8 +393,22 @@ def absorbing_layer(
     number = {tuple(x): i for i, x in enumerate(points.tolist())}
     at_sides = snapped(structure.points, sides)[chosen].tolist()
     pairs = np.column_stack([chosen, [number[tuple(x)] for x in at_sides]])
+    guides = [
+        side.name
+        for side in sides
+        if all(x.axis == side.axis for x in sides) and len(side.edges) > 1
+    ]
+    grows = R < 1.0 and share < ACROSS
     return AbsorbingLayer(
-        M, C, K, mesh, _dofs_of(np.flatnonzero(outer)), pairs, structure, tuple(sides)
+        M,
+        C,
+        K,
+        mesh,
+        _dofs_of(np.flatnonzero(outer)),
+        pairs,
+        structure,
+        tuple(sides),
+        ", ".join(guides) if grows else "",
     )
 
 

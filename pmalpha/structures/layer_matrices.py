@@ -16,16 +16,13 @@ __all__ = ["matrices", "stretch_of"]
 
 # The stretch grows with this power of the depth, (V4).
 POWER = 2
-# Between two edges that are free or fixed there are waves whose phase travels against their energy.
-# A stretch along the normal alone makes them grow; with this share of it across they decay (V4).
-ACROSS = 0.25
 # Unknowns of an element beside displacements: xx, yy, xy at four points of quadrature.
 STRESSES = 12
 Entries = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, rows, columns
 
 
 def stretch_of(
-    structure: Any, sides: Sequence[Side], count: int, reflection: float
+    structure: Any, sides: Sequence[Side], count: int, reflection: float, across: float
 ) -> Callable[[np.ndarray], np.ndarray]:
     """beta_x, beta_y at points (..., 2), (V4)."""
     lam, mu, density = structure.moduli["quad"][:3]
@@ -42,8 +39,7 @@ def stretch_of(
             depth = side.outward * (points[..., side.axis] - side.at)
             profile = b * np.maximum(depth / L, 0.0) ** POWER
             result[..., side.axis] += profile
-            if not any(other.axis != side.axis for other in sides):
-                result[..., 1 - side.axis] += ACROSS * profile
+            result[..., 1 - side.axis] += across * profile
         return result
 
     return beta

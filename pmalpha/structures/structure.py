@@ -583,7 +583,7 @@ class Structure:
         return boundary(self, places, rho, c_p, c_s)
 
     def absorbing_layer(
-        self, nodes: Any, elements: int = 8, *, reflection: float = 1e-3
+        self, nodes: Any, elements: int = 8, *, reflection: float = 1e-3, across: float = 0.0
     ) -> AbsorbingLayer:
         """A perfectly matched layer beyond sides of a plate, with steps of its own.
 
@@ -601,6 +601,10 @@ class Structure:
         reflection : float, default 1e-3
             Of a pressure wave perpendicular to it, by the continuum, in (0, 1]: less makes the
             layer steeper, which its elements have to resolve.
+        across : float, default 0
+            Share of the stretch along the normal that is across it too, in 0..1. A layer between
+            free or fixed edges, such as on both sides of soil on rigid rock, can grow without:
+            0.25 is stable, and reflects some per cent, of long waves more.
 
         Returns
         -------
@@ -629,7 +633,7 @@ class Structure:
         <AbsorbingLayer at x = 0, x = 2, y = 0: 250 elements, 3612 unknowns>
         """
         places = np.unique(self.dofs(nodes) // self.dofs_per_node)
-        return absorbing_layer(self, places, elements, reflection)
+        return absorbing_layer(self, places, elements, reflection, across)
 
     def graded_damping(
         self,
