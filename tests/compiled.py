@@ -35,7 +35,7 @@ def low_level(kind, function):
     def called(t, n, *pointers):
         *given, value = (np.ctypeslib.as_array(x, (n,)) for x in pointers[:-1])
         try:
-            value[:] = function(t, *given) if kind == "force" else function(*given, t)
+            value[:] = function(t, *given)
         except BaseException:
             return 7
         return 0
