@@ -133,6 +133,92 @@ def test_a_ground_motion_of_all_that_have_mass_is_no_warning():
         tied(None, None)
 
 
+def portal(**options):
+    points = np.array([[0.0, 0.0], [0.0, 3.0], [5.0, 3.0], [5.0, 0.0]])
+    return structures.beam_frame(points, [[0, 1], [1, 2], [2, 3]], EA=1e6, EI=1e3, rhoA=2.0)
+
+
+def test_a_ground_motion_of_a_mesh_without_direction_is_refused_and_says_what_to_give():
+    frame = portal()
+    fixed = frame.dofs([0, 3])
+    message = "must be given where dofs are of several components, ux, uy, rz: 'ux', a dict"
+    for load in (pm.BaseAcceleration(RECORD), [np.ones(frame.n), pm.BaseAcceleration(RECORD)]):
+        with pytest.raises(ValueError, match=message):
+            frame.subdomain(scheme=pm.Newmark(), fixed=fixed, force=load)
+    held = pm.reduce(frame.M, frame.K, fixed=fixed, dof_names=frame.dof_names)
+    arguments = dict(scheme=pm.Newmark(), dof_names=held.dof_names, name="portal")
+    for load in (pm.BaseAcceleration(RECORD), pm.BaseAcceleration(RECORD, M=held.M)):
+        with pytest.raises(ValueError, match="several components"):
+            pm.Subdomain(held.M, held.K, force=load, **arguments)
+    with pytest.raises(ValueError, match="several components"):
+        pm.cut(
+            frame, [0, 0, 1], fixed=fixed, scheme=pm.Newmark(), force=pm.BaseAcceleration(RECORD)
+        )
+    coupler = pm.Coupler([pm.Subdomain(held.M, held.K, **arguments)], dt=0.01)
+    with pytest.raises(ValueError, match="several components"):
+        coupler.run_each([{"force": {"portal": pm.BaseAcceleration(RECORD)}}], 0.1)
+    # one component, and names of the user's own
+    bar = structures.rod(2, 1.0, EA=1.0, rhoA=1.0)
+    ones = bar.subdomain(scheme=pm.Newmark(), force=pm.BaseAcceleration(RECORD)).force.direction
+    assert ones.tolist() == [[1.0]] * 3
+    own = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=pm.Newmark(), dof_names=["floor", "roof"],
+                       force=pm.BaseAcceleration(RECORD))  # fmt: skip
+    assert own.force.direction.tolist() == [[1.0]] * 2
+
+
+@pytest.mark.parametrize("along", ["ux", "uy", {"ux": 1.0, "uy": 0.4}])
+def test_a_component_is_a_direction_of_all_nodes_supports_included(along):
+    frame = portal()
+    fixed = frame.dofs([0, 3])
+    factors = {along: 1.0} if isinstance(along, str) else along
+    direction = np.array([factors.get(name.split()[0], 0.0) for name in frame.dof_names])
+    np.testing.assert_array_equal(frame.direction(along), direction)
+    held = pm.reduce(frame.M, frame.K, fixed=fixed)
+    load = frame.subdomain(
+        scheme=pm.Newmark(), fixed=fixed, force=pm.BaseAcceleration(RECORD, along)
+    )
+    expected = -(frame.M @ direction)[held.free]  # M is consistent: the supports' share acts too
+    np.testing.assert_allclose(load.force.shape[:, 0], expected, rtol=1e-13, atol=1e-13)
+    assert abs(expected + held.M @ direction[held.free]).max() > 1e-3
+    one, other = (
+        pm.cut(frame, [0, 0, 1], fixed=fixed, force=pm.BaseAcceleration(RECORD, x))
+        for x in (direction, along)
+    )
+    for a, b in zip(one.subdomains, other.subdomains):
+        np.testing.assert_array_equal(a.force.shape, b.force.shape)
+
+
+def test_a_record_of_several_series_has_a_component_for_each():
+    frame = portal()
+    both = pm.BaseAcceleration(np.ones((5, 2)), ["ux", {"uy": 0.5}], dt=0.1)
+    s = frame.subdomain(scheme=pm.Newmark(), force=both)
+    expected = [frame.direction("ux"), 0.5 * frame.direction("uy")]
+    np.testing.assert_array_equal(s.force.direction.T, expected)
+
+
+@pytest.mark.parametrize(
+    ("direction", "error", "message"),
+    [
+        ("uz", ValueError, "must be a component of the dofs, ux, uy, rz, got 'uz'"),
+        ({"ux": 1.0, "x": 1.0}, ValueError, "got 'x'"),
+        ({}, ValueError, "must have a component of ux, uy, rz, got none"),
+        ({"ux": np.nan}, ValueError, r"\['ux'\] must be finite"),
+        (["ux", 1.0], TypeError, "components for all series of the record, or numbers"),
+        (["ux", "uy"], ValueError, "a column for each of the 1 series of record, got 2"),
+    ],
+)
+def test_a_direction_that_is_no_component_is_refused_by_name(direction, error, message):
+    with pytest.raises(error, match=message):
+        portal().subdomain(scheme=pm.Newmark(), force=pm.BaseAcceleration(RECORD, direction))
+
+
+def test_a_component_needs_the_names_of_the_dofs_and_their_mass():
+    with pytest.raises(ValueError, match="a number for each dof, where dofs have no names"):
+        mass(force=pm.BaseAcceleration(RECORD, "ux"))
+    with pytest.raises(ValueError, match="M must be left out where direction is a component"):
+        pm.BaseAcceleration(RECORD, "ux", [1.0])
+
+
 # ---- delays ----------------------------------------------------------------------------------
 
 

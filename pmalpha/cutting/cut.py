@@ -183,7 +183,8 @@ def _divided(structure: Any, model: Whole, choice: Choice, dt: float | None, val
         if member.scheme.explicit:
             _require_mass(member, portion.dofs, mass)
     masses_of = [portion.M for portion in portions]
-    loads = division.divided(values.force, masses_of, model.mass)
+    names = getattr(structure, "dof_names", None)
+    loads = division.divided(values.force, masses_of, model.mass, names)
     u0, v0 = (division.scatter(x) for x in (values.u0, values.v0))
     subdomains = []
     for i, member in enumerate(members):
@@ -202,7 +203,7 @@ def _divided(structure: Any, model: Whole, choice: Choice, dt: float | None, val
                 u0=u0[i],
                 v0=v0[i],
                 name=member.name,
-                dof_names=names_at(getattr(structure, "dof_names", None), division.dofs[i]),
+                dof_names=names_at(names, division.dofs[i]),
             )
         )
     labels.setflags(write=False)

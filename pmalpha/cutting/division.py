@@ -85,13 +85,20 @@ class Division:
         """(..., n_i) of each subdomain, from (..., n)."""
         return [u[..., numbers] for numbers in self.dofs]
 
-    def divided(self, force: Any, masses: Sequence[Any], mass: Callable[[], Any]) -> list[Any]:
+    def divided(
+        self,
+        force: Any,
+        masses: Sequence[Any],
+        mass: Callable[[], Any],
+        names: Sequence[str] | None = None,
+    ) -> list[Any]:
         """The load of each subdomain; their sum is the load of the uncut structure.
 
         A ground motion is that of the mass of each subdomain, `masses`, and of what couples fixed
-        dofs to free ones by shares. `mass` returns that of the uncut structure.
+        dofs to free ones by shares. `mass` returns that of the uncut structure, with dofs of these
+        names.
         """
-        known = Mass(mass()) if has_ground(force) else None
+        known = Mass(mass(), names) if has_ground(force) else None
         terms = terms_of(checked_force(force, self.n, mass=known))
         divided = [self._divided(term, masses) for term in terms]
         return [list(loads) or None for loads in zip(*divided)] or [None] * len(self.dofs)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, overload
 
 import numpy as np
 
-from .._checks import MOST, as_int, counted, listing, plain_array
+from .._checks import MOST, as_int, counted, listing, plain_array, real_number
 
 # Names among which the nearest one is looked for.
 MOST_COMPARED = 20_000
@@ -93,6 +93,46 @@ def checked_names(value: Any, n: int) -> Sequence[str] | None:
         twice = sorted({name for name in names if names.count(name) > 1})
         raise ValueError(f"dof_names must be different, got {listing(twice)} twice")
     return names
+
+
+def components_of(names: Sequence[str] | None, *, numbered: bool = False) -> list[str]:
+    """The component of each dof, "ux" of "ux 12"; a name without the number of a node is its own,
+    or "" where only `numbered` ones count."""
+    if names is None:
+        return []
+    if isinstance(names, NodeNames):
+        kinds = names.components
+        return [kinds[i] for i in (names.numbers % len(kinds)).tolist()]
+    components = []
+    for name in names:
+        component, _, node = name.rpartition(" ")
+        own = "" if numbered else name
+        components.append(component if component and node.isdecimal() else own)
+    return components
+
+
+def along(
+    direction: str | Mapping[str, float], names: Sequence[str] | None, name: str
+) -> np.ndarray:
+    """(n,) of a direction, a component or a dict of them with factors: the factor of each dof."""
+    factors = {direction: 1.0} if isinstance(direction, str) else dict(direction)
+    if names is None:
+        raise ValueError(
+            f"{name} must be an array, a number for each dof, where dofs have no names, got "
+            f"{direction!r}"
+        )
+    components = np.array(components_of(names))
+    known = list(dict.fromkeys(components.tolist()))
+    result = np.zeros(len(components))
+    if not factors:
+        raise ValueError(f"{name} must have a component of {listing(known)}, got none")
+    for component, factor in factors.items():
+        if component not in known:
+            raise ValueError(
+                f"{name} must be a component of the dofs, {listing(known)}, got {component!r}"
+            )
+        result[components == component] = real_number(factor, f"{name}[{component!r}]")
+    return result
 
 
 def names_at(names: Sequence[str] | None, dofs: np.ndarray) -> Sequence[str] | None:

@@ -5,7 +5,7 @@ A load is evaluated at the end of a step only, as its value there or as a mean (
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from numbers import Number
 from sys import float_info
@@ -14,10 +14,11 @@ from typing import Any, NamedTuple, Self, TypeAlias, TypeGuard, overload
 import numpy as np
 from scipy import LowLevelCallable
 
-from .._checks import counted, flag, plain_array, real_array, time_step, vector
+from .._checks import counted, flag, listing, plain_array, real_array, time_step, vector
 from . import forms
 from .argument_order import OF_FORCE, check_order, required_names
 from .argument_types import MatrixLike
+from .dofs import along, components_of
 from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import Matrix, canonical, product
@@ -198,9 +199,11 @@ class BaseAcceleration(SampledForce):
         Ground acceleration at t = 0, dt, 2 dt, ..., in the unit of u / t^2 (multiply a record in
         units of g by g). Zero after its end. Between samples and between steps as for
         `SampledForce`.
-    direction : (n,) or (n, k) array, optional
-        Displacement of each dof for a unit displacement of the ground; a column for each series of
-        the record. Default: ones, where all dofs are displacements along the ground motion.
+    direction : str, dict, (n,) or (n, k) array, optional
+        Displacement of each dof for a unit displacement of the ground. Where dofs have names, as of
+        a mesh, a component, ``"ux"``, or several with factors, ``{"ux": 1.0, "uy": 0.4}``. For a
+        record of several series a list of these, one each, or a column each. Default: ones, where
+        all dofs are displacements along the ground motion; refused for dofs of several components.
     M : (n,) or (n, n) array or scipy.sparse matrix, optional
         The mass matrix of the same subdomain; another one is refused there.
     dt : float
@@ -226,6 +229,9 @@ class BaseAcceleration(SampledForce):
     # whose mass it has: "own", that of any subdomain; "given", by the user, to be compared; "part"
     # of a load of a larger structure
     _mass = "own"
+    # components for each series, until a subdomain gives the names of its dofs
+    _along: tuple[Any, ...] = ()
+    _is_left_out = False  # the direction: ones
 
     def __init__(
         self,
@@ -238,6 +244,15 @@ class BaseAcceleration(SampledForce):
     ):
         values, dt = _samples(record, dt)
         mass, n = (None, None) if M is None else canonical(M, "M")
+        named = _named_directions(direction)
+        if named and M is not None:
+            raise ValueError(
+                f"M must be left out where direction is a component, got both with {direction!r}: "
+                "names of dofs and the mass are those of the subdomain"
+            )
+        if named:
+            self._along, direction = named, None
+        self._is_left_out = direction is None and not named
         if direction is not None:
             direction = _directions(direction, n)
         elif n is not None:
@@ -272,7 +287,7 @@ class BaseAcceleration(SampledForce):
         """The load of a subdomain with this mass; ValueError for another M that was given."""
         if self._mass == "part":
             return self
-        direction = np.ones((n, 1)) if self.direction is None else self.direction
+        direction = self._directions(mass, n, name)
         if direction.shape[1] != self.values.shape[1]:
             raise ValueError(_columns_differ(self, direction.shape[1]))
         shape = mass.against(direction)
@@ -291,6 +306,22 @@ class BaseAcceleration(SampledForce):
             f"left out; got one that gives {self.shape[dof, 0]:g} at dof {dof} for a unit "
             f"acceleration, not {shape[dof, 0]:g}"
         )
+
+    def _directions(self, mass: Mass, n: int, name: str) -> np.ndarray:
+        """The columns of direction for these dofs."""
+        if self.direction is not None and not self._is_left_out:
+            return self.direction
+        if self._along:
+            what = f"direction of the BaseAcceleration in {name}"
+            return np.column_stack([along(x, mass.names, what) for x in self._along])
+        several = [x for x in dict.fromkeys(components_of(mass.names, numbered=True)) if x]
+        if len(several) > 1:
+            raise ValueError(
+                f"direction of the BaseAcceleration in {name} must be given where dofs are of "
+                f"several components, {listing(several)}: {several[0]!r}, a dict of components and "
+                f"factors, or a number for each dof; got none, which would move all alike"
+            )
+        return np.ones((n, 1))
 
     def _part(self, dofs: np.ndarray, share: np.ndarray | float = 1.0) -> SampledForce:
         return super()._part(dofs, share)._changed(_mass="part")
@@ -311,6 +342,18 @@ def _samples(record: Any, dt: Any) -> tuple[Any, Any]:
             f"Record has it{_table(plain_array(record, 'record'))}"
         )
     return record, dt
+
+
+def _named_directions(direction: Any) -> tuple[Any, ...]:
+    """Directions by components, one for each series; empty for arrays."""
+    items = direction if isinstance(direction, (list, tuple)) else [direction]
+    named = [isinstance(x, (str, Mapping)) for x in items]
+    if any(named) and not all(named):
+        raise TypeError(
+            "direction must be components for all series of the record, or numbers, got "
+            f"{direction!r}"
+        )
+    return tuple(dict(x) if isinstance(x, Mapping) else x for x in items) if any(named) else ()
 
 
 def _directions(direction: Any, n: int | None) -> np.ndarray:
@@ -401,10 +444,13 @@ def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = N
 
 
 class Mass:
-    """A mass matrix in inner form, None is zero, and its forces against unit ground motions."""
+    """A mass matrix in inner form, None is zero, and its forces against unit ground motions.
 
-    def __init__(self, M: Matrix | None):
-        self.M = M
+    names: those of its dofs, or None.
+    """
+
+    def __init__(self, M: Matrix | None, names: Sequence[str] | None = None):
+        self.M, self.names = M, names
         self._forces: dict[tuple[Any, ...], np.ndarray] = {}
 
     def against(self, direction: np.ndarray) -> np.ndarray:
@@ -456,13 +502,15 @@ def terms_of(force: Force) -> tuple[Term, ...]:
     return (force,)
 
 
-def load_of_free(force: Any, reduced: Any, M: Matrix | None) -> Any:
+def load_of_free(
+    force: Any, reduced: Any, M: Matrix | None, names: Sequence[str] | None = None
+) -> Any:
     """A load of all dofs, of a structure with mass M, as that of the free ones, of a `Reduction`;
-    other loads as they are."""
+    other loads as they are. `names` are those of all dofs."""
     if _is_list_of_loads(force):
-        return [load_of_free(x, reduced, M) for x in force]
+        return [load_of_free(x, reduced, M, names) for x in force]
     if isinstance(force, BaseAcceleration) and force.n in (0, reduced.n):
-        return force._of(Mass(M), reduced.n, "force")._part(reduced.free)
+        return force._of(Mass(M, names), reduced.n, "force")._part(reduced.free)
     if isinstance(force, SampledForce):
         return force._part(reduced.free) if force.n == reduced.n else force
     if callable(force) or isinstance(force, LowLevelCallable) or np.shape(force) != (reduced.n,):

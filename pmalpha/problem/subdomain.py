@@ -256,7 +256,7 @@ class Subdomain(Frozen):
             )
         self.K = self._matrix(K, "K")
         self.damping = damping
-        self.force = checked_force(force, self.n, mass=Mass(self.M))
+        self.force = checked_force(force, self.n, mass=Mass(self.M, names))
         self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
         if self.restoring_springs and self.internal is not None and self.internal.springs:
             raise ValueError(

@@ -342,7 +342,7 @@ def checked_forces(
 
 
 def masses_of(keys: Sequence[tuple[str, Subdomain]]) -> list[Mass]:
-    return [Mass(s.M) for _, s in keys]
+    return [Mass(s.M, s.dof_names) for _, s in keys]
 
 
 def _checked_force(force: Any, s: Subdomain, name: str, mass: Mass) -> Force:

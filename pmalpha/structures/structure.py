@@ -14,7 +14,7 @@ from .._cached import cached_property
 from .._checks import counted, flag, listing, plain_array, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
-from ..problem.dofs import NodeNames, as_nodes, dof_list
+from ..problem.dofs import NodeNames, along, as_nodes, dof_list
 from ..problem.forces import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
@@ -1065,6 +1065,33 @@ class Structure:
         if self.internal:
             raise ValueError(f"{what} needs a linear structure, got one with internal forces")
 
+    def direction(self, component: str | Mapping[str, float]) -> np.ndarray:
+        """A unit displacement of all nodes, for `BaseAcceleration`, M times it for weights.
+
+        Parameters
+        ----------
+        component : str, or dict of str and float
+            One of `components`, "ux"; or several with factors, ``{"ux": 1.0, "uy": 0.4}``.
+
+        Returns
+        -------
+        (n,) ndarray
+            Of all dofs, those of supports included: with a consistent mass their share acts too.
+
+        Raises
+        ------
+        ValueError
+            For a component that the structure does not have.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> wall = structures.plate(1, 1, 1.0, E=1.0, nu=0.3, rho=1.0)
+        >>> wall.direction({"uy": 0.5}).tolist()
+        [0.0, 0.5, 0.0, 0.5, 0.0, 0.5, 0.0, 0.5]
+        """
+        return along(component, self.dof_names, "component")
+
     def subdomain(self, *, scheme: Scheme, fixed: DofsLike = (), **options: Any) -> Subdomain:
         """A Subdomain with this M, K and internal forces, and the names of the dofs.
 
@@ -1116,7 +1143,7 @@ class Structure:
             options["C"] = _damping_sum(options.get("C"), C)
         options |= {x: _of_free(options[x], reduced) for x in ("u0", "v0") if x in options}
         if "force" in options:
-            options["force"] = load_of_free(options["force"], reduced, self.M)
+            options["force"] = load_of_free(options["force"], reduced, self.M, self.dof_names)
         options.setdefault("dof_names", reduced.dof_names)
         return Subdomain(M, K, scheme=scheme, **options)
 
