@@ -82,6 +82,15 @@ def test_the_tangents_are_checked_at_a_time_which_is_the_first_argument():
         growing.check([0.5], [2.0])
 
 
+def test_an_element_force_that_is_called_with_the_time_last_is_a_type_error():
+    (force,) = structures.truss([[0, 0], [2, 0]], [[0, 1]], EA=1.0, rhoA=1.0).internal
+    u = np.array([0.0, 0.0, 0.1, 0.0])
+    np.testing.assert_array_equal(force(0.0, u)[0], force.residual(u))
+    for call in (force, force.residual):
+        with pytest.raises(TypeError, match="t must be a number, the first argument"):
+            call(u, 0.0 * u, 0.0)
+
+
 def test_a_damping_matrix_by_position_is_a_type_error_that_names_it():
     M, C, K = [1.0], [0.1], [4.0]
     with pytest.raises(TypeError, match="C must be given by name, C=.*only M and K"):

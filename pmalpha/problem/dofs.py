@@ -106,8 +106,8 @@ def components_of(names: Sequence[str] | None, *, numbered: bool = False) -> lis
     components = []
     for name in names:
         component, _, node = name.rpartition(" ")
-        own = "" if numbered else name
-        components.append(component if component and node.isdecimal() else own)
+        otherwise = "" if numbered else name
+        components.append(component if component and node.isdecimal() else otherwise)
     return components
 
 

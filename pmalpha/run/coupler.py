@@ -1505,7 +1505,7 @@ class Coupler:
         --------
         At resonance the amplitude is f / (c omega), a quarter of a period behind the force:
 
-        >>> mass = Subdomain([1.0], [4.0], [0.1], scheme=Newmark(), name="mass")
+        >>> mass = Subdomain([1.0], [4.0], C=[0.1], scheme=Newmark(), name="mass")
         >>> x = Coupler([mass], dt=0.1).harmonic([0.0, 2.0], {"mass": [1.0]})["mass"][:, 0]
         >>> abs(x).round(6).tolist(), round(float(np.angle(x[1], deg=True)), 6)
         ([0.25, 5.0], -90.0)

@@ -70,7 +70,7 @@ class ElementForce:
     >>> (force,) = cable.internal
     >>> u = np.zeros(force.n)
     >>> u[cable.dofs(2, "uy")] = 0.1
-    >>> f, K_t, C_t, q1 = force(u, np.zeros(force.n), 0.0, force.history)
+    >>> f, K_t, C_t, q1 = force(0.0, u, np.zeros(force.n), force.history)
     >>> f[cable.dofs(2)].round(4).tolist()
     [0.0, 1.0943]
     >>> K_t.shape == force.pattern.shape and C_t is None
@@ -122,7 +122,9 @@ class ElementForce:
         ValueError
             If u or q have another shape.
         """
-        f, K, q1 = self._evaluate(self._displacements(t if u is None else u), self._before(q), True)
+        f, K, q1 = self._evaluate(
+            self._displacements(*((t,) if u is None else (u, t))), self._before(q), True
+        )
         return f, K, None, q1
 
     def residual(self, t: Any = 0.0, u: Any = None, v: Any = None, q: Any = None) -> np.ndarray:
@@ -150,7 +152,9 @@ class ElementForce:
         >>> bar.internal[0].residual([0.0, 0.0, 0.02, 0.0]).round(12).tolist()
         [-1.0, 0.0, 1.0, 0.0]
         """
-        return self._evaluate(self._displacements(t if u is None else u), self._before(q), False)[0]
+        return self._evaluate(
+            self._displacements(*((t,) if u is None else (u, t))), self._before(q), False
+        )[0]
 
     def largest_tangent(self) -> sp.csr_array | None:
         """The stiffest tangent, for the critical step of an explicit subdomain.
@@ -221,7 +225,9 @@ class ElementForce:
             f"structure must have internal forces of its elements and contact only, got {self!r}"
         )
 
-    def _displacements(self, u: Any) -> np.ndarray:
+    def _displacements(self, u: Any, t: Any = 0.0) -> np.ndarray:
+        if np.ndim(t) > 0:
+            raise TypeError(f"t must be a number, the first argument, got shape {np.shape(t)}")
         values = plain_array(u, "u")
         if values.shape != (self.n,):
             raise ValueError(f"u must have shape ({self.n},), got {values.shape}")
