@@ -31,7 +31,7 @@ JOBS     := $(shell getconf _NPROCESSORS_ONLN)
 # BLAS alone: its threads would wait for each other by spinning while another test has the processor
 PYTEST    = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal
 
-.PHONY: ALWAYS install-c demo test older-kernel others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
+.PHONY: ALWAYS archive-c install-c demo test older-kernel others campaigns ctest tsan sanitized races coverage analyze release cross example lint \
 	notebooks docs wheels release-files free-threaded benchmarks clean
 
 demo: $(VENV)/.plot,fast
@@ -303,7 +303,7 @@ C_BUILD     := build/c-$(subst $() ,-,$(notdir $(CC)))$(if $(filter none,$(THREA
 C_OBJECTS   := $(C_LIBRARY:%.c=$(C_BUILD)/%.o)
 PTHREAD     := $(if $(filter none,$(THREADS)),,-pthread)
 C_COMPILE    = $(CC) -std=c11 -O2 -DNDEBUG -fPIC -fvisibility=hidden -fno-trapping-math -fopenmp-simd \
-	$(PTHREAD) -Wall -Wextra -Icsrc/core -Icsrc $(CFLAGS) -ffp-contract=off
+	$(or $(PTHREAD),-DPMA_ONE_THREAD) -Wall -Wextra -Icsrc/core -Icsrc $(CFLAGS) -ffp-contract=off
 C_LINK       = $(CC) -shared $(PTHREAD) $(LDFLAGS)
 export C_COMMANDS = $(C_COMPILE) / $(C_LINK) / $(AR)
 C_VERSION    = $(shell sed -n 's/^version = "\([^"]*\)".*/\1/p' pyproject.toml)
@@ -326,6 +326,12 @@ $(C_BUILD)/libpmalpha.so: $(C_OBJECTS)
 # what opens damaged models under the sanitizers: tests/campaign_frozen.py
 build/frozen_fuzz: tests/frozen_fuzz.c $(call OBJECTS,asan,$(CORE) $(wildcard csrc/library/*.c))
 	$(CC) $(FLAGS_asan) -std=gnu11 -Wall -Wextra -Icsrc/core -Icsrc -pthread $^ -lm -o $@
+
+# the header and the archive alone, for targets that have no shared libraries
+archive-c: $(C_BUILD)/libpmalpha.a
+	mkdir -p $(PREFIX)/include $(PREFIX)/lib
+	cp csrc/library/pmalpha.h $(PREFIX)/include
+	cp $< $(PREFIX)/lib
 
 install-c: $(C_BUILD)/libpmalpha.a $(C_BUILD)/libpmalpha.so
 	mkdir -p $(PREFIX)/include $(PREFIX)/lib/pkgconfig $(PREFIX)/lib/cmake/pmalpha

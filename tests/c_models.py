@@ -14,6 +14,11 @@ SIGNATURES = {
     "version": (c_char_p, []),
     "open": (c_int, [c_char_p, c_char_p, POINTER(c_void_p)]),
     "open_memory": (c_int, [c_void_p, c_size_t, c_char_p, POINTER(c_void_p)]),
+    "room": (c_size_t, [c_void_p, c_size_t]),
+    "open_in": (
+        c_int,
+        [c_void_p, c_size_t, c_void_p, c_size_t, c_char_p, POINTER(c_void_p)],
+    ),
     "close": (None, [c_void_p]),
     "message": (c_char_p, [c_void_p]),
     "step_size": (c_double, [c_void_p]),
@@ -58,17 +63,21 @@ class Library:
             function.restype, function.argtypes = result, arguments
             setattr(self, name, function)
 
-    def model(self, path):
-        return Model(self, path)
+    def model(self, path, room=None):
+        return Model(self, path, room)
 
 
 class Model:
     """A model of a file, or of the bytes of one, which several models share."""
 
-    def __init__(self, library, content):
+    def __init__(self, library, content, room=None):
         self.functions, self.handle, self.attached = library, c_void_p(), []
         message = ctypes.create_string_buffer(256)
-        if isinstance(content, np.ndarray):
+        if room is not None:
+            self.bytes, self.room = content, room
+            both = content.ctypes.data, content.nbytes, room.ctypes.data, room.nbytes
+            status = library.open_in(*both, message, byref(self.handle))
+        elif isinstance(content, np.ndarray):
             self.bytes = content
             status = library.open_memory(
                 content.ctypes.data, content.nbytes, message, byref(self.handle)

@@ -24,8 +24,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning"),
 ]
 STEPS = 240
-# Counts what is allocated after a model is open.
-COUNTING = """
+# Counts what is allocated.
+WRAPPED = """
 #include <pmalpha.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -36,26 +36,29 @@ void *__real_realloc(void *p, size_t n);
 void *__wrap_malloc(size_t n) { made++; return __real_malloc(n); }
 void *__wrap_calloc(size_t k, size_t n) { made++; return __real_calloc(k, n); }
 void *__wrap_realloc(void *p, size_t n) { made++; return __real_realloc(p, n); }
+"""
+# After a model is open.
+COUNTING = f"""{WRAPPED}
 int main(int count, char **words)
-{
+{{
     pmalpha_model *m;
     (void)count;
     if (pmalpha_open(words[1], NULL, &m)) return 1;
     long opened = made;
     static uint64_t block[4096];
     if (pmalpha_state_size(m) > sizeof block) return 1;
-    for (int k = 0; k < 240; k++) {
+    for (int k = 0; k < 240; k++) {{
         double c[3];
         pmalpha_command(m, 0, c);
         pmalpha_set(m, 0, 300.0 * c[0]);
         if (pmalpha_advance(m, 1)) return 1;
-    }
+    }}
     if (pmalpha_save(m, block, sizeof block) || pmalpha_restore(m, block, sizeof block)) return 1;
     pmalpha_reset(m);
     printf("%ld %ld\\n", opened, made - opened);
     pmalpha_close(m);
     return 0;
-}
+}}
 """
 
 
@@ -96,7 +99,23 @@ def test_the_shared_library_exports_what_the_header_declares():
     assert names == set(re.findall(r"\b(pmalpha_\w+)\(", header)) - {"pmalpha_specimen"}
     needed = run("objdump", "-p", library)
     assert "python" not in needed.lower()
-    assert set(re.findall(r"NEEDED\s+(\S+?)\.so", needed)) <= {"libc", "libm", "libpthread"}
+    # the loader has the variables of threads
+    found = set(re.findall(r"NEEDED\s+(\S+?)\.so", needed)) - {"ld-linux-x86-64"}
+    assert found <= {"libc", "libm", "libpthread"}
+
+
+def test_only_what_opens_a_path_needs_the_files_of_the_c_library():
+    """So a program that opens bytes links without stdio, and without a file of the system."""
+    lines = run("nm", "-A", "--undefined-only", pm.c_library() / "libpmalpha.a").splitlines()
+    needs = {}
+    for line in lines:
+        where, name = line.split()[0], line.split()[-1]
+        needs.setdefault(name, set()).add(where.split(":")[-2])
+    of_files = {"fopen", "fclose", "fread", "fseek", "ftell", "stat", "strerror"}
+    assert of_files <= needs.keys() | {"__xstat"}
+    assert {x for name in of_files & needs.keys() for x in needs[name]} == {"file.o"}
+    written = {x for x in needs if re.search("printf|puts|stdout|stderr", x)}
+    assert written <= {"__assert_fail"}
 
 
 # ---- programs ------------------------------------------------------------------------------------
@@ -122,6 +141,41 @@ def compiled(source, tmp_path, *options):
         program,
     )
     return program
+
+
+# Opens a model in memory of the program, where what allocates is not linked.
+WITHIN = f"""{WRAPPED}
+static union {{ uint64_t words[1 << 16]; long double aligned; }} file, room;
+int main(int count, char **words)
+{{
+    pmalpha_model *m;
+    FILE *f = fopen(words[1], "rb");
+    const size_t size = f ? fread(&file, 1, sizeof file, f) : 0;
+    const size_t needed = pmalpha_room(&file, size);
+    char why[PMALPHA_MESSAGE];
+    (void)count;
+    if (needed == 0 || needed > sizeof room) return 1;
+    if (pmalpha_open_in(&file, size, &room, needed - 1, why, &m) != PMALPHA_NO_MEMORY) return 2;
+    made = 0;
+    if (pmalpha_open_in(&file, size, &room, needed, why, &m)) return 3;
+    for (int k = 0; k < 240; k++) {{
+        double c[3];
+        pmalpha_command(m, 0, c);
+        if (pmalpha_set(m, 0, 300.0 * c[0]) || pmalpha_advance(m, 1)) return 4;
+    }}
+    pmalpha_close(m);
+    if (made) return 5;
+    printf("%.17g\\n", pmalpha_get(m, 0));
+    return 0;
+}}
+"""
+
+
+def test_a_model_in_memory_of_the_program_allocates_nothing(model, tmp_path):
+    (tmp_path / "within.c").write_text(WITHIN)
+    wrapped = "-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc"
+    program = compiled(tmp_path / "within.c", tmp_path, wrapped)
+    assert float(run(program, model[0])) == model[1]
 
 
 def test_nothing_is_allocated_between_open_and_close(model, tmp_path):
@@ -169,6 +223,77 @@ def test_the_example_of_fortran_prints_the_figure_of_the_run(model, tmp_path):
         "gfortran", EXAMPLES / "loop.f90", folder / "libpmalpha.a", "-lm", "-pthread", "-o", program
     )
     assert float(run(program, model[0], STEPS)) == model[1]
+
+
+# ---- what is printed ---------------------------------------------------------------------------
+
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Werror"]
+# A specimen, which is a spring of 300, ends the loop by a force that is no number.
+AROUND = """
+#include <math.h>
+#include <pmalpha.h>
+#include <stdio.h>
+static double commanded;
+static int samples;
+static void give(double d) { commanded = d; }
+static double measured(void) { return ++samples > %d ? NAN : 300.0 * commanded; }
+#define pmalpha_close(m) (printf("%%.17g\\n", pmalpha_get(m, 0)), pmalpha_close(m))
+int main(void)
+{
+%s
+return 0;
+}
+"""
+
+
+def loops():
+    """The loops that the header and the page print, by the name of their model."""
+    header = (pm.c_library() / "pmalpha.h").read_text()
+    lines = re.findall(r"^ \*     (.*)$", header.split("*/")[0], re.MULTILINE)
+    page = (ROOT / "docs" / "embedded.md").read_text()
+    (block,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    return {"model.pma": "\n".join(lines), "tower.pma": block}
+
+
+def write_loop(name, model, folder):
+    shutil.copy(model, folder / name)
+    path = folder / "loop.c"
+    path.write_text(AROUND % (STEPS, loops()[name]))
+    return path
+
+
+@pytest.mark.parametrize("name", ["model.pma", "tower.pma"])
+def test_the_loops_that_are_printed_move_as_a_run(model, tmp_path, name):
+    program = compiled(write_loop(name, model[0], tmp_path), tmp_path, *STRICT)
+    *_, why, number = run(program, cwd=tmp_path).split("\n")[:-1]
+    assert float(number) == model[1] and "must be finite" in why
+
+
+@pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="needs a compiler for 32 bits")
+@pytest.mark.parametrize("name", ["model.pma", "tower.pma"])
+def test_the_loops_that_are_printed_compile_for_32_bits(model, tmp_path, name):
+    source = write_loop(name, model[0], tmp_path)
+    run("arm-none-eabi-gcc", *STRICT, "-I", pm.c_library(), "-c", source, "-o", tmp_path / "x.o")
+
+
+def test_examples_compile_without_a_warning(tmp_path):
+    for name in ("loop.c", "sfunction.c"):
+        flags = [x for x in STRICT if x not in ("-std=c99", "-pedantic")] + ["-std=gnu99"]
+        flags += ["-I", pm.c_library(), "-I", ROOT / "tests"]
+        run("cc", *flags, "-c", EXAMPLES / name, "-o", tmp_path / "x.o")
+
+
+@pytest.mark.parametrize("line", [1, 2])
+def test_the_compile_lines_of_the_page_make_a_program(model, tmp_path, line):
+    page = (ROOT / "docs" / "embedded.md").read_text()
+    first, *lines = re.findall(r"^    (F=.*|cc loop.c .*)$", page, re.MULTILINE)
+    assert len(lines) == 2
+    first = first.replace("python3", sys.executable)
+    write_loop("tower.pma", model[0], tmp_path)
+    script = f"{first}\n{lines[line - 1]}\n./loop"
+    folder = dict(os.environ, PYTHONPATH=str(ROOT))
+    output = run("sh", "-e", "-c", script, cwd=tmp_path, env=folder)
+    assert float(output.split("\n")[-2]) == model[1]
 
 
 # ---- installation --------------------------------------------------------------------------------
@@ -244,6 +369,44 @@ def test_other_flags_are_not_answered_with_the_objects_of_earlier_ones(tmp_path)
     quoted = """CFLAGS=-O1 -DWORD='"a b"'"""
     compile_(quoted)
     assert "status.c" not in compile_(quoted).stdout
+
+
+# ---- a processor without a system --------------------------------------------------------------
+
+CORTEX, OF_CORTEX = "arm-none-eabi-gcc", "-mcpu=cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard -mthumb"
+WITHOUT_A_SYSTEM = """
+#include <pmalpha.h>
+static const uint64_t MODEL[64] = {1};
+static uint64_t room[1024];
+int main(void)
+{
+    pmalpha_model *m;
+    double c[3];
+    if (pmalpha_open_in(MODEL, sizeof MODEL, room, sizeof room, NULL, &m) != PMALPHA_OK)
+        return 1;
+    do
+        pmalpha_command(m, 0, c);
+    while (pmalpha_set(m, 0, 300.0 * c[0]) == PMALPHA_OK && pmalpha_advance(m, 1) == PMALPHA_OK);
+    return 0;
+}
+"""
+
+
+@pytest.mark.gate
+@pytest.mark.skipif(not shutil.which(CORTEX), reason=f"needs {CORTEX}")
+def test_the_archive_links_on_a_cortex_m_with_libc_and_libm_alone(tmp_path):
+    words = [f"CC={CORTEX}", "AR=arm-none-eabi-ar", "THREADS=none", f"PREFIX={tmp_path}"]
+    run("make", "-s", "-C", ROOT, "archive-c", *words, f"CFLAGS={OF_CORTEX} -fno-pic -O1")
+    (tmp_path / "x.c").write_text(WITHOUT_A_SYSTEM)
+    program, archive = tmp_path / "x.elf", tmp_path / "lib" / "libpmalpha.a"
+    strict = "-std=c99 -Wall -Wextra -pedantic -Wconversion -Werror".split()
+    flags = [*OF_CORTEX.split(), *strict, "-I", tmp_path / "include"]
+    run(CORTEX, *flags, "-c", tmp_path / "x.c", "-o", tmp_path / "x.o")
+    ends = ["-lm", "-specs=nosys.specs", "-o", program]
+    run(CORTEX, *OF_CORTEX.split(), tmp_path / "x.o", archive, *ends)
+    names = {line.split()[-1] for line in run("arm-none-eabi-nm", program).splitlines()}
+    assert "pmalpha_open_in" in names
+    assert not [x for x in names if x in ("fopen", "printf", "stat") or "__atomic" in x]
 
 
 # ---- another processor ---------------------------------------------------------------------------

@@ -1,5 +1,7 @@
 """Frozen couplers, stepped by the C library, do what `run` does, bitwise."""
 
+import ctypes
+import os
 from collections import Counter
 
 import numpy as np
@@ -613,6 +615,52 @@ def test_models_of_the_same_bytes_do_not_meet(library, tmp_path):
     assert np.array_equal(np.array(rows)[:, 1], alone)
 
 
+# ---- memory of the caller ----------------------------------------------------------------------
+
+
+def aligned(size):
+    """Bytes at a multiple of 64."""
+    block = np.zeros(size + 64, np.uint8)
+    begin = -block.ctypes.data % 64
+    return block[begin : begin + size]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: frame("gc", "bilinear"),
+        lambda: frame("pm", "cubic"),
+        lambda: frame("macro", "gap"),
+        lambda: frame("mean"),
+        bouncing,
+        lambda: iterated("gc"),
+        lambda: iterated("macro", substeps=3),
+        lambda: full("gc", 50, 8),
+        lambda: hybrid("gc", device=lambda f: simulated(rig)),
+    ],
+)
+def test_a_model_in_a_room_moves_as_elsewhere(library, tmp_path, make):
+    elsewhere = frozen(make(), library, tmp_path)
+    content = words(tmp_path / "model.pma")
+    needed = library.room(content.ctypes.data, content.nbytes)
+    room = aligned(needed + 64)
+    model = library.model(content, room[:needed])
+    assert np.array_equal(model.rows(30), elsewhere.rows(30))
+    state = model.state()
+    rest = model.rows(9)
+    assert model.restore(state.ctypes.data, state.nbytes) == OK
+    assert np.array_equal(model.rows(9), rest)
+    assert not room[needed:].any()  # nothing is behind it
+    with pytest.raises(Refused, match="the room is too small"):
+        library.model(content, aligned(needed - 16))
+    with pytest.raises(Refused, match="aligned"):
+        library.model(content, aligned(needed + 8)[8:])
+    damaged = content.copy()
+    damaged[-1] ^= 1
+    assert library.room(damaged.ctypes.data, damaged.nbytes) == 0
+    assert library.room(None, 800) == 0
+
+
 # ---- limits ------------------------------------------------------------------------------------
 
 
@@ -881,8 +929,17 @@ def test_files_that_are_no_models_are_refused_with_a_message(library, tmp_path):
         (tmp_path / "x.pma").write_bytes(content)
         with pytest.raises(Refused, match=message):
             library.model(tmp_path / "x.pma")
-    with pytest.raises(Refused, match="cannot be opened"):
-        library.model(tmp_path / "none.pma")
+    os.mkfifo(tmp_path / "pipe")
+    for name, reason in (
+        ("none", "No such file"),
+        (".", "no regular file"),
+        ("pipe", "no regular"),
+    ):
+        with pytest.raises(Refused, match=f"cannot be opened: .*{reason}"):
+            library.model(tmp_path / name)
+    handle, why = ctypes.c_void_p(), ctypes.create_string_buffer(256)
+    assert library.open_memory(None, 80, why, ctypes.byref(handle)) == BAD_ARGUMENT and why.value
+    assert library.open(None, why, ctypes.byref(handle)) == BAD_ARGUMENT and why.value
 
 
 def test_the_version_of_the_library_is_that_of_the_package(library):
@@ -893,9 +950,30 @@ def test_the_version_of_the_library_is_that_of_the_package(library):
     assert len(text.splitlines()) < 200
 
 
-def test_steps_are_timed_by_a_clock_of_the_caller(library, tmp_path):
-    import ctypes
+def test_numbers_in_messages_are_those_of_printf(library, tmp_path):
+    """The library has no printf; nine digits, also of those that round up to another power."""
+    numbers = [3.0, 1e-5, 9.9999999996, 123456.7891, 9.876543215e8, 1e22, 2.5e-310, 1e300, 0.1]
+    numbers += np.ldexp(np.random.default_rng(0).random(20), np.arange(-60, 60, 6)).tolist()
+    for number in numbers:
+        s = pm.Subdomain(
+            [1.0],
+            [1.0],
+            scheme=pm.CentralDifference(),
+            v0=[1.0],
+            restoring=rig.External([0]),
+            restoring_stiffness=[1.0],
+            limits=rig.Limits(displacement=number),
+            name="s",
+        )
+        coupler = pm.Coupler([s], dt=min(1.0, 1.5 * number))
+        model = frozen(coupler, library, tmp_path, {"r": ("specimen", "s", 0)})
+        while model.advance(1) == OK and model.count() < 3:
+            pass
+        if model.why:
+            assert f"its limit {number:.9g}" == model.why[model.why.index("its limit") :]
 
+
+def test_steps_are_timed_by_a_clock_of_the_caller(library, tmp_path):
     model = frozen(frame("gc"), library, tmp_path)
     times = iter([0, 7, 7, 12, 20, 45, 50, 60])
     clock = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(lambda _: next(times))

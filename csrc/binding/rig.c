@@ -158,9 +158,9 @@ PyObject *pma_coupler_object_set_ring(CouplerObject *self, PyObject *obj)
     pma_swap(&self->slots, &slots);
     self->ring.size = array ? (int64_t)PyArray_DIM(array, 0) : 0;
     self->ring.steps = array ? PyArray_DATA(array) : NULL;
-    atomic_store(&self->ring.read, 0);
-    atomic_store(&self->ring.written, pma_coupler_step_count(self->core));
-    atomic_store(&self->ring.lost, 0);
+    pma_count_set(&self->ring.read, 0);
+    pma_count_set(&self->ring.written, pma_coupler_step_count(self->core));
+    pma_count_set(&self->ring.lost, 0);
     pma_coupler_release(self);
     Py_XDECREF(slots);
     Py_RETURN_NONE;
@@ -172,7 +172,7 @@ PyObject *pma_coupler_object_ring(CouplerObject *self, PyObject *obj)
     const long long read = PyLong_AsLongLong(obj);
     if (read == -1 && PyErr_Occurred())
         return NULL;
-    atomic_store_explicit(&self->ring.read, read, memory_order_release);
-    const long long written = atomic_load_explicit(&self->ring.written, memory_order_acquire);
-    return Py_BuildValue("(LL)", written, (long long)atomic_load(&self->ring.lost));
+    pma_count_set(&self->ring.read, read);
+    const long long written = pma_count_get(&self->ring.written);
+    return Py_BuildValue("(LL)", written, (long long)pma_count_get(&self->ring.lost));
 }

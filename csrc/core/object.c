@@ -1,8 +1,9 @@
 #include "object.h"
 
 #include <stdint.h>
-#include <stdlib.h>
 #include <string.h>
+
+#include "memory.h"
 
 /* Bytes of a line of the cache; every array begins at a multiple of a word. */
 enum { LINE = 64, WORD = 8 };
@@ -10,6 +11,7 @@ enum { LINE = 64, WORD = 8 };
 /* Where a sanitizer looks on, between arrays is memory that nobody may use. */
 #ifdef __SANITIZE_ADDRESS__
 #include <sanitizer/asan_interface.h>
+
 enum { GAP = 64 };
 
 static void forbid(char *gap)
@@ -55,7 +57,7 @@ static void place(void *object, const pma_array *arrays, char *next)
 void *pma_object_create(size_t size, const pma_array *arrays)
 {
     const size_t bytes = bytes_of(arrays);
-    char *object = bytes < SIZE_MAX ? calloc(1, size + LINE + bytes) : NULL;
+    char *object = bytes < SIZE_MAX ? pma_memory_allocate(1, size + LINE + bytes) : NULL;
     if (object)
         place(object, arrays, object + size);
     return object;
@@ -64,7 +66,7 @@ void *pma_object_create(size_t size, const pma_array *arrays)
 void *pma_object_fill(void *object, const pma_array *arrays)
 {
     const size_t bytes = bytes_of(arrays);
-    void *block = bytes < SIZE_MAX ? calloc(1, LINE + bytes) : NULL;
+    void *block = bytes < SIZE_MAX ? pma_memory_allocate(1, LINE + bytes) : NULL;
     if (block)
         place(object, arrays, block);
     return block;

@@ -64,6 +64,7 @@ typedef struct {
 
 struct pmalpha_model {
     void *file;        /* that was read, or NULL */
+    bool is_in_room;   /* of the caller's, who releases all of it */
     const void *bytes; /* of the frozen model */
     pma_fields fields;
     pma_store store;
@@ -110,6 +111,13 @@ pmalpha_status pmalpha_step(pmalpha_model *m);
 
 /* Outputs and commands of the present. */
 pmalpha_status pmalpha_show(pmalpha_model *m);
+
+/* The model of bytes that are aligned. */
+pmalpha_status pmalpha_open_bytes(const void *bytes, size_t size, char *message,
+                                  pmalpha_model **out);
+
+/* This status with a reason in `message`, which may be NULL. */
+pmalpha_status pmalpha_refuse(pmalpha_status status, const char *reason, char *message);
 
 /* This status with a message. */
 pmalpha_status pmalpha_say(pmalpha_model *m, pmalpha_status status, const char *text);

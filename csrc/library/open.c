@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "library/model.h"
+#include "memory.h"
 
 /* ---- inputs, as the core calls them ---------------------------------------------------------- */
 
@@ -463,5 +464,5 @@ void pmalpha_release(pmalpha_model *m)
         pma_subdomain_destroy(m->member[i].core);
     pma_store_release(&m->store);
     free(m->file);
-    free(m);
+    pma_memory_release(m);
 }

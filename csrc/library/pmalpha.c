@@ -1,12 +1,12 @@
 #include "library/pmalpha.h"
 
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "library/model.h"
 #include "library/version.h"
+#include "memory.h"
+#include "text.h"
 #include "workers/denormals.h"
 
 int pmalpha_abi(void)
@@ -23,7 +23,8 @@ const char *pmalpha_version(void)
 
 pmalpha_status pmalpha_say(pmalpha_model *m, pmalpha_status status, const char *text)
 {
-    snprintf(m->message, sizeof m->message, "%s", text);
+    pma_text message = pma_text_begin(m->message, sizeof m->message);
+    pma_text_word(&message, text);
     return status;
 }
 
@@ -37,6 +38,9 @@ const char *pmalpha_message(const pmalpha_model *m)
 {
     return m->message;
 }
+
+/* Bytes of the name of a subdomain in a message. */
+enum { MOST_OF_A_NAME = 60 };
 
 /* The name of a subdomain in the file. */
 static const char *name_of(const pmalpha_model *m, size_t member)
@@ -61,9 +65,16 @@ static pmalpha_status say_limit(pmalpha_model *m, pmalpha_status status, size_t 
     static const char *const WORDS[] = {"displacement", "velocity", "acceleration", "force",
                                         "energy"};
     const pma_breach x = pma_subdomain_breach(m->member[member].core);
-    snprintf(m->message, sizeof m->message,
-             "%s %.9g of subdomain %.60s at t = %.9g exceeds its limit %.9g", WORDS[x.what],
-             x.value, name_of(m, member), x.t, x.limit);
+    pma_text text = pma_text_begin(m->message, sizeof m->message);
+    pma_text_word(&text, WORDS[x.what]);
+    pma_text_word(&text, " ");
+    pma_text_real(&text, x.value);
+    pma_text_word(&text, " of subdomain ");
+    pma_text_some(&text, name_of(m, member), MOST_OF_A_NAME);
+    pma_text_word(&text, " at t = ");
+    pma_text_real(&text, x.t);
+    pma_text_word(&text, " exceeds its limit ");
+    pma_text_real(&text, x.limit);
     return pmalpha_end(m, status);
 }
 
@@ -76,8 +87,12 @@ static pmalpha_status say_failure(pmalpha_model *m, pma_status status)
     }
     if (status == PMA_LIMITED)
         return say_limit(m, PMALPHA_FAILED, member);
-    snprintf(m->message, sizeof m->message, "%s, in subdomain %.100s after t = %.9g",
-             pma_status_text(status), name_of(m, member), pmalpha_time(m));
+    pma_text text = pma_text_begin(m->message, sizeof m->message);
+    pma_text_word(&text, pma_status_text(status));
+    pma_text_word(&text, ", in subdomain ");
+    pma_text_some(&text, name_of(m, member), MOST_OF_A_NAME);
+    pma_text_word(&text, " after t = ");
+    pma_text_real(&text, pmalpha_time(m));
     return pmalpha_end(m, PMALPHA_FAILED);
 }
 
@@ -86,7 +101,7 @@ static pmalpha_status say_failure(pmalpha_model *m, pma_status status)
 /* Memory that numbers of a file may ask for beyond its arrays: 256 MB, and 64 times its size. */
 enum { ROOM = 1 << 28, ROOM_FOR_EACH = 64 };
 
-static pmalpha_status open_bytes(pmalpha_model *m, const void *bytes, size_t size)
+static pmalpha_status take_bytes(pmalpha_model *m, const void *bytes, size_t size)
 {
     pma_status status = pma_file_read(bytes, size, &m->fields);
     m->bytes = bytes;
@@ -105,64 +120,85 @@ static pmalpha_status open_bytes(pmalpha_model *m, const void *bytes, size_t siz
     return m->state == PMALPHA_FAILED ? PMALPHA_BAD_FILE : PMALPHA_OK;
 }
 
-/* *out and `message` of an opening with this status; the model is released if it failed. */
-static pmalpha_status end_opening(pmalpha_model *m, pmalpha_status status, char *message,
+pmalpha_status pmalpha_refuse(pmalpha_status status, const char *reason, char *message)
+{
+    if (message) {
+        pma_text text = pma_text_begin(message, PMALPHA_MESSAGE);
+        pma_text_word(&text, reason);
+    }
+    return status;
+}
+
+pmalpha_status pmalpha_open_bytes(const void *bytes, size_t size, char *message,
                                   pmalpha_model **out)
 {
-    *out = NULL;
-    if (message)
-        snprintf(message, PMALPHA_MESSAGE, "%s",
-                 status == PMALPHA_OK ? ""
-                 : m                  ? m->message
-                                      : pma_status_text(PMA_NO_MEMORY));
+    pmalpha_model *m = pma_memory_allocate(1, sizeof *m);
+    if (!m)
+        return pmalpha_refuse(PMALPHA_NO_MEMORY, pma_status_text(PMA_NO_MEMORY), message);
+    const pmalpha_status status = take_bytes(m, bytes, size);
+    pmalpha_refuse(status, status == PMALPHA_OK ? "" : m->message, message);
     if (status == PMALPHA_OK)
         *out = m;
-    else if (m)
+    else
         pmalpha_release(m);
     return status;
+}
+
+/* What is wrong with the arguments of an opening, or NULL. */
+static const char *fault_of(const void *bytes, const pmalpha_model *const *out)
+{
+    if (!bytes || (uintptr_t)bytes % sizeof(uint64_t) != 0)
+        return "the bytes must be at a multiple of 8";
+    return out ? NULL : "there is no place for the model";
 }
 
 pmalpha_status pmalpha_open_memory(const void *bytes, size_t size, char *message,
                                    pmalpha_model **out)
 {
-    pmalpha_model *m = calloc(1, sizeof *m);
-    return end_opening(m, m ? open_bytes(m, bytes, size) : PMALPHA_NO_MEMORY, message, out);
+    const char *const fault = fault_of(bytes, (const pmalpha_model *const *)out);
+    if (out)
+        *out = NULL;
+    return fault ? pmalpha_refuse(PMALPHA_BAD_ARGUMENT, fault, message)
+                 : pmalpha_open_bytes(bytes, size, message, out);
 }
 
-/* The bytes of a file, which the model releases. */
-static pmalpha_status read_file(pmalpha_model *m, FILE *file, size_t *size)
+size_t pmalpha_room(const void *bytes, size_t size)
 {
-    const long length = fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
-    if (length < 0 || fseek(file, 0, SEEK_SET) != 0)
-        return pmalpha_say(m, PMALPHA_BAD_FILE, "the file cannot be read");
-    m->file = malloc((size_t)length + 1);
-    if (!m->file)
-        return pmalpha_say(m, PMALPHA_NO_MEMORY, pma_status_text(PMA_NO_MEMORY));
-    *size = (size_t)length;
-    return fread(m->file, 1, *size, file) == *size
-               ? PMALPHA_OK
-               : pmalpha_say(m, PMALPHA_BAD_FILE, "the file cannot be read");
+    pma_room count = {.at = NULL};
+    pmalpha_model *m;
+    pma_memory_enter(&count);
+    const pmalpha_status status = pmalpha_open_memory(bytes, size, NULL, &m);
+    pma_memory_enter(NULL);
+    if (status != PMALPHA_OK)
+        return 0;
+    pmalpha_close(m);
+    return count.used;
 }
 
-pmalpha_status pmalpha_open(const char *path, char *message, pmalpha_model **out)
+pmalpha_status pmalpha_open_in(const void *bytes, size_t size, void *room, size_t room_size,
+                               char *message, pmalpha_model **out)
 {
-    pmalpha_model *m = calloc(1, sizeof *m);
-    FILE *file = m ? fopen(path, "rb") : NULL;
-    size_t size = 0;
-    pmalpha_status status = PMALPHA_NO_MEMORY;
-    if (m)
-        status = file ? read_file(m, file, &size)
-                      : pmalpha_say(m, PMALPHA_BAD_FILE, "the file cannot be opened");
-    if (file)
-        fclose(file);
+    pma_room within = {.at = room, .left = room_size};
+    const char *fault = fault_of(bytes, (const pmalpha_model *const *)out);
+    if (out)
+        *out = NULL;
+    if (!fault && (!room || (uintptr_t)room % _Alignof(max_align_t) != 0))
+        fault = "the room must be aligned as memory of malloc is";
+    if (fault)
+        return pmalpha_refuse(PMALPHA_BAD_ARGUMENT, fault, message);
+    pma_memory_enter(&within);
+    const pmalpha_status status = pmalpha_open_bytes(bytes, size, message, out);
+    pma_memory_enter(NULL);
+    if (status == PMALPHA_NO_MEMORY)
+        return pmalpha_refuse(status, "the room is too small: pmalpha_room", message);
     if (status == PMALPHA_OK)
-        status = open_bytes(m, m->file, size);
-    return end_opening(m, status, message, out);
+        (*out)->is_in_room = true;
+    return status;
 }
 
 void pmalpha_close(pmalpha_model *m)
 {
-    if (m)
+    if (m && !m->is_in_room)
         pmalpha_release(m);
 }
 

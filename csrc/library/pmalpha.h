@@ -8,10 +8,10 @@
  *     double c[3];
  *     if (pmalpha_open("model.pma", why, &m) != PMALPHA_OK) return puts(why), 1;
  *     const int column = pmalpha_find_input(m, "column");
- *     do {                                                 once in each sample
+ *     do {                                      // once in each sample
  *         pmalpha_command(m, column, c);
- *         give(c[0]);                                      where the specimen is to be
- *         if (pmalpha_set(m, column, measured()) != PMALPHA_OK) break;   its force there
+ *         give(c[0]);                           // where the specimen is to be
+ *         if (pmalpha_set(m, column, measured()) != PMALPHA_OK) break; // its force there
  *     } while (pmalpha_advance(m, 1) == PMALPHA_OK);
  *     puts(pmalpha_message(m));
  *     pmalpha_close(m);
@@ -74,6 +74,14 @@ PMALPHA_API pmalpha_status pmalpha_open(const char *path, char *message, pmalpha
 PMALPHA_API pmalpha_status pmalpha_open_memory(const void *bytes, size_t size, char *message,
                                                pmalpha_model **out);
 PMALPHA_API void pmalpha_close(pmalpha_model *m); /* NULL is allowed */
+
+/* The same in memory of the caller's, aligned as that of malloc, without allocation; closing it
+ * does nothing. It has to have the bytes that pmalpha_room returns, which allocates and releases
+ * them (0: the file would be refused); fewer are PMALPHA_NO_MEMORY. A model that needs them on 64
+ * bits needs no more on 32. */
+PMALPHA_API size_t pmalpha_room(const void *bytes, size_t size);
+PMALPHA_API pmalpha_status pmalpha_open_in(const void *bytes, size_t size, void *room,
+                                           size_t room_size, char *message, pmalpha_model **out);
 
 /* Of the last call that returned a status: what was wrong, or "". Until the next call. */
 PMALPHA_API const char *pmalpha_message(const pmalpha_model *m);

@@ -239,6 +239,37 @@ def _draw_sample(ax, k):
     ax.annotate("", (k - 0.02, -0.56), (k - 0.98, -0.56), arrowprops=step)
 
 
+# For each lane: fine steps in a substep.
+LANES = {"fine": 1, "coarse": 3}
+
+
+def draw_lead(figure):
+    """Time levels, substeps of two subdomains, and where inputs act that are set at each level."""
+    ax = figure.subplots()
+    ax.set(xlim=(-1.1, 6.3), ylim=(-0.5, 2.3))
+    ax.axis("off")
+    for y, (lane, ratio) in zip((1.25, 0.0), LANES.items()):
+        _label(ax, -1.1, y, f"{lane}:")
+        ax.plot([0, 6], [y, y], color="k", linestyle="-", linewidth=0.8)
+        for k in range(7):
+            large = k % ratio == 0
+            ax.plot([k], [y], "ko" if large else "k|", markersize=5 if large else 7)
+        for k in range(6):
+            _draw_lead(ax, y, k, ratio)
+    for k in range(7):
+        _label(ax, k - 0.08, -0.42, rf"$t_{k}$")
+
+
+def _draw_lead(ax, y, k, ratio):
+    """From the level at which an input is set to the one at which it acts: `pmalpha_lead` apart."""
+    lead = ratio if k % ratio == 0 else 2 * ratio - k % ratio
+    if k + lead > 6:
+        return
+    arrow = {"arrowstyle": "->", "linewidth": 0.9, "color": "C0" if k % ratio == 0 else "C1"}
+    arrow["connectionstyle"] = f"arc3,rad={-0.9 if ratio == 1 else -0.22}"
+    ax.annotate("", (k + lead, y + 0.08), (k, y + 0.08), arrowprops=arrow)
+
+
 def halves(scheme, coupling):
     """The same frame cut at its second floor, under a sudden load there."""
     k = 5e6
@@ -257,6 +288,7 @@ DRAWN = {
     "first-example": (draw_first_example, (8.0, 3.4)),
     "diverges": (draw_diverges, (8.0, 2.6)),
     "target": (draw_target, (8.0, 2.4)),
+    "lead": (draw_lead, (8.0, 1.8)),
 }
 SCHEDULES = {"staggered": "gc", "interfield-parallel": "pm"}
 

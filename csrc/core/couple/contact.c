@@ -5,10 +5,10 @@
 #include "couple/contact.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "couple/inside.h"
+#include "memory.h"
 #include "object.h"
 #include "observe/energy.h"
 #include "solve/complementarity.h"
@@ -221,7 +221,7 @@ void pma_contact_destroy(pma_contact *x)
 {
     if (x)
         pma_complementarity_destroy(x->problem);
-    free(x);
+    pma_memory_release(x);
 }
 
 /* ---- what it knows -------------------------------------------------------------------------- */

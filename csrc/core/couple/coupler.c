@@ -3,11 +3,11 @@
 #include <assert.h>
 #include <float.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lists.h"
 #include "couple/inside.h"
+#include "memory.h"
 #include "object.h"
 #include "workers/denormals.h"
 #include "workers/thread.h"
@@ -137,7 +137,7 @@ static pma_status make_roster(pma_coupler *c)
     const bool ahead = all_look_ahead(c);
     const size_t workers = pma_most(pma_least(c->parts.threads, PMA_MOST_WORKERS), 1);
     const size_t count = (size_t)(c->end_of_own - c->own);
-    pma_duty *duties = calloc(count + 1, sizeof *duties);
+    pma_duty *duties = pma_memory_allocate(count + 1, sizeof *duties);
     if (!duties)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < count; i++) {
@@ -146,7 +146,7 @@ static pma_status make_roster(pma_coupler *c)
     }
     const pma_status status =
         pma_roster_create(count, duties, workers, c->parts.worthwhile, &c->roster);
-    free(duties);
+    pma_memory_release(duties);
     PMA_TRY(status);
     for (size_t w = 0; w < c->roster.workers; w++) {
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
@@ -220,8 +220,8 @@ void pma_coupler_destroy(pma_coupler *c)
     pma_iteration_destroy(c->iteration);
     pma_exchange_destroy(c->exchange);
     pma_contact_destroy(c->contact);
-    free(c->lam_deferred);
-    free(c);
+    pma_memory_release(c->lam_deferred);
+    pma_memory_release(c);
 }
 
 /* ---- what it knows -------------------------------------------------------------------------- */

@@ -1,9 +1,9 @@
 #include "couple/exchange.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "couple/inside.h"
+#include "memory.h"
 #include "subdomain/remote.h"
 
 /* The rounds of a macro step, in their order: one for each interface problem, and where a time
@@ -44,7 +44,7 @@ pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts)
     c->parts.exchange = NULL; /* c->exchange has it */
     if (!parts)
         return PMA_OK;
-    c->exchange = calloc(1, sizeof *c->exchange);
+    c->exchange = pma_memory_allocate(1, sizeof *c->exchange);
     if (!c->exchange)
         return PMA_NO_MEMORY;
     c->exchange->parts = *parts;
@@ -57,7 +57,7 @@ pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts)
 
 void pma_exchange_destroy(pma_exchange *x)
 {
-    free(x);
+    pma_memory_release(x);
 }
 
 size_t pma_coupler_failed_rank(const pma_coupler *c)

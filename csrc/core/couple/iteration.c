@@ -1,9 +1,9 @@
 #include "couple/iteration.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "couple/inside.h"
+#include "memory.h"
 #include "object.h"
 
 /* ---- making --------------------------------------------------------------------------------- */
@@ -14,7 +14,7 @@ void pma_iteration_destroy(pma_iteration *it)
         return;
     pma_interface_destroy(&it->interface);
     pma_numeric_destroy(&it->H);
-    free(it);
+    pma_memory_release(it);
 }
 
 /* What both kinds need: p multipliers, `own` numbers of the members with `entries` positions, and

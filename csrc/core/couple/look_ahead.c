@@ -5,10 +5,10 @@
  * their fine steps up to its next time level, where it is awaited. A macro step is committed when
  * all of its steps are known to be finite; the others go on meanwhile, never further than the next
  * macro step. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "couple/inside.h"
+#include "memory.h"
 
 /* The members beside the fine steps are the last ones of the roster. */
 static size_t first_parallel(const pma_coupler *c)
@@ -24,7 +24,7 @@ static size_t end_of_parallel(const pma_coupler *c)
 pma_status pma_look_ahead_create(pma_coupler *c)
 {
     const size_t first = first_parallel(c), end = end_of_parallel(c), p = c->parts.p;
-    c->lam_deferred = calloc((end - first) * p + 1, sizeof(double));
+    c->lam_deferred = pma_memory_allocate((end - first) * p + 1, sizeof(double));
     if (!c->lam_deferred)
         return PMA_NO_MEMORY;
     for (size_t i = first; i < end; i++)

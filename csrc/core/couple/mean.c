@@ -5,10 +5,10 @@
  * its interface (link response); a single implicit step is closed instead. This acceleration is no
  * part of w, so that the work at the interface is the multipliers times the displacements there,
  * which are equal: no energy is made, and nothing drifts. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "couple/inside.h"
+#include "memory.h"
 
 pma_status pma_mean_check(const pma_coupler_parts *parts)
 {
@@ -215,7 +215,7 @@ static pma_status prepare(pma_coupler *c, const pma_iteration_parts *parts)
     const size_t p = c->parts.p;
     if (parts)
         return PMA_BAD_SIZE;
-    c->lam_deferred = calloc(c->parts.count * p + 1, sizeof(double));
+    c->lam_deferred = pma_memory_allocate(c->parts.count * p + 1, sizeof(double));
     if (!c->lam_deferred)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < c->parts.count; i++)

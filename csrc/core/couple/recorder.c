@@ -40,15 +40,15 @@ void pma_record_begin(const pma_record *record, int64_t macro)
     const int64_t before = count_before(record, macro);
     if (before < 0)
         return;
-    if (before - atomic_load_explicit(&ring->read, memory_order_acquire) < ring->size)
+    if (before - pma_count_get(&ring->read) < ring->size)
         ring->steps[before % ring->size] = before;
     else
-        atomic_fetch_add(&ring->lost, 1);
+        pma_count_set(&ring->lost, pma_count_get(&ring->lost) + 1);
 }
 
 void pma_record_end(const pma_record *record, int64_t macro)
 {
-    atomic_store_explicit(&record->ring->written, macro, memory_order_release);
+    pma_count_set(&record->ring->written, macro);
 }
 
 static inline size_t row_at(const pma_coupler *c, size_t j, size_t levels)

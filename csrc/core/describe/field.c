@@ -1,8 +1,8 @@
 #include "describe/field.h"
 
-#include <inttypes.h>
-#include <stdio.h>
 #include <string.h>
+
+#include "text.h"
 
 static const pma_node NONE = {.kind = PMA_NONE};
 static const char *const KINDS[] = {"None",
@@ -71,43 +71,61 @@ pma_field pma_field_item(const pma_field *of, size_t i)
 
 /* ---- refusals ------------------------------------------------------------------------------- */
 
-/* Writes the path of a field, as in "single.R.ptr" or "springs[2].first"; returns its length. */
-static size_t write_path(const pma_field *f, char *out, size_t size)
+/* The path of a field, as in "single.R.ptr" or "springs[2].first". */
+static void write_path(const pma_field *f, pma_text *text)
 {
-    const size_t length = f->of ? write_path(f->of, out, size) : 0;
-    int more = 0;
-    if (f->name)
-        more = snprintf(out + length, size - length, "%s%s", length > 0 ? "." : "", f->name);
-    else if (f->of)
-        more = snprintf(out + length, size - length, "[%td]",
-                        f->node - (f->fields->nodes + f->of->node->is.at));
-    const size_t end = length + (more > 0 ? (size_t)more : 0);
-    return end < size ? end : size - 1;
+    const bool is_inner = f->of && (f->of->of || f->of->name);
+    if (f->of)
+        write_path(f->of, text);
+    if (f->name) {
+        pma_text_word(text, is_inner ? "." : "");
+        pma_text_word(text, f->name);
+    } else if (f->of) {
+        pma_text_word(text, "[");
+        pma_text_integer(text, f->node - (f->fields->nodes + f->of->node->is.at));
+        pma_text_word(text, "]");
+    }
 }
 
-static char *begin_refusal(const pma_field *f, bool of_type, size_t *left)
+static pma_text begin_refusal(const pma_field *f, bool of_type)
 {
     pma_fields *t = f->fields;
+    pma_text text = pma_text_begin(t->refusal, sizeof t->refusal);
     t->wrong_type = of_type;
-    const size_t length = write_path(f, t->refusal, sizeof t->refusal);
-    *left = sizeof t->refusal - length;
-    return t->refusal + length;
+    write_path(f, &text);
+    return text;
 }
 
 pma_status pma_field_refuse(const pma_field *f, const char *reason)
 {
-    size_t left;
-    char *out = begin_refusal(f, false, &left);
-    snprintf(out, left, " %s", reason);
+    pma_text text = begin_refusal(f, false);
+    pma_text_word(&text, " ");
+    pma_text_word(&text, reason);
     return PMA_REFUSED;
 }
 
 /* Of its type, for what is wanted instead. */
-static pma_status refuse_type(const pma_field *f, const char *wanted)
+static pma_status refuse_type(const pma_field *f, const char *wanted, const char *more)
 {
-    size_t left;
-    char *out = begin_refusal(f, true, &left);
-    snprintf(out, left, " must be %s, got %s", wanted, KINDS[f->node->kind]);
+    pma_text text = begin_refusal(f, true);
+    pma_text_word(&text, " must be ");
+    pma_text_word(&text, wanted);
+    pma_text_word(&text, more);
+    pma_text_word(&text, ", got ");
+    pma_text_word(&text, KINDS[f->node->kind]);
+    return PMA_REFUSED;
+}
+
+/* Of a number, for that which is wanted. */
+static pma_status refuse_number(const pma_field *f, const char *rule, int64_t wanted,
+                                const char *more, int64_t got)
+{
+    pma_text text = begin_refusal(f, false);
+    pma_text_word(&text, rule);
+    pma_text_integer(&text, wanted);
+    pma_text_word(&text, more);
+    pma_text_word(&text, ", got ");
+    pma_text_integer(&text, got);
     return PMA_REFUSED;
 }
 
@@ -115,13 +133,13 @@ static pma_status refuse_type(const pma_field *f, const char *wanted)
 
 pma_status pma_field_dict(const pma_field *f)
 {
-    return f->node->kind == PMA_DICT ? PMA_OK : refuse_type(f, "a dict");
+    return f->node->kind == PMA_DICT ? PMA_OK : refuse_type(f, "a dict", "");
 }
 
 pma_status pma_field_tuple(const pma_field *f, size_t *count)
 {
     if (f->node->kind != PMA_TUPLE)
-        return refuse_type(f, "a tuple");
+        return refuse_type(f, "a tuple", "");
     *count = (size_t)f->node->extent[0];
     return PMA_OK;
 }
@@ -129,14 +147,9 @@ pma_status pma_field_tuple(const pma_field *f, size_t *count)
 pma_status pma_field_integer(const pma_field *f, int64_t least, int64_t *out)
 {
     if (f->node->kind != PMA_INTEGER)
-        return refuse_type(f, "a whole number");
+        return refuse_type(f, "a whole number", "");
     *out = f->node->is.integer;
-    if (*out >= least)
-        return PMA_OK;
-    size_t left;
-    char *text = begin_refusal(f, false, &left);
-    snprintf(text, left, " must be at least %" PRId64 ", got %" PRId64, least, *out);
-    return PMA_REFUSED;
+    return *out >= least ? PMA_OK : refuse_number(f, " must be at least ", least, "", *out);
 }
 
 pma_status pma_field_count(const pma_field *f, size_t least, size_t *out)
@@ -152,13 +165,14 @@ pma_status pma_field_count(const pma_field *f, size_t least, size_t *out)
 pma_status pma_field_flag(const pma_field *f, bool *out)
 {
     *out = f->node->kind == PMA_INTEGER && f->node->is.integer != 0;
-    return f->node->kind == PMA_INTEGER || pma_field_is_none(f) ? PMA_OK : refuse_type(f, "a flag");
+    return f->node->kind == PMA_INTEGER || pma_field_is_none(f) ? PMA_OK
+                                                                : refuse_type(f, "a flag", "");
 }
 
 pma_status pma_field_real(const pma_field *f, double *out)
 {
     if (f->node->kind != PMA_REAL && f->node->kind != PMA_INTEGER)
-        return refuse_type(f, "a number");
+        return refuse_type(f, "a number", "");
     *out = f->node->kind == PMA_REAL ? f->node->is.real : (double)f->node->is.integer;
     return PMA_OK;
 }
@@ -169,25 +183,14 @@ pma_status pma_field_array(const pma_field *f, pma_kind kind, uint32_t axes, int
                            const void **out)
 {
     const pma_node *x = f->node;
-    size_t left;
-    if (x->kind != (uint32_t)kind) {
-        char *text = begin_refusal(f, true, &left);
-        snprintf(text, left, " must be %s, C-contiguous and aligned, got %s", KINDS[kind],
-                 KINDS[x->kind]);
-        return PMA_REFUSED;
-    }
-    if (x->axes != axes) {
-        char *text = begin_refusal(f, false, &left);
-        snprintf(text, left, " must have %" PRIu32 " dimensions, got %" PRIu16, axes, x->axes);
-        return PMA_REFUSED;
-    }
+    if (x->kind != (uint32_t)kind)
+        return refuse_type(f, KINDS[kind], ", C-contiguous and aligned");
+    if (x->axes != axes)
+        return refuse_number(f, " must have ", axes, " dimensions", x->axes);
     for (uint32_t i = 0; i < axes; i++) {
         if (extent[i] >= 0 && x->extent[i] != extent[i]) {
-            char *text = begin_refusal(f, false, &left);
-            snprintf(text, left,
-                     " must have extent %" PRId64 " along axis %" PRIu32 ", got %" PRId64,
-                     extent[i], i, x->extent[i]);
-            return PMA_REFUSED;
+            static const char *const ALONG[] = {" along axis 0", " along axis 1", " along axis 2"};
+            return refuse_number(f, " must have extent ", extent[i], ALONG[i], x->extent[i]);
         }
         extent[i] = x->extent[i];
     }
@@ -260,7 +263,7 @@ pma_status pma_field_find(const pma_field *f, pma_role role, void *out)
 {
     pma_fields *t = f->fields;
     if (f->node->kind != (t->named ? PMA_WORD : PMA_FOREIGN))
-        return refuse_type(f, "a function");
+        return refuse_type(f, "a function", "");
     return t->find ? t->find(t, f->node, role, out)
                    : pma_field_refuse(f, "is a function, which no file has");
 }

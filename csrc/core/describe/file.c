@@ -1,9 +1,9 @@
 #include "describe/file.h"
 
-#include <inttypes.h>
 #include <stdbool.h>
-#include <stdio.h>
 #include <string.h>
+
+#include "text.h"
 
 enum { HEADER = 64, ORDER = 0x01020304, WORD_ALIGNMENT = 8, ALIGNMENT = 64, SUMS = 4 };
 
@@ -35,7 +35,8 @@ uint64_t pma_file_sum_of(const void *bytes)
 
 static pma_status refuse(pma_fields *out, const char *reason)
 {
-    snprintf(out->refusal, sizeof out->refusal, "%s", reason);
+    pma_text text = pma_text_begin(out->refusal, sizeof out->refusal);
+    pma_text_word(&text, reason);
     return PMA_REFUSED;
 }
 
@@ -49,9 +50,11 @@ static pma_status check_header(const void *bytes, size_t size, pma_fields *out)
     if (h->order != ORDER)
         return refuse(out, "this processor has another order of bytes than the file");
     if (h->version != PMA_FILE_VERSION) {
-        snprintf(out->refusal, sizeof out->refusal,
-                 "the file has format %" PRIu32 ", this library reads format %d", h->version,
-                 PMA_FILE_VERSION);
+        pma_text text = pma_text_begin(out->refusal, sizeof out->refusal);
+        pma_text_word(&text, "the file has format ");
+        pma_text_integer(&text, h->version);
+        pma_text_word(&text, ", this library reads format ");
+        pma_text_integer(&text, PMA_FILE_VERSION);
         return PMA_REFUSED;
     }
     if (h->size != size || size % sizeof(uint64_t) != 0)

@@ -1,8 +1,18 @@
 /* What is of the present, from its fields. */
-#include <stdio.h>
+#include <math.h>
 #include <string.h>
 
 #include "describe/describe.h"
+#include "text.h"
+
+/* A count with all of its digits. */
+static void add_number(pma_text *text, double x)
+{
+    if (fabs(x) < 1e15 && x == floor(x))
+        pma_text_integer(text, (int64_t)x);
+    else
+        pma_text_real(text, x);
+}
 
 static pma_status take_array(const pma_field *f, const pma_state_array *array, const double **out)
 {
@@ -12,8 +22,13 @@ static pma_status take_array(const pma_field *f, const pma_state_array *array, c
     const double *wrong = pma_state_wrong_count(array, *out, &most);
     if (!wrong)
         return PMA_OK;
-    snprintf(reason, sizeof reason, "must have a whole number in 0..%.16g at %zu, got %.17g", most,
-             (size_t)(wrong - *out), *wrong);
+    pma_text text = pma_text_begin(reason, sizeof reason);
+    pma_text_word(&text, "must have a whole number in 0..");
+    add_number(&text, most);
+    pma_text_word(&text, " at ");
+    pma_text_integer(&text, wrong - *out);
+    pma_text_word(&text, ", got ");
+    add_number(&text, *wrong);
     return pma_field_refuse(f, reason);
 }
 

@@ -1,7 +1,8 @@
 #include "describe/store.h"
 
 #include <stdint.h>
-#include <stdlib.h>
+
+#include "memory.h"
 
 typedef struct pma_block {
     struct pma_block *before;
@@ -12,7 +13,7 @@ void *pma_store_add(pma_store *store, size_t count, size_t size)
 {
     if (size > 0 && count > (SIZE_MAX - sizeof(pma_block)) / size)
         return NULL;
-    pma_block *block = calloc(1, sizeof *block + count * size);
+    pma_block *block = pma_memory_allocate(1, sizeof *block + count * size);
     if (!block)
         return NULL;
     block->before = store->last;
@@ -25,6 +26,6 @@ void pma_store_release(pma_store *store)
     while (store->last) {
         pma_block *block = store->last;
         store->last = block->before;
-        free(block);
+        pma_memory_release(block);
     }
 }

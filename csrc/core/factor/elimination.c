@@ -4,13 +4,13 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
 #include "factor/symbolic.h"
 #include "factor/trapezoid.h"
+#include "memory.h"
 #include "object.h"
 
 /* How often a worker looks for an update before it rests. */
@@ -80,7 +80,7 @@ pma_status pma_elimination_create(const pma_panels *p, size_t n, const int64_t *
     }
     const pma_status status = pma_agenda_create(p, owner, workers, &e->agenda);
     if (status != PMA_OK) {
-        free(e);
+        pma_memory_release(e);
         *out = NULL;
     }
     return status;
@@ -90,7 +90,7 @@ void pma_elimination_destroy(pma_elimination *e)
 {
     if (e)
         pma_agenda_destroy(&e->agenda);
-    free(e);
+    pma_memory_release(e);
 }
 
 /* ---- one supernode: left-looking; a symmetric panel as a dense factor G S G^T --------------- */

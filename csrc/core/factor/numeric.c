@@ -2,10 +2,10 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lists.h"
+#include "memory.h"
 #include "object.h"
 
 /* A pivot below this part of its diagonal entry has lost all digits.                      (F11) */
@@ -118,7 +118,7 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
 
 void pma_numeric_destroy(pma_numeric *f)
 {
-    free(f->block);
+    pma_memory_release(f->block);
     pma_elimination_destroy(f->elimination);
     *f = (pma_numeric){.values = NULL};
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "algebra/lists.h"
+#include "memory.h"
 #include "object.h"
 
 /* ---- the graph of groups -------------------------------------------------------------------- */
@@ -393,7 +394,7 @@ static size_t end_of_update(const pma_panels *p, size_t d, size_t row, const int
 static pma_status list_updates(const pma_panels *p, const int64_t *owner, pma_agenda *a)
 {
     size_t target;
-    a->update = calloc(p->count + 2, sizeof *a->update);
+    a->update = pma_memory_allocate(p->count + 2, sizeof *a->update);
     if (!a->update)
         return PMA_NO_MEMORY;
     size_t *next = a->update + 1;
@@ -404,7 +405,7 @@ static pma_status list_updates(const pma_panels *p, const int64_t *owner, pma_ag
     for (size_t s = 0; s < p->count; s++)
         next[s + 1] += next[s];
     const size_t count = next[p->count];
-    a->source = calloc(2 * count + 1, sizeof *a->source);
+    a->source = pma_memory_allocate(2 * count + 1, sizeof *a->source);
     if (!a->source)
         return PMA_NO_MEMORY;
     a->row = a->source + count;
@@ -525,9 +526,9 @@ static pma_status list_tasks(const pma_panels *p, const int64_t *owner, size_t w
         PMA_ARRAY(survey, low, p->count),  PMA_ARRAY(survey, task, p->count),
         PMA_ARRAY(survey, list, p->count), {0}};
     survey *v = pma_object_create(sizeof *v, arrays);
-    a->first = calloc(2 * p->count + 1, sizeof *a->first);
+    a->first = pma_memory_allocate(2 * p->count + 1, sizeof *a->first);
     if (!v || !a->first) {
-        free(v);
+        pma_memory_release(v);
         return PMA_NO_MEMORY;
     }
     v->p = p;
@@ -541,7 +542,7 @@ static pma_status list_tasks(const pma_panels *p, const int64_t *owner, size_t w
         a->first[t] = v->list[t].first;
         a->last[t] = v->list[t].last;
     }
-    free(v);
+    pma_memory_release(v);
     return PMA_OK;
 }
 
@@ -559,8 +560,8 @@ pma_status pma_agenda_create(const pma_panels *p, const int64_t *owner, size_t w
 
 void pma_agenda_destroy(pma_agenda *a)
 {
-    free(a->update);
-    free(a->source);
-    free(a->first);
+    pma_memory_release(a->update);
+    pma_memory_release(a->source);
+    pma_memory_release(a->first);
     *a = (pma_agenda){.tasks = 0};
 }

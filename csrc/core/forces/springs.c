@@ -1,10 +1,10 @@
 #include "forces/springs.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
 #include "forces/laws.h"
+#include "memory.h"
 
 #define INLINE __attribute__((always_inline)) static inline
 
@@ -195,11 +195,11 @@ void pma_springs_subtract_plain(const pma_springs *springs, const double *u, con
 pma_status pma_springs_subtract_first(const pma_springs *springs, const double *u, const double *v,
                                       double *y)
 {
-    double *fresh = calloc(pma_springs_numbers(springs) + 1, sizeof *fresh);
+    double *fresh = pma_memory_allocate(pma_springs_numbers(springs) + 1, sizeof *fresh);
     if (!fresh)
         return PMA_NO_MEMORY;
     pma_springs_subtract(springs, u, v, fresh, fresh, y);
-    free(fresh);
+    pma_memory_release(fresh);
     return PMA_OK;
 }
 

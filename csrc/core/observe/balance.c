@@ -2,10 +2,10 @@
 
 #include <math.h>
 #include <stdint.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
+#include "memory.h"
 #include "object.h"
 #include "observe/passage.h"
 
@@ -219,7 +219,7 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 
 void pma_balance_destroy(pma_balance *b)
 {
-    free(b);
+    pma_memory_release(b);
 }
 
 const pma_balance_parts *pma_balance_get_parts(const pma_balance *b)

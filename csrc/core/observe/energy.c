@@ -1,8 +1,8 @@
 #include "observe/energy.h"
 
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 
 /* A double step ends two time levels after it began. */
@@ -90,7 +90,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
 
 void pma_energy_destroy(pma_energy *e)
 {
-    free(e);
+    pma_memory_release(e);
 }
 
 /* ---- works ---------------------------------------------------------------------------------- */

@@ -6,10 +6,10 @@
 #ifndef PMA_RECORD_H
 #define PMA_RECORD_H
 
-#include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
 
+#include "count.h"
 #include "observe/selection.h"
 
 #define PMA_NO_ROW SIZE_MAX
@@ -18,10 +18,10 @@
  * again once another thread has read them. One that finds none is lost: the run never waits. */
 typedef struct {
     int64_t size;
-    int64_t *steps;               /* size: the one in each slot, counted from 0; else -1 */
-    atomic_int_least64_t read;    /* how many the other thread is done with */
-    atomic_int_least64_t written; /* the macro step up to which all is written or lost */
-    atomic_int_least64_t lost;
+    int64_t *steps;    /* size: the one in each slot, counted from 0; else -1 */
+    pma_count read;    /* how many the other thread is done with */
+    pma_count written; /* the macro step up to which all is written or lost */
+    pma_count lost;
 } pma_ring;
 
 /* Arrays of the caller. Those of the interface are not touched without constraints, p = 0. */

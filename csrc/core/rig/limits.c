@@ -1,9 +1,9 @@
 #include "rig/limits.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 #include "state.h"
 
@@ -66,7 +66,7 @@ pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
 
 void pma_limits_destroy(pma_limits *l)
 {
-    free(l);
+    pma_memory_release(l);
 }
 
 void pma_limits_begin(pma_limits *l)

@@ -2,9 +2,9 @@
 
 #include <math.h>
 #include <stdbool.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 #include "solve/cone.h"
 
@@ -65,7 +65,7 @@ pma_status pma_complementarity_create(const pma_complementarity_parts *parts,
     x->cone = pma_cone_create(rows);
     if (x->cone)
         return PMA_OK;
-    free(x);
+    pma_memory_release(x);
     *out = NULL;
     return PMA_NO_MEMORY;
 }
@@ -74,7 +74,7 @@ void pma_complementarity_destroy(pma_complementarity *x)
 {
     if (x)
         pma_cone_destroy(x->cone);
-    free(x);
+    pma_memory_release(x);
 }
 
 void pma_complementarity_set(pma_complementarity *x, const double *W)

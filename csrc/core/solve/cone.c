@@ -6,9 +6,9 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 
 /* Newton's method before the sweeps up to the one number of rows, after them up to the other, where
@@ -63,7 +63,7 @@ pma_cone *pma_cone_create(size_t rows)
 
 void pma_cone_destroy(pma_cone *x)
 {
-    free(x);
+    pma_memory_release(x);
 }
 
 void pma_cone_forget(pma_cone *x)

@@ -1,12 +1,12 @@
 #include "solve/interface.h"
 
-#include <stdlib.h>
+#include "memory.h"
 
 pma_status pma_interface_create(const pma_factor *H, pma_interface *out)
 {
     *out = (pma_interface){.work = NULL};
     PMA_TRY(H->nb == H->n ? pma_factor_check(H) : PMA_BAD_SIZE);
-    double *work = calloc(pma_factor_scratch(H) + 1, sizeof *work);
+    double *work = pma_memory_allocate(pma_factor_scratch(H) + 1, sizeof *work);
     if (!work)
         return PMA_NO_MEMORY;
     *out = (pma_interface){
@@ -16,6 +16,6 @@ pma_status pma_interface_create(const pma_factor *H, pma_interface *out)
 
 void pma_interface_destroy(pma_interface *x)
 {
-    free(x->work);
+    pma_memory_release(x->work);
     *x = (pma_interface){.work = NULL};
 }

@@ -3,9 +3,9 @@
  * With a diagonal Mbar no row waits for another: every worker has a range of them, which is fixed,
  * so that it stays in the caches of one core. */
 #include <assert.h>
-#include <stdlib.h>
 
 #include "algebra/lists.h"
+#include "memory.h"
 #include "subdomain/inside.h"
 
 /* Diagonal Mbar, linear, single steps: no row waits for another. */
@@ -19,7 +19,7 @@ pma_status pma_division_find(pma_subdomain *s)
 {
     if (!is_in_ranges(s))
         return PMA_OK;
-    s->division = calloc(1, sizeof *s->division);
+    s->division = pma_memory_allocate(1, sizeof *s->division);
     return s->division ? PMA_OK : PMA_NO_MEMORY;
 }
 

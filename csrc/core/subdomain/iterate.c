@@ -1,9 +1,9 @@
 #include "subdomain/iterate.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 #include "subdomain/iterated_substep.h"
 
@@ -122,7 +122,7 @@ static pma_status fill(pma_iterate *it)
         it->diagonal[i] = (int64_t)pma_numeric_entry(tangent, i, i);
     PMA_TRY(find_spring_entries(it));
     const size_t many = pma_numeric_compliance_scratch(&it->numeric, it->count);
-    it->many = calloc(many + 1, sizeof *it->many);
+    it->many = pma_memory_allocate(many + 1, sizeof *it->many);
     return it->many ? PMA_OK : PMA_NO_MEMORY;
 }
 
@@ -130,7 +130,7 @@ pma_status pma_iterate_create(pma_subdomain *s, const pma_iterate_parts *parts, 
 {
     *out = NULL;
     PMA_TRY(check(&s->parts, parts));
-    pma_iterate *it = calloc(1, sizeof *it);
+    pma_iterate *it = pma_memory_allocate(1, sizeof *it);
     if (!it)
         return PMA_NO_MEMORY;
     it->of = s;
@@ -148,9 +148,9 @@ void pma_iterate_destroy(pma_iterate *it)
     if (!it)
         return;
     pma_numeric_destroy(&it->numeric);
-    free(it->block);
-    free(it->many);
-    free(it);
+    pma_memory_release(it->block);
+    pma_memory_release(it->many);
+    pma_memory_release(it);
 }
 
 const pma_iterate_parts *pma_iterate_get_parts(const pma_iterate *it)

@@ -1,8 +1,8 @@
 #include "subdomain/levels.h"
 
 #include <stdint.h>
-#include <stdlib.h>
 
+#include "memory.h"
 #include "object.h"
 
 /* ---- memory --------------------------------------------------------------------------------- */
@@ -54,8 +54,8 @@ pma_status pma_levels_create(pma_levels *l)
 
 void pma_levels_destroy(pma_levels *l)
 {
-    free(l->block);
-    free(l->block_ahead);
+    pma_memory_release(l->block);
+    pma_memory_release(l->block_ahead);
 }
 
 pma_status pma_levels_extend(pma_levels *l)

@@ -1,8 +1,8 @@
 #include "subdomain/remote.h"
 
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 
 struct pma_remote {
@@ -31,7 +31,7 @@ pma_status pma_remote_create(const pma_remote_parts *parts, pma_remote **out)
 
 void pma_remote_destroy(pma_remote *r)
 {
-    free(r);
+    pma_memory_release(r);
 }
 
 static double *target_of(const pma_remote *r, pma_interface_kind kind, size_t j)

@@ -1,9 +1,9 @@
 #include "subdomain/response.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
+#include "memory.h"
 #include "object.h"
 #include "subdomain/inside.h"
 
@@ -31,7 +31,7 @@ pma_status pma_response_create(pma_subdomain *s, pma_response **out)
 
 void pma_response_destroy(pma_response *r)
 {
-    free(r);
+    pma_memory_release(r);
 }
 
 void pma_response_store(pma_response *r, pma_unit_responses units)

@@ -1,8 +1,8 @@
 #include "subdomain/rig.h"
 
-#include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 #include "subdomain/inside.h"
 
@@ -37,7 +37,7 @@ void pma_rig_destroy(pma_rig *rig)
     for (size_t i = 0; i < compensators_of(rig); i++)
         pma_limits_destroy(rig->compensators[i]);
     pma_limits_destroy(rig->commands);
-    free(rig);
+    pma_memory_release(rig);
 }
 
 static pma_rig *create_rig(const pma_subdomain *s, size_t compensators)

@@ -2,11 +2,11 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
+#include "memory.h"
 #include "object.h"
 #include "subdomain/inside.h"
 
@@ -216,7 +216,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
 {
     *out = NULL;
     PMA_TRY(check_parts(parts));
-    pma_subdomain *s = calloc(1, sizeof *s);
+    pma_subdomain *s = pma_memory_allocate(1, sizeof *s);
     if (!s)
         return PMA_NO_MEMORY;
     const pma_status status = fill(s, parts);
@@ -237,13 +237,13 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
-    free(s->division);
-    free(s->internal);
-    free(s->mean);
-    free(s->impulse);
-    free(s->block);
-    free(s->spread);
-    free(s);
+    pma_memory_release(s->division);
+    pma_memory_release(s->internal);
+    pma_memory_release(s->mean);
+    pma_memory_release(s->impulse);
+    pma_memory_release(s->block);
+    pma_memory_release(s->spread);
+    pma_memory_release(s);
 }
 
 const pma_parts *pma_subdomain_parts(const pma_subdomain *s)
@@ -300,7 +300,7 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     if (internal->count == 0)
         return PMA_OK;
     assert(s->parts.n > 0);
-    double *f = calloc(s->parts.n + 2 * entries, sizeof *f);
+    double *f = pma_memory_allocate(s->parts.n + 2 * entries, sizeof *f);
     if (!f)
         return PMA_NO_MEMORY;
     double *K = f + s->parts.n;
@@ -314,7 +314,7 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
         memcpy(first->iterated, f, s->parts.n * sizeof *f);
         memcpy(first->stiffness, K, entries * sizeof *f);
     }
-    free(f);
+    pma_memory_release(f);
     return status;
 }
 
@@ -517,14 +517,14 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     double *f = internal_force_of(s);
     if (!f)
         return PMA_OK;
-    double *after = calloc(internal->history + 1, sizeof *after); /* not taken over */
+    double *after = pma_memory_allocate(internal->history + 1, sizeof *after); /* not taken over */
     if (!after)
         return PMA_NO_MEMORY;
     memset(f, 0, s->parts.n * sizeof *f);
     pma_status status =
         pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0, 0.0, NULL, NULL,
                               s->internal->force + s->parts.n, &s->code);
-    free(after);
+    pma_memory_release(after);
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }
 

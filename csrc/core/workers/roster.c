@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "object.h"
 
 /* A subdomain in the order in which they are given to workers. */
@@ -244,7 +245,7 @@ pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t worker
     *out = (pma_roster){.workers = 0};
     out->block = pma_object_fill(out, arrays);
     if (!d || !out->block) {
-        free(d);
+        pma_memory_release(d);
         pma_roster_destroy(out);
         return PMA_NO_MEMORY;
     }
@@ -254,12 +255,12 @@ pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t worker
     qsort(d->list, count, sizeof *d->list, by_size);
     divide(d, candidate, most, worthwhile, out);
     write_down(count, d->list, out);
-    free(d);
+    pma_memory_release(d);
     return PMA_OK;
 }
 
 void pma_roster_destroy(pma_roster *r)
 {
-    free(r->block);
+    pma_memory_release(r->block);
     *r = (pma_roster){0};
 }

@@ -2,8 +2,8 @@
 
 #include <assert.h>
 #include <stdatomic.h>
-#include <stdlib.h>
 
+#include "memory.h"
 #include "object.h"
 #include "workers/denormals.h"
 #include "workers/thread.h"
@@ -189,7 +189,7 @@ void pma_team_destroy(pma_team *t)
 {
     if (t)
         dismiss(t);
-    free(t);
+    pma_memory_release(t);
 }
 
 /* ---- work ----------------------------------------------------------------------------------- */

@@ -1,14 +1,17 @@
 /* thread.h - a thread, the lock it sleeps on and a clock: all that the core needs of an operating
  * system.
  *
- * POSIX or Windows. No other file of the core includes a header that C11 does not have. */
+ * POSIX or Windows, or with PMA_ONE_THREAD none. No other file of the core includes a header that
+ * C11 does not have. */
 #ifndef PMA_THREAD_H
 #define PMA_THREAD_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#if defined(_WIN32)
+#if defined(PMA_ONE_THREAD)
+/* nothing: library/none/thread.c starts none */
+#elif defined(_WIN32)
 #define WIN32_LEAN_AND_MEAN
 #include <windows.h>
 #else
@@ -18,7 +21,8 @@
 typedef struct {
     void (*run)(void *ctx);
     void *ctx;
-#if defined(_WIN32)
+#if defined(PMA_ONE_THREAD)
+#elif defined(_WIN32)
     HANDLE thread;
     SRWLOCK lock;
     CONDITION_VARIABLE changed;
