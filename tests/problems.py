@@ -892,16 +892,22 @@ motion("sampled velocity", ", velocity=pm.SampledForce({values}, {h})")
 motion("shaken support", ', velocity=pm.SupportMotion({record}, {h}, kind="acceleration")')
 
 
-@feature("obstacle")
-def _obstacle(s, p, rng):
-    i, gap = int(rng.integers(p.n)) if not p.tied else 0, s.number(0.02, length=1)
-    move = f"lambda t: {s.number(0.1, length=1)} * np.sin({s.number(2.0, time=-1)} * t)"
-    where = f"{{{p.name}: {row(p, i)}}}"
-    slide = f"[{{{p.name}: {row(p, (i + 1) % p.n)}}}]" if not p.tied else "[]"
-    more = f", motion={move}" if rng.random() < 0.5 else ""
-    if p.n > 1 and not p.tied:
-        more += f", tangents={slide}, friction=0.2, friction_static=0.3"
-    s.ties.append(f"pm.Contact({where}, gap={gap}, restitution=0.2{more}, name='wall {p.name}')")
+def obstacle(name, moves):
+    def add(s, p, rng):
+        i, gap = int(rng.integers(p.n)) if not p.tied else 0, s.number(0.02, length=1)
+        move = f"lambda t: {s.number(0.1, length=1)} * np.sin({s.number(2.0, time=-1)} * t)"
+        more = f", motion={move}" if moves else ""
+        if p.n > 1 and not p.tied:
+            slide = f"[{{{p.name}: {row(p, (i + 1) % p.n)}}}]"
+            more += f", tangents={slide}, friction=0.2, friction_static=0.3"
+        options = f"gap={gap}, restitution=0.2{more}, name='{name} {p.name}'"
+        s.ties.append(f"pm.Contact({{{p.name}: {row(p, i)}}}, {options})")
+
+    feature(name)(add)
+
+
+obstacle("obstacle", moves=False)
+obstacle("moving obstacle", moves=True)
 
 
 # ---- features: the coupler ----------------------------------------------------------------------

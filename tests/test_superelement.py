@@ -304,6 +304,9 @@ def test_dofs_without_mass_are_condensed_exactly():
     np.testing.assert_allclose(dense(small.M), np.eye(2), rtol=0, atol=1e-15)
     with pytest.raises(ValueError, match="modes must be at most 0, got 1"):
         s.reduced([0, 2], modes=1)
+    alone = pm.Subdomain(np.zeros(3), K, scheme=SCHEME).reduced([0, 2], modes=0)[0]
+    assert alone.massless.tolist() == [0, 1]
+    np.testing.assert_allclose(alone.K, [[2.0, -2.0], [-2.0, 2.0]], rtol=1e-14)
 
 
 def test_all_dofs_can_be_kept_in_another_order():

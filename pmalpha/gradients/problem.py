@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._cached import cached_property
+from .._checks import numbered
 from ..problem.constraints import Constraint
 from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
@@ -200,12 +201,9 @@ def require_adjoint(session: Any, what: str) -> None:
     for name, s in session.keys:
         if s.damping == "lagged":
             raise ValueError(f'{what} needs damping="implicit", got "lagged" of {name!r}')
-        diagonal = s.M if s.M.ndim == 1 else s.M.diagonal()
-        if np.any(diagonal == 0.0):
-            raise ValueError(
-                f"{what} needs a mass at each dof, got none at dof "
-                f"{int(np.argmin(np.abs(diagonal)))} of {name!r}"
-            )
+        if s.massless.size:
+            dofs = numbered("dof", s.massless)
+            raise ValueError(f"{what} needs a mass at each dof, got none at {dofs} of {name!r}")
 
 
 def _require_trapezoidal(session: Any, what: str) -> None:

@@ -175,6 +175,8 @@ def reduced_arguments(
             arguments[name] = (
                 matrix if matrix is None or not is_symmetric(A) else 0.5 * (matrix + matrix.T)
             )
+        if arguments["M"] is None:
+            arguments["M"] = np.zeros(r)  # of dofs without mass alone
         D_r = subdomain.restoring_damping
         if D_r is not None:
             arguments["restoring_damping"] = _of_kept(D_r, boundary, r, "restoring_damping")
