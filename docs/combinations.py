@@ -25,6 +25,7 @@ COUPLINGS = ("gc", "pm", "macro", "mean")
 # What the page calls the features that it has: those of a kind are tried by one of them.
 SHOWN = {
     "explicit scheme": "explicit generalized alpha",
+    "`Bathe`": "Bathe",
     "substeps": "substeps",
     "double steps": "double steps",
     "no mass at a dof": "massless dof",
@@ -60,7 +61,7 @@ SHOWN = {
     "moving obstacle": "moving obstacle",
     "plain start": "plain start",
 }
-SEED = 4
+SEED = 22
 
 
 def saved(coupler, folder):
@@ -95,7 +96,7 @@ VERBS = {
     "`static`": lambda c, folder: c.static(),
     "`modes`": lambda c, folder: c.modes(1),
     "`harmonic`": lambda c, folder: shaken(c),
-    "`growth`": lambda c, folder: c.growth(4),
+    "`growth`": lambda c, folder: c.growth(16),
 }
 
 
@@ -148,7 +149,7 @@ def at(name, place):
 
 
 def pair(one, two):
-    """Two features at one subdomain, or, of a group, beside each other; the number of subdomains."""
+    """Two features at one subdomain, or, of a group, beside each other, with how many there are."""
     group, other = FEATURES[one].group, FEATURES[two].group
     if one == two or (group and group == other):
         if FEATURES[one].place == "tie":
@@ -183,9 +184,8 @@ def page():
         met.append([words, *cells, *[""] * (len(names) - i)])
     return f"""# What goes with what
 
-Made by a script, which tries each cell with the program; it is checked when this site is made. "yes"
-under all couplings where both are possible; with others behind it, under these alone. A number leads
-to the words with which the program refuses it.
+Made by a script that tries each cell, and checked when this site is made. "yes": under all
+couplings where both are possible, or under those that follow. Numbers: the words of the refusal.
 
 ## Couplings
 

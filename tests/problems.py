@@ -385,12 +385,19 @@ scheme("generalized alpha", "pm.GeneralizedAlpha(0.8)")
 scheme("rho 1/2", "pm.GeneralizedAlpha(rho=0.5)")
 scheme("rho 1", "pm.GeneralizedAlpha(1)")
 scheme("explicit generalized alpha", "pm.GeneralizedAlpha(0.8, explicit=True)")
+scheme("explicit with rho 0.3", "pm.GeneralizedAlpha(3 / 10, explicit=True)")
 scheme("central difference", "pm.CentralDifference()")
 scheme("Newmark", "pm.Newmark()")
 scheme("damped Newmark", "pm.Newmark(beta=0.3025, gamma=0.6)")
 scheme("HHT", "pm.HHT(alpha=0.2)")
 scheme("WBZ", "pm.WBZ(alpha=0.15)")
 scheme("Scheme of four numbers", "pm.Scheme(am=0, af=0, beta=0.3025, gamma=0.6, explicit=False)")
+
+
+@feature("Bathe", group="scheme")
+def _bathe(s, p, rng):
+    p.arguments["scheme"] = "pm.Bathe(gamma=None)"
+    p.substeps = s.fine
 
 
 @feature("substeps")

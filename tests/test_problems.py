@@ -20,8 +20,8 @@ ELSEWHERE = {
     "c_library": "every frozen model",
     "solve": "a Coupler of one subdomain",
     "History SubdomainHistory": "made by runs",
-    "rig.Client rig.Command rig.Connected rig.connect rig.serve rig.serve_calls": "test_rig_wire.py",
-    "rig.started": "test_remote.py",
+    "rig.Client rig.Command rig.Connected rig.connect rig.serve": "test_rig_wire.py",
+    "rig.serve_calls rig.started": "test_remote.py",
     "rig.Evaluation rig.evaluate rig.Monitored rig.read_monitor rig.Response rig.RigRecord"
     " rig.Tracking rig.tracking": "what is made of a test, test_rig_model.py",
     "Coupler.comm": "processes, rank_bitwise.py",

@@ -133,7 +133,7 @@ def _tied_and_touching(
     """The rows of the constraints, and the contacts among them."""
     bilateral, unilateral = two_sided_and_contacts(constraints)
     row_groups = checked_constraints(bilateral, everything, names, options.coupling)
-    contacts = contacts_of(unilateral, everything, names, options, ranks)
+    contacts = contacts_of(unilateral, everything, names, ranks)
     if ranks is not None:
         require_equal_problems(ranks, row_groups, options.facts)
     return row_groups, contacts
@@ -211,7 +211,6 @@ def contacts_of(
     contacts: Sequence[Contact],
     everything: Sequence[Any],
     names: Sequence[str],
-    options: Options,
     ranks: Ranks | None,
 ) -> Contacts | None:
     """The contacts, if there are any; ValueError for what they do not go with."""
@@ -220,7 +219,7 @@ def contacts_of(
     if ranks is not None:
         raise ValueError("contacts need a Coupler without comm: one process solves for impulses")
     made = Contacts(contacts, everything, names)
-    made.check(everything, names, options)
+    made.check(everything, names)
     return made
 
 

@@ -15,6 +15,7 @@ from ..blas import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.subdomain import Subdomain
+from .combinations import Placed, require_combinations
 from .constraint_rows import CoreRows
 from .contact_rows import Contacts
 from .factors import Eliminations
@@ -109,6 +110,8 @@ class Assemblies:
         self.first_own = 0 if ranks is None else ranks.part.start
         self.options, self.coupling, self.threads = options, options.coupling, threads
         self.contacts = contacts
+        self.keys = keys
+        self._require_combinations(layout)
         reached = {} if contacts is None else contacts.dofs
         warn_of_loose(keys, links, reached)
 
@@ -144,6 +147,7 @@ class Assemblies:
             return self.first
         made = self._made.pop(layout, None)
         if made is None:
+            self._require_combinations(layout)
             try:
                 made = self._assemble(layout, self._parts_of(layout))
             except MemoryError:
@@ -155,6 +159,21 @@ class Assemblies:
         while len(self._made) > KEPT:
             del self._made[next(iter(self._made))]
         return made
+
+    def _require_combinations(self, layout: Layout) -> None:
+        touched = {} if self.contacts is None else self.contacts.N
+        require_combinations(
+            Placed(
+                name,
+                s,
+                self.coupling,
+                self.options.start,
+                layout.doubles[i],
+                touches=i in touched,
+                beside_contact=self.contacts is not None,
+            )
+            for i, (name, s) in enumerate(self.keys, self.first_own)
+        )
 
     def _parts_of(self, layout: Layout) -> tuple[Member, ...]:
         """The subdomains with these steps: known ones, and others that are not built yet."""
@@ -183,7 +202,6 @@ class Assemblies:
     def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
-        _check_start(members, self.options)
         if self.contacts is not None:
             names = [member.name for member in members]
             self.contacts.check_steps(names, layout.substeps, layout.doubles)
@@ -338,16 +356,6 @@ def _ratios(members: Sequence[Member]) -> list[tuple[str, Subdomain, float, Step
 
 def _are_damped(members: Sequence[Member]) -> bool:
     return any(member.is_damped for member in members)
-
-
-def _check_start(members: Sequence[Member], options: Options) -> None:
-    """ValueError for the plain start of iterated double steps, for which it is not defined."""
-    double = [member.name for member in members if member.tangent is not None and member.double]
-    if double and options.start == "plain" and options.coupling == "pm":
-        raise ValueError(
-            'start must be "rebased" with internal forces in subdomains with double steps, got '
-            f'"plain" and {", ".join(map(repr, double))}'
-        )
 
 
 def _ordered(

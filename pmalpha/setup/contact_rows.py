@@ -20,7 +20,7 @@ from ..problem.subdomain import Subdomain
 from ..problem.unilateral import Contact
 from .link import Link
 from .member import Member
-from .schedule import MACRO, Lookup, Options
+from .schedule import Lookup
 
 # Rows with tangents: W is dense.
 MOST_ROWS = 4000
@@ -129,28 +129,14 @@ class Contacts:
 
     # ---- what is refused -----------------------------------------------------------------------
 
-    def check(
-        self, subdomains: Sequence[Subdomain], names: Sequence[str], options: Options
-    ) -> None:
-        """ValueError for what contacts do not go with."""
-        if options.coupling in MACRO:
-            raise ValueError(
-                f'contacts need coupling "gc" or "pm", got "{options.coupling}", where gaps '
-                "between the ends of macro steps would not be seen"
-            )
+    def check(self, subdomains: Sequence[Subdomain], names: Sequence[str]) -> None:
+        """ValueError for schemes and masses that contacts do not go with."""
         for i in self.N:
             self._check_subdomain(subdomains[i], names[i], i)
 
     def _check_subdomain(self, s: Subdomain, name: str, i: int) -> None:
         dofs, N = self.dofs[i], self.N[i]
         require_generalized_alpha(s.scheme, "a contact", name)
-        if s.internal is not None:
-            raise ValueError(
-                f"contacts need subdomains without internal forces, got some on {name!r}: the "
-                "impulses would be part of Newton's iteration; springs as restoring= are possible"
-            )
-        if not s.has_symmetric_steps:
-            raise ValueError(f"contacts need symmetric matrices, got others of {name!r}")
         masses = np.zeros(dofs.size) if s.M is None else diagonal(s.M)[dofs]
         if not np.all(masses > 0.0):
             massless = dofs[masses <= 0.0]

@@ -37,20 +37,6 @@ def prepare_iterated(members: Sequence[Member], coupling: str) -> None:
     for member in members:
         if member.internal is None:
             continue
-        shooting = coupling in ("macro", "mean")
-        if shooting and member.subdomain.has_functions:
-            raise ValueError(
-                f"restoring of {member.name!r} must have no functions where there are internal "
-                f'forces under coupling="{coupling}", which repeats its substeps; take "pm" or '
-                '"gc", or '
-                "put the restoring force into a subdomain of its own"
-            )
-        if shooting and member.subdomain.has_feedback:
-            raise ValueError(
-                f"force of {member.name!r} must not be a function of t, u and v where there are "
-                f'internal forces under coupling="{coupling}", which repeats its substeps; take '
-                '"pm" or "gc"'
-            )
         if coupling == "mean":
             member.blocks = mean_blocks(linear_twin(member))
         elif coupling == "macro":

@@ -20,7 +20,6 @@ from ..memory import require
 from ..problem import forms
 from ..problem.forms import Factor
 from ..problem.matrices import Matrix, core_matrix, is_symmetric, product
-from ..problem.schemes import explicit_rho
 from .factors import solve
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .link import Block
@@ -37,8 +36,6 @@ SHARE = 2e6
 LONG, ABSURD = 20.0, 86400.0
 # Velocity at the end of a macro step over its mean: below, a subdomain resonates with the step.
 RESONANT = 0.05
-# The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
-LEAST_EXPLICIT_RHO = 0.5
 # Substeps in a step of a subdomain with an unsymmetric K up to which nothing grew beside an
 # absorbing layer: those of schemes with damping, and of undamped explicit ones.
 BESIDE_SKEW, UNDAMPED_BESIDE_SKEW = 5, 2
@@ -236,27 +233,9 @@ def warn_of_resonance(
 
 
 def check_mean(members: Sequence[Member]) -> None:
-    """ValueError for what mean coupling cannot have."""
+    """ValueError for tied dofs without mass under mean coupling."""
     for member in members:
-        s = member.subdomain
-        if s.restoring is not None:
-            raise ValueError(
-                'coupling must be "macro", "pm" or "gc" with restoring forces, got "mean" and '
-                f"restoring forces in {member.name!r}: the free macro run has no multipliers, so "
-                "that forces would be evaluated away from the motion"
-            )
-        if s.has_feedback:
-            raise ValueError(
-                'coupling must be "macro", "pm" or "gc" with a force that is a function of t, u '
-                f'and v, got "mean" and such a force on {member.name!r}: it would be evaluated '
-                "away from the motion"
-            )
-        if s.scheme.explicit and (rho := explicit_rho(s.scheme)) < LEAST_EXPLICIT_RHO:
-            raise ValueError(
-                f'coupling="mean" needs rho >= {LEAST_EXPLICIT_RHO} in explicit subdomains, below '
-                f"which it is unstable near the critical step, got {rho:g} in {member.name!r}"
-            )
-        tied = np.intersect1d(member.order[member.n - member.nb :], s.massless)
+        tied = np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
         if tied.size:
             raise ValueError(
                 f'coupling="mean" needs mass at the interface dofs, got none at '
