@@ -176,6 +176,7 @@ notebooks: $(VENV)/.notebook
 # The site, build/docs/html. Its sources are a copy, since the reference writes a page for each name;
 # the notebooks appear with their stored output.
 docs: $(VENV)/.docs
+	$(VENV)/bin/python docs/combinations.py --check
 	rm -rf build/docs/source
 	mkdir -p build/docs/source
 	cp -Rp CHANGELOG.md CONTRIBUTING.md benchmarks docs examples notebooks build/docs/source

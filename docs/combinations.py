@@ -76,6 +76,10 @@ def misfit(coupler):
     return pm.Misfit({s.name: dict(dofs=[0], u=np.zeros((levels, 1)))})
 
 
+def goal(coupler):
+    return pm.Goal(coupler.subdomains[0].name, 0, at=2 * coupler.dt)
+
+
 def shaken(coupler):
     s = coupler.subdomains[0]
     return coupler.harmonic([1.0], {s.name: np.ones(s.n)})
@@ -90,6 +94,7 @@ VERBS = {
     "`run_paced`": lambda c, folder: c.run_paced(2 * c.dt, rate=1e4, on_late="continue"),
     "`change_steps`": lambda c, folder: c.change_steps(dt=c.dt / 2.0),
     "`estimate_error`": lambda c, folder: c.estimate_error(steps=2),
+    "`error_budget`": lambda c, folder: c.error_budget(goal(c), 2 * c.dt),
     "`gradient`": lambda c, folder: c.gradient(misfit(c), steps=2),
     "`freeze`": lambda c, folder: c.freeze(folder / "model.pma"),
     "`export_fmu`": lambda c, folder: c.export_fmu(folder / "model.fmu"),

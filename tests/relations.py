@@ -264,6 +264,9 @@ def converted(r):
         r.equal("at its own times", {"u": own.u, "v": own.v}, {"u": s.u, "v": s.v})
         s.to_pandas(), s.to_xarray(), s.peak(), repr(s), s.local_error()
     r.history.peak(), repr(r.history)
+    for look in (lambda h: repr(h.resolution()), lambda h: h.corrected_multipliers):
+        with refused():
+            look(r.history)
     with functions_are_local():
         r.equal("a pickled History", results_of(pickled(r.history)))
 
@@ -463,6 +466,23 @@ def gradient(r):
     assert off <= 1e-5 * size + 1e-9 * found.value, (
         f"gradient: {found.parameters} {near.parameters}"
     )
+
+
+@relation
+def budget(r):
+    """The value of an error budget is that of its run, and its parts are its total."""
+    s, end = r.coupler.subdomains[0], STEPS * r.coupler.dt
+    for goal in (pm.Goal(s.name, 0, at=end), pm.Goal(s.name, [0.5] * s.n, weight=np.cos, what="v")):
+        found = r.coupler.error_budget(goal, end, weights="half")
+        parts = sum(found.own.values()) + found.coupling
+        size = found.bound + abs(found.total) + 1e-12 * abs(found.value)
+        assert abs(parts - found.total) <= 1e-9 * size, f"budget: {parts} is not {found.total}"
+        if goal.weight is None:
+            u = r.coupler.run_each([{}], steps=STEPS)[0][s.name].u[-1, 0]
+            assert abs(found.value - u) <= 1e-12 * abs(u), f"budget: {found.value} is not {u}"
+        repr(found)
+        with refused():  # "macro" and "mean" alone
+            found.steps(found.bound + 1.0)
 
 
 @relation

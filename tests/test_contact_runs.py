@@ -259,6 +259,30 @@ def test_an_obstacle_that_moves_pushes():
         assert_close(history["box"].v[-1:], 3.0, 1e-9, "last velocity of the box", size=3.0)
 
 
+def test_impulses_with_friction_do_not_depend_on_what_was_solved_before():
+    """Rows that follow from each other: many impulses solve, and which of them is found depends on
+    the last ones alone, also after an iteration in which no row pushes."""
+
+    def made():
+        a = pm.Subdomain([2.602], [4.869], scheme=pm.GeneralizedAlpha(0.8), name="a")
+        b = pm.Subdomain([2.466], [1.874], scheme=pm.GeneralizedAlpha(0.8), name="b")
+        rub = pm.contact(a, [0], b, [0], gap=0.01, friction=0.3, tangents=[([0], [0])],
+                         friction_static=0.5, name="rub")  # fmt: skip
+        pushed = pm.SampledForce([[0.0], [0.4], [-0.2], [0.1]], 0.06)
+        held = pm.Constraint({a: [[1.0]]}, velocity=pushed)
+        return pm.Coupler([a, b], [rub, held], dt=0.05, coupling="gc")
+
+    coupler = made()
+    coupler.step(5)
+    start = coupler.snapshot()
+    impulses = []
+    for _ in range(2):
+        impulses.append(coupler.run(steps=3).contacts["rub"].impulse)
+        coupler.restore(start)
+    assert impulses[0].max() > 0.0
+    assert np.array_equal(*impulses)
+
+
 def test_the_first_gap_of_a_run_is_that_of_the_obstacle_at_its_time():
     a = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), name="a")
     wall = pm.contact(a, 0, gap=0.02, motion=lambda t: 0.01 * t, name="wall")

@@ -335,7 +335,7 @@ static void iterate(pma_cone *x, const pma_cone_problem *p)
             change(p, k, -p->z[k]);
     }
     const bool known =
-        keep && n == x->unknowns && memcmp(x->key, x->wanted, n * sizeof *x->key) == 0;
+        keep && n > 0 && n == x->unknowns && memcmp(x->key, x->wanted, n * sizeof *x->key) == 0;
     assemble(x, p, n, !known);
     if (!known) {
         factor(x, n);
