@@ -5,6 +5,7 @@ import sys
 import sysconfig
 
 import campaign_disk
+import campaign_doubling
 import campaign_files
 import campaign_frozen
 import campaign_frozen_motion
@@ -111,3 +112,11 @@ def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing():
     kinds = ["callbacks", "macro", "mean"]
     found = campaign_memory.campaign(kinds, stride=997, first=5, seconds=waits.LIMIT)
     assert "'MemoryError': " in found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks and limits memory")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_twice_the_size_of_a_file_takes_at_most_two_and_a_half_times_as_long():
+    counts = campaign_doubling.campaign(campaign_doubling.CASES, most=200_000)
+    assert sum(counts.values()) == len(campaign_doubling.CASES)
+    assert counts["compared"] >= 2  # others of this size take less than can be compared

@@ -573,3 +573,35 @@ def test_without_a_library_a_file_is_refused_and_an_input_of_abaqus_is_read(tmp_
     (tmp_path / "job.inp").write_text(INPUT)
     with pytest.warns(UserWarning, match="SPRINGA"):
         assert structures.from_mesh(tmp_path / "job.inp", STEEL).n == 12
+
+
+# ---- files of a stranger -------------------------------------------------------------------------
+
+SQUARE = "*NODE\n1,0.,0.\n2,1.,0.\n3,1.,1.\n4,0.,1.\n*ELEMENT,TYPE=CPS4,ELSET=all\n1,1,2,3,4\n"
+NESTED = "".join(f"*ELSET,ELSET=s{i}\n{f's{i - 1}' if i else '1'}\n" for i in reversed(range(99)))
+CHAINED = "".join(f"CORD2R,{i},{i - 1},0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n" for i in range(1, 2000))
+HUGE = {
+    "sets.inp": (SQUARE + NESTED, "sets must hold each other at most 50 in a row"),
+    "nodes.inp": (
+        SQUARE + "*NODE\n9000000,9.,9.\n*NGEN\n1,9000000\n",
+        r"must make at most 20\d\d\d\d\d nodes, elements and members of sets",
+    ),
+    "instances.inp": (
+        f"*PART,NAME=p\n{SQUARE}*NODE\n1000001,9.,9.\n*NGEN\n1,1000001\n*END PART\n"
+        + "".join(f"*INSTANCE,NAME=i{i},PART=p\n*END INSTANCE\n" for i in range(3)),
+        r"line \d+, \*INSTANCE: the file must make at most",
+    ),
+    "systems.bdf": (
+        f"BEGIN BULK\n{CHAINED}GRID,1,1999,0.,0.,0.\n",
+        "its coordinate system is given in too many others",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HUGE)
+def test_a_few_lines_that_make_very_much_are_refused(tmp_path, name):
+    content, message = HUGE[name]
+    (tmp_path / name).write_text(content)
+    with pytest.raises(ValueError, match=message) as caught:
+        pm.structures.from_mesh(tmp_path / name, {"E": 1.0, "nu": 0.3, "rho": 1.0})
+    assert name in str(caught.value)

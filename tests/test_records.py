@@ -119,3 +119,10 @@ def test_uneven_times_are_resampled_between_the_samples(tmp_path):
 def test_a_file_that_is_wrong_is_refused_with_its_line(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
         read_record(written(tmp_path, text))
+
+
+def test_the_step_of_peer_is_the_first_one_after_the_number_of_samples(tmp_path):
+    """Others before it, and a title with one of the words, are none."""
+    path = tmp_path / "x.AT2"
+    path.write_text("PEER\nDT= 9. OF NPTS\nDT= 7., NPTS=  2, AT, DT=   .0050 SEC, DT= 8.\n .1 .2\n")
+    assert pm.readers.read_at2(path).dt == 0.005

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._checks import counted, listing, not_real, real_array, require_finite
 from .kinds import BY_COLUMNS, KINDS
@@ -32,14 +33,27 @@ class ElementType(NamedTuple):
 class FileMesh(NamedTuple):
     """What a file has: points (N, dim), blocks of cells, each of a type.
 
-    Groups have the numbers of their cells in each block; points are those of named sets of points.
+    Groups have the numbers of their cells by the number of a block, in ascending order, for blocks
+    of which they have some; points are those of named sets of points.
     """
 
     points: np.ndarray
     blocks: list[Block]
-    groups: dict[str, list[np.ndarray]]
+    groups: dict[str, dict[int, np.ndarray]]
     points_of: dict[str, np.ndarray]
     types: list[ElementType]
+
+
+def by_block(cells: ArrayLike, starts: np.ndarray) -> dict[int, np.ndarray]:
+    """Cells that are numbered through all blocks, by their block, and counted in it.
+
+    starts: where each block begins, and the end.
+    """
+    numbers = np.unique(np.asarray(cells, dtype=np.int64))
+    block = np.searchsorted(starts, numbers, side="right") - 1
+    splits = np.flatnonzero(np.diff(block)) + 1
+    parts = zip(np.split(numbers, splits), np.split(block, splits))
+    return {int(of[0]): x - starts[of[0]] for x, of in parts if x.size}
 
 
 def first_of_equal(blocks: list[Block]) -> np.ndarray:
@@ -68,9 +82,8 @@ def without_cells(read: FileMesh, first: np.ndarray) -> FileMesh:
     ends = np.cumsum([0, *(len(block.nodes) for block in blocks)])
     groups = {}
     for name, members in read.groups.items():
-        all_of = np.concatenate([a + cells for a, cells in zip(start, members)])
-        new = np.unique(number[first[all_of]])
-        groups[name] = [new[(new >= a) & (new < b)] - a for a, b in zip(ends, ends[1:])]
+        all_of = [start[i] + cells for i, cells in members.items()]
+        groups[name] = by_block(number[first[np.concatenate(all_of)]] if all_of else [], ends)
     return read._replace(blocks=blocks, groups=groups)
 
 

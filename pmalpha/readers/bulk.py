@@ -159,7 +159,7 @@ def _joined(
             blocks.append(Block(kind, table.reshape(len(elements_of_kind), width)))
             types.append(ElementType(name, ELEMENTS[name].family))
     members = {
-        name: [np.array(rows_of.get(b, []), dtype=np.int64) for b in range(len(blocks))]
+        name: {b: np.array(rows, dtype=np.int64) for b, rows in rows_of.items()}
         for name, rows_of in groups.items()
     }
     return FileMesh(
@@ -196,7 +196,13 @@ class _Points:
         self.axes: dict[int, tuple[np.ndarray, np.ndarray] | None] = {}
 
     def all(self) -> dict[int, np.ndarray]:
-        return {number: self.point(number, card) for number, card in self.cards.items()}
+        points = {}
+        for number, card in self.cards.items():
+            try:
+                points[number] = self.point(number, card)
+            except RecursionError:
+                refused_at(card.where, "its coordinate system is given in too many others in a row")
+        return points
 
     def point(self, number: int, by: Card) -> np.ndarray:
         if number in self.points:
@@ -301,7 +307,7 @@ def _bulk_lines(
         where = f"{path.name}, line {number}"
         if word[0].upper() == "INCLUDE":
             name = line.strip()[len("INCLUDE") :].strip()
-            while name[:1] in ("'", '"') and name.count(name[0]) < 2:
+            while name[:1] in ("'", '"') and name.count(name[0]) < 2 and len(name) < LONGEST_NAME:
                 number, line = next(numbered, (0, name[0]))
                 name += line.strip()
             included_path = included.find(name.strip("'\" "), above, f"{where}, INCLUDE")
@@ -310,4 +316,4 @@ def _bulk_lines(
             yield where, line
 
 
-BEGIN = ["BEGIN", "BULK"]
+BEGIN, LONGEST_NAME = ["BEGIN", "BULK"], 4096

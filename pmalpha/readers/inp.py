@@ -6,7 +6,6 @@ gives the sets of a file with several blocks of elements to the wrong ones.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -16,15 +15,32 @@ from scipy.spatial.transform import Rotation
 
 from .._checks import fortran_real
 from ..meshes.kinds import KINDS
-from ..meshes.mesh import Block, ElementType, FileMesh
-from .included import Included
+from ..meshes.mesh import Block, ElementType, FileMesh, by_block
+from .included import MOST_ABOVE, Included
 from .inp_keywords import LEFT_OUT, READ, REFUSED, is_of_analysis, spelled, type_of
 from .unread import Unread, refused_at
 
 Key = TypeVar("Key", int, tuple[int, int])
 
-# Numbers of nodes or elements of *NGEN and *ELGEN
-MOST_MADE = 10**7
+# Nodes, elements and members of sets that a file may make beyond those that it lists, by *NGEN,
+# *ELGEN, *INSTANCE and sets: as many, and further ones for each row of data
+MOST_MADE, MADE_BY_ROW = 2 * 10**6, 64
+
+
+class Made:
+    """How much a file has made, so that few lines of a stranger do not fill the memory."""
+
+    def __init__(self) -> None:
+        self.rows = self.count = 0
+
+    def add(self, count: float) -> None:
+        self.count += int(min(count, 1e18))
+        most = MOST_MADE + MADE_BY_ROW * self.rows
+        if self.count > most:
+            raise ValueError(
+                f"the file must make at most {most} nodes, elements and members of sets beyond "
+                f"those of its {self.rows} rows, got {self.count}"
+            )
 
 
 class Section(NamedTuple):
@@ -48,6 +64,7 @@ class Scope:
         self.name = name
         self.nodes: dict[int, tuple[float, ...]] = {}  # coordinates
         self.elements: dict[int, list[int]] = {}  # numbers of nodes, also of what is left out
+        self.block_of: dict[int, list[int]] = {}  # the numbers of the block of an element
         # type and kind, numbers of elements, and file, line and keyword
         self.blocks: list[tuple[ElementType, str, list[int], str]] = []
         # by the name in capitals, the name and the members: numbers, or a section that lists them
@@ -61,23 +78,39 @@ class Scope:
         if name is not None:
             self.sets[kind].setdefault(name.upper(), (name, []))[1].append(members)
 
+    @property
+    def size(self) -> int:
+        """Of what a copy of it has."""
+        sets = (x for of_kind in self.sets.values() for _, parts in of_kind.values() for x in parts)
+        members = sum(1 + len(x.rows if isinstance(x, Section) else x) for x in sets)
+        return len(self.nodes) + len(self.elements) + len(self.blocks) + members
+
     def copied(self, name: str) -> Scope:
         new = Scope(name)
         new.nodes, new.elements = dict(self.nodes), dict(self.elements)
-        new.blocks = [(a, kind, list(numbers), where) for a, kind, numbers, where in self.blocks]
-        new.sets = copy.deepcopy(self.sets)
+        for element_type, kind, numbers, where in self.blocks:
+            new.add_block(element_type, kind, list(numbers), where)
+        for which, sets in self.sets.items():  # members are not changed
+            new.sets[which] = {key: (own, list(members)) for key, (own, members) in sets.items()}
         return new
+
+    def add_block(
+        self, element_type: ElementType, kind: str, numbers: list[int], where: str
+    ) -> None:
+        self.blocks.append((element_type, kind, numbers, where))
+        self.block_of.update(dict.fromkeys(numbers, numbers))
 
 
 def read_input(path: Path, unread: Unread) -> FileMesh:
     """The mesh of a file; several instances have sets called "instance.set"."""
     reader = _Reader(unread)
     for section in _sections(path):
+        reader.made.rows += 1 + len(section.rows)
         try:
             reader.read(section)
         except (LookupError, OverflowError, ValueError) as error:
             refused_at(section.where, _reason(error, section))
-    return _Joined(reader.scopes()).mesh()
+    return _Joined(reader.scopes(), reader.made).mesh()
 
 
 def _reason(error: Exception, section: Section) -> str:
@@ -97,6 +130,7 @@ class _Reader:
         self.parts: dict[str, Scope] = {}
         self.instances: dict[str, Scope] = {}
         self.moved: list[list[str]] = []
+        self.made = Made()
         self.readers: dict[str, Callable[[Section], None]] = {
             "NODE": self._nodes,
             "NGEN": self._generated_nodes,
@@ -155,8 +189,9 @@ class _Reader:
         for row in section.rows:
             first, last, *step = (int(x) for x in row[:3] if x)
             numbers = range(first, last + 1, *step)
-            if last not in numbers or len(numbers) > MOST_MADE:
+            if last not in numbers:
                 raise ValueError(f"numbers must lead from {first} to {last}, got steps of {step}")
+            self.made.add(len(numbers))
             ends = np.array([nodes[_known(nodes, x, "node")] for x in (first, last)])
             for k, number in enumerate(numbers):
                 at = ends[0] + (ends[1] - ends[0]) * (k / (len(numbers) - 1))
@@ -191,7 +226,7 @@ class _Reader:
             added = {number for number, _ in rows}
             self._add(rows)
             numbers = [number for number, _ in rows]
-            self.scope.blocks.append((element_type, kind, numbers, section.where))
+            self.scope.add_block(element_type, kind, numbers, section.where)
         self.scope.extend("ELSET", section.options.get("ELSET"), added)
 
     def _add(self, rows: Iterable[tuple[int, list[int]]]) -> None:
@@ -219,15 +254,15 @@ class _Reader:
         for row in section.rows:
             master, *fields = (int(x) if x else 0 for x in row)
             count, nodes, step = _steps(fields)
-            if np.prod(count, dtype=float) > MOST_MADE:
-                raise ValueError(f"must make at most {MOST_MADE} elements, got {count}")
+            self.made.add(float(np.prod(count, dtype=float)))
             base = self.scope.elements[_known(self.scope.elements, master, "element")]
-            numbers = next((x for _, _, x, _ in reversed(self.scope.blocks) if master in x), [])
+            numbers = self.scope.block_of.get(master, [])
             for at in np.ndindex(*count[::-1]):
                 new, by = (int(np.dot(at[::-1], x)) for x in (step, nodes))
                 if new:
                     self._add([(master + new, [x + by for x in base])])
                     numbers.append(master + new)
+                    self.scope.block_of[master + new] = numbers
                 added.add(master + new)
         self.scope.extend("ELSET", section.options.get("ELSET"), added)
 
@@ -245,7 +280,9 @@ class _Reader:
             part = section.options["PART"]
             if part.upper() not in self.parts:
                 raise ValueError(f"part {part!r} does not exist")
-            self.scope = self.parts[part.upper()].copied(name)
+            of_part = self.parts[part.upper()]
+            self.made.add(of_part.size)
+            self.scope = of_part.copied(name)
         else:
             self.unread.refuse("INSTANCE", "GEOMETRY", section.where, "it is of another analysis")
             self.scope = Scope(name)
@@ -320,10 +357,11 @@ Members = set[tuple[int, int]]
 class _Joined:
     """One mesh of all scopes. Members of sets are pairs of a scope and a number in it."""
 
-    def __init__(self, scopes: list[Scope]):
-        self.scopes = scopes
+    def __init__(self, scopes: list[Scope], made: Made):
+        self.scopes, self.made = scopes, made
         self.index = {scope.name.upper(): i for i, scope in enumerate(scopes) if i}
         self.known: dict[tuple[int, str, str], Members | None] = {}
+        self.depth = 0  # of the sets that hold each other
 
     def mesh(self) -> FileMesh:
         points = [x for scope in self.scopes for x in scope.nodes.values()]
@@ -345,12 +383,11 @@ class _Joined:
                 table = np.array(nodes, dtype=np.int64).reshape(len(numbers), KINDS[kind].nodes)
                 blocks.append(Block(kind, table))
                 types.append(element_type)
+        starts = np.cumsum([0, *(len(block.nodes) for block in blocks)])
         groups = {}
         for name, members in self._named("ELSET"):
-            pairs_of = np.array([place[x] for x in members if x in place], dtype=np.int64).reshape(
-                -1, 2
-            )
-            groups[name] = [np.unique(pairs_of[pairs_of[:, 0] == b, 1]) for b in range(len(blocks))]
+            pairs_of = (place[x] for x in members if x in place)
+            groups[name] = by_block([starts[b] + row for b, row in pairs_of], starts)
         points_of = {
             name: np.array(sorted(point[x] for x in members), dtype=np.int64)
             for name, members in self._named("NSET")
@@ -371,15 +408,19 @@ class _Joined:
         key = name.upper()
         if key not in self.scopes[i].sets[kind]:
             raise ValueError(f"set {name!r} does not exist")
+        if (i, kind, key) not in self.known and self.depth > MOST_ABOVE:
+            raise ValueError(f"sets must hold each other at most {MOST_ABOVE} in a row")
         if (i, kind, key) in self.known:
             entry = self.known[i, kind, key]
             if entry is None:
                 raise ValueError(f"set {name!r} must not hold itself")
             return entry
         self.known[i, kind, key] = None
+        self.depth += 1
         members: Members = set()
         for part in self.scopes[i].sets[kind][key][1]:
             members |= {(i, x) for x in part} if isinstance(part, set) else self._listed(i, part)
+        self.depth -= 1
         self.known[i, kind, key] = members
         return members
 
@@ -390,8 +431,11 @@ class _Joined:
             if section.keyword == "NSET" and "ELSET" in section.options:
                 for j, x in self._members(target, "ELSET", section.options["ELSET"]):
                     members |= {(j, n) for n in self.scopes[j].elements[x]}
-            for entry in _entries(section, self._numbers(target, section.keyword)):
-                members |= self._entry(target, section.keyword, entry)
+                    self.made.add(len(self.scopes[j].elements[x]))
+            for entry in _entries(section, self._numbers(target, section.keyword), self.made):
+                listed = self._entry(target, section.keyword, entry)
+                self.made.add(len(listed) if isinstance(entry, str) else 0)
+                members |= listed
             return members
         except (LookupError, OverflowError, ValueError) as error:
             text = str(error)
@@ -418,7 +462,7 @@ class _Joined:
         return {(i, _known(self._numbers(i, kind), entry, what))}
 
 
-def _entries(section: Section, numbers: Collection[int]) -> Iterator[int | str]:
+def _entries(section: Section, numbers: Collection[int], made: Made) -> Iterator[int | str]:
     """Numbers, and names of other sets; of a range the numbers that there are."""
     for row in section.rows:
         fields = [x for x in row if x]
@@ -427,6 +471,7 @@ def _entries(section: Section, numbers: Collection[int]) -> Iterator[int | str]:
             listed = range(first, last + 1, step)
             if not listed:
                 raise ValueError(f"numbers must lead from {first} to {last}, got steps of {step}")
+            made.add(min(len(listed), len(numbers)))
             if len(listed) < len(numbers):
                 yield from (x for x in listed if x in numbers)
             else:
@@ -514,20 +559,20 @@ def _lines(path: Path, included: Included, where: str) -> Iterator[tuple[int, st
     It does so with the name of an option: some programs end lines of options in a comma for
     nothing.
     """
-    begun, first = "", 0
+    begun: list[str] = []
+    first = 0
     with included.open(path, where) as file:
         for number, text in enumerate(file, start=1):
             line = text.strip()
             if not line or line.startswith("**"):
                 continue
-            if begun and line[0].isalpha():
-                line, number = begun + line, first
-            elif begun:
-                yield first, begun
-            begun, first = "", number
-            if line.startswith("*") and line.endswith(","):
-                begun = line
-            else:
-                yield number, line
+            if begun and not line[0].isalpha():
+                yield first, "".join(begun)
+                begun = []
+            first = first if begun else number
+            begun.append(line)
+            if not (begun[0].startswith("*") and line.endswith(",")):
+                yield first, "".join(begun)
+                begun = []
     if begun:
-        yield first, begun
+        yield first, "".join(begun)

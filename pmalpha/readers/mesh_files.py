@@ -13,10 +13,10 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from .gmsh_entities import without_entities
 from .inp import read_input
 from .skfem_meshes import is_skfem_mesh, read_skfem
 from .unread import Unread
+
+# Of each group the cells by the number of a block
+Groups: TypeAlias = dict[str, dict[int, np.ndarray]]
 
 # Formats of both by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
 # Tecplot, TetGen and WKT, whose readers do not end for some damaged files, XDMF and DOLFIN, which
@@ -314,13 +317,14 @@ def _require_memory_of_grids(path: Path) -> None:
 
 def _of_library(mesh: Any, names: str | None) -> FileMesh:
     blocks = [Block(cells.type, _rows(cells)) for cells in mesh.cells]
-    groups: dict[str, list[np.ndarray]] = {}
+    groups: Groups = {}
     for name, members in (mesh.cell_sets or {}).items():
         if not name.startswith("gmsh:"):
-            groups[name] = [_numbers(x) for x in members]
+            groups[name] = {i: x for i, x in enumerate(map(_numbers, members)) if x.size}
     for name, arrays in {**_physical(mesh, blocks), **_numbered(mesh, names)}.items():
-        known = groups.get(name, len(blocks) * [_numbers(None)])
-        groups[name] = [np.union1d(a, b) for a, b in zip(known, arrays)]
+        known, none = groups.get(name, {}), _numbers(None)
+        numbers = sorted({*known, *arrays})
+        groups[name] = {i: np.union1d(known.get(i, none), arrays.get(i, none)) for i in numbers}
     points_of = {name: np.unique(_numbers(x)) for name, x in (mesh.point_sets or {}).items()}
     points = np.asarray(mesh.points, dtype=float)
     return FileMesh(points, blocks, groups, points_of, len(blocks) * [ElementType()])
@@ -352,8 +356,8 @@ def _check(read: FileMesh) -> None:
             require_finite(used, f"points of {kind!r} in the mesh")
             require_moderate(used, f"points of {kind!r} in the mesh")
     for name, members in read.groups.items():
-        for block, elements in zip(read.blocks, members):
-            _require_below(elements, len(block.nodes), f"elements of group {name!r}")
+        for i, elements in members.items():
+            _require_below(elements, len(read.blocks[i].nodes), f"elements of group {name!r}")
     for name, points in read.points_of.items():
         _require_below(points, len(read.points), f"points of set {name!r}")
 
@@ -368,7 +372,7 @@ def _numbers(members: Any) -> np.ndarray:
     return np.array([] if members is None else members, dtype=np.int64)
 
 
-def _physical(mesh: Any, blocks: list[Block]) -> dict[str, list[np.ndarray]]:
+def _physical(mesh: Any, blocks: list[Block]) -> Groups:
     """The physical groups of gmsh: by name, or by number where they have none.
 
     A negative number is that of the group in which the entity is reversed.
@@ -377,19 +381,24 @@ def _physical(mesh: Any, blocks: list[Block]) -> dict[str, list[np.ndarray]]:
     if tags is None:
         return {}
     named = {(int(tag), int(d)): name for name, (tag, d) in mesh.field_data.items()}
-    groups: dict[str, list[np.ndarray]] = {}
+    groups: Groups = {}
     for number, (block, tags_of_block) in enumerate(zip(blocks, tags)):
         d = dimension_of_kind(block.kind)
         group = np.abs(tags_of_block)
-        for tag in np.unique(group).tolist():
+        for tag, cells in _cells_by_tag(group):
             if tag != 0:  # no group
-                name = named.get((tag, d), str(tag))
-                members = groups.setdefault(name, len(blocks) * [_numbers(None)])
-                members[number] = np.flatnonzero(group == tag)
+                groups.setdefault(named.get((tag, d), str(tag)), {})[number] = cells
     return groups
 
 
-def _numbered(mesh: Any, names: str | None) -> dict[str, list[np.ndarray]]:
+def _cells_by_tag(tags: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Each value, in ascending order, and the cells that have it."""
+    order = np.argsort(tags, kind="stable")
+    values, first = np.unique(tags[order], return_index=True)
+    return zip(values.tolist(), np.split(order, first[1:]))
+
+
+def _numbered(mesh: Any, names: str | None) -> Groups:
     """Groups of equal cell data, named by their value."""
     if names is None:
         return {}
@@ -400,5 +409,8 @@ def _numbered(mesh: Any, names: str | None) -> dict[str, list[np.ndarray]]:
     data = [x[:, 0] if x.ndim == 2 and x.shape[1] == 1 else x for x in data]
     if any(x.ndim != 1 or x.dtype.kind not in "iu" for x in data):
         raise ValueError(f"names must be that of whole numbers by cell, got {names!r}")
-    values = np.unique(np.concatenate(data)).tolist()
-    return {str(value): [np.flatnonzero(x == value) for x in data] for value in values}
+    groups: Groups = {str(value): {} for value in np.unique(np.concatenate(data)).tolist()}
+    for number, x in enumerate(data):
+        for value, cells in _cells_by_tag(x):
+            groups[str(value)][number] = cells
+    return groups

@@ -19,9 +19,10 @@ NO_NUMBER = re.compile(rf"(?!{NUMBER}|[+-]?(?:nan|inf))", re.IGNORECASE)
 # The line of a header with the number of samples and the time between them. "NPTS=  4000, DT=
 # .0050 SEC" is that of today; before, the numbers came first: "4000  0.0050  NPTS, DT", on one line
 # or with the labels on the line above or below.
-LABELLED = re.compile(rf"NPTS\s*[=:]\s*(\d+)\s*,?.*?\bDT\s*[=:]\s*({NUMBER})", re.IGNORECASE)
-LABELS = re.compile(r"NPTS\s*,?\s*DT", re.IGNORECASE)
-NUMBERS = re.compile(rf"^\s*(\d+)\s*,?\s+({NUMBER})\s*,?\s*(?:SEC\b)?", re.IGNORECASE)
+COUNT = re.compile(r"NPTS\s*[=:]\s*(\d+)", re.IGNORECASE)
+STEP = re.compile(rf"\bDT\s*[=:]\s*({NUMBER})", re.IGNORECASE)
+LABELS = re.compile(r"NPTS\s*(?:,\s*)?DT", re.IGNORECASE)
+NUMBERS = re.compile(rf"^\s*(\d+)(?:\s*,)?\s+({NUMBER})\s*,?\s*(?:SEC\b)?", re.IGNORECASE)
 TITLE_LINES = 8  # maximum number of lines of a header
 
 
@@ -79,19 +80,30 @@ def read_at2(path: str | os.PathLike[str]) -> Record:
     return Record(values, dt, os.path.basename(name), header=header)
 
 
+def _labelled(line: str) -> tuple[str, str] | None:
+    """The words of "NPTS= ..., DT= ...", of the first NPTS and the first DT after it.
+
+    One search after the other: a pattern of both, over a long line, would take its square.
+    """
+    count = COUNT.search(line)
+    step = STEP.search(line, count.end()) if count else None
+    return (count[1], step[1]) if count and step else None
+
+
 def _header(name: str, lines: list[str]) -> tuple[int, float, int]:
     """Number of samples, time between them, and index of the first line with samples."""
     for i, line in enumerate(lines[:TITLE_LINES]):
-        match, last = LABELLED.search(line), i
-        if match is None and LABELS.search(line):
+        words, last = _labelled(line), i
+        if words is None and LABELS.search(line):
             for last in (i, i + 1, i - 1):  # numbers on this line, below or above
                 match = NUMBERS.match(lines[last]) if 0 <= last < len(lines) else None
                 if match is not None:
+                    words = match[1], match[2]
                     break
-        if match is None:
+        if words is None:
             continue
         last = max(last, i)
-        count, dt = int(match[1]), _number(match[2])
+        count, dt = int(words[0]), _number(words[1])
         if not (count > 0 and 0.0 < dt < np.inf):
             refuse(name, i + 1, f"NPTS and DT must be positive, got {line.strip()!r}")
         return count, dt, last + 1

@@ -27,7 +27,7 @@ _CSMIP = re.compile(
 )
 # COSMOS: "12091 acceleration pts, approx  120 secs, units=cm/s^2 (4),Format=(8F10.5)"
 _COSMOS = re.compile(
-    r"^\s*(\d+)\s+accel\w*\s+pts,\s*approx\.?\s+(\d+)\s*secs?,\s*units\s*=\s*([^,]*?)\s*,"
+    r"^\s*(\d+)\s+accel\w*\s+pts,\s*approx\.?\s+(\d+)\s*secs?,\s*units\s*=([^,]*),"
     r"\s*Format\s*=\s*\(\s*(\d+)[A-Za-z](\d+)",
     re.IGNORECASE,
 )
@@ -38,8 +38,8 @@ _UNKNOWN = -999.0
 # Times in another unit than seconds, in the lines before two columns
 _MILLISECONDS = re.compile(r"[(\[,\s](?:ms|msec|milliseconds?)\b", re.IGNORECASE)
 # That of a heading of two columns, "acceleration (m/s^2)"
-_UNIT = re.compile(r"[(\[]\s*(g|gal|mg|(?:cm|mm|m|in|ft)/s[^)\]]*?)\s*[)\]]", re.IGNORECASE)
-_NPTS = re.compile(r"NPTS\b.*\bDT\b", re.IGNORECASE)
+_UNIT = re.compile(r"[(\[]\s*(g|gal|mg|(?:cm|mm|m|in|ft)/s[^()\[\]]*)\s*[)\]]", re.IGNORECASE)
+_NPTS, _DT = (re.compile(rf"\b{word}\b", re.IGNORECASE) for word in ("NPTS", "DT"))
 # Times of a list that differ by less than this part of a step are those of equal steps: files have
 # few digits.
 _EQUAL = 1e-3
@@ -97,7 +97,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     if b"\0" in content:
         refuse(name, 1, "must be text, got a binary file")
     text = _File(name, content.decode("latin-1").splitlines())
-    if any(_NPTS.search(line) for line in text.lines[:10]):
+    if any(map(_names_steps, text.lines[:10])):
         record = read_at2(path)
         unit = re.search(r"UNITS? OF\s+(\S+)", record.header, re.IGNORECASE)
         return _with_unit(record, unit[1] if unit else "not given")
@@ -111,6 +111,12 @@ def read_record(path: str | os.PathLike[str]) -> Record:
         "must be a record of PEER, CSMIP, COSMOS, ESM, K-NET or two columns of numbers, got "
         f"{(text.lines or [''])[0].strip()[:60]!r}",
     )
+
+
+def _names_steps(line: str) -> bool:
+    """Whether it has NPTS and after it DT."""
+    match = _NPTS.search(line)
+    return match is not None and _DT.search(line, match.end()) is not None
 
 
 def _with_unit(record: Record, unit: str) -> Record:
@@ -148,7 +154,7 @@ def _cosmos(file: _File) -> Record | None:
                 rule = f"the step of the header must fit {count} samples in {seconds} s, got {dt:g}"
                 refuse(file.path, i + 1, rule)
             values = _fixed(file, i + 1, count, int(match[4]), int(match[5]))
-            return _record(file, values, dt, i + 1, match[3])
+            return _record(file, values, dt, i + 1, match[3].strip())
     return None
 
 
@@ -197,7 +203,7 @@ def _columns(file: _File) -> Record | None:
         return None
     if any(_MILLISECONDS.search(line) for line in file.lines[:first]):
         refuse(file.path, first, "times must be in seconds, got milliseconds in the header")
-    units = [x for line in file.lines[:first] for x in _UNIT.findall(line)]
+    units = [x.strip() for line in file.lines[:first] for x in _UNIT.findall(line)]
     unit = units[-1] if units else "not given"
     values = _free(file, first, width=2).reshape(-1, 2)
     t, a = values.T

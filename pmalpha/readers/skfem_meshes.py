@@ -31,7 +31,7 @@ def read_skfem(mesh: Any) -> FileMesh:
             f"{type(mesh).__name__} with {len(cells)} nodes in an element"
         )
     groups = {
-        name: [np.unique(np.asarray(elements, dtype=np.int64))]
+        name: {0: np.unique(np.asarray(elements, dtype=np.int64))}
         for name, elements in (mesh.subdomains or {}).items()
     }
     points_of = {

@@ -12,6 +12,8 @@ from .._checks import fortran_real
 from .text import Line, refuse
 
 KINDS = {"STIFFNESS": "K", "MASS": "M", "DAMPING": "C"}
+# Components of a node; and zeros in place of matrices that a file has not, by those that it has
+MOST_COMPONENTS, MOST_ZEROS = 30, 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,7 @@ def element_matrices(path: str, lines: list[Line]) -> ElementMatrices:
     """The matrices of a file in which *USER ELEMENT begins each element."""
     labels: list[list[list[int]]] = []
     matrices: dict[str, list[np.ndarray]] = {key: [] for key in KINDS.values()}
+    count = 0  # of matrices that the file has
     for word, head, comments, data in _sections(path, lines):
         if word == "*USER ELEMENT":
             labels.append(_labels(path, head, comments, data))
@@ -82,9 +85,14 @@ def element_matrices(path: str, lines: list[Line]) -> ElementMatrices:
             arrays = matrices[KINDS[kind]]
             arrays += (len(labels) - 1 - len(arrays)) * [np.zeros(2 * (len(labels[0]),))]
             arrays.append(_triangle(path, head, data, len(labels[-1])))
+            count += 1
         else:
             refuse(path, head.number, f"must be *USER ELEMENT or *MATRIX, got {head.text!r}")
     missing = np.zeros(2 * (len(labels[0]),))
+    zeros = len(labels) * sum(map(bool, matrices.values())) - count
+    if missing.size * zeros > MOST_ZEROS * max(missing.size * count, 10**5):
+        rule = f"must have one of {MOST_ZEROS} matrices of its elements, got {count} of {zeros + count}"
+        refuse(path, lines[-1].number, rule)
     fields = {
         key: np.array(arrays + (len(labels) - len(arrays)) * [missing]) if arrays else None
         for key, arrays in matrices.items()
@@ -134,6 +142,9 @@ def _labels(path: str, head: Line, comments: list[str], data: list[Line]) -> lis
     if len(nodes) != count or not rows:
         refuse(path, head.number, f"must have {count} nodes, got {nodes}")
     # the components of all nodes, then those from a node on that has other ones
+    if max(map(len, rows)) > MOST_COMPONENTS:
+        most = f"at most {MOST_COMPONENTS} components at a node"
+        refuse(path, head.number, f"must have {most}, got {max(map(len, rows))}")
     changes = {position - 1: components for position, *components in rows[1:]}
     labels, components = [], rows[0]
     for i, node in enumerate(nodes):

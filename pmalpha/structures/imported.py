@@ -282,12 +282,12 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Materi
     values: list[dict[str, np.ndarray]] = [{} for _ in counts]
     for name, properties in material.items() if by_group else [("", material)]:
         label = f"material[{name!r}]" if by_group else "material"
-        members = _members(read, name) if by_group else [np.arange(count) for count in counts]
+        members = _members(read, name) if by_group else dict(enumerate(map(np.arange, counts)))
         kind = _law(properties, label)
         dimension = top if not by_group or kind is None else 1 if kind != "elastic" else d
         cells = [
             members[i]
-            if dimension_of_kind(block.kind) == dimension
+            if i in members and dimension_of_kind(block.kind) == dimension
             else np.empty(0, dtype=np.int64)
             for i, block in enumerate(read.blocks)
         ]
@@ -303,7 +303,7 @@ def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Materi
     return _parts(read, law, values, top)
 
 
-def _members(read: FileMesh, name: str) -> list[np.ndarray]:
+def _members(read: FileMesh, name: str) -> dict[int, np.ndarray]:
     if name not in read.groups:
         known = listing([repr(x) for x in read.groups]) or "none"
         raise ValueError(f"material must have names of groups ({known}), got {name!r}")
@@ -384,7 +384,7 @@ def _parts(
             groups = [
                 repr(name)
                 for name, members in read.groups.items()
-                if np.isin(without, members[i]).any()
+                if i in members and np.isin(without, members[i]).any()
             ]
             raise ValueError(
                 f"material must cover every element, got none for {block.kind!r} "
@@ -501,12 +501,12 @@ def _named(
                 start += len(part.numbers)
     groups, sets = {}, {}
     for name, members in read.groups.items():
-        arrays = [place[i][numbers] for i, numbers in enumerate(members) if i in place]
+        arrays = [place[i][numbers] for i, numbers in members.items() if i in place]
         elements = np.concatenate([np.empty(0, dtype=np.int64), *arrays])
         if (elements >= 0).any():
             groups[name] = np.sort(elements[elements >= 0])
-        nodes = [block.nodes[x].ravel() for block, x in zip(read.blocks, members)]
-        sets[name] = np.concatenate(nodes)
+        nodes = [read.blocks[i].nodes[x].ravel() for i, x in members.items()]
+        sets[name] = np.concatenate([np.empty(0, dtype=np.int64), *nodes])
     sets.update(read.points_of)
     sets = {name: np.unique(number[nodes]) for name, nodes in sets.items()}
     sets = {name: nodes[nodes >= 0] for name, nodes in sets.items()}
