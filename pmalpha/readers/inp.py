@@ -91,7 +91,9 @@ class Scope:
         for element_type, kind, numbers, where in self.blocks:
             new.add_block(element_type, kind, list(numbers), where)
         for which, sets in self.sets.items():  # members are not changed
-            new.sets[which] = {key: (own, list(members)) for key, (own, members) in sets.items()}
+            new.sets[which] = {
+                key: (label, list(members)) for key, (label, members) in sets.items()
+            }
         return new
 
     def add_block(

@@ -91,7 +91,9 @@ def element_matrices(path: str, lines: list[Line]) -> ElementMatrices:
     missing = np.zeros(2 * (len(labels[0]),))
     zeros = len(labels) * sum(map(bool, matrices.values())) - count
     if missing.size * zeros > MOST_ZEROS * max(missing.size * count, 10**5):
-        rule = f"must have one of {MOST_ZEROS} matrices of its elements, got {count} of {zeros + count}"
+        rule = (
+            f"must have one matrix in {MOST_ZEROS} of its elements, got {count} of {zeros + count}"
+        )
         refuse(path, lines[-1].number, rule)
     fields = {
         key: np.array(arrays + (len(labels) - len(arrays)) * [missing]) if arrays else None
