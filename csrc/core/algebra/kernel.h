@@ -41,7 +41,8 @@ typedef struct {
  * how many registers four numbers take, not in the order of the sums. */
 const pma_kernel *pma_kernel_best(void);
 
-/* What every processor has. */
+/* What every processor has, and what one with AVX2 has. */
 const pma_kernel *pma_kernel_plain(void);
+const pma_kernel *pma_kernel_avx2(void);
 
 #endif

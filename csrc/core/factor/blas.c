@@ -33,11 +33,9 @@ PMA_INLINE void multiply_row(const pma_product *x, const double *A, const double
     }
 }
 
-typedef double two __attribute__((vector_size(16), aligned(8), may_alias));
-
 #define TILE(name) name##_plain
 #define TARGET
-#define piece two
+#define piece pma_two
 #include "factor/tiles.h"
 #undef TILE
 #undef TARGET

@@ -185,16 +185,13 @@ static inline const sum_of_samples *sum_of_lane(const pma_lane_term *term,
 }
 
 /* g += scale shape, of each lane */
-PMA_COMPILED(void, add_series,
-             (const double *scale, const double *shape, size_t begin, size_t end, double *g), {
-                 const pma_eight s = *(const pma_eight *)scale;
-                 const pma_eight *from = (const pma_eight *)shape;
-                 pma_eight *to = (pma_eight *)g;
-                 for (size_t i = begin; i < end; i++) {
-                     to[i].low += s.low * from[i].low;
-                     to[i].high += s.high * from[i].high;
-                 }
-             })
+PMA_LANE_LOOP(add_series,
+              (const double *scale, const double *shape, size_t begin, size_t end, double *g), {
+                  const number s = *(const number *)scale, *from = (const number *)shape;
+                  number *to = (number *)g;
+                  for (size_t i = begin; i < end; i++)
+                      PMA_ADD_LANES(&s, &from[i], &to[i]);
+              })
 
 /* Weight times sample s of series c, of the lanes that have them; the others add zero. */
 static inline void lane_scales(const pma_lane_term *term, const sum_of_samples *sums, size_t s,

@@ -141,9 +141,9 @@ static bool add_stored(const pma_response *r, size_t field, const double *lam, d
 }
 
 /* x += scale U for one unit response, side by side */
-PMA_COMPILED(void, add_lanes, (size_t n, const double *scale, const double *U, double *x), {
-    const pma_eight factor = *(const pma_eight *)scale;
-    pma_eight *to = (pma_eight *)x;
+PMA_LANE_LOOP(add_lanes, (size_t n, const double *scale, const double *U, double *x), {
+    const number factor = *(const number *)scale;
+    number *to = (number *)x;
     for (size_t i = 0; i < n; i++)
         PMA_ADD(U[i], &factor, &to[i]);
 })
