@@ -27,7 +27,7 @@ PMA_INLINE double sum_of_four(const piece *x)
 
 /* clang-format off: attributes are long, and a name begins its line */
 
-/* ---- one vector ------------------------------------------------------------------------------- */
+/* ---- one vector ------------------------------------------------------------------------------ */
 
 /* A number of some entries from A, to be fetched only: it may be outside of the array. */
 PMA_INLINE const void *beyond(const double *A, intptr_t entries)
