@@ -110,7 +110,7 @@ def test_the_error_that_the_readme_states_is_that_of_its_example():
     draw = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
     names = draw["example"]()
     tower, rig, run = names["tower"], names["base"], names["history"]["tower"]
-    reference = draw["exact"](*draw["uncut"](tower, rig), tower.u0, 0.01, 2000)
+    reference = draw["exact"](*draw["uncut"](tower, rig), tower.u0, run.t[1], len(run.t) - 1)
     error = f"{100 * draw['error'](run.u, reference):.1f} %"
     assert [error] == re.findall(r"error in 20 s is (.*?%)", README)
 

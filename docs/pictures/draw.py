@@ -64,7 +64,8 @@ def error(u, reference):
 
 
 def double_steps(tower, rig, dt):
-    """The tower of the example under "pm", with the substep of 0.002 s."""
+    """The tower of the example under "pm", in one step, with a substep of 0.002 s of the base."""
+    tower = pm.Subdomain(tower.M, tower.K, scheme=tower.scheme, u0=tower.u0, name="tower")
     rig = pm.Subdomain(rig.M, rig.K, scheme=rig.scheme, substeps=round(dt / 0.002), name="rig")
     ties = pm.tie(tower, [0], rig, [0])
     return pm.Coupler([tower, rig], ties, dt=dt, coupling="pm").run(20.0)["tower"]
@@ -157,7 +158,7 @@ def draw_first_example(figure):
     label = f"dt = 0.05 s, double steps (error {away:.0%})"
     above.plot(long.t, long.u[:, 2], **plot.LINES[0], label=label)
     near = error(history["tower"].u, reference)
-    label = f"the example, dt = 0.01 s (error {near:.1%})"
+    label = f"the example (error {near:.1%})"
     above.plot(t, history["tower"].u[:, 2], **plot.LINES[3], label=label)
     above.set(ylabel="roof displacement", ylim=(-0.13, 0.13))
     above.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 0.98))
