@@ -448,6 +448,20 @@ def test_a_layer_is_the_elements_around_nodes():
     assert np.array_equal(pm.cut(named, layer_of="foot").labels, rows < 1)
 
 
+def test_substeps_of_the_user_take_the_place_of_those_of_dt():
+    rod = structures.rod(4, 4.0, EA=[1.0, 1.0, 4.0, 4.0], rhoA=1.0, mass="lumped")
+    scheme = {3: pm.Newmark(), 7: pm.CentralDifference()}
+    parts = pm.cut(rod, [3, 3, 7, 7], dt=0.9, scheme=scheme, substeps={3: 5})
+    assert [(s.name, s.substeps) for s in parts.subdomains] == [("part 3", 5), ("part 7", 2)]
+    one = pm.cut(rod, layer_of=0, dt=0.9, substeps={"bulk": 4, "layer": 3})
+    assert [s.substeps for s in one.subdomains] == [4, 3]
+    for value, error in (({"soil": 2}, KeyError), ({3: 0}, ValueError), (2, TypeError)):
+        with pytest.raises(error, match="substeps"):
+            pm.cut(rod, [3, 3, 7, 7], dt=0.9, scheme=scheme, substeps=value)
+    with pytest.raises(TypeError, match="auto"):
+        pm.cut(rod, parts="auto", dt=0.9, substeps={"implicit": 2})
+
+
 def test_a_layer_has_the_finest_step_whatever_the_schemes_are():
     rod = structures.rod(6, 6.0, EA=[1.0, 1.0, 1.0, 1.0, 1.0, 16.0], rhoA=1.0, mass="lumped")
     one = pm.cut(rod, layer_of=0, dt=0.9)

@@ -404,6 +404,23 @@ def by_layer(
     return Choice(choice.labels, [bulk, layer])
 
 
+def with_substeps(choice: Choice, substeps: Any) -> Choice:
+    """The choice with the user's numbers of substeps, by name or label."""
+    if substeps is None:
+        return choice
+    if not isinstance(substeps, Mapping):
+        raise TypeError(f"substeps must be a dict by subdomain, got {substeps!r}")
+    numbers = {
+        _named(label): whole_number(count, f"substeps[{label!r}]", low=1)
+        for label, count in substeps.items()
+    }
+    names = [member.name for member in choice.members]
+    if unknown := [name for name in numbers if name not in names]:
+        raise KeyError(f"substeps must be of {listing(names)}, got {unknown[0]!r}")
+    members = [x._replace(substeps=numbers.get(x.name, x.substeps)) for x in choice.members]
+    return choice._replace(members=members)
+
+
 def _any_limit(scheme: Any) -> bool:
     schemes = scheme.values() if isinstance(scheme, Mapping) else scheme
     if not isinstance(schemes, Iterable) or hasattr(schemes, "ndim"):  # of arrays

@@ -18,7 +18,16 @@ from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..structures.structure import Structure
-from .choice import Candidates, Choice, CutMember, automatic, by_labels, by_layer, by_steps
+from .choice import (
+    Candidates,
+    Choice,
+    CutMember,
+    automatic,
+    by_labels,
+    by_layer,
+    by_steps,
+    with_substeps,
+)
 from .division import Division, checked_motion
 from .elements import Elements
 from .result import Cut
@@ -42,6 +51,7 @@ def cut(
     damping_ratio: Mapping[float, float] | None = None,
     points: Any = None,
     fixed: Any = None,
+    substeps: Mapping[Any, int] | None = None,
 ) -> Cut:
     """Cut a structure into subdomains along the boundaries of its elements.
 
@@ -92,6 +102,9 @@ def cut(
         Centres of the elements of `Elements`, for `parts` without METIS; a Structure has them.
     fixed : int, str, array of them, or (n,) array of bool, optional
         Dofs that do not move. They remain in u0, v0, loads and what `Cut.gather` returns.
+    substeps : dict of int, optional
+        By name or label, in place of the numbers that `dt` gives: for accuracy, of implicit
+        subdomains too, such as those of `ErrorBudget.steps`. Not with "auto".
 
     Returns
     -------
@@ -139,11 +152,14 @@ def cut(
     values = Values(force, *motion, damping)
     if layer_of is not None:
         layer = by_layer(model, layer_of, labels, parts, step, scheme)
-        return _divided(structure, model, layer, step, values)
+        return _divided(structure, model, with_substeps(layer, substeps), step, values)
     if isinstance(parts, str):
+        if substeps is not None:
+            raise TypeError('substeps must not be given with parts="auto"')
         return _cheapest(structure, model, automatic(model, labels, parts, step, scheme), values)
     choose = by_steps if isinstance(labels, str) else by_labels
-    return _divided(structure, model, choose(model, labels, parts, step, scheme), step, values)
+    choice = with_substeps(choose(model, labels, parts, step, scheme), substeps)
+    return _divided(structure, model, choice, step, values)
 
 
 class Values(NamedTuple):
