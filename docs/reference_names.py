@@ -39,7 +39,7 @@ EXPLAINED = {
     **dict.fromkeys(("cut", "Cut", "Elements"), "model"),
     **dict.fromkeys(("contact", "Contact", "contact_coincident", "interpolate"), "contact"),
     **dict.fromkeys(("History", "SubdomainHistory"), "tutorial runs"),
-    "Goal": "right",
+    "Goal": "budget",
     **dict.fromkeys(("Misfit", "Parameters", "element_parameters"), "gradients"),
     "Study": "many",
     "analysis": "tutorial stability",

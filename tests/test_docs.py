@@ -54,6 +54,7 @@ def stated(code):
     "page",
     [
         "README.md",
+        "docs/budget.md",
         "docs/contact.md",
         "docs/diverges.md",
         "docs/runs.md",

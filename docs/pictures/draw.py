@@ -1,4 +1,4 @@
-"""Draws the pictures of README.md, docs/diverges.md, docs/embedded.md, and the schedules in the
+"""Draws the pictures of README.md, docs/budget.md, docs/diverges.md, docs/embedded.md, and the schedules in the
 method and tutorial.
 
     python docs/pictures/draw.py
@@ -19,7 +19,7 @@ import pmalpha as pm
 from pmalpha import plot
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "notebooks"))
+sys.path[:0] = [str(ROOT / "notebooks"), str(ROOT / "benchmarks")]
 COMPUTED = {"facecolor": "0.9", "edgecolor": "k", "linewidth": 0.8}
 FINE = {"facecolor": "#A9CBE6", "edgecolor": "k", "linewidth": 0.8}
 COLUMN = {"color": "k", "linestyle": "-", "linewidth": 1.2}
@@ -167,6 +167,25 @@ def draw_first_example(figure):
     below.set(ylabel="interface force", xlabel="time (s)", xlim=(0.0, 20.0))
 
 
+def draw_budget(figure):
+    """How the error of a goal adds up: the README with one step, a soil with frame and equipment."""
+    import one_per_cent
+
+    left, right = figure.subplots(1, 2)
+    problems = (("tower of README", 0.02), ("soil, frame, equipment", 0.02))
+    for ax, (name, dt) in zip((left, right), problems):
+        problem = one_per_cent.PROBLEMS[name]
+        steps = round(problem.t_end / dt)
+        coupler = problem.make(*one_per_cent.in_proportion(problem, steps))
+        budget = coupler.error_budget(problem.goal, problem.t_end)
+        for share, look in zip(budget.by_step.items(), plot.LINES):
+            t = np.linspace(0.0, problem.t_end, share[1].size + 1)[1:]
+            ax.plot(t, 100.0 * np.cumsum(share[1]) / abs(budget.value), label=share[0], **look)
+        ax.set(xlabel="time (s)", title=name)
+        ax.legend(loc="lower left")
+    left.set_ylabel("error of the goal (%)")
+
+
 def draw_diverges(figure):
     """What is wrong with runs of the frame of docs/diverges.md: growth, a lag, a gap."""
     page = example("docs/diverges.md")
@@ -290,6 +309,7 @@ DRAWN = {
     "diverges": (draw_diverges, (8.0, 2.6)),
     "target": (draw_target, (8.0, 2.4)),
     "lead": (draw_lead, (8.0, 1.8)),
+    "budget": (draw_budget, (8.0, 2.8)),
 }
 SCHEDULES = {"staggered": "gc", "interfield-parallel": "pm"}
 
