@@ -1,5 +1,5 @@
-"""Draws the pictures of README.md, docs/budget.md, docs/diverges.md, docs/embedded.md, and the schedules in the
-method and tutorial.
+"""Draws the pictures of README.md, docs/budget.md, docs/diverges.md and docs/embedded.md, and the
+schedules in the method and tutorial.
 
     python docs/pictures/draw.py
 
@@ -168,7 +168,7 @@ def draw_first_example(figure):
 
 
 def draw_budget(figure):
-    """How the error of a goal adds up: the README with one step, a soil with frame and equipment."""
+    """How the error of a goal adds up: the README with one step, and a soil with a frame."""
     import one_per_cent
 
     left, right = figure.subplots(1, 2)
