@@ -267,7 +267,7 @@ def test_what_has_no_such_adjoint_is_refused():
         spring(0.01).error_budget(pm.Goal(0, 0, at=1.0), 1.0)
     with pytest.raises(ValueError, match="trapezoidal"):
         readme(0.001, 1, 1, coupling="mean").error_budget(goal, 1.0)
-    none = pm.Subdomain([0.0], [2.0], scheme=pm.GeneralizedAlpha(0.8), name="spring")
+    none = pm.Subdomain([0.0], [2.0], v0=[1.0], scheme=pm.GeneralizedAlpha(0.8), name="spring")
     mass = pm.Subdomain([1.0], [4.0], v0=[1.0], scheme=pm.Newmark(), name="mass")
     ties = pm.tie(none, 0, mass, 0)
     tied = pm.Coupler([none, mass], ties, dt=0.1, coupling="gc")
