@@ -190,6 +190,7 @@ TABLES = {
     ),
     "newton": lambda: pick("newton", same(*NEWTON)),
     "subcycled_energy": lambda: subcycled_energy(),
+    "one_per_cent": lambda: read("one_per_cent"),
     "mass_scaling": lambda: pick("mass_scaling", same(*SCALED, *ORIGIN)),
 }
 

@@ -31,6 +31,7 @@ SCRIPTS = [
     "mass_scaling",
     "mean",
     "newton",
+    "one_per_cent",
     "pacing",
     "plate",
     "recorded",

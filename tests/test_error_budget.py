@@ -337,6 +337,41 @@ def test_means_keep_straight_lines_and_remove_what_alternates(width):
     assert np.abs(averaged(spoiled, width, 1) - straight).max() < 1e-12
 
 
+# ---- what dt is ----------------------------------------------------------------------------------
+
+
+def cubic(steps, coupling, k3):
+    """Two subdomains in 1600 own steps of a run of 8, with cubic springs where k3 is not zero."""
+    K = np.array([[3.0, -2.0], [-2.0, 2.0]])
+    scheme = pm.Newmark() if coupling == "mean" else pm.GeneralizedAlpha(0.8)
+    explicit = pm.CentralDifference() if coupling == "mean" else None
+    explicit = explicit or pm.GeneralizedAlpha(0.8, explicit=True)
+    parts = []
+    for name, one, v0 in (("a", scheme, [0.0, 1.0]), ("b", explicit, [1.0, 0.5])):
+        springs = pm.CubicSpring([0], 0.0, k3) if k3 and name == "a" else None
+        internal = dict(internal=springs) if springs else {}
+        parts.append(
+            pm.Subdomain(
+                [1.0, 1.5], K, scheme=one, substeps=1600 // steps, v0=v0, name=name, **internal
+            )
+        )
+    a, b = parts
+    coupler = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=8.0 / steps, coupling=coupling)
+    history = coupler.run(8.0)
+    return np.concatenate([history["a"].u[-1], history["b"].u[-1]])
+
+
+@pytest.mark.parametrize(
+    "coupling, k3", [("macro", 0.0), ("mean", 0.0), ("macro", 2.0), ("mean", 2.0)]
+)
+def test_the_error_of_the_motion_is_of_fourth_order_in_the_macro_step_alone(coupling, k3):
+    """(M14): own steps of one length, whose error is in all runs."""
+    exact = cubic(400, coupling, k3)
+    errors = [np.abs(cubic(steps, coupling, k3) - exact).max() for steps in (40, 80)]
+    # 16 asymptotically, 4 if it were of second order; Newton's tolerance is far below
+    assert 12.0 < errors[0] / errors[1] < 20.0
+
+
 # ---- multipliers ---------------------------------------------------------------------------------
 
 
