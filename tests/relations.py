@@ -14,15 +14,19 @@ import tempfile
 import traceback
 import warnings
 from collections import Counter
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
+import reference
+import scipy.sparse as sp
 from c_models import OK, Library
 from frozen_couplers import all_outputs, recorded
-from problems import SHIFT, STEPS, TIME_STEP, draw, shrunk
+from problems import FEATURES, SHIFT, STEPS, TIME_STEP, draw, shrunk
 
 import pmalpha as pm
+from pmalpha.problem.restoring import functions_of
 
 ROOT = str(Path(pm.__file__).parent)
 # relative errors of the operations of a run, that are magnified like changes of its numbers; with
@@ -448,6 +452,174 @@ def order(r):
             other[q, part.name] = x[:, [part.dof(i) for i in range(x.shape[1])]]
     keys = [k for k in r.results if k[0] in ("u", "v", "a", "multipliers")]
     require_equal("order", {k: r.results[k] for k in keys}, {k: other[k] for k in keys}, bounds)
+
+
+def simple(problem, *more):
+    """The problem with linear features alone, and `more`, which are also possible."""
+    kept = {"damping", "full mass", "initial motion", "general constraint", "gyroscopic"}
+    kept |= {"unsymmetric K", "constant load", "samples", "substeps", "pm", "macro", "mean"}
+    kept |= set(more)
+    return replace(problem, choices=tuple(c for c in problem.choices if c[0] in kept))
+
+
+def near(words, one, two, tolerance=1e-9):
+    """Equal to a part of the largest number of each quantity: of small problems on soft springs
+    that move for some steps, far above rounding and the tolerance of an iteration."""
+    for key, x in one.items():
+        size = max(np.max(np.abs(x), initial=0.0), np.max(np.abs(two[key]), initial=0.0))
+        require_equal(words, {key: x}, {key: two[key]}, {key[0]: tolerance * max(size, 1e-3)})
+
+
+@relation
+def linear_force(r):
+    """A linear force as a part of K, as springs and as a function, evaluated once or iterated."""
+    problem, i = simple(r.problem), -1
+    for way in ("K", "springs", "function"):
+        for argument in ("restoring", "internal") if way != "K" else ("K",):
+            if argument == "restoring" and '"mean"' in problem.program:
+                continue
+
+            def change(given, way=way, argument=argument):
+                n, k = len(given["M"]), 1.5
+                A = np.zeros((n, n))
+                A[i, i] = k
+                if given["name"] != "a":
+                    return given
+                if way == "K":
+                    return given | {"K": np.array(given["K"]) + A}
+                if way == "springs":
+                    return given | {argument: pm.CubicSpring([n - 1], k, 0.0)}
+                if argument == "internal":
+                    return given | {argument: lambda t, u, v, q: (A @ u, A)}
+                return given | {argument: lambda t, u, v: A @ u, "restoring_stiffness": A}
+
+            newton = pm.Newton(tol=1e-13)
+            history = problem.couple(change, newton=newton).run(steps=STEPS)
+            results = {k: x for k, x in results_of(history).items() if k[0] in "uva"}
+            if way == "K":
+                right = results
+            near(f"a linear force as {argument} {way}", right, results, 1e-7)
+
+
+@relation
+def uncut(r):
+    """Subdomains with one scheme and one step are the structure that they are cut from."""
+    problem = simple(r.problem, "function of time", "Rayleigh")
+    problem = replace(problem, choices=tuple(c for c in problem.choices if c[0] != "substeps"))
+    if '"mean"' in problem.program or "average=True" in problem.setup:
+        return
+    coupler = problem.couple(lambda given: given | {"double_step": False})
+    M, C, K, maps = coupler.assembled()
+    parts = coupler.subdomains
+    T = {name: np.asarray(A.todense()) for name, A in maps.items()}
+    every = np.vstack([T[s.name] for s in parts])
+    u0, v0 = (
+        np.linalg.lstsq(every, np.concatenate([getattr(s, x) for s in parts]), rcond=None)[0]
+        for x in ("u0", "v0")
+    )
+
+    def force(t):
+        loads = ((T[s.name], s.force(t) if callable(s.force) else s.force) for s in parts)
+        return sum((A.T @ F for A, F in loads if F is not None), np.zeros(M.shape[0]))
+
+    whole = pm.Subdomain(
+        M, K, C=C, scheme=parts[0].scheme, u0=u0, v0=v0, force=force, symmetric=False
+    )
+    alone = pm.solve(whole, coupler.dt, steps=STEPS)
+    found = results_of(coupler.run(steps=STEPS))
+    right = {(q, s.name): getattr(alone, q) @ T[s.name].T for q in "uva" for s in parts}
+    near("cut and uncut", right, {key: found[key] for key in right})
+
+
+@relation
+def numpy_reference(r):
+    """The method once more in plain NumPy, under the couplings and with the forces that it has."""
+    more = ["lagged damping", "function of time", "specimen", "estimated specimen", "plain start"]
+    more += ["double steps", "some substeps", "Rayleigh", "ground motion", "massless dof"]
+    more += [name for name, f in FEATURES.items() if f.group == "scheme" and name != "Bathe"]
+    problem = simple(r.problem, *more)
+    if "average=True" in problem.setup or '"mean"' in problem.program:
+        return
+    coupler = problem.couple()
+    parts, ties = problem.space["parts"], problem.space["ties"]
+    rows = [[dense_of(tie, s) for s in parts] for tie in ties]
+    L = [np.vstack([own[i] for own in rows] or [np.zeros((0, s.n))]) for i, s in enumerate(parts)]
+    doubles = [member.double for member in coupler._session.members]
+    subdomains = [reference_of(s, double) for s, double in zip(parts, doubles)]
+    if problem.sketch.coupler.get("coupling") == '"macro"':
+        if any(s.restoring is not None for s in parts):
+            return
+        expected = reference.run_macro(subdomains, L, coupler.dt, STEPS)
+    else:
+        start = "plain" if "plain start" in problem.features() else "rebased"
+        expected = reference.run(subdomains, L, coupler.dt, STEPS, start=start)
+    found = results_of(coupler.run(steps=STEPS))
+    right = {(q, s.name): getattr(x, q) for q in "uv" for s, x in zip(parts, expected.subdomains)}
+    near("the reference in NumPy", right, {key: found[key] for key in right})
+
+
+def dense_of(tie, s):
+    entry = tie.matrices.get(s)
+    if entry is None:
+        return np.zeros((tie.p, s.n))
+    return (entry.matrix(s.n, s.dof_names) if hasattr(entry, "matrix") else entry).toarray()
+
+
+def reference_of(s, double):
+    """A subdomain for the reference."""
+
+    def dense(A):
+        if A is None:
+            return None
+        return np.diag(A) if A.ndim == 1 else np.asarray(A.todense() if sp.issparse(A) else A)
+
+    def force(t):
+        terms = s.force if isinstance(s.force, (list, tuple)) else [s.force]
+        return sum((f(t) if callable(f) else f for f in terms if f is not None), np.zeros(s.n))
+
+    functions = functions_of(s.restoring)
+    restoring = None
+    if functions:
+
+        def restoring(t, u, v):
+            return sum(f(t, u, v) for f in functions)
+
+    return reference.Subdomain(
+        np.zeros((s.n, s.n)) if s.M is None else dense(s.M),
+        dense(s.K),
+        dense(s.C),
+        am=s.scheme.am,
+        af=s.scheme.af,
+        beta=s.scheme.beta,
+        gamma=s.scheme.gamma,
+        explicit=s.scheme.explicit,
+        substeps=s.substeps,
+        double=double,
+        force=force,
+        restoring=restoring,
+        K_r=dense(s.restoring_stiffness),
+        D_r=dense(s.restoring_damping),
+        lagged=s.damping == "lagged",
+        u0=s.u0,
+        v0=s.v0,
+    )
+
+
+@relation
+def rest(r):
+    """The static equilibrium under constant loads stays as it is."""
+    problem = simple(r.problem, "iterated cubic springs", "cubic springs")
+    kept = tuple(c for c in problem.choices if c[0] not in ("samples", "initial motion"))
+    problem = replace(problem, choices=kept)
+    u = problem.couple().static()
+    newton = pm.Newton(tol=1e-13)
+    coupler = problem.couple(lambda given: given | {"u0": u[given["name"]]}, newton=newton)
+    found = results_of(coupler.run(steps=STEPS))
+    for name, x in u.items():
+        bounds = dict.fromkeys("uva", 1e-7 * (1e-3 + max(abs(y).max() for y in u.values())))
+        still = {(q, name): np.zeros_like(found[q, name]) for q in "va"}
+        still["u", name] = np.zeros_like(found["u", name]) + x
+        require_equal("rest", still, {key: found[key] for key in still}, bounds)
 
 
 # ---- numbers that are known otherwise -----------------------------------------------------------

@@ -19,8 +19,9 @@ from pathlib import Path
 import hypothesis
 import hypothesis.strategies as st
 import numpy as np
-import wholes
+import relations
 from hypothesis import stateful
+from problems import TIME_STEP
 
 import pmalpha as pm
 
@@ -98,8 +99,8 @@ def same(x, y, what):
     np.testing.assert_array_equal(x, y, err_msg=what)
 
 
-def with_springs(whole):
-    return [p.name for p in whole.members if p.springs and p.role == "restoring"]
+def with_springs(parts):
+    return [s.name for s in parts if s.restoring_springs and not s.dampers]
 
 
 def compare_states(coupler, twin, springs):
@@ -157,25 +158,42 @@ RECORDED = st.fixed_dictionaries(
 )
 
 
+# What has a memory outside of the coupler, or is compared in pieces of its own.
+NO_TWIN = (
+    *("contact", "contact with friction", "contact of coincident nodes", "obstacle"),
+    *("moving obstacle", "external specimen", "controller", "compiled load"),
+)
+
+
+def fused(given, around):
+    """Arguments of a subdomain whose functions are burned down by a fuse."""
+    for what in ("force", "restoring", "internal"):
+        if what in given and callable(given[what]) and type(given[what]).__name__ == "function":
+            given = given | {what: around(given[what], f"{what} of {given['name']}")}
+    return given
+
+
 class Histories(stateful.RuleBasedStateMachine):
     """A coupler, its twin, and what was kept of both."""
 
     @stateful.initialize(seed=SEEDS, threads=THREADS)
     def begin(self, seed, threads):
-        self.whole = wholes.varied(seed)
-        hypothesis.note(f"{self.whole.coupling}, {len(self.whole.members)} subdomains")
-        self.springs = with_springs(self.whole)
+        self.problem = relations.drawn(seed, without=NO_TWIN)
+        hypothesis.note(self.problem.program)
         try:
             self.make_anew(threads)
-        except (ValueError, pm.PmalphaError):  # this coupling cannot be had with these subdomains
+        except (TypeError, ValueError, pm.PmalphaError):  # what does not go together
             hypothesis.reject()
+        self.parts = self.coupler.subdomains
+        self.springs = with_springs(self.parts)
         self.twin = Twin(self.make)
         self.kept = []
 
     def make(self, fuse=None, threads=1):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return self.whole.coupler(threads, (fuse or Fuse()).around)
+            around = (fuse or Fuse()).around
+            return self.problem.couple(lambda given: fused(given, around), threads=threads)
 
     def make_anew(self, threads):
         self.fuse = Fuse()
@@ -220,7 +238,7 @@ class Histories(stateful.RuleBasedStateMachine):
             self.twin.coupler.restore(kept)
 
     def options(self, given):
-        names = [p.name for p in self.whole.members]
+        names = [p.name for p in self.parts]
         options = given | {"record_springs": {name: None for name in self.springs}}
         if "record" in given:  # of every second subdomain, or of none
             options["record"] = {name: [0] for name in names[:: 2 if given["record"] else 9][1:]}
@@ -282,14 +300,14 @@ class Histories(stateful.RuleBasedStateMachine):
         self.advanced(steps, failure=result)
         if result is not None or self.twin.branch.changed:
             return
-        for p in self.whole.members:  # each force once in a substep
+        for p in self.parts:  # each force once in a substep
             what = f"restoring of {p.name}"
-            if p.role == "restoring" and p.function:
+            if self.fuse.calls[what]:
                 assert self.fuse.calls[what] - before[what] == steps * p.substeps, what
 
     @stateful.rule(seed=st.none() | SEEDS)
     def reset(self, seed):
-        values, (p, *_) = {}, self.whole.members
+        values, (p, *_) = {}, self.parts
         if seed is not None:
             values["force"] = {p.name: loads(p, seed)[0]}
         self.coupler.reset(**values)
@@ -323,10 +341,10 @@ class Histories(stateful.RuleBasedStateMachine):
 
     @stateful.rule(factor=st.sampled_from([1.0, 0.8, 0.5]), finer=st.sets(st.integers(1, 3)))
     def change_steps(self, factor, finer):
-        members = self.whole.members
+        members = self.parts
         finest = max(p.substeps for p in members)
         values = {p.name: finest for i, p in enumerate(members) if i in finer}
-        values = {"dt": factor * self.whole.dt, "substeps": values}
+        values = {"dt": factor * TIME_STEP, "substeps": values}
         try:
             self.coupler.change_steps(**values)
         except ValueError:  # double steps everywhere, for example
@@ -334,7 +352,7 @@ class Histories(stateful.RuleBasedStateMachine):
         self.twin.then("change_steps", **values)
 
     @stateful.rule()
-    @stateful.precondition(lambda self: self.whole.coupling == "gc")
+    @stateful.precondition(lambda self: self.coupler.coupling == "gc")
     def tolerance(self):
         kept, values = self.coupler.snapshot(), {"steps": 3, "tolerance": 0.02}
         try:
@@ -360,7 +378,7 @@ class Histories(stateful.RuleBasedStateMachine):
 
     def cases(self, count, seed):
         """One, some, or more than the core has lanes; their loads of any kind."""
-        first = self.whole.members[0]
+        first = self.parts[0]
         return [{"force": {first.name: load}} for load in loads(first, seed, count)]
 
     @stateful.rule(count=st.sampled_from([1, 2, 9]), seed=SEEDS, together=st.integers(1, 4))
@@ -369,7 +387,7 @@ class Histories(stateful.RuleBasedStateMachine):
         """Several cases into one file; rows of cases that fail are NaN and have the error."""
         import h5py
 
-        cases, name, path = self.cases(count, seed), self.whole.members[0].name, self.path()
+        cases, name, path = self.cases(count, seed), self.parts[0].name, self.path()
 
         def result(history):
             return {"u": history[name].u, "end": history.macro_times[-1]}
@@ -399,7 +417,8 @@ class Histories(stateful.RuleBasedStateMachine):
 def loads(member, seed, number=1):
     """Functions, samples and constants, of dofs with mass."""
     rng = np.random.default_rng(seed)
-    moving = np.diag(member.M) > 0.0
+    moving = np.ones(member.n, bool)
+    moving[member.massless] = False
     kinds = rng.integers(4, size=number)
     shapes = rng.normal(size=(number, member.n)) * moving
     return [
