@@ -60,6 +60,7 @@ def stated(code):
         "docs/runs.md",
         "docs/gradients.md",
         "docs/index.md",
+        "docs/layers.md",
         "docs/model.md",
         "docs/own-element.md",
         "docs/right.md",
