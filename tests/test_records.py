@@ -81,6 +81,69 @@ def test_ends_of_lines_and_marks_of_another_system_change_nothing(tmp_path, unit
     np.testing.assert_allclose(read_record(path).values, VALUES, rtol=1e-15)
 
 
+# Headings as networks or people write them, of which the second channel is understood.
+HEADINGS = [
+    "    5 points of accel data equally spaced at  .020 sec, in cm/sec2.",
+    "    5 points of accel data equally spaced at  .020 sec, in cm/sec2. 3f8.4",
+    "    5 points of data equally spaced at  .020 sec, in cm/sec2.  (3f8.4)",
+    "    5 point of accel data equally spaced at  .020 sec, in cm/sec2.  (3f8.4)",
+    "    5 points of accel data, dt =  .020 sec, in cm/sec2.  (3f8.4)",
+    "Acceleration, 5 points equally spaced at  .020 sec, in cm/sec2.  (3f8.4)",
+    "    5 samples of accel data equally spaced at  .020 sec, in cm/sec2.  (3f8.4)",
+    "    5 acceleration pts, approx  0 secs, units=cm/s^2 (4)",
+    "    5 acceleration pts, units=cm/s^2 (4),Format=(3F8.4)",
+    "    5 pts of acceleration, approx  0 secs, units=cm/s^2 (4),Format=(3F8.4)",
+    "    5 acceleration pts, approx 0 secs, Format=(3F8.4)",
+    "NPTS 5 of acceleration, approx  0 secs, units=cm/s^2 (4),Format=(3F8.4)",
+]
+
+
+@pytest.mark.parametrize("heading", HEADINGS)
+@pytest.mark.parametrize("end", ["", "/&  ---- End of data for channel  1 ----\n"])
+def test_a_heading_that_is_not_understood_is_no_reason_to_take_the_next_channel(
+    tmp_path, heading, end
+):
+    second = CSMIP + fixed([7.0] * 5, 3, 8, 4)
+    path = written(tmp_path, f"Chan 1\n{heading}\n{fixed(VALUES, 3, 8, 4)}{end}{second}")
+    with pytest.raises(ValueError, match="line 2: the heading of the first channel must be as in"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "    5 points of acceleration data, equally-spaced at  .020 seconds, in cm/sec2.  (3f8.4)",
+        "    5 points of accel. data equally spaced at  .020 sec, (in cm/sec2)  (3f8.4)",
+    ],
+)
+def test_headings_in_other_words_are_understood(tmp_path, heading):
+    words = "    9 points of corrected accel, velocity and displacement data, approx"
+    text = f"Chan 1\n{words}\n{heading}\n"
+    path = written(tmp_path, text + fixed(VALUES, 3, 8, 4) + CSMIP + fixed([7.0] * 5, 3, 8, 4))
+    np.testing.assert_allclose(read_record(path).values, VALUES, rtol=1e-15)
+
+
+def test_fields_that_touch_are_read_by_their_width(tmp_path):
+    values = [10.1234, 10.2345, -99.125, 99.125, 0.5]
+    text = CSMIP.replace("3f8.4", "3f7.4") + fixed(values[:2], 3, 7, 4)
+    path = written(tmp_path, text.replace("  5 points", "  2 points"))
+    assert "10.123410.2345" in path.read_text()
+    np.testing.assert_array_equal(read_record(path).values, values[:2])
+
+
+@pytest.mark.parametrize("head", ["valley, Ms 6.7", "mb 6.1, ms 6.7", "MS=6.7", "M 6.7, ms: 6.7"])
+def test_a_magnitude_is_no_unit_of_time(tmp_path, head):
+    assert read_record(written(tmp_path, f"# {head}\n0.00 0.1\n0.01 0.2\n")).dt == 0.01
+
+
+@pytest.mark.parametrize(
+    "head", ["t (ms), a", "t [ms] a", "time, ms; a", "time in msec", "t, milliseconds", "TIME (MS)"]
+)
+def test_times_in_milliseconds_are_refused(tmp_path, head):
+    with pytest.raises(ValueError, match="times must be in seconds, got milliseconds"):
+        read_record(written(tmp_path, f"# {head}\n0 0.1\n10 0.2\n"))
+
+
 def test_the_recorder_of_cosmos_has_the_step_where_the_record_has_none(tmp_path):
     assert read_record(written(tmp_path, cosmos(33, 0.02))).dt == 0.02
     with pytest.raises(ValueError, match="step of the header must fit 5 samples in 90 s, got 0.02"):
@@ -114,6 +177,28 @@ def test_uneven_times_are_resampled_between_the_samples(tmp_path):
         (FORMATS["not given"].replace("t, a", "t (ms), a"), "times must be in seconds"),
         (FORMATS["gal"].replace("50Hz", "0Hz"), "must be positive"),
         ("\0", "must be text, got a binary file"),
+        (
+            "Uncorrected accelerogram\nx\n1 2 3\n",
+            "must be a corrected record, such as .V2 of CSMIP",
+        ),
+        (FORMATS["g"].replace("ACCELERATION", "VELOCITY").replace("OF G", "OF CM/S"), "unit CM/S"),
+        (
+            FORMATS["cm/s^2"].replace("UNITS: cm/s^2", "UNITS: cm"),
+            "must be a record of accel.* cm$",
+        ),
+        ("time (s) velocity (m/s)\n0 1\n1 2\n", "must be a record of accelerations, got 'time"),
+        ("a\n# t v (m/s)\n0 1\n1 2\n", "must be a record of accelerations, got the unit m/s"),
+        ("t, displacement\n0 1\n1 2\n", "must be a record of accelerations, got 't, disp"),
+        (CSMIP.replace("accel data", "veloc data") + "1 2 3\n4 5\n", "got '5 points of veloc data"),
+        (
+            FORMATS["g"].replace(".3 4.0E-03", "10.1234510.23456"),
+            "must have blanks between its num",
+        ),
+        (CSMIP + "10.1234510.23456 3.0000\n" + "  1.0   2.0\n", "must hold finite numbers"),
+        (
+            CSMIP.replace("3f8.4", "3f9.4") + "10.1234510.23456 3.0000\n  1.0  2.0\n",
+            "must hold fini",
+        ),
     ],
 )
 def test_a_file_that_is_wrong_is_refused_with_its_line(tmp_path, text, message):

@@ -16,6 +16,8 @@ __all__ = ["read_at2"]
 # An exponent has two digits where the next field follows without a blank: 0.1000E-010.2000E-01
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?(?:\d+(?![\d.])|\d\d(?=\d*\.)))?"
 NO_NUMBER = re.compile(rf"(?!{NUMBER}|[+-]?(?:nan|inf))", re.IGNORECASE)
+# Two fields without a blank, of which no rule says where one ends: 10.1234510.23456
+TOUCHING = re.compile(r"\.\d+\.")
 # The line of a header with the number of samples and the time between them. "NPTS=  4000, DT=
 # .0050 SEC" is that of today; before, the numbers came first: "4000  0.0050  NPTS, DT", on one line
 # or with the labels on the line above or below.
@@ -119,6 +121,8 @@ def _samples(name: str, lines: list[str], first: int, count: int) -> np.ndarray:
             break
         if re.sub(NUMBER, "", line).strip():
             refuse(name, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
+        if TOUCHING.search(line):
+            refuse(name, i, f"must have blanks between its numbers, got {line.strip()[:60]!r}")
         row = [_number(word) for word in re.findall(NUMBER, line)]
         if not np.all(np.isfinite(row)):
             refuse(name, i, f"must hold finite numbers, got {line.strip()[:60]!r}")

@@ -21,22 +21,37 @@ __all__ = ["read_record"]
 _REAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
 # CSMIP: "4000 points of accel data equally spaced at .020 sec, in cm/sec2. (8f10.3)"
 _CSMIP = re.compile(
-    rf"^\s*(\d+)\s+points of accel\w* data equally spaced at\s+({_REAL})\s*sec.*?"
-    r"in\s+([\w/^]+)\W*\((\d+)[fFeEgG](\d+)",
+    rf"^\s*(\d+)\s+points of accel\w*\.? data,? equally[- ]spaced at\s+({_REAL})\s*sec.*?"
+    r"in\s+([\w/^]+)\W*\((\d+)[fFeEgG](\d+)(?:\.(\d+))?",
     re.IGNORECASE,
 )
 # COSMOS: "12091 acceleration pts, approx  120 secs, units=cm/s^2 (4),Format=(8F10.5)"
 _COSMOS = re.compile(
-    r"^\s*(\d+)\s+accel\w*\s+pts,\s*approx\.?\s+(\d+)\s*secs?,\s*units\s*=([^,]*),"
-    r"\s*Format\s*=\s*\(\s*(\d+)[A-Za-z](\d+)",
+    r"^\s*(\d+)\s+accel\w*\.?\s+(?:pts|points)\.?,?\s*approx\.?\s+(\d+)\s*sec\w*\.?,\s*"
+    r"units\s*=([^,]*),\s*Format\s*=\s*\(\s*(\d+)[A-Za-z](\d+)(?:\.(\d+))?",
     re.IGNORECASE,
 )
 _REAL_HEADER = re.compile(
     r"^\s*(\d+)\s+Real-header values follow on\s+(\d+)\s+lines", re.IGNORECASE
 )
+# What looks like a heading of a channel, whether it is understood or not
+_CHANNEL = re.compile(
+    r"(?=.*(?:accel|veloc|displ|\bpoints?\b|\bpts\b|\bsamples\b))(?=.*\d)"
+    r".*(?:spaced|approx|format|units|\bsec)",
+    re.IGNORECASE,
+)
+_END_OF_CHANNEL = re.compile(r"^\s*(?:/&)?\W*end[- ]of[- ]data", re.IGNORECASE)
 _UNKNOWN = -999.0
-# Times in another unit than seconds, in the lines before two columns
-_MILLISECONDS = re.compile(r"[(\[,\s](?:ms|msec|milliseconds?)\b", re.IGNORECASE)
+# Times in another unit than seconds, in the lines before two columns; "Ms 6.7" is a magnitude
+_MILLISECONDS = re.compile(
+    r"[(\[]\s*(?i:ms)\s*[)\]]|[,\s]ms\b(?!\s*[=:]?\s*\d)|\b(?i:msecs?|milliseconds?)\b"
+    r"|\b(?i:time|t|dt)[\s,:_]+(?i:ms)\b(?!\s*[=:]?\s*\d)"
+)
+# Units and headings of what is no acceleration
+_OTHER_UNIT = re.compile(
+    r"(?:cm|mm|m|in|ft)(?:/(?:s|sec|second))?\W*(?:\(\d+\)\W*)?$", re.IGNORECASE
+)
+_OTHER_MOTION = re.compile(r"veloc|displ", re.IGNORECASE)
 # That of a heading of two columns, "acceleration (m/s^2)"
 _UNIT = re.compile(r"[(\[]\s*(g|gal|mg|(?:cm|mm|m|in|ft)/s[^()\[\]]*)\s*[)\]]", re.IGNORECASE)
 _NPTS, _DT = (re.compile(rf"\b{word}\b", re.IGNORECASE) for word in ("NPTS", "DT"))
@@ -58,7 +73,8 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     """Read a ground motion record; its format is found by what is in the file.
 
     PEER (``.AT2``, see `read_at2`); corrected records of CSMIP (``.V2``) and of COSMOS (``.V1``,
-    ``.V2``), of which the first accelerogram is read; ESM and ITACA (``.ASC``); K-NET and KiK-net;
+    ``.V2``), of which the first accelerogram is read: a file in which another heading comes before
+    the first one that is understood is refused; ESM and ITACA (``.ASC``); K-NET and KiK-net;
     and two columns, time and value.
 
     Parameters
@@ -78,8 +94,9 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     OSError
         When the file cannot be read.
     ValueError
-        For a file in none of these formats, and with file and line for a number of samples that is
-        not that of the header, values that are not finite, and times that do not increase.
+        For a file in none of these formats, a record of velocities or displacements, and with file
+        and line for a number of samples that is not that of the header, fields that are not as wide
+        as it says, values that are not finite, and times that do not increase.
 
     Examples
     --------
@@ -100,11 +117,13 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     if any(map(_names_steps, text.lines[:10])):
         record = read_at2(path)
         unit = re.search(r"UNITS? OF\s+(\S+)", record.header, re.IGNORECASE)
-        return _with_unit(record, unit[1] if unit else "not given")
-    for read in (_csmip, _cosmos, _esm, _k_net, _columns):
+        return _of_acceleration(text, _with_unit(record, unit[1] if unit else "not given"))
+    for read in (_channels, _esm, _k_net, _columns):
         result = read(text)
         if result is not None:
-            return result
+            return _of_acceleration(text, result)
+    if "UNCORRECTED" in "".join(text.lines[:3]).upper():
+        refuse(name, 1, "must be a corrected record, such as .V2 of CSMIP, got an uncorrected one")
     refuse(
         name,
         1,
@@ -131,31 +150,69 @@ def _record(file: _File, values: np.ndarray, dt: float, first: int, unit: str) -
     return _with_unit(Record(values, dt, file.name, header=header), unit)
 
 
-def _csmip(file: _File) -> Record | None:
-    for i, line in enumerate(file.lines):
-        match = _CSMIP.match(line)
-        if match:
-            count, columns, width = int(match[1]), int(match[4]), int(match[5])
-            values = _fixed(file, i + 1, count, columns, width)
-            return _record(file, values, fortran_real(match[2]), i + 1, match[3])
-    return None
+def _of_acceleration(file: _File, record: Record) -> Record:
+    unit = record.header.rpartition(UNIT)[2]
+    if _OTHER_UNIT.match(unit.strip()):
+        refuse(file.path, 1, f"must be a record of accelerations, got the unit {unit}")
+    return record
 
 
-def _cosmos(file: _File) -> Record | None:
+def _channels(file: _File) -> Record | None:
+    """The first accelerogram of a file of CSMIP or COSMOS, whose heading has to be understood."""
     dt = np.nan
     for i, line in enumerate(file.lines):
-        head, match = _REAL_HEADER.match(line), _COSMOS.match(line)
+        head = _REAL_HEADER.match(line)
         if head:
             rows = file.lines[i + 1 : i + 1 + int(head[2])]
             dt = _cosmos_step([fortran_real(x) for row in rows for x in row.split()])
-        if match:
-            count, seconds = int(match[1]), int(match[2])
-            if not abs(count * dt - seconds) <= 1.0 + 1e-2 * seconds:
-                rule = f"the step of the header must fit {count} samples in {seconds} s, got {dt:g}"
-                refuse(file.path, i + 1, rule)
-            values = _fixed(file, i + 1, count, int(match[4]), int(match[5]))
-            return _record(file, values, dt, i + 1, match[3].strip())
+        for pattern, read in ((_CSMIP, _csmip), (_COSMOS, _cosmos)):
+            match = pattern.match(line)
+            if match:
+                return read(file, i, match, dt)
+        if _END_OF_CHANNEL.match(line) or _is_heading(file.lines, i):
+            _refuse_heading(file, i)
     return None
+
+
+def _is_heading(lines: list[str], i: int) -> bool:
+    """Whether a line looks like the heading of a channel; two columns of numbers are none."""
+    if not _CHANNEL.match(lines[i]):
+        return False
+    if "accel" in lines[i].lower() and _OTHER_MOTION.search(lines[i]):
+        return False  # "points of corrected accel, velocity and displacement data"
+    following = next((x.split() for x in lines[i + 1 :] if x.strip()), [])
+    return len(following) != 2 and _are_numbers_that_touch(following)
+
+
+def _are_numbers_that_touch(words: list[str]) -> bool:
+    return bool(words) and all(re.fullmatch(r"[-+.\dEeDd]+", word) for word in words)
+
+
+def _refuse_heading(file: _File, i: int) -> None:
+    line = file.lines[i].strip()
+    if _OTHER_MOTION.search(line):
+        refuse(file.path, i + 1, f"must be a record of accelerations, got {line[:90]!r}")
+    refuse(
+        file.path,
+        i + 1,
+        "the heading of the first channel must be as in '5 points of accel data equally spaced at "
+        ".020 sec, in cm/sec2. (8f10.3)' or '5 acceleration pts, approx 1 secs, units=cm/s^2, "
+        f"Format=(8F10.5)', got {line[:90]!r}",
+    )
+
+
+def _csmip(file: _File, i: int, match: re.Match[str], dt: float) -> Record:
+    values = _fixed(file, i + 1, int(match[1]), int(match[4]), int(match[5]), match[6])
+    return _record(file, values, fortran_real(match[2]), i + 1, match[3])
+
+
+def _cosmos(file: _File, i: int, match: re.Match[str], dt: float) -> Record:
+    count, seconds = int(match[1]), int(match[2])
+    if not abs(count * dt - seconds) <= 1.0 + 1e-2 * seconds:
+        rule = f"the step of the header must fit {count} samples in {seconds} s, got {dt:g}"
+        refuse(file.path, i + 1, rule)
+    values = _fixed(file, i + 1, count, int(match[4]), int(match[5]), match[6])
+    return _record(file, values, dt, i + 1, match[3].strip())
 
 
 def _cosmos_step(values: list[float]) -> float:
@@ -203,6 +260,10 @@ def _columns(file: _File) -> Record | None:
         return None
     if any(_MILLISECONDS.search(line) for line in file.lines[:first]):
         refuse(file.path, first, "times must be in seconds, got milliseconds in the header")
+    titles = next((x for x in reversed(file.lines[:first]) if x.strip()), "")
+    if re.match(r"\W*(?:t|time)\b", titles, re.IGNORECASE) and _OTHER_MOTION.search(titles):
+        if "accel" not in titles.lower():
+            refuse(file.path, first, f"must be a record of accelerations, got {titles.strip()!r}")
     units = [x.strip() for line in file.lines[:first] for x in _UNIT.findall(line)]
     unit = units[-1] if units else "not given"
     values = _free(file, first, width=2).reshape(-1, 2)
@@ -228,14 +289,30 @@ def _are_numbers(words: list[str]) -> bool:
         return False
 
 
-def _fixed(file: _File, first: int, count: int, columns: int, width: int) -> np.ndarray:
-    """The numbers in columns of fixed width, which may follow each other without a blank."""
+def _fixed(
+    file: _File, first: int, count: int, columns: int, width: int, digits: str | None
+) -> np.ndarray:
+    """The numbers in columns of fixed width, which may follow each other without a blank.
+
+    digits: of each number after the point, by the format; those of numbers that touch are counted.
+    """
     lines = -(-count // columns)
 
     def split(line: str) -> list[str]:
-        return [line[k * width : (k + 1) * width].strip() for k in range(columns)]
+        fields = [line[k * width : (k + 1) * width] for k in range(columns)]
+        for one, other in zip(fields, fields[1:]):
+            touch = one[-1:].strip() and other[:1].strip() not in ("", "+", "-")
+            if touch and digits and not all(_has_digits(x, int(digits)) for x in (one, other)):
+                return ["a field of another width"]
+        if line[columns * width :].strip():
+            return ["a longer line"]
+        return [x.strip() for x in fields]
 
     return _numbers(file, first, file.lines[first : first + lines], count, split)
+
+
+def _has_digits(field: str, digits: int) -> bool:
+    return len(re.split("[EeDd]", field.strip().partition(".")[2])[0]) == digits
 
 
 def _free(
