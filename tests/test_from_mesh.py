@@ -605,3 +605,57 @@ def test_a_few_lines_that_make_very_much_are_refused(tmp_path, name):
     with pytest.raises(ValueError, match=message) as caught:
         pm.structures.from_mesh(tmp_path / name, {"E": 1.0, "nu": 0.3, "rho": 1.0})
     assert name in str(caught.value)
+
+
+# ---- cells of lower dimension that are no sides -----------------------------------------------
+
+CUBE = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
+APART = np.vstack([CUBE, CUBE + [0, 0, 2]])
+CUBES = ("hexahedron", np.arange(16).reshape(2, 8))
+BARS = ("line", [[4, 8], [5, 9], [0, 1], [6, 7]])  # two between the cubes, two edges
+WALLS = ("quad", [[4, 5, 9, 8], [0, 1, 2, 3], [4, 5, 6, 7]])  # one between them, two sides
+
+
+def beside(*cells, **sets):
+    return meshio.Mesh(APART, [CUBES, *cells], cell_sets=sets)
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ([BARS], r"elements line that .* have no material: left out \(2\)"),
+        ([WALLS], r"elements quad that .* left out \(1\)"),
+        ([WALLS, ("line", [[4, 8], [4, 5]])], r"elements quad .* \(1\)"),  # edges of the wall
+        ([BARS, WALLS], r"elements quad that .* \(1\)"),  # the bars are edges of the wall
+        ([("triangle", [[4, 5, 6]])], r"elements triangle .* \(1\)"),  # half a side is none
+    ],
+)
+def test_cells_without_material_that_are_no_sides_are_warned_of_by_kind_and_number(cells, said):
+    with pytest.warns(UserWarning, match=said):
+        structures.from_mesh(beside(*cells), STEEL)
+
+
+def test_sides_and_what_the_user_leaves_out_are_no_warning():
+    sets = {"bars": [[], [0, 1]], "rest": [[0, 1], []]}
+    bar = {"EA": 1.0, "rhoA": 1.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        structures.from_mesh(beside(("line", BARS[1][2:]), ("quad", WALLS[1][1:])), STEEL)
+        structures.from_mesh(beside(BARS), STEEL, ignore=["line"])
+        structures.from_mesh(beside(BARS, WALLS), STEEL, ignore=["BEAM", "SHELL"])
+        used = structures.from_mesh(beside(BARS, **sets), {"rest": STEEL, "bars": bar})
+    assert len(used.elements["line"]) == 2
+
+
+@pytest.mark.parametrize("kind", [kind for kind in PLANE + SOLID if KINDS[kind].nodes < 9])
+def test_all_sides_of_all_kinds_are_sides(kind):
+    points, elements = distorted(kind, 2)
+    corner = elements[0]
+    lines = [[corner[i], corner[j]] for i, j in KINDS[kind].edges]
+    mesh = meshio.Mesh(in_space(points), [(kind, elements), ("line", lines)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        structures.from_mesh(mesh, STEEL)
+    far = [np.lexsort(points.T)[[0, -1]]]  # opposite corners
+    with pytest.warns(UserWarning, match=r"elements line .* \(1\)"):
+        structures.from_mesh(meshio.Mesh(mesh.points, [(kind, elements), ("line", far)]), STEEL)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import counted, listing, not_real, real_array, require_finite
-from .kinds import BY_COLUMNS, KINDS
+from .kinds import BY_COLUMNS, KINDS, Kind
 
 
 class Block(NamedTuple):
@@ -91,6 +91,32 @@ def _have_equal_rows(nodes: np.ndarray) -> bool:
     """Whether two rows may be equal: by one number of each, which is sorted fast."""
     factors = np.random.default_rng(0).integers(1, 2**62, size=nodes.shape[1])
     return bool(np.unique(nodes @ (2 * factors + 1)).size < len(nodes))
+
+
+def are_sides(blocks: list[Block], number: int) -> np.ndarray:
+    """Of each cell of a block whether it is a side or an edge of a cell of higher dimension."""
+    kind, cells = KINDS[blocks[number].kind], blocks[number].nodes
+    corners = np.sort(cells[:, : _corner_count(kind)], axis=1)
+    near = np.zeros(1 + max(int(b.nodes.max(initial=0)) for b in blocks), dtype=bool)
+    near[corners] = True
+    sides = [np.empty((0, corners.shape[1]), dtype=np.int64)]
+    for block in blocks:
+        other = KINDS.get(block.kind)
+        if other is None or other.dimension <= kind.dimension:
+            continue
+        of_edges = other.edges if kind.dimension == 1 else ()
+        faces = ((KINDS[name], nodes) for name, nodes in other.faces if kind.dimension == 2)
+        for side in (*of_edges, *(nodes[: _corner_count(face)] for face, nodes in faces)):
+            if len(side) == corners.shape[1]:
+                nodes = block.nodes[:, list(side)]
+                sides.append(np.sort(nodes[near[nodes].all(axis=1)], axis=1))
+    rows = np.concatenate([*sides, corners])
+    first = first_of_equal([Block("", rows)])
+    return first[len(rows) - len(corners) :] < len(rows) - len(corners)
+
+
+def _corner_count(kind: Kind) -> int:
+    return 2 if kind.dimension == 1 else len(kind.edges)
 
 
 class Mesh(NamedTuple):

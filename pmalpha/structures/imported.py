@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from .._checks import check_word, listing, plain_array, real_array
 from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
-from ..meshes.mesh import FileMesh
+from ..meshes.mesh import FileMesh, are_sides
 from ..problem.dofs import as_nodes
 from ..readers.mesh_files import read_mesh
 from ..readers.unread import Unread
@@ -101,7 +101,7 @@ def from_mesh(
     solids of the cells of a mesh in space, bars and plane beams of its lines; see `plate_on`,
     `solid_on` and `beam_frame` for the elements. Groups and sets of the file are known by their
     names. Cells of lower dimension without a material, such as the lines on the edge of a plate,
-    only make sets of nodes. Points that no element uses are left out; the others keep their order.
+    only make sets of nodes; those that are no side or edge of another cell are warned of. Points that no element uses are left out; the others keep their order.
 
     Parameters
     ----------
@@ -157,7 +157,8 @@ def from_mesh(
         all other entries of the file that are not read, nodes beyond those of an element, shells
         beside solids, shells of a plane mesh, which have no bending, clockwise surfaces, which are
         turned, elements of a file that have the nodes of another one, and what a library prints on
-        the file.
+        the file. Cells without a material that are no side or edge of another one, such as bars
+        between solids; ``ignore=("line",)`` silences it.
 
     Examples
     --------
@@ -183,6 +184,7 @@ def from_mesh(
         read = _counter_clockwise(read, unread)
     choice = _chosen(read, material, top, d)
     _say_of_types(read, choice, top, plane, unread)
+    _say_of_others(read, choice, top, unread)
     unread.warn()
     order = sorted(choice, key=lambda number: -KINDS[read.blocks[number].kind].dimension)
     return _structure(read, {number: choice[number] for number in order}, d, plane, mass)
@@ -269,6 +271,23 @@ def _say_of_types(
         if element.name and dimension_of_kind(block.kind) < top:
             what = "elements of type {} are left out"
             unread.leave_out(what, element.name, element.family, len(block.nodes) - used)
+
+
+def _say_of_others(
+    read: FileMesh, choice: dict[int, MaterialElements], top: int, unread: Unread
+) -> None:
+    """Count cells without a material that are no side or edge of another one: bars between solids,
+    say. Where the file has types of elements they have been counted."""
+    for i, (block, element) in enumerate(zip(read.blocks, read.types)):
+        if element.name or block.kind not in KINDS or dimension_of_kind(block.kind) == top:
+            continue
+        left = np.ones(len(block.nodes), dtype=bool)
+        left[choice[i].numbers if i in choice else []] = False
+        if left.any():
+            left &= ~are_sides(read.blocks, i)
+        what = "elements {} that are no side or edge of another one have no material: left out"
+        family = "BEAM" if dimension_of_kind(block.kind) == 1 else "SHELL"
+        unread.leave_out(what, block.kind, family, int(np.count_nonzero(left)))
 
 
 def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, MaterialElements]:
