@@ -1,5 +1,6 @@
 #include "algebra/factor.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "algebra/kernel.h"
@@ -303,6 +304,7 @@ static inline void divide_some(const double *inverse, size_t count, double *rest
 void pma_factor_interface(const pma_factor *f, double *xb, double *work)
 {
     const size_t interior = f->n - f->nb;
+    assert(f->nb <= f->n);
     if (f->nb == 0)
         return;
     if (f->nb == 1) { /* the last unknown alone: a sweep of nothing */
@@ -317,6 +319,7 @@ void pma_factor_interface(const pma_factor *f, double *xb, double *work)
 
 void pma_factor_divide(const pma_factor *f, size_t begin, size_t end, double *x)
 {
+    assert(f->form == PMA_DIAGONAL && begin <= end && end <= f->n);
     divide_some(f->inverse + begin, end - begin, x + begin);
 }
 

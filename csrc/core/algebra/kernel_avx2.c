@@ -1,3 +1,4 @@
+/* kernel_avx2.c - the loops of a kernel in registers of four numbers. */
 #include "algebra/kernel.h"
 
 #include "algebra/lanes.h"

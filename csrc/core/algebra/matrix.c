@@ -1,5 +1,6 @@
 #include "algebra/matrix.h"
 
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -373,6 +374,7 @@ static void subtract_lanes(const pma_matrix *A, size_t begin, size_t end, const 
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y)
 {
+    assert(begin <= end && end <= A->n);
     static const product SUBTRACT[] = {
         [PMA_ZERO] = subtract_zero,         [PMA_DIAGONAL] = subtract_diagonal_one,
         [PMA_BAND] = subtract_band,         [PMA_DENSE] = subtract_dense,

@@ -5,6 +5,7 @@
 #ifndef PMA_CLOCK_H
 #define PMA_CLOCK_H
 
+#include <assert.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -67,6 +68,7 @@ static inline double pma_clock_length(size_t j, bool staged)
 /* (15)  j = floor((k - 1) / ratio), theta = phase / ratio, for k >= 1 */
 static inline pma_moment pma_clock_moment(size_t k, size_t ratio)
 {
+    assert(k >= 1 && ratio >= 1);
     /* k <= 2 PMA_MOST_SUBSTEPS = 2^32, and 32 bits are divided faster than 64 */
     const size_t j = ratio == 1 ? k - 1 : (uint32_t)(k - 1) / (uint32_t)ratio;
     return (pma_moment){.j = j, .phase = k - j * ratio};

@@ -1,6 +1,12 @@
-/* fine.c - the schedules "pm" and "gc": an interface problem in every fine step.
+/* fine.c - a macro step of PM and GC, whole: an interface problem in every fine step.
  *
- * To be read with section 5 of docs/method.md. */
+ * To be read with section 5 of docs/method.md. A macro step is as many fine steps as the finest
+ * subdomain has substeps, a fine step the stages of the array STAGES below. A coarser subdomain
+ * begins or ends a substep in some fine steps alone; in between its free velocity is interpolated.
+ * "pm" and "gc" differ in nothing here: under "pm" the substeps of some subdomains are double, from
+ * the time level before (clock.h), and are done beside the fine steps where there are threads for
+ * it (look_ahead.c). */
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -86,6 +92,7 @@ void pma_fine_right_side(pma_coupler *c)
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
 pma_status pma_fine_solve(pma_coupler *c)
 {
+    assert(c->k >= 1 && c->k <= 2 * c->fine);
     if (c->parts.p == 0)
         return PMA_OK;
     if (c->parts.motion_count > 0)
@@ -114,14 +121,16 @@ static pma_status end_substeps(pma_coupler *c)
     return pma_share(c, pma_fine_close, ends);
 }
 
-/* ---- the schedule --------------------------------------------------------------------------- */
+/* ---- double steps beside the fine steps ------------------------------------------------------ */
 
-/* Members beside the fine steps whose substep ends here are awaited. The macro step before is
- * committed as soon as it is known to be finite in all of them. */
-static pma_status complete_deferred(pma_coupler *c)
+/* Those that end here are awaited, and the macro step before is committed as soon as it is known to
+ * be finite in all of them; in several processes, which agree first, at its end. */
+static pma_status await_double_steps(pma_coupler *c)
 {
+    if (!pma_look_ahead_is_used(c))
+        return PMA_OK;
     PMA_TRY(pma_look_ahead_await(c));
-    if (!pma_is_pending(c) || pma_look_ahead_is_busy(c))
+    if (c->exchange || !pma_is_pending(c) || pma_look_ahead_is_busy(c))
         return PMA_OK;
     pma_recorder_complete(c);
     pma_coupler_commit(c);
@@ -129,37 +138,38 @@ static pma_status complete_deferred(pma_coupler *c)
     return PMA_OK;
 }
 
-/* Several processes meet in between. Members beside the fine steps (look_ahead.c) work on
- * meanwhile, but all have arrived at the end of a macro step before it is committed. */
-static pma_status meeting_step(pma_coupler *c)
+/* ---- the stages of a fine step --------------------------------------------------------------- */
+
+/* Several processes meet before the interface problem and after the link problems. */
+static pma_status meet_and_solve(pma_coupler *c)
 {
-    PMA_TRY(pma_fine_begin(c));
-    PMA_TRY(pma_exchange_interface(c));
-    PMA_TRY(pma_fine_solve(c));
-    if (pma_look_ahead_is_used(c))
-        PMA_TRY(pma_look_ahead_await(c));
-    PMA_TRY(end_substeps(c));
-    return pma_exchange_jumps(c);
+    if (c->exchange)
+        PMA_TRY(pma_exchange_interface(c));
+    return pma_fine_solve(c);
 }
+
+static pma_status end_and_meet(pma_coupler *c)
+{
+    PMA_TRY(end_substeps(c));
+    return c->exchange ? pma_exchange_jumps(c) : PMA_OK;
+}
+
+static pma_status (*const STAGES[])(pma_coupler *c) = {
+    pma_fine_begin,     /* (5) (6) (13)   free problems that begin here, of all subdomains */
+    meet_and_solve,     /* (15) (18)      interface problem at the end of this fine step */
+    await_double_steps, /*                double steps that end here */
+    end_and_meet,       /* (14) (8) (9)   link problems that end here, added */
+};
 
 static pma_status fine_step(pma_coupler *c)
 {
-    if (c->exchange)
-        return meeting_step(c);
-
-    /* free problems that begin here, up to the free velocity on the interface */
-    PMA_TRY(pma_fine_begin(c));
-
-    /* interface problem at the end of this fine step */
-    PMA_TRY(pma_fine_solve(c));
-
-    /* what ends here beside the fine steps: awaited, and the macro step before committed */
-    if (pma_look_ahead_is_used(c))
-        PMA_TRY(complete_deferred(c));
-
-    /* link problems that end here, added */
-    return end_substeps(c);
+#pragma GCC unroll 4
+    for (size_t i = 0; i < sizeof STAGES / sizeof *STAGES; i++)
+        PMA_TRY(STAGES[i](c));
+    return PMA_OK;
 }
+
+/* ---- the macro step -------------------------------------------------------------------------- */
 
 /* (S3)  After the first macro step, for the members that take double steps from now on */
 static void rebase(pma_coupler *c)

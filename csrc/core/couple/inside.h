@@ -9,6 +9,7 @@
 #ifndef PMA_COUPLE_INSIDE_H
 #define PMA_COUPLE_INSIDE_H
 
+#include <assert.h>
 #include <stdatomic.h>
 
 #include "couple/clock.h"
@@ -431,6 +432,7 @@ pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due);
 /* The same, in a loop of the caller's for a small system, which is short. */
 static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 {
+    assert(task && due && (c->team || c->roster.workers <= 1));
     if (c->team)
         return pma_teamwork_do(c, task, due);
     for (pma_coupled *m = c->own; m < c->end_of_own; m++) {

@@ -1,5 +1,6 @@
 /* stages.c - what the schedules share: where members are, the interface problem, the commit; and a
  * stage of a step by all workers, each with the subdomains that it has, or several with one. */
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -72,6 +73,7 @@ bool pma_coupler_poll(pma_coupler *c)
 
 void pma_coupler_commit(pma_coupler *c)
 {
+    assert(c->reached.number == c->present.number + 1);
     for (pma_coupled *m = c->own; m < c->end_of_own; m++)
         m->member.table->commit(m->member.self);
     pma_macro_level_swap(&c->present, &c->reached);

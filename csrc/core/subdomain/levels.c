@@ -1,5 +1,6 @@
 #include "subdomain/levels.h"
 
+#include <assert.h>
 #include <stdint.h>
 
 #include "memory.h"
@@ -97,6 +98,7 @@ static void swap_pointers(double **a, double **b)
 void pma_levels_commit(pma_levels *l)
 {
     const size_t last = l->substeps;
+    assert(l->opened >= last);
     if (l->doubled && last > 1) {
         swap_states(&l->previous, &l->work[pma_levels_slot(l, last - 1)]);
         swap_pointers(&l->vf_previous, &l->vf_work[pma_levels_free_slot(l, last - 1)]);

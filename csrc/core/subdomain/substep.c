@@ -1,4 +1,5 @@
 /* substep.c - free and link problem of one substep, as one forward and one backward sweep. */
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -245,6 +246,7 @@ void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step)
 
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
 {
+    assert(s->levels.opened >= step->j);
     const pma_operator *op = pma_operator_at(s, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
@@ -348,6 +350,7 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
+    assert(s->levels.opened > step->j && (lam || s->parts.link.p == 0));
     if (s->mean && s->mean->open)
         return close_waiting(s, step, lam);
     /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */

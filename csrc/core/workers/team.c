@@ -9,8 +9,7 @@
 #include "workers/thread.h"
 
 /* How often a waiting thread looks before it sleeps: for some ten microseconds, and then as long
- * again or longer between which others can run. To be woken takes as long, in every step of a solid
- * whose trunk one worker sweeps while the others wait. */
+ * again or longer between which others can run. To be woken takes as long. */
 enum { LOOKS = 2000, YIELDS = 300 };
 
 /* How long the caller sleeps before it is woken to look at something else. */
@@ -221,6 +220,7 @@ void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 
 void pma_team_await(pma_team *t, size_t worker, void (*look)(void *ctx), void *ctx)
 {
+    assert(worker >= 1 && worker <= t->made);
     seat *s = &t->seats[worker - 1];
     const unsigned posted = atomic_load_explicit(&s->posted, memory_order_relaxed);
     const event finished = {&s->finished, posted, true};
@@ -236,5 +236,6 @@ void pma_team_await(pma_team *t, size_t worker, void (*look)(void *ctx), void *c
 
 bool pma_team_is_at(const pma_team *t, size_t worker, pma_work work)
 {
+    assert(worker >= 1 && worker < t->workers);
     return t->seats[worker - 1].work == work;
 }
