@@ -380,3 +380,9 @@ def test_small_files_take_no_large_memory_and_pipes_are_not_waited_for(tmp_path,
     path = tmp_path / ("run.npz" if name == "npz" else "run.h5" if "HDF5" in name else "run")
     found = campaign_disk.program(campaign_disk.read_strange, str(path), name)
     assert found.startswith("refused") or (name, found) == ("monitor", "read")
+
+
+def test_a_description_of_a_monitor_with_brackets_in_brackets_is_refused(tmp_path):
+    (tmp_path / "live").write_bytes(b"[" * 4096)
+    with pytest.raises(ValueError, match=r"path must be a file of Coupler.monitor.*brackets"):
+        pm.rig.read_monitor(tmp_path / "live")

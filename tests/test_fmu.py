@@ -177,6 +177,7 @@ def test_variables_have_the_units_that_were_given(path, fmpy):
     "units, error, message",
     [
         ({"roof": "m"}, ValueError, "units must have names of inputs and outputs, got 'roof'"),
+        ({"wind": "N\x01"}, ValueError, r"units must be words that can be printed, got 'N\\x01'"),
         ({"wind": 1.0}, TypeError, "units must be a dict of texts"),
         (["m"], TypeError, "units must be a dict of texts"),
     ],

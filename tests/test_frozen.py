@@ -116,3 +116,26 @@ def test_a_pair_that_is_not_in_a_list_is_refused_with_both_spellings():
     words = r"dofs must be \[\(0, 1\)\] for one spring between two dofs, or \[0, 1\] for two"
     with pytest.raises(ValueError, match=words):
         pm.BoucWen((0, 1), k=1.0, fy=1.0)
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_arrays_of_copies_and_pickles_are_read_only_too(again):
+    """Dofs of springs, and the indices of sparse matrices, are read by couplers made later."""
+    spring = again(pm.CubicSpring([(0, 1)], k=1.0, k3=2.0))
+    ones = np.ones(40)
+    K = sp.diags_array([-ones[1:], 3.0 * ones, -ones[1:]], offsets=[-1, 0, 1]).tocsr()
+    a = again(pm.Subdomain(ones, K, scheme=pm.Newmark(), restoring=spring))
+    tie = again(pm.Constraint({a: sp.csr_array(np.eye(1, 40))}))
+    (L,) = tie.matrices.values()
+    for array in (spring.dofs, spring.k, a.K.indices, a.K.indptr, L.indices, L.data):
+        assert not array.flags.writeable
+
+
+def test_steps_that_times_cannot_tell_apart_are_refused():
+    a = pm.Subdomain([1.0], [1e-30], scheme=pm.Newmark(), name="a")
+    c = pm.Coupler([a], dt=1e12)
+    c.step(10)
+    with pytest.raises(ValueError, match=r"dt must be at least 2 at t = 1e\+13, .* got 1e-05"):
+        c.change_steps(dt=1e-5)
+    c.step(1)
+    assert c.time == 1.1e13

@@ -318,3 +318,25 @@ def test_an_exception_whose_text_cannot_be_sent_does_not_end_the_server(served, 
     for _ in range(2):
         with pytest.raises(remote.RemoteError, match=text):
             client(1.0)
+
+
+def test_connections_that_are_closed_without_a_word_do_not_end_the_server():
+    """As those of a program that looks for open ports; also a reset is none."""
+    ports, results = Queue(), []
+    thread = threading.Thread(
+        target=lambda: results.append(remote.serve(lambda x: 2.0 * x, announce=ports.put))
+    )
+    thread.start()
+    address = "127.0.0.1", ports.get()
+    for linger in (None, struct.pack("ii", 1, 0)):
+        with socket.create_connection(address, waits.LIMIT) as stranger:
+            if linger:
+                stranger.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, linger)
+    with remote.Client(address, timeout=waits.LIMIT) as double:
+        assert double(4.0) == 8.0
+    thread.join(waits.LIMIT)
+    assert results == [1]
+
+
+def test_a_client_without_calls_ends_the_server(served):
+    served(lambda x: x).close()

@@ -1,5 +1,6 @@
 """Elements and specimens of other processes, by the protocol of OpenSees and OpenFresco."""
 
+import errno
 import re
 import signal
 import socket
@@ -447,6 +448,33 @@ def test_both_sides_have_to_know_the_secret():
             connected(address, secret="three", name="the rig")
         command(address, secret="two")
     assert results == [1]
+
+
+def test_a_secret_with_zeros_after_it_is_another_one():
+    with served(specimen, secret="two") as (address, results):
+        with pytest.raises(ConnectionError, match="it may have another secret"):
+            connected(address, secret="two\0")
+        command(address, secret="two")
+    assert results == [1]
+
+
+def test_without_descriptors_the_wait_goes_on_and_does_not_spin(monkeypatch):
+    """Two attempts without room, each of which is one pause; then the client is admitted."""
+    attempts, pauses = [], []
+    accept = socket.socket.accept
+
+    def without_room(self):
+        attempts.append(self)
+        if len(attempts) <= 2:
+            raise OSError(errno.EMFILE, "too many open files")
+        return accept(self)
+
+    monkeypatch.setattr(socket.socket, "accept", without_room)
+    monkeypatch.setattr(admission, "sleep", pauses.append)
+    with served(specimen, secret="two") as (address, results):
+        command(address, secret="two")
+    assert results == [1]
+    assert pauses == 2 * [admission.PAUSE]
 
 
 def command(address, **options):

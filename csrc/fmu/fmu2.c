@@ -95,7 +95,7 @@ static char *path_of(const char *uri)
     const char *from = uri + 5;
     if (strncmp(from, "//", 2) == 0)
         from = strchr(from + 2, '/');
-    if (!from)
+    if (!from || !*from)
         return NULL;
     if (from[1] && from[2] == ':')
         from++; /* /C:/x */

@@ -6,7 +6,7 @@ import platform
 import re
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 from typing import Any, BinaryIO, NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -126,7 +126,16 @@ def variables_of(
     if unknown := units.keys() - {x.name for x in made}:
         got = listing([repr(x) for x in sorted(map(str, unknown))])
         raise ValueError(f"units must have names of inputs and outputs, got {got}")
+    _check_characters([x.name for x in made], "names of inputs and outputs")
+    _check_characters(units.values(), "units")
     return [x._replace(unit=units.get(x.name)) for x in made]
+
+
+def _check_characters(words: Iterable[Any], what: str) -> None:
+    """ValueError for words that XML cannot have, such as those with control characters."""
+    for word in words:
+        if not isinstance(word, str) or not word.isprintable():
+            raise ValueError(f"{what} must be words that can be printed, got {word!r}")
 
 
 def _dof(key: tuple[str, Subdomain], dof: int) -> str:

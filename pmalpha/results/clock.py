@@ -12,6 +12,9 @@ from .._checks import MOST, real_number, whole_number
 # Tolerance of t_end, in macro steps: it must be a whole number of them.
 TOLERANCE = 1e-6
 
+# A step is at least this number of spacings between the numbers that a time can be.
+SPACINGS = 1024
+
 # The end of the first stage of a scheme of two is at gamma = 2 - sqrt 2 of both of them: by this
 # part of their mean length later than the middle. csrc/core/couple/clock.h has the same number.
 LATER = 0.17157287525380990
@@ -27,6 +30,14 @@ class Clock:
     before: float = 0.0  # the length of the macro step before it; 0 where there was none
     # where fine steps are the stages of a scheme of two: their number, else 0
     staged: int = 0
+
+    def __post_init__(self) -> None:
+        least = SPACINGS * float(np.spacing(abs(self.t0)))
+        if self.t0 and not self.dt >= least:
+            raise ValueError(
+                f"dt must be at least {least:.3g} at t = {self.t0:g}, where times of shorter steps "
+                f"are rounded, got {self.dt:g}"
+            )
 
     def count(self, step: int) -> int:
         """Macro steps from the origin to this one."""

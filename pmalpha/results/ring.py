@@ -265,14 +265,17 @@ def read_monitor(path: str | os.PathLike[str]) -> Monitored:
     with reading(path) as buffered:
         try:
             return _read(buffered.raw)  # type: ignore[attr-defined]
-        except (AttributeError, ValueError, KeyError, TypeError) as error:
+        except (AttributeError, ValueError, LookupError, TypeError, ArithmeticError) as error:
             raise ValueError(
                 f"path must be a file of Coupler.monitor, {str(path)!r}: {error}"
             ) from None
 
 
 def _read(file: FileIO) -> Monitored:
-    about = json.loads(file.read(BEGUN))
+    try:
+        about = json.loads(file.read(BEGUN))
+    except RecursionError:
+        raise ValueError("its description has too many brackets in each other") from None
     if about["format"] != FORMAT or about["version"] != VERSION:
         raise ValueError("another format or version")
     rows, dofs = about["rows"], about["dofs"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hmac
 import logging
 import os
@@ -9,7 +10,7 @@ import selectors
 import socket
 from collections.abc import Callable, Collection
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
-from time import monotonic
+from time import monotonic, sleep
 from typing import NamedTuple
 
 from . import wire as w
@@ -18,6 +19,10 @@ log = logging.getLogger("pmalpha.rig")
 Networks = tuple[IPv4Network | IPv6Network, ...]
 # Connections that may be waited for at once; more are turned away.
 MOST = 32
+# What accept says where the process or the system has no more descriptors or buffers; and how long
+# it is then before the next attempt, in seconds.
+OUT_OF_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+PAUSE = 0.05
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 HEAD_BYTES = 4 * w.HEAD
 
@@ -160,8 +165,10 @@ class Admission:
     def _accept(self, selector: selectors.BaseSelector) -> None:
         try:
             connection, address = self.server.accept()
-        except OSError:  # it was closed meanwhile
-            return
+        except OSError as error:
+            if error.errno in OUT_OF_ROOM:
+                self._make_room(selector)
+            return  # else it was closed meanwhile
         name = f"{address[0]}:{address[1]}"
         if not is_allowed(address[0], self.networks) or len(self.visitors) >= MOST:
             log.warning("pmalpha.rig turned away %s", name)
@@ -174,6 +181,13 @@ class Admission:
             return
         self.visitors[connection] = visitor
         selector.register(connection, selectors.EVENT_READ, visitor)
+
+    def _make_room(self, selector: selectors.BaseSelector) -> None:
+        """Where no further connection can be opened: the oldest visitor goes, or the wait does."""
+        if self.visitors:
+            self._turn_away(selector, next(iter(self.visitors.values())), "there is no room")
+        else:
+            sleep(PAUSE)  # the connection stays in the queue, so that selectors do not wait
 
     def _turn_away(self, selector: selectors.BaseSelector, visitor: Visitor, why: str) -> None:
         log.warning("pmalpha.rig turned away %s: %s", visitor.address, why)

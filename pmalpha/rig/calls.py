@@ -29,7 +29,7 @@ __all__ = ["Client", "RemoteError", "serve", "started"]
 # Start of a message: mark, kind, number of the call, number of arrays. Each array: dimensions,
 # shape, and its numbers as float64, most significant byte first.
 HEAD, LENGTH = struct.Struct("!4sBQB"), struct.Struct("!Q")
-MARK, CALL, RESULT, FAILURE = b"pmr1", 0, 1, 2
+MARK, CALL, RESULT, FAILURE, HELLO = b"pmr1", 0, 1, 2, 3
 # Largest message, in bytes: a wrong length is then no order to allocate memory.
 LARGEST = 1 << 32
 DIMENSIONS = 8
@@ -81,6 +81,7 @@ class Client:
         self.connection = socket.create_connection(address, timeout)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._messages = _Messages(self.connection)
+        self.connection.sendall(_message(HELLO, 0, ()))  # others look whether the port is open
         self._sending = False  # a call was interrupted in the middle of its message
 
     def __enter__(self) -> Client:
@@ -186,18 +187,41 @@ def serve(
             print(opened, flush=True)
         else:
             announce(opened)
-        connection, _ = server.accept()
+        connection, messages = _caller(server, timeout)
+    number = 0
     with connection:
-        connection.settimeout(timeout)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        messages, number = _Messages(connection), 0
         while messages.has_next():
             messages.begin()
             kind, number, arguments = messages.next()
+            if kind == HELLO:
+                continue
             if kind != CALL:
                 raise ConnectionError(f"a message of kind {kind} is no call")
             connection.sendall(_reply(function, number, arguments))
     return number
+
+
+def _caller(server: socket.socket, timeout: float | None) -> tuple[socket.socket, _Messages]:
+    """The first connection that sends something, and its messages.
+
+    One that is closed before is no client: such as that of a program which looks for open ports.
+    """
+    end = None if timeout is None else monotonic() + timeout
+    while True:
+        server.settimeout(None if end is None else max(end - monotonic(), 1e-3))
+        connection, _ = server.accept()
+        connection.settimeout(timeout)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        messages = _Messages(connection)
+        try:
+            if messages.has_next():
+                return connection, messages
+        except ConnectionError:
+            pass
+        except BaseException:
+            connection.close()
+            raise
+        connection.close()
 
 
 @contextmanager
@@ -372,7 +396,7 @@ class _Messages:
 
 def _parsed(body: bytes) -> tuple[int, int, list[np.ndarray]]:
     mark, kind, number, count = HEAD.unpack_from(body)
-    if mark != MARK or kind > FAILURE:
+    if mark != MARK or kind > HELLO:
         raise ValueError(f"it begins with {mark!r}")
     at, arrays = HEAD.size, []
     for _ in range(count):

@@ -186,9 +186,11 @@ def fields(counts: Sequence[int], values: np.ndarray) -> dict[str, np.ndarray]:
 def proof(secret: bytes, role: str, other: bytes, nonce: bytes) -> bytes:
     """What shows that one side knows the secret, without sending it.
 
-    role: {"client", "server"}. other, nonce: random bytes of both sides, new ones each time.
+    role: {"client", "server"}. other, nonce: random bytes of both sides, new ones each time. The
+    key is a hash of the secret: HMAC itself takes no notice of zeros at the end of a key.
     """
-    return hmac.new(secret, role.encode() + other + nonce, hashlib.sha256).digest()
+    key = hashlib.sha256(secret).digest()
+    return hmac.new(key, role.encode() + other + nonce, hashlib.sha256).digest()
 
 
 def prove(wire: Wire, secret: bytes) -> None:
