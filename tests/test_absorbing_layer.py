@@ -189,6 +189,26 @@ def test_layered_ground_without_a_structure_moves_as_the_free_field_and_the_laye
     assert np.abs(run["layer"].v).max() < 1e-10
 
 
+def test_a_free_field_comes_in_through_the_subdomains_of_a_cut():
+    soil = box(8, 5)
+    layer = soil.absorbing_layer(lamb.edge(soil), 4)
+    pulse = np.exp(-(((0.02 * np.arange(200) - 1.2) / 0.25) ** 2))
+    scheme = pm.CentralDifference()
+    motion = layer.vertical_wave(pulse, 3.0, dt=0.02, scheme=scheme, step=0.02)
+    velocity, force = layer.free_field(motion)
+    above = soil.points[soil.elements["quad"]].mean(axis=1)[:, 1] > 0.3
+    parts = pm.cut(soil, np.where(above, "above", "below"), scheme=scheme, force=force)
+    edge = layer.subdomain(scheme=DAMPED)
+    ties = [*parts.constraints, layer.tie(parts.subdomains, edge, velocity=velocity)]
+    coupler = pm.Coupler([*parts.subdomains, edge], ties, dt=0.02, coupling="gc")
+    v = parts.gather(coupler.run(2.0, every=1)).v
+    expected = np.array([motion(0.02 * i, soil.points)[1].ravel() for i in range(len(v))])
+    np.testing.assert_allclose(v, expected, rtol=0.0, atol=1e-10)
+    coupler.reset()
+    with pytest.raises(ValueError, match="t must lie in 0..3, where the wave is known"):
+        coupler.run(4.0)
+
+
 def test_a_vertical_wave_is_that_of_the_continuum_with_small_elements():
     soil = box(4, 80, 0.025)
     layer = soil.absorbing_layer(lamb.edge(soil), 3)
