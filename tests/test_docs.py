@@ -160,7 +160,7 @@ def test_pages_are_short_enough_to_be_read():
     method = {ROOT / "docs" / "method.md", *ROOT.glob("docs/method/*.md")}
     users = {ROOT / "README.md", *docs} - own - method
     developers = own | {ROOT / "benchmarks" / "README.md", ROOT / "CONTRIBUTING.md"}
-    assert sum(map(number_of_words, users)) <= 18_300
+    assert sum(map(number_of_words, users)) <= 19_500
     assert sum(map(number_of_words, developers)) <= 8_300
     assert number_of_words(ROOT / "docs" / "adding.md") <= 800
     assert number_of_words(ROOT / "docs" / "architecture.md") <= 1500
