@@ -26,6 +26,7 @@ from frozen_couplers import all_outputs, recorded
 from problems import FEATURES, SHIFT, STEPS, TIME_STEP, draw, shrunk
 
 import pmalpha as pm
+from pmalpha.problem.forces import terms_of
 from pmalpha.problem.restoring import functions_of
 
 ROOT = str(Path(pm.__file__).parent)
@@ -352,6 +353,52 @@ def frozen(r):
     history = coupler.run(steps=STEPS)
     found, right = np.array(rows), recorded(coupler, history, fine)
     r.equal("frozen", {("rows", "outputs"): found}, {("rows", "outputs"): right})
+
+
+@relation
+def frozen_with_inputs(r):
+    """Forces that are set between the steps of a frozen model are those of a function in a run."""
+    coupler = r.problem.couple()
+    pushed, inputs = {}, {}
+    for s in coupler.subdomains:
+        if r.rng.random() < 0.6:
+            dof = int(r.rng.integers(s.n))
+            size, rate, phase = r.rng.normal(size=3)
+            pushed[s.name] = Push(s.n, dof, size, rate / TIME_STEP, phase)
+            inputs[f"w{len(inputs)}"] = ("force", s.name, dof, pushed[s.name].value(0.0))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "model.pma")
+        coupler.freeze(path, inputs, all_outputs(coupler))
+        model = library().model(path)
+    fine = STEPS * model.substeps()
+    rows = [model.values]
+    for k in range(fine):
+        for i, push in enumerate(pushed.values()):
+            t = (k + model.lead(i)) / model.substeps() * coupler.dt
+            assert model.set(i, push.value(t)) == OK, model.why
+        assert model.advance(1) == OK, model.why
+        rows.append(model.values)
+    forces = {s.name: s.force for s in coupler.subdomains if s.name in pushed}
+    coupler.reset(force={name: [*terms_of(f), pushed[name]] for name, f in forces.items()})
+    right = recorded(coupler, coupler.run(steps=STEPS), fine)
+    found = {("rows", "outputs"): np.array(rows)}
+    r.equal("frozen with inputs", found, {("rows", "outputs"): right})
+
+
+class Push:
+    """A force of one dof, as a function of time."""
+
+    def __init__(self, n, dof, size, rate, phase):
+        self.n, self.dof, self.numbers = n, dof, (size, rate, phase)
+
+    def value(self, t):
+        size, rate, phase = self.numbers
+        return float(size * np.sin(rate * t + phase))
+
+    def __call__(self, t):
+        force = np.zeros(self.n)
+        force[self.dof] = self.value(t)
+        return force
 
 
 # ---- what leaves the motion as it is ------------------------------------------------------------
