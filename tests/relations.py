@@ -374,7 +374,7 @@ def frozen_with_inputs(r):
     rows = [model.values]
     for k in range(fine):
         for i, push in enumerate(pushed.values()):
-            t = (k + model.lead(i)) / model.substeps() * coupler.dt
+            t = coupler._session.clock.level(k + model.lead(i), model.substeps())
             assert model.set(i, push.value(t)) == OK, model.why
         assert model.advance(1) == OK, model.why
         rows.append(model.values)

@@ -88,7 +88,8 @@ PMALPHA_API const char *pmalpha_message(const pmalpha_model *m);
 
 /* ---- time ----------------------------------------------------------------------------------- */
 
-PMALPHA_API double pmalpha_step_size(const pmalpha_model *m); /* of a fine step */
+/* Of a fine step; of the two unequal stages of a step of Bathe the mean, pmalpha_time has both. */
+PMALPHA_API double pmalpha_step_size(const pmalpha_model *m);
 PMALPHA_API size_t pmalpha_substeps(const pmalpha_model *m);  /* fine steps in a macro step; 1 under
                                                                  macro and mean coupling */
 PMALPHA_API int64_t pmalpha_count(const pmalpha_model *m);    /* fine steps since their first one */
