@@ -341,3 +341,62 @@ def test_a_run_with_a_lost_tangent_beside_a_linear_subdomain_is_right_or_ends(co
         u, expected = found[name].u, right[name].u
         # macro and mean close the constraints to 1e-8 of the motion, in energy
         assert abs(u - expected[: len(u)]).max() < 1e-3 * abs(expected).max()
+
+
+# ---- tangents that are far too large, or not finite ----------------------------------------------
+
+
+def beside_another(coupling, tangent, k_t, other=None):
+    """A mass on K = 4 and f = 4 u, with the tangent k_t(t), tied to another one."""
+
+    def force(t, u, v, q):
+        return 4.0 * u, [[k_t(t)]]
+
+    a = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], internal=force, name="a")
+    newton = pm.Newton(tangent=tangent)
+    if coupling == "alone":
+        return pm.Coupler([a], dt=0.05, newton=newton)
+    b = pm.Subdomain([1.0], [8.0], scheme=pm.Newmark(), v0=[1.0], internal=other, name="b")
+    ties = pm.tie(a, [0], b, [0])
+    return pm.Coupler([a, b], ties, dt=0.05, coupling=coupling, newton=newton)
+
+
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("coupling", ["alone", "gc", "pm", "macro", "mean"])
+def test_a_tangent_that_is_far_too_large_is_an_error_and_no_balance(coupling, tangent):
+    """It makes corrections, and by (N8) residuals, rounding: the state was accepted as it was
+    guessed. Also beside a subdomain that is iterated and right."""
+    spring = pm.CubicSpring([0], k=2.0, k3=1.0)
+    for wrong in (1e14, 1e18, 1e30, -1e18):
+        for other in (None,) if coupling == "alone" else (None, spring):
+            coupler = beside_another(coupling, tangent, lambda t, k=wrong: k, other)
+            with pytest.raises(pm.ConvergenceError, match="compares the tangents"):
+                coupler.step(20)
+            assert coupler.step_count == 0
+    beside_another(coupling, tangent, lambda t: 4.0).step(20)
+
+
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_a_tangent_that_is_not_finite_is_an_error_by_name(value, tangent):
+    # at set-up, and in the third step, where only fresh tangents are asked for
+    for begins in (0.0, 0.11) if tangent == "full" else (0.0,):
+
+        def k_t(t, begins=begins):
+            return value if t >= begins else 4.0
+
+        with pytest.raises((ValueError, pm.ConvergenceError)) as error:
+            beside_another("gc", tangent, k_t).step(20)
+        assert re.search("internal of subdomain 'a'", str(error.value))
+        assert re.search("K_t.*(finite|inf|nan)", str(error.value)), str(error.value)
+
+
+def test_a_stiff_held_mass_at_rest_under_prestress_is_in_balance():
+    """Its tangent of 1e16 is right: the residual that is as large as the forces is rounding."""
+
+    def force(t, u, v, q):
+        return 1e16 * (u - 1e-3) + 1e13, [[1e16]]
+
+    a = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1e-6], internal=force, name="a")
+    x = pm.Coupler([a], dt=0.05).run(steps=20)["a"]
+    assert np.abs(x.u).max() < 1e-6

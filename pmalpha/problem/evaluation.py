@@ -117,6 +117,7 @@ class CheckedInternal:
             q1[part] = values[3]
             if K is not None:
                 self._place(values, what, t, places, K, C)
+                self._look_at_tangents(K, C, what, t)
         self.check_symmetry(K, C, t)
         return f, K, C, q1
 
@@ -155,6 +156,12 @@ class CheckedInternal:
                 i, j = int(np.argmax(wrong)), int(np.argmax(np.abs(u)))
                 at = f"at t = {t:g}, with u up to u[{j}] = {u[j]:g}"
                 self.not_finite = t, f"{what} returned {name}[{i}] = {x[i]:g} {at}"
+
+    def _look_at_tangents(self, K: np.ndarray, C: np.ndarray | None, what: str, t: float) -> None:
+        for name, x in (("K_t", K), ("C_t", C)):
+            if x is not None and self.not_finite is None and not np.isfinite(x).all():
+                value = x[~np.isfinite(x)][0]
+                self.not_finite = t, f"{what} returned {name} with {value:g} at t = {t:g}"
 
     def check_symmetry(self, K: np.ndarray | None, C: np.ndarray | None, t: float) -> None:
         """ValueError for tangents that are not symmetric but have to be."""

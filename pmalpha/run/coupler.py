@@ -345,7 +345,7 @@ class Coupler:
             (B10).
         AccuracyWarning
             When an estimate of the stiffness above that of the forces has acted as more than a
-            tenth of the mass, equation (B13); when tied displacements have parted in the first
+            fiftieth of the mass, equation (B13); when tied displacements have parted in the first
             steps by more than a tenth of the motion. With `tolerance`, when substeps reach their
             largest number.
         UserWarning

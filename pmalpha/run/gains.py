@@ -16,8 +16,9 @@ CAUSES = (
 )
 
 
-# Of the mass, from which on what an estimate adds to it is reported: 5 per cent of a period.
-ADDED_MASS = 0.1
+# Of the mass, from which on what an estimate adds to it is reported: 1 per cent of a period, and so
+# 6 per cent of the amplitude after one.
+ADDED_MASS = 0.02
 
 
 def warn_of_gains(members: Sequence[Member]) -> None:

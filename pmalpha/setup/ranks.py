@@ -30,7 +30,7 @@ from .member import Member
 T = TypeVar("T")
 # Pieces of its interface values that the core sends of a subdomain at a time, at most, and numbers
 # that measure an iteration, with whether its residual is finite (pma_exchange_size).
-PIECES, MEASURES = 3, 7
+PIECES, MEASURES = 3, 9
 
 
 @dataclass(frozen=True)

@@ -399,8 +399,8 @@ static size_t measure_size(const pma_coupler *c, const pma_coupled *m)
 static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to)
 {
     const pma_measure *own = &member_in(c, m)->measure;
-    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope,
-                                          own->residual,   own->pull,   own->leap};
+    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope,   own->residual,
+                                          own->pull,       own->leap,   own->rounded, own->departs};
     memcpy(to, numbers, measure_size(c, m) * sizeof(double));
 }
 
@@ -412,7 +412,9 @@ static void read_measure(pma_coupler *c, const pma_coupled *m, const double *fro
                                                  .slope = from[2],
                                                  .residual = from[3],
                                                  .pull = from[4],
-                                                 .leap = from[5]};
+                                                 .leap = from[5],
+                                                 .rounded = from[6],
+                                                 .departs = from[7]};
 }
 
 pma_status pma_messages_measures(pma_coupler *c)

@@ -36,6 +36,6 @@ typedef struct {
 } pma_piece;
 
 /* At most; and the numbers of a measure (newton.h). */
-enum { PMA_MOST_PIECES = 3, PMA_MEASURES = 6 };
+enum { PMA_MOST_PIECES = 3, PMA_MEASURES = 8 };
 
 #endif

@@ -21,6 +21,9 @@
 #define FAR 0x1p30
 #define FOLLOWS 0.1
 
+/* Multiple of the last correction over which rounding hardly shows, and that is still short. */
+#define MANY 0x1p10
+
 /* Shorter corrections tried at most. */
 enum { MOST_TRIALS = 8 };
 
@@ -39,6 +42,7 @@ typedef struct {
     bool slow;       /* ... which is to be made again */
     bool close;      /* the last correction was small enough */
     pma_measure at;  /* the residual at the iterate */
+    pma_measure looked; /* ... and along the last correction */
 } iteration;
 
 /* ---- (N7)  is what is left small enough? ---------------------------------------------------- */
@@ -65,13 +69,14 @@ static bool is_small(const iteration *it, double e, double x)
 
 /* ---- (N10)  line search --------------------------------------------------------------------- */
 
-static pma_status slope_at(const iteration *it, double *x, double to, double *slope)
+static pma_status slope_at(iteration *it, double *x, double to, double *slope)
 {
     pma_measure m = {0};
     it->equations->move(it->ctx, to - *x);
     *x = to;
     const pma_status status = it->equations->evaluate(it->ctx, false, &m);
     *slope = m.slope;
+    it->looked = m;
     return status;
 }
 
@@ -163,16 +168,34 @@ static pma_status evaluate(iteration *it, bool *fresh)
 /* ---- (N9)  corrections that do not fall because they are rounding --------------------------- */
 
 /* |s(x) - (1 - x) s(0)| / |x s(0)|, from where the iterate is, `from` */
-static double departure(const iteration *it, double *from, double x)
+static double departure(iteration *it, double *from, double x)
 {
     double s;
     const pma_status status = slope_at(it, from, x, &s);
     return status == PMA_OK ? fabs(s / it->slope - (1.0 - x)) / x : NAN;
 }
 
+/* (N21)  Residuals that are rounding, and large against their rows, are so by tangents that the
+ * forces follow over a multiple of the last correction: a tangent that is far too large makes
+ * every residual rounding. The iterate is evaluated again. */
+static pma_status check_tangents(iteration *it, bool fresh, bool *right)
+{
+    static const double multiples[] = {MANY, FAR};
+    double x = 1.0, slope;
+    *right = false;
+    for (size_t k = 0; k < 2 && !*right; k++) {
+        const pma_status status = slope_at(it, &x, multiples[k], &slope);
+        if (status != PMA_OK && status != PMA_NOT_FINITE)
+            return status;
+        *right = status == PMA_OK && it->looked.departs <= FOLLOWS;
+    }
+    it->equations->move(it->ctx, 1.0 - x);
+    return it->equations->evaluate(it->ctx, fresh, &it->at);
+}
+
 /* The slope does not follow the tangent over a small part of the last correction, but does over a
  * large multiple, and the residual is one for which such a correction stands. */
-static bool is_rounding(const iteration *it)
+static bool is_rounding(iteration *it)
 {
     double x = 1.0;
     const bool rounding = it->count >= 2 && it->at.leap <= PMA_LEAP &&
@@ -194,8 +217,13 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
         pma_measure m = {0};
         bool fresh = false;
         pma_status status = evaluate(&it, &fresh);
-        if (status == PMA_OK && is_balanced(&it))
-            return PMA_OK;
+        if (status == PMA_OK && is_balanced(&it)) {
+            bool right = it.at.rounded <= PMA_SMALL;
+            if (!right)
+                status = check_tangents(&it, fresh, &right);
+            if (right || status != PMA_OK)
+                return status;
+        }
         if (status == PMA_OK)
             status = equations->correct(ctx, fresh, &m);
         if (status != PMA_OK)
@@ -216,11 +244,15 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
         it.e = e;
         it.slope = m.slope;
     }
-    const pma_status status = equations->evaluate(ctx, false, &it.at);
+    pma_status status = equations->evaluate(ctx, false, &it.at);
     if (status != PMA_OK)
         return status == PMA_NOT_FINITE ? PMA_NOT_CONVERGED : status;
-    if (is_balanced(&it))
-        return PMA_OK;
+    if (is_balanced(&it)) {
+        bool right = it.at.rounded <= PMA_SMALL;
+        if (!right)
+            PMA_TRY(check_tangents(&it, false, &right));
+        return right ? PMA_OK : PMA_NOT_CONVERGED;
+    }
     if (!is_rounding(&it))
         return PMA_NOT_CONVERGED;
     equations->remember_rounding(ctx);

@@ -13,6 +13,10 @@
 /* A residual that is this many times the one that the correction began with has jumped.  (N9) */
 #define PMA_LEAP 1e3
 
+/* A residual that is rounding is small against the forces in its row up to this part of them; a
+ * larger one is accepted only where the tangent is that of the forces.                    (N21) */
+#define PMA_SMALL 1e-3
+
 typedef struct {
     double tolerance;  /* of a residual and of the error after the last correction          (N7) */
     size_t iterations; /* at most */
@@ -28,6 +32,9 @@ typedef struct {
     double residual; /* |R| in parts of the forces in its row, 0 where it is rounding (N7) (N8) */
     double pull;     /* of a correction: |L^T dLam| in parts of what is rounding in its row (N8) */
     double leap;     /* the residual in parts of that which the last correction began with  (N9) */
+    double rounded;  /* |R| in parts of the forces in its row, of rows in which it is rounding */
+    double departs;  /* of a subdomain in which that is not small, |s(x) - (1 - x) s(0)| over
+                        x |s(0)| of its own slope                                          (N21) */
 } pma_measure;
 
 static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
@@ -38,6 +45,8 @@ static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
     sum->residual = m->residual > sum->residual ? m->residual : sum->residual;
     sum->pull = m->pull > sum->pull ? m->pull : sum->pull;
     sum->leap = m->leap > sum->leap ? m->leap : sum->leap;
+    sum->rounded = m->rounded > sum->rounded ? m->rounded : sum->rounded;
+    sum->departs = m->departs > sum->departs ? m->departs : sum->departs;
 }
 
 /* Operations on the iterate. Those that return a status end the iteration with it, but that a value

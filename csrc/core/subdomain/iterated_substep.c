@@ -113,7 +113,7 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     it->motion = it->scale;
     it->singular = SIZE_MAX;
     it->linearized = it->tied = it->evaluated = it->has_tangent = it->leapt = false;
-    it->measure.correction = 0.0;
+    it->measure.correction = it->slope = it->moved = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
     memcpy(it->springs_n, from->springs, pma_iterate_spring_numbers(it) * sizeof(double));
@@ -137,6 +137,7 @@ static void restart(void *self, const double *lam)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
     it->linearized = it->tied = it->evaluated = it->has_tangent = false;
+    it->slope = it->moved = 0.0;
     memcpy(iterate_of(it)->w, it->guess, it->of->parts.n * sizeof(double));
     load_interface(it, lam, it->pull);
 }
@@ -146,6 +147,7 @@ static void move(void *self, double by)
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
     double *w = iterate_of(it)->w;
     it->linearized = it->evaluated = it->has_tangent = false;
+    it->moved += by;
     for (size_t i = 0; i < it->of->parts.n; i++)
         w[i] += by * it->dw[i];
 }
@@ -211,15 +213,26 @@ static bool is_fixed(const pma_iterate *it, double residual)
     return it->leapt && residual <= BEGAN;
 }
 
-/* max |R_i| / T_i of the rows in which R is more than rounding                       (N7) (N8) */
-static double largest_part(const pma_iterate *it)
+/* max |R_i| / T_i of the rows in which R is more than rounding, or those in which it is
+ *                                                                                    (N7) (N8) */
+static double largest_part(const pma_iterate *it, bool rounding)
 {
     double largest = 0.0;
     for (size_t i = 0; i < it->of->parts.n; i++) {
         const double R = fabs(it->R[i]);
-        largest = R <= it->rounding[i] ? largest : fmax(largest, R / it->limit[i]);
+        if ((R <= it->rounding[i]) == rounding && R > 0.0)
+            largest = fmax(largest, R / it->limit[i]);
     }
     return largest;
+}
+
+/* |s(x) - (1 - x) s(0)| / |x s(0)| along the last correction, of a subdomain in doubt       (N21) */
+static double departure(const pma_iterate *it)
+{
+    const double x = 1.0 + it->moved, expected = (1.0 - x) * it->slope;
+    if (!it->doubtful || it->slope == 0.0 || x == 0.0)
+        return 0.0;
+    return fabs(it->measure.slope - expected) / fabs(x * it->slope);
 }
 
 /* (N7)  T: the forces at the beginning, and at the iterate; rows by the root of D
@@ -248,11 +261,14 @@ static void measure_residual(pma_iterate *it)
         it->limit[i] = fmax(it->limit[i], SHARE * own * root[i]);
         root[i] *= rounding;
     }
-    it->measure.residual = largest_part(it);
+    it->measure.residual = largest_part(it, false);
+    it->measure.rounded = largest_part(it, true);
     it->measure.leap = it->tied ? it->measure.residual / fmax(it->left, BEGAN) : 0.0;
     it->leapt = it->leapt || it->measure.leap > PMA_LEAP;
     if (is_fixed(it, it->measure.residual))
         it->measure.residual = 0.0;
+    if (it->moved <= 0.0)
+        it->doubtful = it->measure.rounded > PMA_SMALL;
 }
 
 /* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
@@ -290,12 +306,14 @@ static pma_status evaluate(void *self, bool tangent, pma_measure *m)
             it->size[i] = c->al1 * x->w[i];
         pma_matrix_subtract(&s->parts.K_r, it->size, it->R); /* K_r (u - ut) */
     }
-    if (!pma_is_finite(n, it->R))
+    if (!pma_is_finite(n, it->R) ||
+        (tangent && !pma_is_finite(pma_iterate_entries(it), it->numeric.values)))
         return PMA_NOT_FINITE;
     measure_residual(it);
     it->evaluated = true;
     it->has_tangent = tangent;
     it->measure.slope = c->al2 * dot(n, it->dw, it->R);
+    it->measure.departs = departure(it);
     *m = it->measure;
     return PMA_OK;
 }
@@ -375,7 +393,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
         pull = fmax(pull, fabs(s->closing[i]) / rounding_b[i]); /* not a number: 0 of 0 */
     }
     pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
-    it->left = largest_part(it);
+    it->left = largest_part(it, false);
     if (is_fixed(it, it->left))
         memset(it->dw, 0, n * sizeof(double));
     it->tied = true;
@@ -387,7 +405,8 @@ static void correct(void *self, const double *lam, pma_measure *m)
     it->motion = s2 > MARGIN * -it->scale ? fmax(it->scale, s2) : it->scale;
     it->measure.correction = fabs(c->al1 * step);
     it->measure.motion = fmax(it->scale, s2);
-    it->measure.slope = c->al2 * step;
+    it->measure.slope = it->slope = c->al2 * step;
+    it->moved = 0.0;
     it->measure.pull = pull;
     *m = it->measure;
     it->corrections++;

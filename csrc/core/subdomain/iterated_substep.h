@@ -27,11 +27,14 @@ struct pma_iterate {
     bool factored, factored_twice; /* there is a factor, and of which step */
     size_t singular;               /* dof of a pivot that is lost */
 
-    double scale, motion;  /* energy of the largest motion so far, or less that of rounding (N9);
+    double scale, motion; /* energy of the largest motion so far, or less that of rounding (N9);
                               with the iterate */
-    double left;           /* the residual that the last correction began with, with L^T dLam */
-    pma_measure measure;   /* of the residual at the iterate, and of the last correction */
-    double scale_present;  /* the same at the present */
+    double left;          /* the residual that the last correction began with, with L^T dLam */
+    double slope;         /* s(0) of the last correction, and how far from its end the iterate is */
+    double moved;         /* ... in parts of it                                          (N10) */
+    bool doubtful;        /* at its end the residual is rounding that is not small       (N21) */
+    pma_measure measure;  /* of the residual at the iterate, and of the last correction */
+    double scale_present; /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
     bool refactored;             /* the tangent was written since the present */
