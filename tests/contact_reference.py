@@ -106,17 +106,20 @@ def on_cones(W, b, mu):
     return best[1]
 
 
-def with_friction(W, b, closed, mu, static, slides):
-    """(U12): contacts that reach the static friction go on with the kinetic one."""
+def with_friction(W, b, closed, mu, static, slides, y0):
+    """(U12): contacts that reach the static friction go on with the kinetic one, and those of which
+    the sliding turns, y0 before the step, are tried once with the static one."""
     P, own = np.zeros(b.size), np.where(slides, mu, static)
-    rows = np.concatenate([closed, closed])
+    rows, may_turn = np.concatenate([closed, closed]), slides & closed & (static > mu)
     while closed.any():
         P[rows] = on_cones(W[np.ix_(rows, rows)], b[rows], own[closed])
         limit = own * P[: mu.size]
         begins = closed & (own > mu) & (limit > 0.0) & (abs(P[mu.size :]) >= (1 - 1e-9) * limit)
-        if not begins.any():
-            break
         own[begins] = mu[begins]
+        turns = may_turn & ((W @ P + b)[mu.size :] * y0 < 0.0) & ~begins.any()
+        if not (begins.any() or turns.any()):
+            break
+        own[turns], may_turn[turns] = static[turns], False
     return P
 
 
@@ -145,7 +148,7 @@ def run(subdomains, L, N, gap, e, h, steps, w0, friction=None):
             limit = friction[0] * last[:q]
             is_on = abs(abs(last[q:]) - limit) <= 1e-9 * limit
             slides = is_on & (abs(y0[q:]) > 1e-9 * np.diag(W)[q:] * last[:q])
-            P = with_friction(W, b, closed, *friction, slides)
+            P = with_friction(W, b, closed, *friction, slides, y0[q:])
         elif closed.any():
             P[closed] = complementarity(W[np.ix_(closed, closed)], b[closed])
         u, v, w1, _ = step.solve(ut, vt, F, P)

@@ -86,6 +86,45 @@ def test_in_the_plane_the_block_starts_along_the_force():
     assert s.v[-1, 2] == pytest.approx(0.75 * s.v[-1, 1], rel=1e-9)
 
 
+@pytest.mark.parametrize("scheme", [pm.CentralDifference(), pm.Newmark(), pm.GeneralizedAlpha(0.5)])
+@pytest.mark.parametrize("factor", [1.0, 0.1])
+def test_a_pad_that_turns_where_static_friction_holds_it_stays_whatever_the_step(scheme, factor):
+    """Released at u0 = 0.11 it turns at -(u0 - 2 mu N / k) = -0.05, where k |u| = 5 is below the
+    static friction of 6 and above the kinetic one of 3: without the test with mu_s in the step in
+    which it turns it slid on in a third of all steps, of any length."""
+    for h in factor * H * (1.0 + 0.05 * np.arange(12)):
+        s = pm.Subdomain(
+            [1.0, 1.0], [0.0, 100.0], scheme=scheme, u0=[0.0, 0.11], force=[-10.0, 0.0]
+        )
+        pad = pm.contact(s, [0], friction=0.3, friction_static=0.6, tangents=[[1]])
+        u = pm.Coupler([s], pad, dt=h).run(steps=round(0.6 / h))["subdomain 0"].u[:, 1]
+        assert u[-1] == pytest.approx(-0.05, abs=2.0 * h), h  # a step of the friction that turns
+        assert np.abs(np.diff(u[-20:])).max() < 1e-16  # rounding of 0.05
+
+
+def test_a_pad_that_turns_where_the_pull_is_above_static_friction_slides_back():
+    """As above from u0 = 0.13: it turns at -0.07, where k |u| = 7 is above 6; then at 0.01."""
+    s = pm.Subdomain(
+        [1.0, 1.0], [0.0, 100.0], scheme=pm.Newmark(), u0=[0.0, 0.13], force=[-10.0, 0.0]
+    )
+    pad = pm.contact(s, [0], friction=0.3, friction_static=0.6, tangents=[[1]])
+    u = pm.Coupler([s], pad, dt=1e-3).run(1.0)["subdomain 0"].u[:, 1]
+    assert u.min() == pytest.approx(-0.07, abs=2e-3) and u[-1] == pytest.approx(0.01, abs=4e-3)
+
+
+def test_in_the_plane_a_pad_that_turns_is_held_too():
+    s = pm.Subdomain(
+        np.ones(3),
+        [0.0, 100.0, 100.0],
+        scheme=pm.Newmark(),
+        u0=[0.0, 0.066, 0.088],
+        force=[-10, 0, 0],
+    )
+    pad = pm.contact(s, [0], friction=0.3, friction_static=0.6, tangents=[[1], [2]])
+    u = pm.Coupler([s], pad, dt=1.07e-3).run(steps=560)["subdomain 0"].u[-1]
+    np.testing.assert_allclose(u[1:], [-0.03, -0.04], atol=2e-3)
+
+
 def test_equal_coefficients_are_bitwise_friction_alone():
     def pull(t):
         return 3.0 * np.sin(5.0 * t)

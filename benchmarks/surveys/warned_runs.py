@@ -3,10 +3,10 @@
     export PYTHONPATH=tests
     python benchmarks/surveys/warned_runs.py [--first 0] [--count 100] [KIND ...]
 
-KIND: sound, realistic, thrown or grown, problems of tests/watched_runs.py. Of sound and realistic ones each warning is
-printed, but for those of set-up that state a coupled step that grows: they are counted. Of thrown
-masses, and of chains with forces that are too stiff, cut and with double steps, those are printed
-that gain more than a tenth in silence.
+KIND: sound, realistic, thrown or grown, problems of tests/watched_runs.py. Of sound and realistic
+ones each warning is printed, but for those of set-up that state a coupled step that grows: they are
+counted. Of thrown masses, and of chains with forces that are too stiff, cut and with double steps,
+those are printed that gain more than a tenth in silence.
 """
 
 import argparse

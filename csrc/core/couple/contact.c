@@ -45,6 +45,7 @@ struct pma_contact {
     int64_t reached;    /* macro step at whose end `now` is, or -1 */
     double *y0, *y, *b; /* rows */
     double *gap;        /* contacts */
+    bool *may_turn;     /* contacts: they slide with less than static friction */
     double *mu;         /* contacts: of the fine step at hand, in W of `problem` as it was set */
     size_t *closed;     /* contacts */
     size_t count;       /* of them */
@@ -126,6 +127,7 @@ static pma_contact *allocate(const pma_contact_parts *parts, size_t members, boo
                                 PMA_ARRAY(pma_contact, b, rows),
                                 PMA_ARRAY(pma_contact, gap, n),
                                 PMA_ARRAY(pma_contact, mu, n),
+                                PMA_ARRAY(pma_contact, may_turn, n),
                                 PMA_ARRAY(pma_contact, closed, n),
                                 PMA_ARRAY(pma_contact, sides, parts->sides),
                                 PMA_ARRAY(pma_contact, of, members),
@@ -369,6 +371,7 @@ static void choose_friction(pma_contact *x, const double *W)
     for (size_t i = 0; i < x->count; i++) {
         const size_t k = x->closed[i];
         const bool slides = slid(x, k, W);
+        x->may_turn[k] = slides && x->parts.friction_static[k] > x->parts.friction[k];
         set_friction(x, k, slides ? x->parts.friction[k] : x->parts.friction_static[k]);
     }
 }
@@ -384,6 +387,37 @@ static bool release(pma_contact *x)
             tangential(x, k, x->now.P) < (1.0 - EQUAL) * limit)
             continue;
         set_friction(x, k, x->parts.friction[k]);
+        any = true;
+    }
+    return any;
+}
+
+/* Does the velocity against which a contact slid at the end of the last fine step turn in this one,
+ * y = W P + b? */
+static bool turns(const pma_contact *x, size_t contact, const double *W)
+{
+    double along = 0.0;
+    for (size_t k = (size_t)x->parts.first[contact] + 1; k < (size_t)x->parts.first[contact + 1];
+         k++) {
+        double y = x->b[k];
+        for (size_t i = 0; i < x->rows; i++)
+            y += W[i * x->rows + k] * x->now.P[i];
+        along += y * x->y0[k];
+    }
+    return along < 0.0;
+}
+
+/* Contacts whose sliding turns within the step come to rest in it: they are tried once with the
+ * static friction; are there any?                                                         (U12) */
+static bool hold(pma_contact *x, const double *W)
+{
+    bool any = false;
+    for (size_t i = 0; i < x->count; i++) {
+        const size_t k = x->closed[i];
+        if (!x->may_turn[k] || !turns(x, k, W))
+            continue;
+        x->may_turn[k] = false;
+        set_friction(x, k, x->parts.friction_static[k]);
         any = true;
     }
     return any;
@@ -421,7 +455,7 @@ static pma_status find_impulses(pma_coupler *c, pma_contact *x)
     do {
         c->unpolled += x->rows * x->rows;
         status = solve_problem(x, W, &row);
-    } while (status == PMA_OK && release(x));
+    } while (status == PMA_OK && (release(x) || hold(x, W)));
     if (status != PMA_OK)
         c->failed = row;
     return status;

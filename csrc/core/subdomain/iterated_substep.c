@@ -226,7 +226,7 @@ static double largest_part(const pma_iterate *it, bool rounding)
     return largest;
 }
 
-/* |s(x) - (1 - x) s(0)| / |x s(0)| along the last correction, of a subdomain in doubt       (N21) */
+/* |s(x) - (1 - x) s(0)| / |x s(0)| along the last correction, of a subdomain in doubt      (N21) */
 static double departure(const pma_iterate *it)
 {
     const double x = 1.0 + it->moved, expected = (1.0 - x) * it->slope;
