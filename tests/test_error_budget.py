@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.linalg as sl
 from agreement import assert_identical
+from compiled import low_level
 
 import pmalpha as pm
 from pmalpha.gradients.residuals import averaged
@@ -204,6 +205,7 @@ LOADS = {
     "function": lambda t: np.array([0.0, np.sin(3.0 * t) ** 3]),
     "samples": pm.SampledForce(np.sin(np.arange(41) * 0.15) ** 2, 0.05, shape=[0.5, 2.0]),
     "ground": pm.BaseAcceleration(np.sin(np.arange(41) * 0.15) ** 2, dt=0.05),
+    "compiled": [low_level("force", lambda t: np.array([0.0, np.sin(3.0 * t)])), np.ones(2)],
     "several": [np.array([0.0, 3.0]), lambda t: np.array([t, 0.0])],
 }
 
