@@ -1204,7 +1204,8 @@ class Coupler:
         It contains the model of `freeze`, the binary of this system, and all sources, which compile
         with C11 and no other header; no compiler is needed here, and no Python there. Each
         specimen has, beside its input, the next command as outputs ``name.u``, ``.v`` and ``.a``.
-        Communication steps are whole numbers of fine steps; states can be saved and restored. A
+        It begins at the present time. Communication steps are whole numbers of fine steps; inputs
+        of the initialization are those at the start; states can be saved and restored. A
         force that hardware returns between two steps answers the command before, one sample late:
         docs/embedded.md.
 
