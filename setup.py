@@ -67,7 +67,7 @@ class Build(build_ext):
     def build_extension(self, ext):
         # skipped where it is newer than all that the library and it are made of, and the library is
         # newer than it: that of a build which was interrupted is not
-        ext.depends = [*ext.depends, *glob("csrc/library/*.[ch]"), *glob("csrc/fmu/*.[ch]")]
+        ext.depends = [*ext.depends, "setup.py", *glob("csrc/library/*.[ch]"), *glob("csrc/fmu/*.[ch]")]
         extension, last = Path(self.get_ext_fullpath(ext.name)), self.library_path("fmu3")
         if extension.exists() and not newer(last, extension):
             self.force = True
@@ -144,6 +144,7 @@ setup(
             extra_compile_args=[
                 "-std=c11",
                 "-O3",
+                "-g0",  # after the -g of Python: debug information has the path of the build
                 "-ffp-contract=off",  # a fused multiply-add would round otherwise than written
                 "-fno-trapping-math",  # no value changes; a select may compute both sides
                 "-fopenmp-simd",

@@ -226,6 +226,9 @@ def test_after_an_installation_the_same_tree_is_built_in_place(installed_tree):
     assert {*LIBRARY_FILES} <= {path.name for path in library.iterdir()}
     assert (tree / "pmalpha" / "_core.abi3.so").exists()
 
+    # no file has the path in which it was made
+    for made in (*library.iterdir(), tree / "pmalpha" / "_core.abi3.so"):
+        assert str(tree).encode() not in made.read_bytes(), made.name
     # nothing changed: nothing is compiled
     assert "-O0" not in build_in_place(tree, environment)
     before = (library / "libpmalpha.so").read_bytes()
