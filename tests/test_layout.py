@@ -195,8 +195,8 @@ def test_folders_are_not_nested():
     assert max(len(path.parts) for path in MODULES) == 3
 
 
-# Lines that there may be: a commit that removes some lowers the figure, one that raises it says why in
-# docs/decisions.md.
+# Lines that there may be: a commit that removes some lowers the figure, one that raises it says why
+# in docs/decisions.md.
 MOST_LINES = {
     ("csrc/core", "[ch]"): 24_300,
     ("csrc/binding", "[ch]"): 4_700,
