@@ -1,7 +1,7 @@
 """What random problems have (problems.py): a function for each feature, which writes it."""
 
 import numpy as np
-from problems import FEATURES, NAMES, TUV, TUVQ, Feature, feature
+from problems import FEATURES, NAMES, TIME_STEP, TUV, TUVQ, Feature, feature
 
 # ---- features: schemes and steps ----------------------------------------------------------------
 
@@ -69,6 +69,8 @@ def structure(name, text, n):
 
 
 structure("rod", 'rod(2, 2.0, EA=4.0, rhoA=2.0, mass="lumped")', 3)
+structure("long rod", "rod(40, 4.0, EA=0.04, rhoA=2.0)", 41)
+structure("plate", "plate(3, 3, 1.0, E=2.0, nu=0.2, rho=1.5)", 32)
 structure(
     "chain with attachments",
     "chain(3, 1.5, 3.0).with_spring([(0, -1)], k=2.0, c=0.1).with_damper([(2, 1)], 0.1)",
@@ -570,6 +572,12 @@ def _initial(s, place, rng):
             setattr(part, name, rng.normal(size=part.n) * size)
     for a, b in zip(s.parts, s.parts[1:]):
         b.u0[0], b.v0[0] = a.u0[-1], a.v0[-1]
+
+
+@feature("long step", "coupler")
+def _long_step(s, place, rng):
+    """Not all motion is resolved, and some of it may grow."""
+    s.coupler["dt"] = s.number(10.0 * TIME_STEP, time=1)
 
 
 @feature("plain start", "coupler")
