@@ -36,6 +36,7 @@ SHOWN = {
     "unsymmetric K": "unsymmetric K",
     "gyroscopic C": "gyroscopic",
     "reduced subdomain": "reduced",
+    "absorbing layer": "absorbing layer",
     "load f(t)": "function of time",
     "controller f(t, u, v)": "controller",
     "compiled load": "compiled load",

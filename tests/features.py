@@ -71,6 +71,9 @@ def structure(name, text, n):
 structure("rod", 'rod(2, 2.0, EA=4.0, rhoA=2.0, mass="lumped")', 3)
 structure("long rod", "rod(40, 4.0, EA=0.04, rhoA=2.0)", 41)
 structure("plate", "plate(3, 3, 1.0, E=2.0, nu=0.2, rho=1.5)", 32)
+SOIL = 'E=1.0, nu=0.2, rho=1.0, plane="strain")'
+structure("absorbing layer", f"plate(1, 1, 1.0, {SOIL}.absorbing_layer([2, 3], elements=3)", 48)
+structure("graded damping", f"plate(3, 1, 1.0, {SOIL}.graded_damping([6, 7], elements=2)", 16)
 structure(
     "chain with attachments",
     "chain(3, 1.5, 3.0).with_spring([(0, -1)], k=2.0, c=0.1).with_damper([(2, 1)], 0.1)",
