@@ -36,7 +36,6 @@ SHOWN = {
     "unsymmetric K": "unsymmetric K",
     "gyroscopic C": "gyroscopic",
     "reduced subdomain": "reduced",
-    "absorbing layer": "absorbing layer",
     "load f(t)": "function of time",
     "controller f(t, u, v)": "controller",
     "compiled load": "compiled load",
@@ -181,13 +180,13 @@ def page():
         cells = (cell(notes, [at(name, 0)], act, 2, among) for act in VERBS.values())
         uses.append([words, *cells])
     names = list(SHOWN.values())
-    met = []
-    for i, (words, one) in enumerate(SHOWN.items()):
-        cells = []
-        for two in names[:i]:
+    met = {}
+    for i, one in enumerate(names):
+        for two in names[: i + 1]:
             among = [c for c in COUPLINGS if c in possible[one] and c in possible[two]]
-            cells.append(cell(notes, *((c := pair(one, two))[:1]), run, c[1], among or COUPLINGS))
-        met.append([words, *cells, *[""] * (len(names) - i)])
+            choices, count = pair(one, two)
+            met[one, two] = met[two, one] = cell(notes, choices, run, count, among or COUPLINGS)
+    square = [[words, *(met[one, two] for two in names)] for words, one in SHOWN.items()]
     return f"""# What goes with what
 
 Made by a script that tries each cell, and checked when this site is made. "yes": under all
@@ -205,9 +204,9 @@ Of couplers with one of these features, under the couplings that take it.
 
 ## Features with each other
 
-Both at one subdomain; of two schemes, devices or ties each has its own.
+Both at one subdomain; of two schemes, devices or ties, and of one with itself, each has its own.
 
-{table(list(SHOWN)[:-1], [row[: len(SHOWN)] for row in met[1:]])}
+{table(list(SHOWN), square)}
 
 ## Why not
 
