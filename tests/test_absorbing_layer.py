@@ -308,6 +308,8 @@ def test_nodes_and_numbers_that_make_no_layer_are_refused_by_name():
     layer = soil.absorbing_layer(side, 3, across=0.25)
     with pytest.raises(ValueError, match="scheme of an absorbing layer must be implicit"):
         layer.subdomain(scheme=pm.CentralDifference())
+    with pytest.raises(TypeError, match="C must not be given: an absorbing layer has its own"):
+        layer.subdomain(scheme=DAMPED, C=np.eye(3))
     edge, ground = layer.subdomain(scheme=DAMPED), soil.subdomain(scheme=DAMPED, name="soil")
     with pytest.raises(TypeError, match="soil must be a Subdomain, got"):
         layer.tie(["soil"], edge)

@@ -139,6 +139,9 @@ class AbsorbingLayer:
                 "scheme of an absorbing layer must be implicit, since the stretch makes its outer "
                 f"elements stiff, got {scheme!r}"
             )
+        for name in ("M", "K", "C", "symmetric"):
+            if name in options:
+                raise TypeError(f"{name} must not be given: an absorbing layer has its own")
         held = dof_list(fixed, self.mesh.n, "fixed", self.mesh.dof_names)
         free = np.setdiff1d(np.arange(self.n), np.concatenate([self.outer, held]))
         names = [*self.mesh.dof_names, *(f"S {i}" for i in range(self.n - self.mesh.n))]
