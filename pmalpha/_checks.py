@@ -29,6 +29,15 @@ def without(**removed: str) -> Callable[[Function], Function]:
     return refusing
 
 
+def called(what: str, function: Callable[..., Any], t: float, *motion: Any) -> Any:
+    """function(t, *motion) of a user, `what` in messages; its exceptions have a note of both."""
+    try:
+        return function(t, *motion)
+    except Exception as error:
+        error.add_note(f"in {what} at t = {t:g}")
+        raise
+
+
 def damping_by_name(function: Function) -> Function:
     """A method of M and K, which refuses a third matrix by position: (M, C, K) is as common."""
 

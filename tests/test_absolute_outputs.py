@@ -85,6 +85,24 @@ def test_cases_have_the_ground_of_their_own_loads():
             np.testing.assert_array_equal(history["frame"].outputs[name], alone[name])
 
 
+@pytest.mark.parametrize("series", [1, 2])
+def test_a_file_has_the_absolute_outputs_of_memory_to_the_bit_and_is_continued(tmp_path, series):
+    pytest.importorskip("h5py")
+    rng = np.random.default_rng(series)
+    for k in range(5):
+        quake = pm.BaseAcceleration(
+            rng.normal(size=(40, series)), rng.normal(size=(3, series)), dt=0.013
+        )
+        s = pm.Subdomain(np.ones(3), np.full(3, 50.0), scheme=pm.Newmark(), name="a", force=quake)
+        filed, memory = pm.Coupler([s], dt=0.01), pm.Coupler([s], dt=0.01)
+        outputs = {"outputs": {"a": {"A": {"absolute a": np.eye(3), "absolute u": np.eye(3)}}}}
+        path = tmp_path / f"{k}.h5"
+        for append in (False, True):
+            x = filed.run(steps=7, record_to=path, append=append, **outputs)["a"].outputs["A"]
+        y = memory.run(steps=14, **outputs)["a"].outputs["A"]
+        np.testing.assert_array_equal(x, y)
+
+
 def test_absolute_outputs_without_a_ground_motion_are_refused():
     for force in (None, np.ones(1)):
         s = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), force=force, name="a")

@@ -29,7 +29,6 @@ def kinds(rng):
         (late, late),
         (2.0 * constant, lambda t: 2.0 * constant),
         (pm.BaseAcceleration(record[::-1], [1.0, 0.0, 2.0], M, dt=0.07),) * 2,
-        (None, lambda t: np.zeros(3)),
     ]
 
 
@@ -49,7 +48,7 @@ def close(found, expected):
 @pytest.mark.parametrize("seed", range(12))
 def test_a_list_of_loads_acts_as_their_sum(seed):
     rng = np.random.default_rng(seed)
-    chosen = [kinds(rng)[i] for i in rng.permutation(8)[: rng.integers(1, 6)]]
+    chosen = [kinds(rng)[i] for i in rng.permutation(7)[: rng.integers(1, 6)]]
     given = [x for x, _ in chosen]
     if seed % 3 == 0:  # lists in lists
         given = [given[:2], *given[2:]] if any(callable(x) for x in given[:2]) else given

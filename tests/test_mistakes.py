@@ -228,6 +228,114 @@ def test_a_component_needs_the_names_of_the_dofs_and_their_mass():
         pm.BaseAcceleration(RECORD, "ux", [1.0])
 
 
+# ---- functions of the user -------------------------------------------------------------------
+
+
+def held_rod(force):
+    rod = structures.rod(3, 1.0, EA=1.0, rhoA=1.0)
+    return rod, rod.subdomain(scheme=pm.Newmark(), fixed=["ux 0"], force=force, name="rod")
+
+
+@pytest.mark.parametrize("size", [4, 3])
+def test_a_function_of_time_has_all_dofs_of_a_structure_or_the_free_ones(size):
+    values = np.array([7.0, 1.0, -2.0, 3.0])[-size:]
+    _, s = held_rod(lambda t: np.cos(t) * values)
+    _, constant = held_rod(pm.SampledForce(np.outer(np.cos(0.01 * np.arange(60)), values), 0.01))
+    one, other = (pm.Coupler([x], dt=0.01).run(0.5)["rod"].u for x in (s, constant))
+    np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+
+
+def test_a_function_of_the_motion_sees_that_of_all_dofs_of_a_structure():
+    seen = []
+
+    def controller(t, u, v):
+        seen.append((u, v))
+        return -2.0 * v if t < 0.3 else -2.0 * v[1:]
+
+    _, s = held_rod(controller)
+    rod, damped = held_rod(None)
+    damped = rod.subdomain(
+        scheme=pm.Newmark(),
+        fixed=["ux 0"],
+        restoring=lambda t, u, v: 2.0 * v,
+        v0=[1.0, 0, 0],
+        name="rod",
+    )
+    s = rod.subdomain(
+        scheme=pm.Newmark(), fixed=["ux 0"], force=controller, v0=[1.0, 0, 0], name="rod"
+    )
+    one, other = (pm.Coupler([x], dt=0.01).run(0.5)["rod"].u for x in (s, damped))
+    np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
+    assert (
+        all(u.shape == v.shape == (4,) and u[0] == v[0] == 0.0 for u, v in seen) and len(seen) > 50
+    )
+    with pytest.raises(TypeError, match="force must be a function of t, u, v in this order"):
+        held_rod(lambda u, v, t: u)
+
+
+def failing(*arguments):
+    if arguments[0] > 0.05:
+        raise ZeroDivisionError("of the user")
+    u = arguments[1] if len(arguments) > 1 else np.zeros(1)
+    return (u, np.eye(1)) if len(arguments) == 4 else 0.0 * u
+
+
+@pytest.mark.parametrize(
+    ("argument", "function"),
+    [
+        ("force", lambda t: failing(t)),
+        ("force", lambda t, u, v: failing(t, u, v)),
+        ("restoring", lambda t, u, v: failing(t, u, v)),
+        ("internal", lambda t, u, v, q: failing(t, u, v, q)),
+        ("velocity", lambda t: failing(t)),
+    ],
+)
+def test_an_exception_in_a_function_of_the_user_has_a_note_of_argument_subdomain_and_time(
+    argument, function
+):
+    arguments = {} if argument == "velocity" else {argument: function}
+    s = mass(name="tower", **arguments)
+    moved = [pm.Constraint({s: [[1.0]]}, velocity=function)] if argument == "velocity" else []
+    with pytest.raises(ZeroDivisionError, match="of the user") as caught:
+        pm.Coupler([s], moved, dt=0.01).run(0.1)
+    (note,) = caught.value.__notes__
+    assert note.startswith(f"in {argument}") and note.endswith("at t = 0.06")
+    assert ("'tower'" in note) == (argument != "velocity")
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (
+            lambda: mass(force=[None, [1.0]]),
+            TypeError,
+            r"force\[0\] must be a load or a number, got N",
+        ),
+        (
+            lambda: mass(force=[1.0, None]),
+            TypeError,
+            r"force\[1\] must be a load or a number, got N",
+        ),
+        (lambda: mass(force=[]), ValueError, "force must be a load, .*got an empty list"),
+        (
+            lambda: pm.Constraint({mass(name="a"): [[1.0]]}, velocity=[]),
+            ValueError,
+            "velocity must be a velocity, got an empty list",
+        ),
+        (
+            lambda: pm.Coupler([mass(name="a")], dt=0.1).run(
+                steps=1, outputs={"a": {"absolute a": [1.0]}}
+            ),
+            ValueError,
+            r"must have names of outputs, got 'absolute a', a quantity: \{'roof'",
+        ),
+    ],
+)
+def test_what_is_no_load_and_no_output_is_refused_by_name(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
 # ---- delays ----------------------------------------------------------------------------------
 
 

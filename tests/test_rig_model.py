@@ -1,5 +1,6 @@
 """Linear specimens, the inverse of a model, and their loop: (Y13) to (Y18)."""
 
+import pickle
 import re
 import warnings
 from dataclasses import replace
@@ -11,6 +12,7 @@ from rig_benchmark import GROUND, RESTED, actuator, criteria, run
 from rig_reference import FORCE_NOISE, NOISE, H, Plant, perturbed
 from scipy.signal import lsim
 
+import pmalpha as pm
 from pmalpha import StabilityWarning, rig
 
 GROWS = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
@@ -545,3 +547,31 @@ BAD = {
 def test_bad_input_is_refused_by_name(message):
     with pytest.raises((TypeError, ValueError), match=message):
         BAD[message]()
+
+
+@pytest.mark.parametrize("variations", [None, 0.1, "models"])
+def test_a_compensator_with_a_model_and_its_history_can_be_pickled_and_converted(variations):
+    plant = rig.LinearActuator([[-50.0]], [[50.0]], [[1.0]], [[3.0]])
+    other = rig.LinearActuator([[-40.0]], [[40.0]], [[1.0]], [[3.0]])
+    how = {} if variations is None else {"sigma": 1.0}
+    how |= {"variations": [other] if variations == "models" else variations}
+    specimen = rig.Compensated(plant, method="model", feedback=0.5, **how)
+    again = pickle.loads(pickle.dumps(specimen))
+    runs = []
+    for one in (specimen, again):
+        s = pm.Subdomain(
+            [1.0], [50.0], scheme=pm.CentralDifference(), v0=[0.5], restoring=one, name="m"
+        )
+        runs.append(pm.Coupler([s], dt=0.001).run(0.1, rig=True))
+    np.testing.assert_array_equal(runs[0]["m"].u, runs[1]["m"].u)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(runs[0]))["m"].u, runs[0]["m"].u)
+    pytest.importorskip("xarray")
+    data = runs[0].to_xarray()
+    np.testing.assert_array_equal(data["m_rig_command"], runs[0]["m"].rig_command)
+
+
+@pytest.mark.parametrize("how", [{}, {"frequency": 50.0}, {"frequency": 50.0, "order": 3}])
+def test_a_simulated_actuator_starts_within_its_saturation(how):
+    spring = pm.CubicSpring([0], k=1.0, k3=0.0)
+    late = rig.SimulatedActuator(spring, saturation=0.05, **how)
+    np.testing.assert_allclose(late.respond([-0.1] * 30, 0.001).measured, -0.05, rtol=1e-12)

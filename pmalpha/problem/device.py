@@ -12,7 +12,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .. import _core
-from .._checks import plain_array, real_array, real_number, time_step, vector, whole_number
+from .._checks import called, plain_array, real_array, real_number, time_step, vector, whole_number
 from . import forms
 from .argument_order import OF_RESTORING, check_order
 from .external import External
@@ -216,7 +216,7 @@ class CheckedSpecimen:
         if self.preset is not None:
             return self.preset
         where = f"{self.what} at t = {t:g}"
-        r, x = divided(self.function(t, u, v), self.n)
+        r, x = divided(called(self.what, self.function, t, u, v), self.n)
         try:
             if x is None and self.needs_measured:
                 raise TypeError(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import not_real, plain_array, require_finite
+from .._checks import called, not_real, plain_array, require_finite
 from .tangents import Placement, Slots, Tangent, checked_tangent, entries_of, symmetric_union
 
 RETURNS = "(f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1)"
@@ -25,7 +25,7 @@ def evaluated(
     force: Any, what: str, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray
 ) -> Values:
     """One evaluation with copies of u, v (n,) and q (m,), checked but for values not finite."""
-    value = force(t, u.copy(), v.copy(), q.copy())
+    value = called(what, force, t, u.copy(), v.copy(), q.copy())
     try:
         return _checked(value, u.size, q.size)
     except (TypeError, ValueError) as error:
@@ -185,7 +185,7 @@ class CheckedInternal:
     def _residual(
         self, force: Any, what: str, t: float, u: np.ndarray, v: np.ndarray, q: np.ndarray
     ) -> np.ndarray:
-        value = force.residual(t, u.copy(), v.copy(), q.copy())
+        value = called(what, force.residual, t, u.copy(), v.copy(), q.copy())
         try:
             return numbers(value, "residual", self.n)
         except (TypeError, ValueError) as error:

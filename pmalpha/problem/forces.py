@@ -412,7 +412,14 @@ def checked_force(force: Any, n: int, name: str = "force", mass: Mass | None = N
 
     mass: that of the dofs, of which ground motions are; None where there are none.
     """
-    if name != "velocity" and _is_list_of_loads(force):
+    if isinstance(force, (list, tuple)) and not isinstance(force, LowLevelCallable):
+        if not force:
+            one = "a velocity" if name == "velocity" else "a load, or a list of loads"
+            raise ValueError(f"{name} must be {one}, got an empty list; None is none")
+        if any(x is None for x in force):
+            i = next(i for i, x in enumerate(force) if x is None)
+            raise TypeError(f"{name}[{i}] must be a load or a number, got None")
+    if name != "velocity" and is_list_of_loads(force):
         terms = [checked_force(x, n, f"{name}[{i}]", mass) for i, x in enumerate(force)]
         return _together([x for term in terms for x in terms_of(term)])
     if force is None:
@@ -468,7 +475,7 @@ def has_ground(force: Any) -> bool:
     return isinstance(force, BaseAcceleration)
 
 
-def _is_list_of_loads(force: Any) -> bool:
+def is_list_of_loads(force: Any) -> bool:
     """Whether something in it is a load; a list with a number is the force on each dof."""
     if not isinstance(force, (list, tuple)) or isinstance(force, LowLevelCallable):
         return False
@@ -478,7 +485,7 @@ def _is_list_of_loads(force: Any) -> bool:
         or isinstance(x, LowLevelCallable)
         or isinstance(x, np.ndarray)
         and x.ndim > 0
-        or _is_list_of_loads(x)
+        or is_list_of_loads(x)
         for x in force
     )
 
@@ -500,22 +507,6 @@ def terms_of(force: Force) -> tuple[Term, ...]:
     if isinstance(force, tuple) and not isinstance(force, LowLevelCallable):
         return force
     return (force,)
-
-
-def load_of_free(
-    force: Any, reduced: Any, M: Matrix | None, names: Sequence[str] | None = None
-) -> Any:
-    """A load of all dofs, of a structure with mass M, as that of the free ones, of a `Reduction`;
-    other loads as they are. `names` are those of all dofs."""
-    if _is_list_of_loads(force):
-        return [load_of_free(x, reduced, M, names) for x in force]
-    if isinstance(force, BaseAcceleration) and force.n in (0, reduced.n):
-        return force._of(Mass(M, names), reduced.n, "force")._part(reduced.free)
-    if isinstance(force, SampledForce):
-        return force._part(reduced.free) if force.n == reduced.n else force
-    if callable(force) or isinstance(force, LowLevelCallable) or np.shape(force) != (reduced.n,):
-        return force
-    return reduced.reduce_load(force)
 
 
 def each_term(force: Force, change: Callable[[Term], Any]) -> Force:

@@ -88,7 +88,7 @@ class ModelInverse:
         if self.variations:
             learning = butterworth(self.order + 1, min(LEARNING, 0.25 / h))
             regressors = modal(rows, learning, h)
-            low = modal([Rows(lambda s: np.eye(self.model.n), np.empty(0))], learning, h)
+            low = modal([Rows(partial(_unit, self.model.n), np.empty(0))], learning, h)
         factors = c1 + tau, c2 + c1 * tau + 0.5 * tau**2  # l1, l2
         sigma = 1.0 if self.sigma is None else self.sigma
         return forms.Inverse(h, *factors, command, feedback, regressors, low, sigma, LARGEST)
@@ -96,7 +96,7 @@ class ModelInverse:
     def _integral(self, h: float) -> Rows:
         """(Y15), but for its low-pass filter"""
         rate = 2.0 * np.pi * self.feedback
-        return Rows(lambda s: rate / s * self.inverse.value(s), self.inverse.zeros)
+        return Rows(partial(_integrated, rate, self.inverse), self.inverse.zeros)
 
     def _feedback_poles(self, h: float) -> np.ndarray:
         return butterworth(self.order, min(FEEDBACK, 0.6 * self.bandwidth, 0.25 / h))
@@ -144,18 +144,41 @@ def _variations(
     point = 1.0 + np.max(np.abs(model.poles))
     gain = model.transfer(point)[0, 0] * np.polyval(coefficients[::-1], point)
     gain /= np.polyval(numerator, point)
-
-    def term(j: int, s: complex) -> np.ndarray:
-        value = share * coefficients[j] * s**j / (gain * np.polyval(numerator, s))
-        return np.array([[value]])
-
-    terms = tuple(Rows(partial(term, j), inverse.zeros) for j in range(len(coefficients)))
+    terms = tuple(
+        Rows(partial(_term, share * c, j, gain, numerator), inverse.zeros)
+        for j, c in enumerate(coefficients)
+    )
     return terms, repr(share)
 
 
 def _difference(other: Rows, inverse: Rows) -> Rows:
     zeros = np.concatenate([other.zeros, inverse.zeros])
-    return Rows(lambda s: other.value(s) - inverse.value(s), zeros)
+    return Rows(partial(_less, other, inverse), zeros)
+
+
+# Functions of s of a module, not lambdas: what they are part of can be pickled.
+
+
+def _less(other: Rows, inverse: Rows, s: complex) -> np.ndarray:
+    difference: np.ndarray = other.value(s) - inverse.value(s)
+    return difference
+
+
+def _inverted(model: LinearActuator, s: complex) -> np.ndarray:
+    inverse: np.ndarray = np.linalg.inv(model.transfer(s))
+    return inverse
+
+
+def _integrated(rate: float, inverse: Rows, s: complex) -> np.ndarray:
+    return rate / s * inverse.value(s)
+
+
+def _term(factor: float, power: int, gain: float, numerator: np.ndarray, s: complex) -> np.ndarray:
+    return np.array([[factor * s**power / (gain * np.polyval(numerator, s))]])
+
+
+def _unit(n: int, s: complex) -> np.ndarray:
+    return np.eye(n)
 
 
 # ---- inverses ------------------------------------------------------------------------------------
@@ -169,7 +192,7 @@ def inverse_of(model: LinearActuator, name: str) -> Rows:
         raise ValueError(
             f"{name} must have zeros with negative real parts, got {worst:g}: its inverse grows"
         )
-    return Rows(lambda s: np.linalg.inv(model.transfer(s)), zeros)
+    return Rows(partial(_inverted, model), zeros)
 
 
 def zeros_of(model: LinearActuator) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy import LowLevelCallable
 
-from .._checks import vector
+from .._checks import called, vector
 from . import forms
 from .argument_order import OF_RESTORING, check_order
 from .device import Device, core_specimen, divided
@@ -95,7 +95,8 @@ class Feedback:
     def __call__(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         if self.function is None:
             return np.zeros(self.last.size)
-        return _checked(self.function(t, u, v), self.last.size, f"{self.what} at t = {t:g}")
+        value = called(self.what, self.function, t, u, v)
+        return _checked(value, self.last.size, f"{self.what} at t = {t:g}")
 
 
 def _checked(value: Any, n: int, where: str) -> np.ndarray:
@@ -129,12 +130,10 @@ class CheckedRestoring:
     def __call__(self, t: float, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         if self.preset is not None:
             return self.preset
-        values = [
-            _checked(
-                divided(function(t, *self._motion(u, v)), self.n)[0], self.n, f"{what} at t = {t:g}"
-            )
-            for function, what in self.functions
-        ]
+        values = []
+        for function, what in self.functions:
+            value = called(what, function, t, *self._motion(u, v))
+            values.append(_checked(divided(value, self.n)[0], self.n, f"{what} at t = {t:g}"))
         r = sum(values[1:], values[0]) if values else np.zeros(self.n)
         self.last = r
         if self.feedback is None:

@@ -40,7 +40,15 @@ def added(loads: Loads, weights: Sequence[Any], t: np.ndarray) -> Any:
             if W is not None:
                 assert isinstance(seen, BaseAcceleration)
                 series = seen._series(t) if quantity == "a" else integrated(ground, quantity, t)
-                total = total + series @ (W @ ground.direction).T
+                total = total + _product(series, (W @ ground.direction).T)
+    return total
+
+
+def _product(series: np.ndarray, A: np.ndarray) -> np.ndarray:
+    """series @ A, row by row the same for any number of rows, as a product of BLAS is not."""
+    total = np.zeros((len(series), A.shape[1]))
+    for column, row in zip(series.T, A):
+        total += column[:, None] * row
     return total
 
 

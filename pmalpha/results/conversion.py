@@ -31,7 +31,7 @@ COORDINATES = {
     "springs": "spring",
     "constraints": "constraint",
     "subdomains": "subdomain",
-    "commands": "command",
+    "commands": "actuator",
     "contact rows": "contact_row",
     "contacts": "contact",
 }
@@ -138,8 +138,9 @@ def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
         along = f"{prefix}{COORDINATES.get(columns, f'{name}_column')}"
         if columns:
             variables[prefix + name] = ((time, along) if x.ndim > 1 else (time,), x)
-        if columns in COORDINATES:
-            coordinates[along] = _labels(s, columns)
+        labels = _labels(s, columns) if columns in COORDINATES else None
+        if labels is not None:
+            coordinates[along] = labels
     for name, x in s.outputs.items():
         variables[prefix + name] = ((time, f"{prefix}{name}_row"), x)
     return variables, coordinates

@@ -72,7 +72,12 @@ def chosen_outputs(
 def _outputs(matrices: Any, subdomain: Subdomain, what: str) -> Outputs:
     if not isinstance(matrices, Mapping) or not matrices:
         raise TypeError(f"{what} must be a dict of matrices by name, got {matrices!r}")
-    for name in matrices:
+    for name, value in matrices.items():
+        if name in ABSOLUTE and (not _is_dict(value) or _is_weights(value)):
+            raise ValueError(
+                f"{what} must have names of outputs, got {name!r}, a quantity: "
+                f"{{'roof': {{{name!r}: weights}}}}"
+            )
         if not isinstance(name, str) or not name or name in RESERVED:
             raise ValueError(
                 f"{what} must have names other than {', '.join(map(repr, RESERVED))}, got {name!r}"

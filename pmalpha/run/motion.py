@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import vector
+from .._checks import called, vector
 from ..problem import forms
 from ..problem.forces import Force, SampledForce, core_load, is_callback
 from ..problem.unilateral import on_rows
@@ -54,7 +54,7 @@ class CallbackLoad:
 
     def evaluate(self, t: float) -> np.ndarray:
         """f(t) in elimination order, checked."""
-        value = self.force(t)
+        value = called(self.what, self.force, t)
         try:
             result: np.ndarray = vector(value, self.order.size, "its value")[self.order]
             return result

@@ -101,7 +101,8 @@ def from_mesh(
     solids of the cells of a mesh in space, bars and plane beams of its lines; see `plate_on`,
     `solid_on` and `beam_frame` for the elements. Groups and sets of the file are known by their
     names. Cells of lower dimension without a material, such as the lines on the edge of a plate,
-    only make sets of nodes; those that are no side or edge of another cell are warned of. Points that no element uses are left out; the others keep their order.
+    only make sets of nodes; those that are no side or edge of another cell are warned of. Points
+    that no element uses are left out; the others keep their order.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from .._checks import counted, flag, listing, plain_array, real_number
 from .._tables import html_facts
 from ..problem.argument_types import DofsLike
 from ..problem.dofs import NodeNames, along, as_nodes, dof_list
-from ..problem.forces import load_of_free
+from ..problem.free_loads import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -1103,8 +1103,9 @@ class Structure:
             Dofs of supports, which the Subdomain does not have. Default: none.
         **options
             Further arguments of `Subdomain`, of the dofs that are not fixed: C, substeps, name, ...
-            An `internal` is added to the forces of the structure. `force` (an array or samples),
-            `u0` and `v0` may also be of all n dofs, as for `cut`: supports carry what acts on them.
+            An `internal` is added to the forces of the structure. `force` (an array, samples, the
+            value of a function), `u0` and `v0` may also be of all n dofs, as for `cut`: supports
+            carry what acts on them. A force f(t, u, v) has u and v of all n dofs.
 
         Returns
         -------

@@ -28,22 +28,23 @@ static void advance(const pma_actuator *a, double c0, double c1, double *z)
     memcpy(z, next, a->order * sizeof(double));
 }
 
-/* Before the first evaluation the command and the actuator were at rest where it begins. */
+static double within(double largest, double c)
+{
+    const double above = c > largest ? largest : c;
+    return above < -largest ? -largest : above;
+}
+
+/* Before the first evaluation the command and the actuator were at rest where it begins, the
+ * actuator within its saturation. */
 static void rest(const pma_actuator *a, double u, double *ring, double *z)
 {
     for (size_t i = 0; i < a->delay.length; i++) {
         ring[i] = u;
         ring[a->delay.length + i] = 0.0;
     }
-    z[-1] = u;
+    z[-1] = within(a->largest, u);
     for (size_t i = 0; i < a->order; i++)
-        z[i] = i == 0 ? u : 0.0;
-}
-
-static double within(double largest, double c)
-{
-    const double above = c > largest ? largest : c;
-    return above < -largest ? -largest : above;
+        z[i] = i == 0 ? z[-1] : 0.0;
 }
 
 /* u and v of a dof, whose noise has this number */
