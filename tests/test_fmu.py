@@ -331,6 +331,22 @@ def test_inputs_of_the_initialization_are_in_the_initial_accelerations(tmp_path,
     fmu.close()
 
 
+def test_a_velocity_at_the_start_that_the_structure_has_not_ends_no_initialization(tmp_path, fmpy):
+    s = pm.Subdomain([2.0, 1.0], [50.0, 10.0], scheme=pm.Newmark(), name="s")
+    coupler = pm.Coupler([s], pm.Constraint({s: [[1.0, 0.0]]}, velocity=[0.0]), dt=0.01)
+    inputs = {"table": ("velocity", 0)}
+    fmu = Own(fmpy, coupler, tmp_path, "2.0", inputs)
+    fmu.fmu.reset()
+    fmu.fmu.enterInitializationMode()
+    fmu.set("table", 0.1)
+    assert is_refused(fmu.fmu.exitInitializationMode)
+    assert is_refused(fmu.fmu.exitInitializationMode)
+    fmu.set("table", 0.0)
+    fmu.fmu.exitInitializationMode()
+    fmu.fmu.terminate()
+    fmu.fmu.freeInstance()
+
+
 def errors(fmpy, tmp_path, *, slopes):
     """Of the motion under cos(7 t), with its values at communication points, for two steps."""
 

@@ -81,8 +81,8 @@ bool fmu_enter(fmu *f)
 static bool start_anew(fmu *f)
 {
     const bool begins = f->starts_anew && pmalpha_count(f->model) == 0;
-    f->starts_anew = false;
-    return !begins || taken(f, pmalpha_begin(f->model));
+    f->starts_anew = begins && !taken(f, pmalpha_begin(f->model));
+    return !f->starts_anew;
 }
 
 bool fmu_exit(fmu *f)
