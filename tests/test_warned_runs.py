@@ -30,20 +30,27 @@ def test_sound_runs_are_of_all_kinds():
         assert set(kinds) <= set(words)
 
 
-def test_gains_of_energy_above_a_tenth_are_announced():
+@pytest.mark.parametrize(
+    # in cut chains up to a third may go through the tie while the subdomain is no faster
+    ("make", "seeds", "most", "fewest"),
+    [(watched_runs.thrown, 64, 0.1, 15), (watched_runs.grown, 24, 0.35, 4)],
+)
+def test_gains_of_energy_are_announced(make, seeds, most, fewest):
     gained = 0
-    for seed in range(64):
-        run, gain_of = watched_runs.thrown(seed)
+    for seed in range(seeds):
+        run, gain_of = make(seed)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
                 gain = gain_of(run.make().run(steps=run.steps))
             except (pm.InstabilityError, pm.ConvergenceError):
                 continue  # which is an announcement too
-        announced = any("have added energy" in str(x.message) for x in caught)
-        if gain > 0.1:
+        announced = any(
+            "have added energy" in str(x.message) or "too stiff" in str(x.message) for x in caught
+        )
+        if gain > most:
             gained += 1
             assert announced, f"seed {seed}, {run.kind}: {gain:.3g} of its energy in silence"
         if gain < 0.0:
             assert not announced, f"seed {seed}, {run.kind}: announced, and lost {-gain:.3g}"
-    assert gained > 15
+    assert gained > fewest
