@@ -549,8 +549,13 @@ def _text(array: np.ndarray) -> str:
 
 
 def _check_sum(members: zipfile.ZipFile) -> None:
-    """ValueError for members that are together larger than the file, which are in one place."""
+    """ValueError for members that are compressed, or together larger than the file, which are in one
+    place."""
     assert members.fp is not None
+    for info in members.infolist():
+        if info.compress_type != zipfile.ZIP_STORED:
+            key = info.filename.removesuffix(".npy")
+            raise ValueError(f"{key} is compressed, which no file of this package is")
     total = sum(info.file_size for info in members.infolist())
     if total > os.fstat(members.fp.fileno()).st_size:
         raise ValueError(f"its arrays are together {total} bytes, more than the file")
@@ -561,8 +566,6 @@ def _check_size(members: zipfile.ZipFile, key: str) -> None:
     """ValueError for an array that is larger than what the file holds of it, before it is made."""
     assert members.fp is not None
     info, size = members.getinfo(f"{key}.npy"), os.fstat(members.fp.fileno()).st_size
-    if info.compress_type != zipfile.ZIP_STORED:
-        raise ValueError(f"{key} is compressed, which no file of this package is")
     if not info.file_size == info.compress_size <= size:
         raise ValueError(f"{key} is larger than the file")
     with members.open(info) as file:
