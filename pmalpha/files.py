@@ -549,8 +549,8 @@ def _text(array: np.ndarray) -> str:
 
 
 def _check_sum(members: zipfile.ZipFile) -> None:
-    """ValueError for members that are compressed, or together larger than the file, which are in one
-    place."""
+    """ValueError for members that are compressed, or together larger than the file, since they are
+    in one place."""
     assert members.fp is not None
     for info in members.infolist():
         if info.compress_type != zipfile.ZIP_STORED:
