@@ -6,6 +6,8 @@ between 5 and 9, 1 between 9 and 2, and node 5 held by another 1.
 
 import inspect
 import io
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -441,3 +443,33 @@ def test_matrices_of_readers_with_other_rows_are_refused(written):
     ):
         with pytest.raises(ValueError, match=match):
             use()
+
+
+@pytest.mark.parametrize("kind", ["RSA", "RUA"])
+@pytest.mark.parametrize("columns", [1, 3])
+@pytest.mark.parametrize("exponent", ["d", "D", "E"])
+def test_the_program_of_the_page_reads_matrices_as_ansys_writes_them(
+    tmp_path, kind, columns, exponent
+):
+    page = (Path(__file__).parent.parent / "docs" / "other-programs.md").read_text()
+    (code,) = re.findall(r"```python\n(import re\n.*?)```", page, re.DOTALL)
+    names = {}
+    exec(compile(code, "other-programs.md", "exec"), names)
+    A = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1e-3], [0.0, -1e-3, -4e5]])
+    half = sp.csc_array(np.tril(A) if kind == "RSA" else A)
+    numbers = [half.indptr + 1, half.indices + 1, half.data]
+    texts = [[f"{x:14d}" for x in numbers[0]], [f"{x:14d}" for x in numbers[1]]]
+    texts.append([f"{x:25.15e}".replace("e", exponent) for x in numbers[2]])
+    blocks = [["".join(x[i : i + columns]) for i in range(0, len(x), columns)] for x in texts]
+    counts = [sum(map(len, blocks)), *map(len, blocks), 0]
+    times = columns if columns > 1 else ""
+    form = [f"({times}I14)", f"({times}I14)", f"({times}{exponent}25.15)"]
+    head = [
+        "STIFFNESS".ljust(80),
+        "".join(f"{x:14d}" for x in counts),
+        kind + " " * 11 + f"{3:14d}{3:14d}{half.nnz:14d}{0:14d}",
+        "".join(x.ljust(16) for x in form[:2]) + form[2].ljust(20) + form[2].ljust(20),
+    ]
+    path = tmp_path / "stiff.matrix"
+    path.write_text("\n".join(head + sum(blocks, [])) + "\n")
+    np.testing.assert_array_equal(names["read_hbmat"](path).toarray(), A)
