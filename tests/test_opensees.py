@@ -153,14 +153,14 @@ def test_a_trial_changes_no_state_and_the_tangent_is_the_derivative():
         force, zero = example.internal(model), np.zeros(12)
         u = np.zeros(12)
         u[[0, 3]], u[[2, 5]], u[[6, 9]] = 0.05, 0.002, 0.02
-        f, K, state = model(u, zero, 0.0, [0.0])
-        start = model(zero, zero, 0.0, [0.0])
+        f, K, state = model(0.0, u, zero, [0.0])
+        start = model(0.0, zero, zero, [0.0])
         assert abs(start[1] - K).max() > 0.5 * abs(K[0, 0])  # it has yielded ...
         assert not start[0].any()  # ... in a copy
-        unloaded = model(zero, zero, 0.0, state)[0]
+        unloaded = model(0.0, zero, zero, state)[0]
         assert abs(unloaded).max() > 0.1 * abs(f).max()  # from the state it returns the other way
         # the number of a state is its path, and each path gives the same again
-        again = model(u, zero, 0.0, [0.0])
+        again = model(0.0, u, zero, [0.0])
         for one, other in zip(again, (f, K, state), strict=True):
             np.testing.assert_array_equal(one, other)
         assert force.check(u, q=[0.0]).error < 1e-7
@@ -194,10 +194,10 @@ def test_what_opensees_cannot_solve_is_an_error_here_and_the_next_trial_is_serve
     with example.served("lower", "states") as model:
         u, zero = np.full(12, np.nan), np.zeros(12)
         with pytest.raises(RemoteError, match="OpenSees found no equilibrium at"):
-            model(u, zero, 0.0, [0.0])
+            model(0.0, u, zero, [0.0])
         with pytest.raises(RemoteError, match="state 7 is none of this process"):
-            model(zero, zero, 0.0, [7.0])
-        assert not model(zero, zero, 0.0, [0.0])[0].any()
+            model(0.0, zero, zero, [7.0])
+        assert not model(0.0, zero, zero, [0.0])[0].any()
 
 
 def test_a_spring_of_opensees_is_the_spring_of_the_core():
