@@ -196,7 +196,9 @@ def _fixed(s, p, rng):
 def _reduced(s, p, rng):
     """By the dofs at its ends and one mode."""
     keep = sorted({p.dof(0), p.dof(p.n - 1)})
-    how = f"modes={min(1, p.n - len(keep))}" if rng.random() < 0.5 else "omega=99.0"
+    how = f"modes={min(1, p.n - len(keep))}"
+    if rng.random() < 0.5:
+        how = f"omega={p.number(99.0, time=-1)}"
     if rng.random() < 0.5:
         how += ", scheme=pm.GeneralizedAlpha(0.9)"
     p.after.append(f"{p.name}, basis = {p.name}.reduced({keep}, {how})")
