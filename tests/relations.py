@@ -567,8 +567,7 @@ def uncut(r):
     )
 
     def force(t):
-        loads = ((T[s.name], s.force(t) if callable(s.force) else s.force) for s in parts)
-        return sum((A.T @ F for A, F in loads if F is not None), np.zeros(M.shape[0]))
+        return sum((T[s.name].T @ load_at(s, t) for s in parts), np.zeros(M.shape[0]))
 
     whole = pm.Subdomain(
         M, K, C=C, scheme=parts[0].scheme, u0=u0, v0=v0, force=force, symmetric=False
@@ -606,6 +605,10 @@ def numpy_reference(r):
     near("the reference in NumPy", right, {key: found[key] for key in right})
 
 
+def load_at(s, t):
+    return sum((f(t) if callable(f) else f for f in terms_of(s.force)), np.zeros(s.n))
+
+
 def dense_of(tie, s):
     entry = tie.matrices.get(s)
     if entry is None:
@@ -620,10 +623,6 @@ def reference_of(s, double):
         if A is None:
             return None
         return np.diag(A) if A.ndim == 1 else np.asarray(A.todense() if sp.issparse(A) else A)
-
-    def force(t):
-        terms = s.force if isinstance(s.force, (list, tuple)) else [s.force]
-        return sum((f(t) if callable(f) else f for f in terms if f is not None), np.zeros(s.n))
 
     functions = functions_of(s.restoring)
     restoring = None
@@ -643,7 +642,7 @@ def reference_of(s, double):
         explicit=s.scheme.explicit,
         substeps=s.substeps,
         double=double,
-        force=force,
+        force=lambda t: load_at(s, t),
         restoring=restoring,
         K_r=dense(s.restoring_stiffness),
         D_r=dense(s.restoring_damping),
