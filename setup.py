@@ -67,7 +67,12 @@ class Build(build_ext):
     def build_extension(self, ext):
         # skipped where it is newer than all that the library and it are made of, and the library is
         # newer than it: that of a build which was interrupted is not
-        ext.depends = [*ext.depends, "setup.py", *glob("csrc/library/*.[ch]"), *glob("csrc/fmu/*.[ch]")]
+        ext.depends = [
+            *ext.depends,
+            "setup.py",
+            *glob("csrc/library/*.[ch]"),
+            *glob("csrc/fmu/*.[ch]"),
+        ]
         extension, last = Path(self.get_ext_fullpath(ext.name)), self.library_path("fmu3")
         if extension.exists() and not newer(last, extension):
             self.force = True

@@ -31,15 +31,14 @@ from .errors import (
     StabilityWarning,
 )
 from .problem.constraints import Constraint, tie
-from .problem.discrete_gradient import DiscreteGradient
-from .problem.forces import BaseAcceleration, SampledForce
-from .problem.internal import InternalForce
-from .problem.newton import Newton
+from .problem.contacts import Contact, contact
+from .problem.forms import Newton
+from .problem.internal import DiscreteGradient, InternalForce
+from .problem.loads import BaseAcceleration, SampledForce
+from .problem.records import SupportMotion
 from .problem.schemes import HHT, WBZ, Bathe, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, RambergOsgood
 from .problem.subdomain import Subdomain
-from .problem.supports import SupportMotion
-from .problem.unilateral import Contact, contact
 from .results.history import History, SubdomainHistory
 from .run.coupler import Coupler, solve
 
@@ -47,13 +46,12 @@ if _TYPE_CHECKING:
     __version__: str
     from . import analysis, export, models, plot, readers, rig, structures  # noqa: F401
     from .cutting.cut import cut
-    from .cutting.element_factors import element_parameters
     from .cutting.elements import Elements
     from .cutting.result import Cut
-    from .frozen.installed import c_library
+    from .cutting.whole import element_parameters
+    from .frozen.model import c_library
     from .gradients.goal import Goal
-    from .gradients.misfit import Misfit
-    from .gradients.parameters import Parameters
+    from .gradients.parameters import Misfit, Parameters
     from .meshes.coincident import contact_coincident, tie_coincident
     from .meshes.interpolation import interpolate
     from .reduction.fixed_dofs import reduce
@@ -126,14 +124,14 @@ __all__ = [
 
 # The modules of what is loaded when it is first used, for a third of the time of the import.
 _LATER = {
-    "c_library": "frozen.installed",
+    "c_library": "frozen.model",
     "contact_coincident": "meshes.coincident",
     "cut": "cutting.cut",
-    "element_parameters": "cutting.element_factors",
+    "element_parameters": "cutting.whole",
     "Elements": "cutting.elements",
     "Cut": "cutting.result",
     "Goal": "gradients.goal",
-    "Misfit": "gradients.misfit",
+    "Misfit": "gradients.parameters",
     "Parameters": "gradients.parameters",
     "tie_coincident": "meshes.coincident",
     "interpolate": "meshes.interpolation",

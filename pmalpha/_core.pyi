@@ -6,8 +6,8 @@ from typing import Any, Literal, final
 import numpy as np
 
 from .problem import forms
-from .results.core_record import CoreRecord
-from .setup.core_failure import FailedElsewhere, Failure, Limited
+from .results.quantities import CoreRecord
+from .setup.ranks import FailedElsewhere, Failure, Limited
 
 SPRING_LAWS: dict[str, int]  # number of each law of springs
 MOST_SWEEPS: int  # over contacts with friction

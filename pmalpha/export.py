@@ -20,8 +20,8 @@ from .files import checked_path, package_version, replacing, uninterrupted
 from .meshes.kinds import KINDS
 from .meshes.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 from .results.array_file import Output
-from .results.dof_motion import on_mesh
 from .results.history import History, SubdomainHistory
+from .results.times import on_mesh
 
 __all__ = ["write_series"]
 

@@ -26,7 +26,7 @@ from .memory import require
 from .problem.constraints import Constraint, tie
 from .problem.damping import rayleigh_coefficients
 from .problem.matrices import canonical, diagonal, product, sparse_diagonal
-from .problem.record import Record
+from .problem.records import Record
 from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.subdomain import Subdomain
 from .results.history import History

@@ -21,7 +21,7 @@ import threadpoolctl
 from campaign import arguments, seeds
 
 import pmalpha as pm
-from pmalpha.blas import one_thread
+from pmalpha.memory import one_thread
 
 SLOW = 60  # s, in which a process that was forked off is done
 SMALLEST = np.finfo(float).tiny

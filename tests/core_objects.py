@@ -8,8 +8,8 @@ from scipy.linalg import cython_blas
 
 from pmalpha import _core
 from pmalpha.problem import forms
-from pmalpha.problem.step_constants import StepConstants
-from pmalpha.results.core_record import CoreRecord, CoreSelection
+from pmalpha.problem.schemes import StepConstants
+from pmalpha.results.quantities import CoreRecord, CoreSelection
 
 
 def i64(*x):

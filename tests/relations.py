@@ -26,7 +26,7 @@ from frozen_couplers import all_outputs, recorded
 from problems import FEATURES, SHIFT, STEPS, TIME_STEP, draw, shrunk
 
 import pmalpha as pm
-from pmalpha.problem.forces import terms_of
+from pmalpha.problem.loads import terms_of
 from pmalpha.problem.restoring import functions_of
 
 ROOT = str(Path(pm.__file__).parent)

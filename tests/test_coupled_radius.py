@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_info
 
 import pmalpha as pm
 from pmalpha import analysis
-from pmalpha.setup import propagation
+from pmalpha.setup import amplification as propagation
 
 ALPHA = pm.GeneralizedAlpha
 

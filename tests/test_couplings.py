@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import pmalpha as pm
 from pmalpha import analysis, models
-from pmalpha.problem.argument_types import Coupling
+from pmalpha.problem.arguments import Coupling
 
 COUPLINGS = ("pm", "gc", "macro", "mean")
 SINGLE = pytest.mark.parametrize("name", COUPLINGS)

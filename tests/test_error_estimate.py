@@ -11,7 +11,7 @@ from test_snapshot import bits_of, nonlinear
 
 import pmalpha as pm
 from pmalpha import models
-from pmalpha.run import error_estimate
+from pmalpha.run import estimate as error_estimate
 
 ALPHA = pm.GeneralizedAlpha
 

@@ -15,7 +15,7 @@ import pmalpha as pm
 from pmalpha import _core, structures
 from pmalpha.problem import forms
 from pmalpha.problem.matrices import core_sparse, permuted
-from pmalpha.problem.step_constants import StepConstants
+from pmalpha.problem.schemes import StepConstants
 from pmalpha.reduction import ordering
 from pmalpha.reduction.ordering import _nested_dissection as dissection
 from pmalpha.reduction.ordering import (
@@ -27,7 +27,7 @@ from pmalpha.reduction.ordering import (
     with_full_nodes,
 )
 from pmalpha.setup import factors
-from pmalpha.setup.inertia import inertia
+from pmalpha.setup.factors import inertia
 from pmalpha.setup.link import Link, compliance
 
 DEFINITE = pm.FactorizationError
@@ -509,11 +509,11 @@ def test_the_inertia_of_diagonal_and_empty_matrices_is_counted_directly():
 
 
 def test_an_inertia_that_would_take_a_large_factor_is_not_counted(monkeypatch):
-    monkeypatch.setattr("pmalpha.setup.inertia.MOST", 45_000)
+    monkeypatch.setattr("pmalpha.setup.factors.MOST", 45_000)
     few, wide = (sp.csr_array(np.ones((n, n))) for n in (299, 300))  # 44 850, 45 150 entries
     assert inertia(few, 299) is not None
     assert inertia(wide, 300) is None
-    monkeypatch.setattr("pmalpha.setup.inertia.FEW_DENSE", 299)
+    monkeypatch.setattr("pmalpha.setup.factors.FEW_DENSE", 299)
     assert inertia(np.ones((299, 299)), 299) is not None
     assert inertia(np.ones((300, 300)), 300) is None
     error = names(300, "Mbar").not_definite(wide, 7)

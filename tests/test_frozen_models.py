@@ -24,10 +24,10 @@ from frozen_relations import attempt
 from scipy import LowLevelCallable
 
 import pmalpha as pm
-import pmalpha.frozen.tree
+import pmalpha.frozen.model
 import pmalpha.run.freeze
 from pmalpha import rig
-from pmalpha.frozen.tree import file_of
+from pmalpha.frozen.model import file_of
 
 # the drift of the tie is that of both, and long steps show it
 pytestmark = pytest.mark.filterwarnings("ignore:tied displacements:pmalpha.AccuracyWarning")
@@ -861,7 +861,7 @@ def test_numbers_that_ask_for_memory_share_one_room(library, tmp_path, monkeypat
             library.model(tmp_path / "x.pma")
 
 
-HEADER, NODE = pmalpha.frozen.tree.HEADER // 8, pmalpha.frozen.tree.NODE // 8
+HEADER, NODE = pmalpha.frozen.model.HEADER // 8, pmalpha.frozen.model.NODE // 8
 
 
 def with_sum(content):
@@ -875,7 +875,7 @@ def test_nodes_that_share_children_are_refused(library, tmp_path):
     content = words(tmp_path / "x.pma")
     nodes = content[HEADER : HEADER + NODE * content[3]].reshape(-1, NODE)
     assert library.model(with_sum(content.copy())).advance(1) == OK
-    families = [x for x in nodes if x[0] == pmalpha.frozen.tree.DICT]
+    families = [x for x in nodes if x[0] == pmalpha.frozen.model.DICT]
     first, second = next((x, y) for x in families for y in families if x[1] == y[1] and x[4] < y[4])
     first[4] = second[4]
     with pytest.raises(Refused, match="is outside, or used too often"):
@@ -888,7 +888,7 @@ def test_an_array_of_many_nodes_is_written_again_and_refused_where_it_is_not(
     tree = {"format": "pmalpha", "subdomains": 20 * (np.ones(1000),)}
     sizes = []
     for shares, message in ((8, "inputs must be"), (20, "used too often")):
-        monkeypatch.setattr(pmalpha.frozen.tree, "SHARES", shares)
+        monkeypatch.setattr(pmalpha.frozen.model, "SHARES", shares)
         content = np.frombuffer(bytes(file_of(tree)), np.int64).copy()
         sizes.append(content.nbytes)
         with pytest.raises(Refused, match=message):

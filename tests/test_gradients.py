@@ -682,7 +682,7 @@ def test_blocks_are_as_long_as_memory_allows(monkeypatch):
 
 def test_with_algorithmic_damping_mean_coupling_is_not_reciprocal(monkeypatch):
     """What is refused would be wrong."""
-    from pmalpha.gradients import problem as of_problem
+    from pmalpha.gradients import adjoint as of_problem
 
     def objective(history):
         return squares(history, False, "uv")

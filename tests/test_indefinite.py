@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import models
-from pmalpha.setup.floating import warn_of_growing
+from pmalpha.setup.judging import warn_of_growing
 from pmalpha.setup.link import Link
 
 SCHEME = pm.GeneralizedAlpha(0.8)

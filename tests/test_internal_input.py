@@ -12,8 +12,8 @@ from compiled import INTERNAL as COMPILED
 from scipy import LowLevelCallable
 
 import pmalpha as pm
-from pmalpha.problem.evaluation import CheckedInternal, first_tangent
 from pmalpha.problem.internal import Internal, checked_internal
+from pmalpha.problem.tangents import CheckedInternal, first_tangent
 
 IMPLICIT = pm.GeneralizedAlpha(0.5)
 EXPLICIT = pm.CentralDifference()

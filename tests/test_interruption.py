@@ -13,8 +13,8 @@ import waits
 
 import pmalpha as pm
 from pmalpha._core import Guard
-from pmalpha.blas import one_thread
-from pmalpha.results.clock import Clock
+from pmalpha.memory import one_thread
+from pmalpha.results.times import Clock
 from pmalpha.run.motion import CallbackLoad
 from pmalpha.run.progress import DeferredSignals
 

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 import pmalpha as pm
 from pmalpha import analysis
 from pmalpha.problem.matrices import dense
-from pmalpha.setup import macro
+from pmalpha.setup import interface as macro
 
 SECOND = pm.GeneralizedAlpha(0.5)
 FAST = pm.GeneralizedAlpha(0.5, explicit=True)

@@ -162,7 +162,7 @@ def test_recorded_accelerations_are_those_of_the_present():
 def test_stored_and_repeated_responses_agree(monkeypatch):
     """1e-12: two orders of the same sums."""
     stored = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)
-    monkeypatch.setattr("pmalpha.setup.macro.is_stored", lambda part: False)
+    monkeypatch.setattr("pmalpha.setup.interface.is_stored", lambda part: False)
     repeated = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)
     for name in "012":
         for x in "uva":

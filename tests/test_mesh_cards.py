@@ -665,7 +665,7 @@ def test_an_entity_of_gmsh_is_in_all_of_its_groups_or_in_none(tmp_path, mesh_lib
 
 
 def test_binary_entities_of_gmsh_have_their_groups():
-    from pmalpha.readers.gmsh_entities import without_entities
+    from pmalpha.readers.mesh_files import without_entities
 
     def curve(tag, groups):
         sizes = [np.array(len(x), dtype="u8").tobytes() for x in (groups, [])]

@@ -9,7 +9,7 @@ from pairwise import pairwise
 from reference_problems import random_problem
 
 import pmalpha as pm
-from pmalpha.results.core_record import (
+from pmalpha.results.quantities import (
     Combination,
     CoreRecord,
     CoreSelection,

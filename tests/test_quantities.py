@@ -7,7 +7,7 @@ import pytest
 
 import pmalpha as pm
 from pmalpha.results.quantities import OF_INTERFACE, OF_SUBDOMAIN, in_units
-from pmalpha.setup.constraint_rows import CoreRows
+from pmalpha.setup.rows import CoreRows
 
 SI = {"u": "m", "t": "s", "F": "N"}
 

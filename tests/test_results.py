@@ -9,7 +9,7 @@ from agreement import assert_identical
 
 import pmalpha as pm
 from pmalpha import models
-from pmalpha.results.subdomain_history import OneSubdomain
+from pmalpha.results.subdomain import OneSubdomain
 
 UNITS = {"length": "mm", "time": "s", "force": "kN"}
 

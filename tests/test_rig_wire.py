@@ -18,7 +18,7 @@ import waits
 
 import pmalpha as pm
 from pmalpha import rig
-from pmalpha.rig import admission
+from pmalpha.rig import wire as admission
 
 PEER = Path(__file__).parent / "rig_peer.py"
 LOCAL = "127.0.0.1"

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 
 import pmalpha as pm
 from pmalpha import analysis
-from pmalpha.problem.step_constants import StepConstants
+from pmalpha.problem.schemes import StepConstants
 
 
 class BackwardEuler(pm.Scheme):

@@ -6,8 +6,7 @@ These are computed by steps of the C core that also does the runs; equations in 
 
 from ..setup.stability import critical_step
 from .amplification import AmplificationMatrix, amplification_matrix
-from .convergence import global_error, local_error, observed_order, start_error
-from .exact import exact_solution
+from .exact import exact_solution, global_error, local_error, observed_order, start_error
 from .response import ResponseSpectrum, response_spectrum
 from .spectra import period_and_damping, spectral_radius, stability_limit, zero_stability
 

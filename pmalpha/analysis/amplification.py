@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..results.clock import clock_of
+from ..results.times import clock_of
 from ..run.coupler import Coupler
 from ..run.session import require_linear, take
 from ..run.snapshot import restore_snapshot, snapshot_of
 from ..run.transfer import Steps
-from ..setup.propagation import Layout, propagation
+from ..setup.amplification import Layout, propagation
 
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
 

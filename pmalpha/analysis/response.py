@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import flag, real_array, real_number, require_moderate, sampling_step
-from ..problem.record import Record, takes_record
+from ..problem.records import Record, takes_record
 
 __all__ = ["ResponseSpectrum", "response_spectrum"]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._checks import counted, listing, real_array, time_step
 from ..errors import FactorizationError
-from ..problem.argument_types import VectorLike
+from ..problem.arguments import VectorLike
 from ..problem.constraints import Constraint
 from ..problem.damping import checked_rayleigh
 from ..problem.dofs import names_at

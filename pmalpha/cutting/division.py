@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, require_finite, vector
-from ..problem.forces import (
+from ..problem.loads import (
     Mass,
     SampledForce,
     checked_force,

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._cached import Frozen
 from .._checks import counted, flag, listing, plain_array, real_array
-from ..problem.argument_order import OF_ELEMENTS, check_order
-from ..problem.frozen import Frozen
+from ..problem.arguments import OF_ELEMENTS, check_order
 
 __all__ = ["Elements"]
 

@@ -13,22 +13,23 @@ from .._checks import counted, sampling_step
 from .._tables import html_table, text_table
 from ..export import write_series
 from ..gradients.parameters import Parameters
+from ..plot.meshes import deformed
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..results.contact_nodes import nodal_fields
 from ..results.history import History, SubdomainHistory
-from ..results.keys import position
+from ..results.quantities import position
 from ..run.coupler import Coupler
-from ..structures.pyvista_grid import grid_of
+from ..structures.stress import grid_of
 from ..structures.structure import Structure
 from .division import Division, checked_levels
-from .element_factors import factors
 from .plan import Plan, plan_of
-from .whole import whole_of
+from .whole import factors, whole_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 __all__ = ["Cut"]
 
@@ -331,7 +332,6 @@ class Cut:
         >>> [text.get_text() for text in halves.plot().get_legend().get_texts()]
         ['part 0, 1 substep', 'part 1, 1 substep']
         """
-        from .drawing import drawn
 
         return drawn(self, self._mesh("plot"), ax)
 
@@ -431,3 +431,54 @@ class Cut:
                 f"history must have all {counted(size, 'dof')} of {name!r}, got {len(one.dofs)}"
             )
         return one
+
+
+# ---- drawing ------------------------------------------------------------------------------------
+# The picture of a cut.
+
+# Subdomains that a legend lists.
+LEGEND = 12
+
+
+def drawn(cut: Any, structure: Structure, ax: Axes | None) -> Axes:
+    colours = _colours(np.array([s.substeps for s in cut.subdomains]))
+    for i, (s, colour) in enumerate(zip(cut.subdomains, colours)):
+        points, elements = _submesh(structure, cut.labels == i)
+        label = f"{s.name}, {counted(s.substeps, 'substep')}"
+        if s.name == counted(s.substeps, "substep"):
+            label = s.name
+        ax = deformed(
+            points,
+            elements,
+            np.zeros(points.shape),
+            scale=1.0,
+            color=colour,
+            label=label if len(cut.subdomains) <= LEGEND else None,
+            ax=ax,
+        )
+    assert ax is not None
+    ax.set_title("", loc="right")
+    return ax
+
+
+def _submesh(structure: Structure, chosen: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points and elements of the chosen elements of all kinds."""
+    ends = np.cumsum([len(e) for e in structure.elements.values()])[:-1]
+    kinds = zip(structure.elements.items(), np.split(chosen, ends))
+    elements = {kind: nodes[mask] for (kind, nodes), mask in kinds if mask.any()}
+    used = np.unique(np.concatenate([nodes.ravel() for nodes in elements.values()]))
+    number = np.zeros(len(structure.points), dtype=np.int64)
+    number[used] = np.arange(used.size)
+    return structure.points[used], {kind: number[nodes] for kind, nodes in elements.items()}
+
+
+def _colours(substeps: np.ndarray) -> np.ndarray:
+    """(k, 4): by substeps from light to dark; of subdomains with equal ones different hues."""
+    from matplotlib import colormaps
+
+    if np.unique(substeps).size == substeps.size:
+        ranks = np.argsort(np.argsort(substeps))
+        return np.array(colormaps["viridis"](np.linspace(0.95, 0.1, substeps.size)[ranks]))
+    shade = 1.0 - 0.5 * np.log2(substeps) / max(1.0, np.log2(substeps.max()))
+    hues = colormaps["tab20"](np.arange(substeps.size) % 20)
+    return np.column_stack([hues[:, :3] * shade[:, None], hues[:, 3]])

@@ -13,13 +13,12 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import listing
 from ..files import package_version
 from ..problem.subdomain import Subdomain
-from .installed import c_library
-from .ports import Keys, Output, Ports
-from .tree import HEADER
+from .model import HEADER, Keys, Output, Ports, c_library
 
 VERSIONS = ("2.0", "3.0")
 # A larger model is no array of the sources, which compilers take minutes for: they read the file.

@@ -2,21 +2,327 @@
 
 from __future__ import annotations
 
+import re
+import struct
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from .._checks import counted, listing, numbered
+import pmalpha._core as _core
+
+from .._checks import counted, listing, numbered, real_number, whole_number
 from ..problem import forms
-from ..problem.argument_types import Coupling
+from ..problem.arguments import Coupling
 from ..problem.device import Device
+from ..problem.dofs import dof_list
 from ..problem.restoring import external_of, items_of
 from ..problem.springs import Spring
+from ..problem.subdomain import Subdomain
+from ..results.quantities import position
 from ..setup.assembly import Assembly
-from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
-from .ports import Input, Output
+from ..setup.rows import CoreRows
+
+# ---- ports --------------------------------------------------------------------------------------
+# Inputs and outputs of a frozen model, as a user gives them and as its file has them.
+
+# What is given by subdomain and dof, and by subdomain and spring.
+OF_DOFS, OF_SPRINGS = ("u", "v", "a"), ("deformation", "spring force")
+# As FMI has structured names.
+NAME = re.compile(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", re.ASCII)
+Keys: TypeAlias = Sequence[tuple[str, Subdomain]]
+
+
+class Input(NamedTuple):
+    """An input: kind, subdomain and dof, or the row of a velocity; its value at the start."""
+
+    name: str
+    kind: str
+    subdomain: int
+    dof: int
+    value: float | None  # None: not given
+
+    @property
+    def place(self) -> tuple[str, int, int]:
+        return self.kind, self.subdomain, self.dof
+
+
+class Output(NamedTuple):
+    """An output: quantity, subdomain and dof or spring, or the row of a multiplier."""
+
+    name: str
+    what: str
+    subdomain: int
+    number: int
+
+
+@dataclass(frozen=True)
+class Ports:
+    """The inputs and outputs of a model."""
+
+    inputs: tuple[Input, ...]
+    outputs: tuple[Output, ...]
+
+    @classmethod
+    def of(cls, inputs: Any, outputs: Any, keys: Keys, rows: int) -> Ports:
+        """Checked; ValueError for what does not exist, by its name.
+
+        keys: the names and subdomains of the coupler.
+        rows: number of rows of its constraints.
+        """
+        for ports, argument in ((inputs, "inputs"), (outputs, "outputs")):
+            if ports is not None and not isinstance(ports, Mapping):
+                raise TypeError(f"{argument} must be a dict by name, got {ports!r}")
+        names = [*(inputs or {}), *(outputs or {})]
+        for name in names:
+            if not isinstance(name, str) or not NAME.fullmatch(name):
+                raise ValueError(
+                    "names of inputs and outputs must be identifiers, with dots between them, got "
+                    f"{name!r}"
+                )
+            if names.count(name) > 1:
+                raise ValueError(
+                    f"inputs and outputs must have different names, got {name!r} twice"
+                )
+        made = cls(
+            tuple(_checked_input(name, x, keys, rows) for name, x in (inputs or {}).items()),
+            tuple(_output(name, x, keys, rows) for name, x in (outputs or {}).items()),
+        )
+        places = [x.place for x in made.inputs]
+        for x in made.inputs:
+            if places.count(x.place) > 1:
+                raise ValueError(f"inputs must be of different dofs, but that of {x.name!r} is not")
+        return made
+
+    def of_kind(self, kind: str, subdomain: int) -> list[Input]:
+        return [x for x in self.inputs if x.kind == kind and x.subdomain == subdomain]
+
+
+def _checked_input(name: str, value: Any, keys: Keys, rows: int) -> Input:
+    what = f"inputs[{name!r}]"
+    kind, *where = _entry(value, what, ("specimen", "force", "velocity"))
+    length = 1 if kind == "velocity" else 2
+    start = None
+    if len(where) == length + 1:
+        start = real_number(where.pop(), f"the value at the start of {what}")
+    if kind == "velocity":
+        _check_length(where, length, what, '("velocity", row) or ("velocity", row, value)')
+        return Input(name, kind, 0, _row(where[0], rows, what), start)
+    form = f"({kind!r}, subdomain, dof)"
+    _check_length(where, length, what, f"{form} or {form[:-1]}, value)")
+    return Input(name, kind, *_dof(where, keys, what), start)
+
+
+def _row(value: Any, rows: int, what: str) -> int:
+    row = whole_number(value, what, low=0)
+    if row >= rows:
+        raise ValueError(f"{what} must be one of {rows} rows, got {row}")
+    return row
+
+
+def _output(name: str, value: Any, keys: Keys, rows: int) -> Output:
+    what = f"outputs[{name!r}]"
+    quantity, *where = _entry(value, what, (*OF_DOFS, *OF_SPRINGS, "multiplier"))
+    if quantity == "multiplier":
+        _check_length(where, 1, what, '("multiplier", row)')
+        return Output(name, quantity, 0, _row(where[0], rows, what))
+    _check_length(where, 2, what, f"({quantity!r}, subdomain, number)")
+    if quantity in OF_DOFS:
+        return Output(name, quantity, *_dof(where, keys, what))
+    i = _subdomain(where[0], keys, what)
+    springs = sum(len(spring) for spring in keys[i][1].springs)
+    spring = whole_number(where[1], what, low=0)
+    if spring >= springs:
+        raise ValueError(
+            f"{what} must be one of {springs} springs of subdomain {keys[i][0]!r}, got {spring}"
+        )
+    return Output(name, quantity, i, spring)
+
+
+def _entry(value: Any, what: str, words: Sequence[str]) -> tuple[Any, ...]:
+    if not isinstance(value, tuple) or not value or value[0] not in words:
+        raise ValueError(f"{what} must be a tuple that begins with one of {words}, got {value!r}")
+    return value
+
+
+def _check_length(where: Sequence[Any], length: int, what: str, form: str) -> None:
+    if len(where) != length:
+        raise ValueError(f"{what} must be {form}")
+
+
+def _subdomain(key: Any, keys: Keys, what: str) -> int:
+    try:
+        return position(key, keys)
+    except LookupError as error:
+        raise ValueError(f"{what}: {error.args[0]}") from None
+
+
+def _dof(where: Sequence[Any], keys: Keys, what: str) -> tuple[int, int]:
+    i = _subdomain(where[0], keys, what)
+    s = keys[i][1]
+    dofs = np.asarray(dof_list([where[1]], s.n, what, s.dof_names))
+    return i, int(dofs[0])
+
+
+# ---- tree ---------------------------------------------------------------------------------------
+# A tree of None, numbers, words, arrays, tuples and dicts as the bytes of a file. The form is
+# that of csrc/core/describe/file.h: what the core is made of, written down.
+
+FORMAT = 2
+HEADER, NODE = 64, 40
+ORDER = 0x01020304
+TEXT, ARRAY = 8, 64  # alignment
+NONE, INTEGER, REAL, WORD, TUPLE, DICT = range(6)
+ARRAYS = {np.dtype(np.float64): 6, np.dtype(np.int64): 7, np.dtype(np.int32): 8}
+
+
+# Nodes that one array may have: readers take what all nodes ask for up to this times the file.
+SHARES = 8
+
+
+class _Data:
+    """What nodes point to, behind them: equal words once, equal arrays for up to eight nodes."""
+
+    def __init__(self) -> None:
+        self.pieces: list[tuple[int, Any]] = []  # alignment, bytes
+        self.known: dict[Any, tuple[int, int]] = {}  # number of the piece, uses of it
+
+    def add(self, key: Any, alignment: int, content: Any) -> int:
+        """The number of the piece."""
+        number, uses = self.known.get(key, (-1, 0))
+        if number < 0 or (alignment == ARRAY and uses == SHARES):
+            number, uses = len(self.pieces), 0
+            self.pieces.append((alignment, content))
+        self.known[key] = number, uses + 1
+        return number
+
+    def places(self, begin: int) -> list[int]:
+        """Where each piece begins, and the end."""
+        places = []
+        for alignment, content in self.pieces:
+            begin = -(-begin // alignment) * alignment
+            places.append(begin)
+            begin += memoryview(content).nbytes
+        return [*places, -(-begin // 8) * 8]
+
+
+def file_of(tree: Any) -> bytearray:
+    """The bytes of a file with this tree.
+
+    Raises TypeError for anything that is no data, with its place in the tree.
+    """
+    nodes: list[tuple[Any, ...]] = []  # kind, axes, three extents, content
+    data, items = _Data(), [(tree, "")]
+    at = 0
+    while at < len(items):
+        item, place = items[at]
+        nodes.append(_node(item, place, data, items))
+        at += 1
+    begin = HEADER + NODE * len(nodes)
+    places = data.places(begin)
+    result = bytearray(places[-1])
+    for i, (kind, axes, extents, content) in enumerate(nodes):
+        value = struct.pack("<q", places[content]) if kind in (WORD, *ARRAYS.values()) else content
+        struct.pack_into("<II3q8s", result, HEADER + NODE * i, kind, axes, *extents, value)
+    for (_, content), begin_of in zip(data.pieces, places):
+        flat = memoryview(content).cast("B")
+        result[begin_of : begin_of + flat.nbytes] = flat
+    total = _core.check_sum(memoryview(result)[HEADER:])
+    header = b"pmalpha\0", FORMAT, ORDER, len(result), len(nodes), begin, total
+    struct.pack_into("<8sIIQQQQ", result, 0, *header)
+    return result
+
+
+def _node(item: Any, place: str, data: _Data, items: list[tuple[Any, str]]) -> tuple[Any, ...]:
+    """A node; its children are added to what is to be made nodes of."""
+    if item is None:
+        return NONE, 0, (0, 0, 0), bytes(8)
+    if isinstance(item, (bool, int, np.integer)):
+        return INTEGER, 0, (0, 0, 0), struct.pack("<q", int(item))
+    if isinstance(item, (float, np.floating)):
+        return REAL, 0, (0, 0, 0), struct.pack("<d", float(item))
+    if isinstance(item, str):
+        text = item.encode()
+        return WORD, 0, (len(text), 0, 0), data.add(text, TEXT, text + b"\0")
+    if isinstance(item, np.ndarray) and item.dtype in ARRAYS and 1 <= item.ndim <= 3:
+        array = np.ascontiguousarray(item)
+        kind = ARRAYS[item.dtype]
+        flat = array.reshape(-1).view(np.uint8)
+        key = kind, array.shape, blake2b(flat.data, digest_size=16).digest()
+        extents = (*array.shape, *(0,) * (3 - array.ndim))
+        return kind, array.ndim, extents, data.add(key, ARRAY, flat.data)
+    pairs = _pairs(item)
+    if pairs is not None:
+        family = [(x, f"{place}.{key}") for key, value in pairs for x in (key, value)]
+        return _parent(DICT, family, items)
+    if isinstance(item, tuple):
+        return _parent(TUPLE, [(x, f"{place}[{i}]") for i, x in enumerate(item)], items)
+    raise TypeError(f"{place.lstrip('.')} is no data that a file can have, got {item!r}")
+
+
+def _pairs(item: Any) -> Any:
+    """Keys and values of a dict or a named tuple, None of anything else."""
+    if isinstance(item, Mapping):
+        return item.items()
+    fields = getattr(item, "_fields", None)
+    return zip(fields, item) if isinstance(item, tuple) and fields is not None else None
+
+
+def _parent(
+    kind: int, family: list[tuple[Any, str]], items: list[tuple[Any, str]]
+) -> tuple[Any, ...]:
+    first = len(items)
+    items.extend(family)
+    return kind, 0, (len(family), 0, 0), struct.pack("<q", first)
+
+
+# ---- installed ----------------------------------------------------------------------------------
+# Where the C library of frozen models is.
+
+__all__ = ["c_library"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+def c_library() -> Path:
+    """The folder with the C library that steps frozen models: header, archive, shared library.
+
+    Returns
+    -------
+    pathlib.Path
+        With ``pmalpha.h``, ``libpmalpha.a``, the shared library of this system and the licence, of
+        the same objects as this package.
+
+    Raises
+    ------
+    FileNotFoundError
+        For an installation without them; ``make install-c`` makes them of the sources.
+
+    See Also
+    --------
+    Coupler.freeze : Writes what it reads.
+
+    Examples
+    --------
+    >>> (c_library() / "pmalpha.h").exists()
+    True
+    """
+    folder = Path(__file__).parent.parent / "c"
+    if not (folder / "pmalpha.h").exists():
+        raise FileNotFoundError(
+            "this installation has no C library: `make install-c PREFIX=...` in a folder of the "
+            "sources makes it"
+        )
+    return folder
+
+
+# ---- model --------------------------------------------------------------------------------------
 
 # Words in place of functions: csrc/library/open.c.
 INPUTS = "inputs"

@@ -14,6 +14,7 @@ like the load c L^T lam with c = 2 / (1 + z), whose accelerations W = w + c y st
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,11 +23,162 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._cached import cached_property
-from ..problem.forces import SampledForce
-from ..problem.matrices import sparse
-from ..problem.schemes import Scheme
-from .filters import Filters, MeanFilters, responses_to_state
-from .parameters import Parameters
+from .._checks import numbered
+from ..problem.constraints import Constraint
+from ..problem.loads import SampledForce
+from ..problem.matrices import is_symmetric, sparse
+from ..problem.schemes import Scheme, require_generalized_alpha
+from ..problem.subdomain import Subdomain
+from .parameters import Parameters, acceleration
+
+# ---- filters ------------------------------------------------------------------------------------
+# The scalar filters that turn a coupled run into its adjoint, equations (A1) to (A6). A filter
+# is a quotient of products of polynomials in z, the shift by one time level. Factors that are in
+# both products are cancelled, and each one is applied by itself: the product of three
+# integrations, multiplied out, would lose half of the digits.
+
+Factor = tuple[float, ...]
+
+DIFFERENCE: Factor = (1.0, -1.0)  # d = 1 - z
+# Two factors are equal up to rounding.
+ROUNDING = 1e-12
+
+
+class Filter:
+    """gain times the product of `over` divided by that of `under`, each factor (c0, c1, ...)."""
+
+    def __init__(self, gain: float, over: Sequence[Factor] = (), under: Sequence[Factor] = ()):
+        left, right = list(over), list(under)
+        for x in over:
+            same = next((y for y in right if _parallel(x, y)), None)
+            if same is not None:
+                left.remove(x)
+                right.remove(same)
+                gain *= x[0] / same[0]
+        self.gain, self.over, self.under = gain, left, right
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """The filtered rows of x, (levels, ...), from rest."""
+        from scipy.signal import lfilter
+
+        y = self.gain * x
+        if y.size == 0:
+            return y
+        for c in self.over:
+            x, y = y, c[0] * y
+            for k in range(1, len(c)):
+                y[k:] += c[k] * x[:-k]
+        for c in self.under:
+            y = lfilter([1.0], c, y, axis=0)
+        return y
+
+
+def _parallel(x: Factor, y: Factor) -> bool:
+    if len(x) != len(y) or x[0] == 0.0 or y[0] == 0.0:
+        return False
+    return all(abs(a / x[0] - b / y[0]) <= ROUNDING for a, b in zip(x, y))
+
+
+class Filters:
+    """The filters of a subdomain with substeps of length `h`.
+
+    Double steps have z^2 and 2 h in (A1), and Phi = 2 d m(z^2) / (1 + z).
+
+    phi: (A5), from the accelerations of the reversed run to the adjoint mu.
+    """
+
+    def __init__(self, scheme: Scheme, h: float, double: bool):
+        am, af, gamma = scheme.am, scheme.af, scheme.gamma
+        d, sums = DIFFERENCE, [(1.0, 1.0)] if double else []
+        slope, old, new, *quadratic = (
+            _stretched(c) if double else c
+            for c in ((gamma, 1.0 - gamma), (1.0 - am, am), (1.0 - af, af), *_displacement(scheme))
+        )  # A = new / old
+        two = 2.0 if double else 1.0
+        self.phi = Filter(two, [d, slope, new], [old, *sums])
+        self._of_u = Filter(two * h * h, quadratic, [d, d, d, slope, *sums])
+        self._of_v = Filter(h, [], [d, d])
+        self._of_w = Filter(1.0 / two, [old, *sums], [d, slope, new])
+        self._of_a = Filter(1.0 / two, sums, [d, slope])
+
+    def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Loads of the reversed run, (A6), for sources (levels, k) in reversed order."""
+        result: np.ndarray = self._of_u(u) + self._of_v(v) + self._of_w(w)
+        return result
+
+    def impulses(self, levels: int) -> np.ndarray:
+        """Loads for a unit source of u, v, w and a at the first reversed level, (levels, 4)."""
+        unit = np.zeros((levels, 1))
+        unit[0] = 1.0
+        return np.hstack([f(unit) for f in (self._of_u, self._of_v, self._of_w, self._of_a)])
+
+
+class MeanFilters:
+    """Those of the trapezoidal rule under "mean", from displacements of the reversed run, (A17)."""
+
+    def __init__(self, h: float):
+        mean = (0.5, 0.5)
+        self.phi = Filter(1.0, [DIFFERENCE, mean])
+        self._of_u = Filter(1.0, [], [DIFFERENCE, mean])
+        self._of_v = Filter(1.0 / h, [], [mean, mean])
+
+    def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """As `Filters.loads`; there are no sources of w."""
+        result: np.ndarray = self._of_u(u) + self._of_v(v)
+        return result
+
+    def impulses(self, levels: int) -> np.ndarray:
+        """As `Filters.impulses`."""
+        unit, none = np.zeros((2, levels, 1))
+        unit[0] = 1.0
+        return np.hstack([self._of_u(unit), self._of_v(unit), none, none])
+
+
+def _stretched(c: Factor) -> Factor:
+    """c with z^2 in place of z."""
+    out = [0.0] * (2 * len(c) - 1)
+    out[::2] = c
+    return tuple(out)
+
+
+def _displacement(scheme: Scheme) -> list[Factor]:
+    """beta + (1/2 + gamma - 2 beta) z + (1/2 + beta - gamma) z^2, in real factors if possible."""
+    beta, gamma = scheme.beta, scheme.gamma
+    c0, c1, c2 = beta, 0.5 + gamma - 2.0 * beta, 0.5 + beta - gamma
+    if c0 == 0.0:
+        return [(0.0, 1.0), (c1, c2)]
+    square = c1 * c1 - 4.0 * c0 * c2
+    if square < -ROUNDING * c1 * c1:
+        return [(c0, c1, c2)]
+    root = np.sqrt(max(square, 0.0))
+    return [(c0, (c1 + root) / 2.0), (1.0, (c1 - root) / (2.0 * c0))]
+
+
+def responses_to_state(scheme: Scheme, h: float, levels: int, double: bool) -> np.ndarray:
+    """u, v, a of steps after a unit in u, v, w, a at a start level, with w = 0 after it, (A11).
+
+    Returns (units, 3, levels + 1) array, by unit, component and level. Units: u, v, w, a at level
+        0; with double steps, which begin two levels before their end, the same at level -1 too.
+    """
+    if double:
+        chain = responses_to_state(scheme, 2.0 * h, (levels + 1) // 2, False)
+        out = np.zeros((2, 4, 3, levels + 1))
+        out[0, ..., ::2] = chain[..., : levels // 2 + 1]
+        out[1, ..., 1::2] = chain[..., 1 : (levels + 1) // 2 + 1]
+        return out.reshape(8, 3, levels + 1)
+    step = scheme.constants(h)
+    u0, v0, w0, a0 = np.eye(4)[..., None]
+    first = step.a_a * a0 + step.a_w * w0  # (9)
+    a = np.hstack([a0, first * step.a_a ** np.arange(levels)])
+    w = np.hstack([w0, np.zeros((4, levels))])
+    of_v = step.v_a * a + step.v_w * w  # (6)
+    v = np.cumsum(np.hstack([v0, of_v[:, :-1]]), axis=1)
+    of_u = h * v + step.u_a * a + step.u_w * w  # (5)
+    u = np.cumsum(np.hstack([u0, of_u[:, :-1]]), axis=1)
+    return np.stack([u, v, a], axis=1)
+
+
+# ---- adjoint ------------------------------------------------------------------------------------
 
 UNITS = ("u", "v", "w", "a")  # the order of handed-over adjoints
 
@@ -379,3 +531,207 @@ class MeanAdjoint(Adjoint):
         handed = self.taking_over(start, of_lam)
         u0, v0 = ([state[0, i] for state in handed.states] for i in range(2))
         return handed.eta, u0, v0, np.zeros(self.p)
+
+
+# ---- problem ------------------------------------------------------------------------------------
+# What of a coupler its adjoint needs, and the couplers that run in reversed time.
+
+TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma
+
+
+class Problem:
+    """A linear coupled problem.
+
+    single, steady: of the first macro step, whose steps are single, and of the others; one object
+        where all steps are single.
+    """
+
+    def __init__(self, coupler: Any, session: Any):
+        self.coupler, self.keys = coupler, session.keys
+        layout, self.matrices = session.steps.layout, session.rows.matrices
+        self.dt, self.mean = layout.dt, session.coupling == "mean"
+        self.macro = self.mean or session.coupling == "macro"
+        self._members = session.members
+        self.options = session.options
+        self.fine = 1 if self.macro else max(layout.substeps)
+        self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
+        self.forces = session.loads.seen
+        self.prescribed = bool(session.loads.motions)
+        self.doubles = layout.doubles
+        self.substeps = {name: s.substeps for name, s in self.keys}
+        self.single = self._adjoint([False] * len(self.keys))
+        self.steady = self._adjoint(self.doubles) if any(self.doubles) else self.single
+
+    def accelerations(self) -> list[np.ndarray]:
+        """w of each subdomain at present, without what multipliers add under "mean"."""
+        return [member.core.state()[2][member.position] for member in self._members]
+
+    def ground(self, name: str, first: int, last: int) -> np.ndarray:
+        """The acceleration of the ground at levels first to last of a subdomain, (levels, n);
+        (1, 1) without a ground motion."""
+        i = next(i for i, (key, _) in enumerate(self.keys) if key == name)
+        t = np.arange(first, last + 1) / self.substeps[name] * self.dt  # (T1)
+        return acceleration(self.forces[i], t)
+
+    def motions(self, run: Any, beginning: Sequence[np.ndarray]) -> dict[str, Any]:
+        """What dM, dC and dK are multiplied by in (A9), at all levels of a run from t = 0.
+
+        `beginning` is w of each subdomain at t = 0.
+        """
+        out = {}
+        members = zip(self.single.members, self.steady.members)
+        for (first, x), w, history in zip(members, beginning, run.subdomains):
+            if history is None:
+                continue
+            out[x.name] = motion = x.motion(history, w)
+            single = slice(0, 1 if self.invariant else first.substeps + 1)
+            motion["K"][single] = history.u[single] - first.al1_beside_K * history.a[single]
+            motion["K"][0] = history.u[0]
+            motion["M"] = motion["M"] + self.ground(x.name, 0, len(history.u) - 1)
+        return out
+
+    @property
+    def invariant(self) -> bool:
+        """Whether all macro steps are alike."""
+        return self.single is self.steady
+
+    def unit_loads(self, name: str, dof: int, before: int, what: str, steps: int) -> dict[str, Any]:
+        """Loads of the reversed run of one dof, some substeps before the end."""
+        loads: dict[str, Any] = {}
+        for x in self.single.members:
+            if x.name != name:
+                loads[x.name] = np.zeros(x.n)
+                continue
+            unit, none = np.zeros((2, steps * x.substeps, 1))
+            unit[before] = 1.0
+            u, v, w = (unit if what == kind else none for kind in "uva")
+            loads[name] = reversed_load(x, Sources(np.array([dof]), u, v, w))
+        return loads
+
+    def require_constant_interface(self, what: str) -> None:
+        """ValueError where H multiplies what depends on the parameters, (A10)."""
+        if not self.macro and any(s.substeps < self.fine for _, s in self.keys):
+            raise ValueError(
+                f'{what} needs coupling "macro", or equal substeps: under '
+                f'"{self.options.coupling}" the H beside interpolated velocities depends on the '
+                "parameters. Coupler.gradient has no such limit"
+            )
+
+    def sensitive(self, cases: Sequence[Mapping[str, Any]], steps: int, record: Any) -> list[Any]:
+        """Runs from rest, each under loads on one subdomain by name."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # their loads are not those of a structure
+            return self._from_rest(self._unmoved, cases, steps, record)
+
+    def _adjoint(self, doubles: Sequence[bool]) -> Adjoint:
+        of_member, of_all = (
+            (MeanAdjointMember, MeanAdjoint) if self.mean else (AdjointMember, Adjoint)
+        )
+        members = []
+        for (name, s), L, double in zip(self.keys, self.matrices, doubles):
+            ratio = 1 if self.macro else self.fine // s.substeps
+            members.append(of_member(name, s, L, self.dt, ratio, double))
+
+        def reverse(forces: Any, steps: int, g: np.ndarray | None, double: bool) -> Any:
+            return self.reversed_runs([forces], steps, None, g, double)[0]
+
+        return of_all(members, self.macro, self.dt, self.fine, reverse)
+
+    def reversed_runs(
+        self,
+        cases: Sequence[Mapping[str, Any]],
+        steps: int,
+        record: Any,
+        g: np.ndarray | None = None,
+        double: bool = False,
+    ) -> list[Any]:
+        """Runs with the transposed matrices from rest, each under loads by name."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # their loads are not those of a structure
+            coupler = self._transposed if g is None else self._copy(g, double, True)
+            return self._from_rest(coupler, cases, steps, record)
+
+    def _from_rest(
+        self, coupler: Any, cases: Sequence[Mapping[str, Any]], steps: int, record: Any
+    ) -> list[Any]:
+        rest = {name: np.zeros(s.n) for name, s in self.keys}
+        runs = [{"u0": rest, "v0": rest, "force": {**rest, **forces}} for forces in cases]
+        return list(coupler.run_each(runs, steps=steps, record=record))
+
+    @cached_property
+    def _unmoved(self) -> Any:
+        """The coupler, or one like it without prescribed velocities."""
+        return self._copy(None, True, False) if self.prescribed else self.coupler
+
+    @cached_property
+    def _transposed(self) -> Any:
+        """The same of the transposed matrices."""
+        return self._unmoved if self.symmetric else self._copy(None, True, True)
+
+    def _copy(self, g: np.ndarray | None, double: bool, transposed: bool) -> Any:
+        """A coupler of the same matrices, or the transposed ones, without loads."""
+
+        def turned(A: Any) -> Any:
+            return A.T if transposed and A is not None else A
+
+        subdomains = [
+            Subdomain(
+                s.M,
+                np.zeros(s.n) if s.K is None else turned(s.K),
+                C=turned(s.C),
+                scheme=s.scheme,
+                substeps=s.substeps,
+                double_step=steady and (double or g is None),
+                symmetric=s.symmetric,
+                name=name,
+            )
+            for (name, s), steady in zip(self.keys, self.doubles)
+        ]
+        velocity = None if g is None else SampledForce(g, self.dt / self.fine)
+        rows = None
+        if self.single.p:
+            rows = Constraint({s: L for s, L in zip(subdomains, self.matrices) if L.nnz}, velocity)
+        o = self.options
+        return type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
+
+
+def subdomain_of(keys: Any, p: Parameters) -> str:
+    for name, s in keys:
+        if p.subdomain in (name, s):
+            p._check_size(s.n, name)
+            result: str = name
+            return result
+    names = ", ".join(repr(name) for name, _ in keys)
+    other = p.name in dict(keys) and "; it is another object of this name: give the name alone"
+    raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}{other or ''}")
+
+
+def require_adjoint(session: Any, what: str) -> None:
+    """ValueError where the adjoint of a linear run is not such a run, with the reason."""
+    options = session.options
+    for name, s in session.keys:
+        require_generalized_alpha(s.scheme, what, name)
+    if options.coupling == "mean":
+        _require_trapezoidal(session, what)
+    if options.start != "rebased":
+        raise ValueError(f'{what} needs start="rebased", got "{options.start}"')
+    for name, s in session.keys:
+        if s.damping == "lagged":
+            raise ValueError(f'{what} needs damping="implicit", got "lagged" of {name!r}')
+        if s.massless.size:
+            dofs = numbered("dof", s.massless)
+            raise ValueError(f"{what} needs a mass at each dof, got none at {dofs} of {name!r}")
+
+
+def _require_trapezoidal(session: Any, what: str) -> None:
+    """ValueError where a run under "mean" is not reciprocal."""
+    for name, s in session.keys:
+        x = s.scheme
+        if x.explicit or x.parameters != TRAPEZOIDAL:
+            raise ValueError(
+                f'{what} needs the trapezoidal rule under "mean", Newmark(), got {x!r} of {name!r}'
+            )
+    if any(session.steps.layout.doubles):
+        raise ValueError(f'{what} needs single steps under "mean", got double ones')
+    if session.loads.motions:
+        raise ValueError(f'{what} needs constraints without velocity under "mean"')

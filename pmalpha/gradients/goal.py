@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._cached import Frozen
 from .._checks import check_word, positive_number, real_array, real_number
 from ..problem.dofs import dof_list
-from ..problem.frozen import Frozen
 from ..problem.subdomain import Subdomain
-from ..results.dof_motion import columns_of
-from ..results.interpolated import within
-from ..results.keys import position
+from ..results.quantities import position
+from ..results.times import columns_of, within
 
 __all__ = ["GAUSS", "Basis", "Goal", "basis"]
 

@@ -15,9 +15,9 @@ import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .._checks import vector
-from ..problem.forces import SampledForce, terms_of
+from ..problem.loads import SampledForce, terms_of
 from ..problem.matrices import product
-from ..results.interpolated import linear
+from ..results.times import linear
 from .goal import GAUSS, basis
 
 # Bytes of the motion at one Gauss point of a block of steps.

@@ -10,8 +10,8 @@ import scipy.sparse as sp
 
 from .._checks import real_array
 from ..problem.constraints import Constraint
+from ..problem.contacts import Contact
 from ..problem.subdomain import Subdomain
-from ..problem.unilateral import Contact
 from ..reduction.fixed_dofs import Reduction
 from .sides import (
     ROUNDING,

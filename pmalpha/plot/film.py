@@ -9,9 +9,8 @@ import numpy as np
 
 from .._checks import listing, positive_number, whole_number
 from ..meshes.mesh import Mesh, checked_mesh, nodal_values
-from ..results.dof_motion import on_mesh
 from ..results.history import History, SubdomainHistory
-from ..results.interpolated import linear
+from ..results.times import linear, on_mesh
 from .meshes import (
     EDGE,
     Look,

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..problem.dofs import dof_list
-from ..results.dof_motion import columns_of
-from ..results.keys import by_index
-from ..results.quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, in_units, times_of
+from ..results.quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, by_index, in_units, times_of
+from ..results.times import columns_of
 from .styling import LINES, require_axes, shown_figure, shown_style, style
 
 if TYPE_CHECKING:

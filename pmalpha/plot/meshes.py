@@ -22,7 +22,7 @@ from ..meshes.mesh import (
     outer_faces,
     padded,
 )
-from ..results.dof_motion import State, on_mesh
+from ..results.times import State, on_mesh
 from .styling import require_axes, shown_figure, shown_style
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import Frozen
 from .._checks import counted, listing, numbered, plain_array
-from .argument_types import DofsLike, MatrixLike
+from .arguments import DofsLike, MatrixLike
 from .dofs import dof_list, has_names
-from .forces import BaseAcceleration, SampledForce, checked_force
-from .frozen import Frozen
+from .loads import BaseAcceleration, SampledForce, checked_force
 from .matrices import read_only, rectangular
 from .subdomain import Subdomain
 

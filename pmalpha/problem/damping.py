@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import plain_array, positive_number, real_number
 from ..errors import PerformanceWarning, warn
-from .evaluation import first_tangent, histories
 from .matrices import Matrix, canonical, combination, dense, read_only
 from .springs import assembled, core_springs, stiffness
+from .tangents import first_tangent, histories
 
 # Rounding of c_m M + c_k K, relative to its largest entry.
 ROUNDING = 1e-12

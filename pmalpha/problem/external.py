@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from .._cached import Frozen
 from .._checks import real_array
 from .dofs import dof_list
-from .frozen import Frozen
 
 __all__ = ["External"]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from .argument_order import OF_FORCE, check_order
-from .forces import BaseAcceleration, Mass, SampledForce, is_list_of_loads, required_arguments
+from .arguments import OF_FORCE, check_order
+from .loads import BaseAcceleration, Mass, SampledForce, is_list_of_loads, required_arguments
 from .matrices import Matrix
 
 

@@ -10,10 +10,9 @@ from scipy import LowLevelCallable
 
 from .._checks import called, vector
 from . import forms
-from .argument_order import OF_RESTORING, check_order
+from .arguments import OF_RESTORING, check_order, check_signature
 from .device import Device, core_specimen, divided
 from .external import External
-from .lowlevel import check_signature
 from .springs import Spring
 
 Function: TypeAlias = Callable[[float, np.ndarray, np.ndarray], Any] | LowLevelCallable | Device

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
+from .._cached import Frozen
 from .._checks import counted, real_array
 from . import forms
 from .dofs import GROUND, dof_list, spring_dofs
-from .frozen import Frozen
 
 __all__ = [
     "Bilinear",

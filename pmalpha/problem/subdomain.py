@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 import scipy.sparse as sp
 
+from .._cached import Frozen
 from .._checks import check_word, counted, damping_by_name, flag, numbered, vector, whole_number
 from .._tables import html_facts
 from ..errors import FactorizationError
-from .argument_types import (
+from .arguments import (
     Damping,
     DofsLike,
     InternalForceFunction,
@@ -22,12 +23,10 @@ from .argument_types import (
     VectorLike,
 )
 from .damping import checked_rayleigh, damping_matrix, stiffness_at_start
-from .discrete_gradient import internal_for
+from .device import Limits, limits_of_dofs
 from .dofs import checked_names
-from .forces import Mass, checked_force, depends_on_motion, terms_of
-from .frozen import Frozen
-from .internal import Internal
-from .limits import Limits, limits_of_dofs
+from .internal import Internal, internal_for
+from .loads import Mass, checked_force, depends_on_motion, terms_of
 from .matrices import (
     EXPORTED,
     Matrix,
@@ -44,7 +43,7 @@ from .schemes import Scheme, explicit_rho, require_generalized_alpha
 from .springs import Spring, stiffness
 
 if TYPE_CHECKING:
-    from ..reduction.superelement import ReducedBasis
+    from ..reduction.modes import ReducedBasis
 
 __all__ = ["Subdomain"]
 
@@ -373,7 +372,7 @@ class Subdomain(Frozen):
         unknown = [name for name in changes if name not in allowed]
         if unknown:
             raise TypeError(f"changes must be of {', '.join(allowed)}, got {unknown[0]!r}")
-        from ..reduction.superelement import reduced_arguments
+        from ..reduction.modes import reduced_arguments
 
         arguments, basis = reduced_arguments(self, keep, modes, omega)
         attributes = {name: getattr(self, name) for name in allowed}

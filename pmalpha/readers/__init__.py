@@ -4,14 +4,11 @@ docs/other-programs.md has the input of these programs. ``scipy.io.mmread`` and
 ``scipy.io.hb_read`` read Matrix Market and Harwell-Boeing files.
 """
 
-from ..problem.record import Record
-from .abaqus import read_abaqus
-from .exported import ExportedMatrix
+from ..problem.records import Record
+from .abaqus import ElementMatrices, read_abaqus
+from .exported import ExportedMatrix, asymmetry, completed, symmetrized
 from .nastran import read_dmig
-from .peer import read_at2
-from .records import read_record
-from .symmetry import asymmetry, completed, symmetrized
-from .user_elements import ElementMatrices
+from .records import read_at2, read_record
 
 __all__ = [
     "ElementMatrices",

@@ -23,20 +23,149 @@ import numpy as np
 from .._checks import listing, require_finite, require_moderate
 from ..files import reading
 from ..memory import require
-from ..meshes.kinds import KINDS, dimension_of_kind
-from ..meshes.mesh import (
-    Block,
-    ElementType,
-    FileMesh,
-    first_of_equal,
-    without_cells,
-)
+from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
+from ..meshes.mesh import Block, ElementType, FileMesh, first_of_equal, without_cells
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
-from .gmsh_entities import without_entities
 from .inp import read_input
-from .skfem_meshes import is_skfem_mesh, read_skfem
-from .unread import Unread
+from .text import Unread
+
+# ---- gmsh entities ------------------------------------------------------------------------------
+# Physical groups of the entities in files of gmsh of format 4, where each may be in several.
+# Libraries of meshes take the first group of an entity, and refuse files in which one has none.
+
+# By dimension and number of an entity the numbers of its groups
+EntityGroups = dict[tuple[int, int], set[int]]
+
+_FORMAT = re.compile(rb"\$MeshFormat\s+(\d+)(?:\.(\d+))?\s+(\d)\s+(\d+)")
+_ENTITIES = re.compile(rb"\$Entities\s*?\n(.*?)\$EndEntities[^\n]*\n?", re.DOTALL)
+
+
+def without_entities(content: bytes) -> tuple[bytes, EntityGroups | None]:
+    """A file without its entities, and their groups; None where it has none, as before format 4."""
+    form, entities = _FORMAT.search(content), _ENTITIES.search(content)
+    if form is None or entities is None:
+        return content, None
+    if b"$PartitionedEntities" in content:
+        raise ValueError("partitions have groups of their own: save it with Mesh.PartitionOldStyle")
+    major, minor, binary, size = (int(x or 0) for x in form.groups())
+    is_point_short = (major, minor) != (4, 0)  # a point has three coordinates, not a box
+    fields = _Binary(entities[1], size) if binary else _Text(entities[1])
+    return content[: entities.start()] + content[entities.end() :], _groups(fields, is_point_short)
+
+
+def _groups(fields: Any, is_point_short: bool) -> EntityGroups:
+    groups: EntityGroups = {}
+    for dimension, count in enumerate(fields.sizes(4)):
+        for _ in range(count):
+            (tag,) = fields.integers(1)
+            fields.reals(3 if dimension == 0 and is_point_short else 6)
+            # those in which the entity is reversed have negative numbers
+            groups[dimension, tag] = {abs(x) for x in fields.integers(*fields.sizes(1))}
+            if dimension:
+                fields.integers(*fields.sizes(1))
+    return groups
+
+
+class _Text:
+    def __init__(self, body: bytes):
+        self.words = body.split()
+        self.at = 0
+
+    def integers(self, count: int) -> list[int]:
+        return [int(x) for x in self._words(count)]
+
+    sizes = integers
+
+    def reals(self, count: int) -> None:
+        self._words(count)
+
+    def _words(self, count: int) -> list[bytes]:
+        words = self.words[self.at : self.at + count]
+        if len(words) < count:
+            raise EOFError("entities end too early")
+        self.at += count
+        return words
+
+
+class _Binary:
+    def __init__(self, body: bytes, size: int):
+        self.body = body
+        self.size = f"u{size}"
+        self.at = 0
+
+    def integers(self, count: int, kind: str = "i4") -> list[int]:
+        width = np.dtype(kind).itemsize
+        if count * width > len(self.body) - self.at:
+            raise EOFError("entities end too early")
+        values = np.frombuffer(self.body, dtype=kind, count=count, offset=self.at)
+        self.at += count * width
+        return [int(x) for x in values]
+
+    def sizes(self, count: int) -> list[int]:
+        return self.integers(count, self.size)
+
+    def reals(self, count: int) -> None:
+        self.integers(count, "i8")
+
+
+# ---- skfem meshes -------------------------------------------------------------------------------
+# Meshes of scikit-fem: its order of nodes, subdomains and boundaries.
+
+# By dimension and number of nodes
+KIND_OF = {(KINDS[kind].dimension, KINDS[kind].nodes): kind for kind in SHAPES}
+
+
+def is_skfem_mesh(mesh: Any) -> bool:
+    return all(hasattr(mesh, name) for name in ("doflocs", "dofs", "elem", "boundaries"))
+
+
+def read_skfem(mesh: Any) -> FileMesh:
+    """Its subdomains are groups of elements, its boundaries sets of points.
+
+    Both reference elements are the box [0, 1]^d or the simplex in it, with other orders of nodes.
+    """
+    cells = np.asarray(mesh.dofs.element_dofs)
+    places = np.asarray(mesh.elem.doflocs, dtype=float)
+    kind = KIND_OF.get((places.shape[1], len(cells)))
+    if kind is None:
+        raise ValueError(
+            f"mesh must have elements of {', '.join(KIND_OF.values())}, got "
+            f"{type(mesh).__name__} with {len(cells)} nodes in an element"
+        )
+    groups = {
+        name: {0: np.unique(np.asarray(elements, dtype=np.int64))}
+        for name, elements in (mesh.subdomains or {}).items()
+    }
+    points_of = {
+        name: np.unique(mesh.dofs.get_facet_dofs(np.asarray(facets)).flatten())
+        for name, facets in (mesh.boundaries or {}).items()
+    }
+    points = np.ascontiguousarray(np.asarray(mesh.doflocs, dtype=float).T)
+    nodes = _turned(kind, points, cells[_order(SHAPES[kind].nodes, places)].T)
+    return FileMesh(points, [Block(kind, nodes)], groups, points_of, [ElementType()])
+
+
+def _order(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """The numbers of the places at which the nodes are."""
+    order: np.ndarray = np.abs(nodes[:, None] - places).max(axis=2).argmin(axis=1)
+    return order
+
+
+def _turned(kind: str, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """The nodes of elements with positive volumes: those of scikit-fem have no orientation."""
+    shape = SHAPES[kind]
+    d = shape.nodes.shape[1]
+    if d == 1:
+        return np.ascontiguousarray(nodes)
+    middle = shape.nodes[: shape.corners].mean(axis=0)
+    jacobians = np.einsum("eai,aj->eij", points[nodes], shape.slopes(middle[None])[0])
+    mirrored = _order(shape.nodes[:, [1, 0, *range(2, d)]], shape.nodes)
+    negative = np.linalg.det(jacobians) < 0.0
+    return np.where(negative[:, None], nodes[:, mirrored], nodes)
+
+
+# ---- mesh files ---------------------------------------------------------------------------------
 
 # Of each group the cells by the number of a block
 Groups: TypeAlias = dict[str, dict[int, np.ndarray]]

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._checks import fortran_real, listing
 from ..files import checked_path
-from .bulk_cards import fields_of
+from .bulk import fields_of
 from .exported import ExportedMatrix
 from .text import Entries, labelled, refuse, text_lines
 

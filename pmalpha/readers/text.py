@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import codecs
 import io
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from io import TextIOWrapper
+from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 import numpy as np
 import scipy.sparse as sp
 
+from ..errors import warn
 from ..files import reading
 
 # A mark of UTF-8 at the beginning of a file
@@ -107,3 +111,110 @@ class Entries:
         matrix = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
         matrix.sort_indices()
         return matrix
+
+
+# ---- unread -------------------------------------------------------------------------------------
+# What a reader of meshes meets in a file and does not read: one rule for all formats. A reader
+# has a table of what it reads and one of what does not matter, such as output requests.
+# Everything else is named. What moves, makes or removes nodes or elements is refused, since the
+# mesh would be another one; so are pins and offsets of beams, and commands of Ansys outside of
+# its blocks. What is left out beside the rest (masses, springs, ties and other links between
+# bodies, and names that the reader has never heard of) is counted and warned of. `ignore`
+# silences a name, or a family of names.
+
+
+class Unread:
+    """Of one file: names to be silent about, and what has been left out so far."""
+
+    def __init__(self, file: str, ignore: Iterable[str] = ()):
+        if isinstance(ignore, str):
+            raise TypeError(f"ignore must be a sequence of names, such as ({ignore!r},)")
+        self.file = file
+        self.ignore: set[str] = set()
+        for name in ignore:
+            if not isinstance(name, str) or not name.strip():
+                raise TypeError(f"ignore must be a sequence of names, got {name!r}")
+            self.ignore.add(name.strip().lstrip("*").upper())
+        self._counts: dict[str, dict[str, int]] = {}
+
+    def is_ignored(self, name: str, family: str) -> bool:
+        return not self.ignore.isdisjoint((name.upper(), family))
+
+    def leave_out(self, what: str, names: str, family: str, count: int = 1) -> None:
+        """Count a name for the warning: `what` has a place for the names, "{} are left out"."""
+        if count and not self.is_ignored(names, family):
+            counts = self._counts.setdefault(what, {})
+            counts[names] = counts.get(names, 0) + count
+
+    def refuse(self, name: str, family: str, where: str, reason: str) -> None:
+        """ValueError, unless the name is ignored."""
+        if not self.is_ignored(name, family):
+            refused_at(where, f"{reason}; ignore=({name!r},) reads the file without it")
+
+    def warn(self) -> None:
+        """One warning of all that was left out."""
+        said = [
+            f"{what.format(', '.join(sorted(counts)))} "
+            f"({', '.join(str(counts[name]) for name in sorted(counts))})"
+            for what, counts in self._counts.items()
+        ]
+        if said:
+            warn(f"{self.file}: {'; '.join(said)}; ignore= silences a name", UserWarning)
+        self._counts = {}
+
+
+def refused_at(where: str, reason: str) -> NoReturn:
+    """ValueError that names file, line and keyword first."""
+    raise ValueError(f"{where}: {reason}")
+
+
+# ---- included -----------------------------------------------------------------------------------
+# Files that a file of a mesh includes.
+
+# How often the files may be read, all of them together, and how many may include each other in a
+# row.
+MOST_OFTEN, MOST_ABOVE = 16, 50
+
+
+class Included:
+    """A file and those that it includes, which may come from a stranger.
+
+    What files include twice, which include others twice, would double with each of them: bytes that
+    were read are counted, and those of the different files.
+    """
+
+    def __init__(self, path: Path):
+        self.folder = path.parent.resolve()
+        self.sizes: dict[Path, int] = {}
+        self.read = 0
+
+    def open(self, path: Path, where: str) -> TextIOWrapper:
+        """The lines of one of the files; ValueError if all were read too often."""
+        file = TextIOWrapper(reading(path), encoding="utf-8-sig", errors="replace")
+        size = os.fstat(file.fileno()).st_size
+        self.sizes[path.resolve()] = size
+        self.read += size
+        if self.read > MOST_OFTEN * sum(self.sizes.values()):
+            file.close()
+            refused_at(where, f"all files together must be read at most {MOST_OFTEN} times")
+        return file
+
+    def find(self, name: str, above: tuple[Path, ...], where: str) -> Path:
+        """The file of this name beside the last of `above`, which include each other in turn.
+
+        It must be in the folder of the first file or below it.
+        """
+        file = (above[-1].parent / name.replace("\0", "")).resolve()
+        try:
+            is_file = "\0" not in name and self.folder in file.parents and file.is_file()
+        except OSError:  # a name that is too long
+            is_file = False
+        if not is_file:
+            refused_at(
+                where, f"must name a file in the folder of the first file or below it, got {name!r}"
+            )
+        if len(above) > MOST_ABOVE:
+            refused_at(where, f"{MOST_ABOVE} files include each other in a row")
+        if file in {path.resolve() for path in above}:
+            refused_at(where, f"{name!r} includes itself")
+        return file

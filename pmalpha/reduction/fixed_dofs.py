@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, listing, plain_array, require_finite
-from ..problem.argument_types import DofsLike, MatrixLike
+from ..problem.arguments import DofsLike, MatrixLike
 from ..problem.dofs import checked_names, dof_array, names_at
 from ..problem.matrices import Matrix, canonical, plain_matrices, sparse_diagonal
 

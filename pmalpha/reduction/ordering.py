@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
 from ..problem.matrices import Matrix
 
 # Up to this ratio of fill the natural order is taken without computing others: a chain, a frame

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import numbered
 from ..setup.schedule import Lookup
-from .keys import position
+from .quantities import position
 
 FIELDS = ("contact", "gap", "contact impulse", "contact force", "slip")
 OPEN, CLOSED = 1.0, 2.0

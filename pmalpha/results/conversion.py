@@ -10,7 +10,6 @@ import numpy as np
 from .._checks import counted
 from .._tables import html_table
 from ..files import library
-from .dof_motion import label_of, labels_of
 from .quantities import (
     IN_INTERFACE,
     OF_INTERFACE,
@@ -20,6 +19,7 @@ from .quantities import (
     times_name,
     times_of,
 )
+from .times import label_of, labels_of
 
 if TYPE_CHECKING:
     import pandas

@@ -13,18 +13,17 @@ from numpy.typing import ArrayLike
 from .._checks import counted
 from ..problem.subdomain import Subdomain
 from . import not_recorded
-from .contact_history import Contacts, Recorded, recorded_contacts
+from .contact import Contacts, Recorded, recorded_contacts
 from .contact_nodes import contact_fields
 from .conversion import dataset, frames, history_html
 from .energy import Energy
 from .history_file import check_mapping
-from .interpolated import Instant, Peak, at, peak, resampled
-from .keys import position
 from .multipliers import Resolution, corrected, resolution
 from .pacing import Pacing
-from .quantities import joined
+from .quantities import joined, position
 from .stored import stored_fields, write_history
-from .subdomain_history import SubdomainHistory
+from .subdomain import SubdomainHistory
+from .times import Instant, Peak, at, peak, resampled
 
 if TYPE_CHECKING:
     import pandas

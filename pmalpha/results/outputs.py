@@ -15,9 +15,7 @@ from ..problem.constraints import selection
 from ..problem.dofs import NodeNames, dof_list, has_names
 from ..problem.matrices import rectangular
 from ..problem.subdomain import Subdomain
-from .core_record import Combination
-from .keys import by_index
-from .quantities import OF_SUBDOMAIN
+from .quantities import OF_SUBDOMAIN, Combination, by_index
 
 QUANTITIES = ("u", "v", "a")
 # Those with the motion of the ground added.

@@ -15,8 +15,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..problem.dofs import names_at
+from .._checks import counted
+from ..problem.dofs import dof_list, names_at
 from ..problem.restoring import devices_of
+from ..problem.subdomain import Subdomain
 from ..setup.member import Member
 from . import not_recorded
 
@@ -365,3 +367,148 @@ def recorded_columns(
     counts = column_counts(member, dofs, springs, rig)
     known = ((x, count) for x, count in counts.items() if count is not None)
     return {name: count for x, count in known for name in IN_SUBDOMAIN[x]}
+
+
+# ---- keys ---------------------------------------------------------------------------------------
+# Subdomains of a coupler by name, by index or by the object.
+
+
+def position(key: str | int | Subdomain, keys: Sequence[tuple[str, Subdomain | None]]) -> int:
+    """Index of a subdomain given by name, object or index; KeyError or IndexError."""
+    for i, (name, subdomain) in enumerate(keys):
+        if (isinstance(key, str) and key == name) or (key is subdomain and key is not None):
+            return i
+    if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
+        if -len(keys) <= key < len(keys):
+            return int(key) % len(keys)
+        raise IndexError(f"there are {counted(len(keys), 'subdomain')}, got index {key}")
+    names = ", ".join(repr(name) for name, _ in keys)
+    if isinstance(key, Subdomain) and any(subdomain is None for _, subdomain in keys):
+        raise KeyError(
+            f"a History from a file has names and indices only, got {key!r}; use {names}"
+        )
+    raise KeyError(f"no subdomain {key!r}; there are {names}")
+
+
+def by_index(
+    values: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
+) -> dict[int, Any]:
+    """Values given by subdomain, by its index; ValueError for unknown or repeated subdomains."""
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping):
+        raise TypeError(f"{name} must be a dict by subdomain, got {values!r}")
+    result: dict[int, Any] = {}
+    for key, value in values.items():
+        try:
+            i = position(key, keys)
+        except LookupError as error:
+            raise ValueError(f"{name}: {error.args[0]}") from None
+        if i in result:
+            raise ValueError(f"{name} must not name a subdomain twice, got {keys[i][0]!r} twice")
+        result[i] = value
+    return result
+
+
+def chosen_springs(
+    record_springs: Mapping[Any, Any] | None,
+    keys: Sequence[tuple[str, Subdomain]],
+    dofs: Sequence[np.ndarray | None],
+) -> list[np.ndarray | None]:
+    """The springs to record of each subdomain, None for a subdomain left out."""
+    chosen: list[np.ndarray | None] = [None] * len(keys)
+    for i, springs in by_index(record_springs, keys, "record_springs").items():
+        name, subdomain = keys[i]
+        count = sum(len(spring) for spring in subdomain.springs)
+        what = f"record_springs[{name!r}]"
+        if count == 0 or dofs[i] is None:
+            lack = "springs" if count == 0 else "recorded dofs"
+            raise ValueError(f"{what} must be of a subdomain with {lack}, got one without")
+        chosen[i] = np.arange(count) if springs is None else dof_list(springs, count, what)
+    return chosen
+
+
+# ---- core record --------------------------------------------------------------------------------
+# The record of a run as the core takes it, by names: its one description in Python.
+
+# The arrays of a record with a column for each constraint.
+OF_CONSTRAINTS = ("multipliers", "velocity_jump", "displacement_jump")
+
+
+class SpringRows(NamedTuple):
+    """Springs, and rows with a column for each."""
+
+    number: np.ndarray
+    deformation: np.ndarray
+    force: np.ndarray
+
+
+class Combination(NamedTuple):
+    """Weights of dofs by rows: the first of each row, and one more."""
+
+    start: np.ndarray
+    position: np.ndarray
+    weight: np.ndarray
+
+
+class OutputRows(NamedTuple):
+    """Rows with a column for each output, and the matrices that act on u, v and a."""
+
+    values: np.ndarray
+    of_u: Combination | None
+    of_v: Combination | None
+    of_a: Combination | None
+
+
+class InternalRows(NamedTuple):
+    """Numbers of iterations, and histories of internal forces."""
+
+    iterations: np.ndarray | None
+    q: np.ndarray | None
+
+
+class RigRows(NamedTuple):
+    """Rows with a column for each command of specimens behind filters."""
+
+    command: np.ndarray
+    sent: np.ndarray
+    measured: np.ndarray
+    force: np.ndarray
+
+
+class ContactRows(NamedTuple):
+    """Rows with a column for each row of contacts, and for each contact."""
+
+    impulse: np.ndarray
+    gap: np.ndarray
+
+
+class CoreSelection(NamedTuple):
+    """What is recorded of a subdomain; rows of arrays are its time levels."""
+
+    position: np.ndarray  # of the recorded dofs, in the order of the core
+    u: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    springs: SpringRows | None
+    outputs: OutputRows | None
+    internal: InternalRows
+    rig: RigRows | None = None
+
+
+class CoreRecord(NamedTuple):
+    """What is recorded of a coupler, in its order of constraints."""
+
+    begin: int
+    every: int
+    selections: tuple[Any, ...]  # of each subdomain, None for none; in lanes a tuple of them
+    multipliers: np.ndarray
+    velocity_jump: np.ndarray
+    displacement_jump: np.ndarray
+    energy: np.ndarray | None = None
+    contacts: ContactRows | None = None
+
+    @property
+    def interface(self) -> tuple[np.ndarray, ...]:
+        """The arrays with a column for each constraint."""
+        return tuple(getattr(self, name) for name in OF_CONSTRAINTS)

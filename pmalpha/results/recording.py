@@ -20,14 +20,20 @@ from ..memory import fits, require
 from ..problem.dofs import dof_list, names_at
 from ..problem.restoring import devices_of
 from ..problem.subdomain import Subdomain
-from ..setup.constraint_rows import CoreRows
 from ..setup.member import Member
+from ..setup.rows import CoreRows
 from . import not_recorded
-from .base_motion import Loads, added, check_ground
-from .clock import Clock
-from .contact_history import layouts
-from .core_record import (
+from .contact import layouts
+from .energy import ENERGIES, ENERGY_FIELDS, Energy, Loads, added, balanced, check_ground
+from .history import History, SubdomainHistory
+from .history_file import HistoryFile, output_array, row_count
+from .outputs import Outputs, chosen_outputs
+from .quantities import (
+    IN_SUBDOMAIN,
     OF_CONSTRAINTS,
+    OF_INTERFACE,
+    OF_SUBDOMAIN,
+    WORKS,
     ContactRows,
     CoreRecord,
     CoreSelection,
@@ -35,20 +41,12 @@ from .core_record import (
     OutputRows,
     RigRows,
     SpringRows,
-)
-from .energy import ENERGIES, ENERGY_FIELDS, Energy, balanced
-from .history import History, SubdomainHistory
-from .history_file import HistoryFile, output_array, row_count
-from .keys import by_index, chosen_springs
-from .outputs import Outputs, chosen_outputs
-from .quantities import (
-    IN_SUBDOMAIN,
-    OF_INTERFACE,
-    OF_SUBDOMAIN,
-    WORKS,
+    by_index,
+    chosen_springs,
     recorded_columns,
 )
 from .stored import EarlierRows, contents_of, fields_of, old_file, target
+from .times import Clock
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
+import pmalpha._core as _core
+
 from ..files import reading, writing
 from ..memory import require
-from .core_record import CoreRecord
 from .history import History
-from .quantities import OF_SUBDOMAIN
+from .quantities import OF_SUBDOMAIN, CoreRecord
 from .recording import FiledRecording, Recording
 
 __all__ = ["Monitored", "read_monitor"]

@@ -26,7 +26,7 @@ from ..files import (
 )
 from . import history_file, not_recorded
 from .array_file import hdf5_library
-from .contact_history import Recorded
+from .contact import Recorded
 from .energy import ENERGY_FIELDS, OPTIONAL, Energy
 from .history_file import (
     FORMAT,

@@ -5,21 +5,18 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 `started` call any function of numbers and arrays in another process, which `serve_calls` serves.
 """
 
-from ..problem.actuators import Compensated, SimulatedActuator
-from ..problem.device import Response
+from ..devices.actuators import Compensated, SimulatedActuator
+from ..devices.linear import LinearActuator, servo_hydraulic
+from ..devices.linkage import Linkage
+from ..problem.device import Limits, Response
 from ..problem.external import External
-from ..problem.limits import Limits
-from ..problem.linear_actuator import LinearActuator, servo_hydraulic
-from ..problem.linkage import Linkage
 from ..results.ring import Monitored, read_monitor
-from ..results.subdomain_history import RigRecord
+from ..results.subdomain import RigRecord
 from .calls import Client, RemoteError, started
 from .calls import serve as serve_calls
 from .connecting import Connected, connect
-from .criteria import Evaluation, evaluate
-from .served import Command
-from .serving import serve
-from .tracking import Tracking, tracking
+from .serving import Command, serve
+from .tracking import Evaluation, Tracking, evaluate, tracking
 
 __all__ = [
     "Client",

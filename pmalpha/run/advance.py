@@ -7,31 +7,30 @@ from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import Any
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import real_number, time_step, whole_number
 from .._core import MOST_SWEEPS
-from ..blas import one_thread
 from ..errors import (
     CallbackError,
     ConvergenceError,
     InstabilityError,
     PacingError,
 )
+from ..memory import one_thread
 from ..problem.external import OUTSIDE
 from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of, external_of, items_of
 from ..problem.schemes import require_generalized_alpha
 from ..problem.tangents import SYMMETRY
-from ..results.clock import Clock, clock_of
-from ..results.core_record import CoreRecord
-from ..results.keys import by_index
+from ..results.quantities import CoreRecord, by_index
 from ..results.recording import Recording
+from ..results.times import Clock, clock_of
 from ..setup.assembly import Assembly
-from ..setup.core_failure import Failure, NotConverged
 from ..setup.member import Member
-from ..setup.ranks import Elsewhere, Ranks, joined
+from ..setup.ranks import Elsewhere, Failure, NotConverged, Ranks, joined
 from .checkpoint import damaged
-from .gains import cause_of
+from .judging import cause_of
 from .loads import Loads, limit_error, warn_of_skipped
 from .progress import Report
 from .session import Session, check_call, layout_of, take, together
@@ -282,7 +281,8 @@ def steps_of(
         clock = Clock(
             time_step(facts["dt"], "dt"),
             whole_number(facts["origin"], "origin"),
-            *(real_number(facts[name], name, low=0.0) for name in ("t0", "before")),
+            real_number(facts["t0"], "t0", low=0.0),
+            real_number(facts["before"], "before", low=0.0),
         )
         substeps = tuple(whole_number(k, "substeps", low=1) for k in facts["substeps"])
         if len(substeps) != len(session.everything):

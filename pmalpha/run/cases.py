@@ -14,24 +14,25 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import counted
 from .._core import LANES, split_lanes
 from ..errors import CasesError
 from ..files import HDF5, checked_path
 from ..memory import require
-from ..problem.forces import Force, core_load, is_callback, terms_of
+from ..problem.loads import Force, core_load, is_callback, terms_of
 from ..problem.subdomain import Subdomain
-from ..results.base_motion import Loads
-from ..results.case_values import REDUCTIONS, CaseValues, Reducer
-from ..results.core_record import OF_CONSTRAINTS, CoreSelection, OutputRows
+from ..results.cases import REDUCTIONS, CaseValues, Reducer
+from ..results.energy import Loads
 from ..results.history import History
+from ..results.quantities import OF_CONSTRAINTS, CoreSelection, OutputRows
 from ..results.recording import Recording
-from ..setup.constraint_rows import ConstraintRows
 from ..setup.member import Member
+from ..setup.rows import ConstraintRows
 from ..setup.start import InitialAccelerations
 from .initial import InitialValues, StartValues, consistent_in_lanes
-from .means import taken_from_start
+from .loads import taken_from_start
 from .motion import Motion, all_known
 from .progress import INTERVAL, DeferredSignals, Report, reporting
 from .recorded_run import recorded, recording_of

@@ -20,20 +20,21 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import MOST, counted, listing
-from ..blas import one_thread
 from ..files import read_npz, write_npz
+from ..memory import one_thread
 from ..problem.device import Device
-from ..problem.forces import SampledForce, depends_on_motion
+from ..problem.loads import SampledForce, depends_on_motion
 from ..problem.restoring import devices_of
 from ..problem.springs import Spring
-from ..results.clock import Clock
 from ..results.stored import SHOWN, differences
+from ..results.times import Clock
 from ..setup.assembly import Assembly
-from ..setup.constraint_rows import CoreRows
 from ..setup.contact_rows import Contacts
 from ..setup.member import Member
+from ..setup.rows import CoreRows
 from ..setup.schedule import Options
 from .motion import Motion
 

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, without
 from .._core import Guard
-from ..problem.argument_types import Coupling, Start
+from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
-from ..problem.newton import DEFAULT, Newton
+from ..problem.forms import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..results.history import History, SubdomainHistory
-from ..results.interpolated import Instant
+from ..results.times import Instant
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
 from . import advance, recorded_run, session
@@ -31,12 +31,11 @@ from .state import State, html_of, text_of
 
 if TYPE_CHECKING:
     from ..gradients.gradient import Gradient
-    from ..gradients.misfit import Misfit
-    from ..gradients.parameters import Parameters
-    from ..results.case_values import CaseValues
-    from ..setup.eliminated_rows import Assembled
+    from ..gradients.parameters import Misfit, Parameters
+    from ..results.cases import CaseValues
+    from ..setup.rows import Assembled
     from .error_budget import ErrorBudget
-    from .error_estimate import ErrorEstimate
+    from .estimate import ErrorEstimate
     from .growth import Growth
 
 __all__ = ["Coupler", "solve"]
@@ -442,7 +441,7 @@ class Coupler:
         >>> coupler.step_count
         0
         """
-        from .error_estimate import estimate_error
+        from .estimate import estimate_error
 
         return estimate_error(self._session, type(self), (t_end, steps), halvings, progress)
 

@@ -17,17 +17,17 @@ from scipy import LowLevelCallable
 
 from .._checks import check_word, positive_number, real_number
 from ..errors import CallbackError
+from ..gradients.adjoint import require_adjoint
 from ..gradients.goal import Goal
 from ..gradients.gradient import gradient
-from ..gradients.misfit import MULTIPLIERS, Misfit
-from ..gradients.problem import require_adjoint
+from ..gradients.parameters import MULTIPLIERS, Misfit
 from ..gradients.residuals import Line, Load, Weights, averaged, of_prescribed, of_subdomain
 from ..memory import require
-from ..problem.forces import terms_of
-from ..results.clock import TOLERANCE, Clock
+from ..problem.loads import terms_of
+from ..results.times import TOLERANCE, Clock
 from ..setup.schedule import MACRO
 from ..setup.stability import critical_step
-from .error_estimate import Runs
+from .estimate import Runs
 from .progress import reporting
 from .session import Session, require_linear
 from .state import form_and_entries

@@ -11,9 +11,8 @@ from scipy import LowLevelCallable
 from .._checks import check_word
 from ..files import checked_path, package_version, replacing, uninterrupted
 from ..frozen import fmu, model
-from ..frozen.ports import Input, Ports
-from ..frozen.tree import file_of
-from ..problem.forces import core_load, is_callback, terms_of
+from ..frozen.model import Input, Ports, file_of
+from ..problem.loads import core_load, is_callback, terms_of
 from .inputs_at_start import Present, present
 from .motion import Motion
 from .session import Session, begin, require_alone, require_one_stage_of

@@ -12,7 +12,7 @@ from .._checks import whole_number
 from .._core import LANES
 from ..memory import require
 from ..problem.matrices import product
-from ..setup.propagation import Layout, advance_state
+from ..setup.amplification import Layout, advance_state
 from .session import Session, require_linear
 
 __all__ = ["Growth"]

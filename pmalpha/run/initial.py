@@ -7,14 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import vector
 from ..errors import InstabilityError
-from ..problem.forces import Force
+from ..problem.loads import Force
 from ..problem.subdomain import Subdomain
-from ..results.keys import by_index
-from ..setup.constraint_rows import ConstraintRows, CoreRows
+from ..results.quantities import by_index
 from ..setup.member import Member
+from ..setup.rows import ConstraintRows, CoreRows
 from ..setup.start import InitialAccelerations
 from .loads import Loads, force_at
 from .motion import Motion, all_known, reached, values_at_start

@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import LowLevelCallable
 
-from ..frozen.model import is_outside
-from ..frozen.ports import Input, Ports
+from ..frozen.model import Input, Ports, is_outside
 from ..problem.restoring import CheckedRestoring
-from ..setup.constraint_rows import ROUNDING
 from ..setup.member import Member
+from ..setup.rows import ROUNDING
 from ..setup.start import InitialAccelerations
 from . import works
 from .checkpoint import CoreState

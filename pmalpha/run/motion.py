@@ -9,11 +9,11 @@ import numpy as np
 
 from .._checks import called, vector
 from ..problem import forms
-from ..problem.forces import Force, SampledForce, core_load, is_callback
-from ..problem.unilateral import on_rows
-from ..results.clock import Clock
-from ..setup.constraint_rows import ConstraintRows
+from ..problem.contacts import on_rows
+from ..problem.loads import Force, SampledForce, core_load, is_callback
+from ..results.times import Clock
 from ..setup.contact_rows import Contacts
+from ..setup.rows import ConstraintRows
 from ..setup.schedule import Rows
 
 # A velocity that is not given is a difference over this part of a fine step.

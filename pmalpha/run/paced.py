@@ -16,15 +16,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import check_word, flag, positive_number, whole_number
 from ..errors import warn
 from ..files import checked_path
 from ..problem import forms
 from ..problem.dofs import dof_list
 from ..results.history import History
-from ..results.keys import by_index
 from ..results.pacing import Pacing, due_times
+from ..results.quantities import by_index
 from ..results.recording import Recording, recording_class
 from ..results.ring import MonitorFile, RingRecording
 from .progress import DeferredSignals, reporting

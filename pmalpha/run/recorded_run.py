@@ -17,26 +17,67 @@ from ..errors import noted, warn
 from ..files import HDF5, checked_path
 from ..problem.matrices import core_matrix, skew_part
 from ..problem.schemes import require_generalized_alpha
-from ..results.base_motion import Loads
-from ..results.energy import conserved_quantity, stiffness_weight
+from ..results.energy import Loads, conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
-from ..results.recording import (
-    FiledRecording,
-    Recorded,
-    Recording,
-    recording_class,
-)
+from ..results.recording import FiledRecording, Recorded, Recording, recording_class
 from ..results.stored import target
+from ..results.times import Instant
 from ..setup.ranks import Elsewhere, file_of
 from .advance import advance_to, require_inside
-from .drift import warn_of_drift
-from .gains import warn_of_gains, warn_of_present_steps
+from .judging import warn_of_drift, warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
-from .session import Session, begin, check_call, together
+from .session import Session, begin, check_call, require_alone, together
 from .snapshot import problem_of
-from .until import Until, advance_until, checked_until
+from .state import multipliers_of, state_of
 from .works import resume, works_of
+
+# ---- until --------------------------------------------------------------------------------------
+# The condition at which a run ends before its time: `Coupler.run` with ``until=``.
+
+Until = Callable[[Instant], bool]
+
+
+def checked_until(session: Session, until: Any) -> Until | None:
+    if until is None:
+        return None
+    if not callable(until):
+        raise TypeError(
+            "until must be a function of an Instant, the present motion, that returns True or "
+            f"False, got {until!r}"
+        )
+    require_alone(session, "until")
+    return until  # type: ignore[no-any-return]
+
+
+def advance_until(
+    session: Session, end: int, recording: Any, report: Report | None, until: Until | None
+) -> bool:
+    """Advance to macro step `end`, or to the first one at which the condition is met: True."""
+    if until is None:
+        advance_to(session, end, recording, report)
+        return False
+    while session.core.step_count < end:
+        advance_to(session, session.core.step_count + 1, recording, report)
+        if is_met(session, until):
+            return True
+    return False
+
+
+def is_met(session: Session, until: Until) -> bool:
+    """The value of the condition for the present motion."""
+    states = tuple(state_of(session, i) for i in range(len(session.keys)))
+    time = session.clock.time(session.core.step_count)
+    value = until(Instant(time, multipliers_of(session), states, session.keys))
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(
+            f"until must return True or False, got {value!r} at t = {time:g}: a condition such as "
+            'now["frame"].u[0] > 0.01, not the number that crosses zero'
+        )
+    return bool(value)
+
+
+# ---- recorded run -------------------------------------------------------------------------------
 
 
 def run(

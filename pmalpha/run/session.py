@@ -13,25 +13,26 @@ from weakref import ref
 
 import numpy as np
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._core import Guard
 from ..errors import warn
-from ..problem.argument_types import Coupling
-from ..problem.forces import Force, Mass, checked_force, depends_on_motion
+from ..problem.arguments import Coupling
+from ..problem.contacts import Contact
+from ..problem.loads import Force, Mass, checked_force, depends_on_motion
 from ..problem.restoring import devices_of
 from ..problem.schemes import require_one_stage
 from ..problem.subdomain import Subdomain
-from ..problem.unilateral import Contact
-from ..results.clock import Clock, clock_of
 from ..results.history import History
-from ..results.keys import by_index
+from ..results.quantities import by_index
 from ..results.recording import Recorded
+from ..results.times import Clock, clock_of
 from ..setup.assembly import Assemblies, Assembly, Layout
-from ..setup.constraint_rows import ConstraintRows, CoreRows
 from ..setup.contact_rows import Contacts
-from ..setup.ground_motion import warn_of_ground
+from ..setup.judging import warn_of_ground
 from ..setup.member import Member
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
+from ..setup.rows import ConstraintRows, CoreRows
 from ..setup.schedule import (
     MACRO,
     Options,

@@ -13,8 +13,8 @@ from ..problem.matrices import combination
 from ..problem.schemes import CentralDifference, Scheme
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
-from ..results.dof_motion import State
-from ..results.keys import position
+from ..results.quantities import position
+from ..results.times import State
 from ..setup.internal_forces import closing_tangent
 from ..setup.member import Member
 from ..setup.stability import SMALL, limit_of

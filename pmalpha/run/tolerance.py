@@ -16,16 +16,24 @@ from ..problem.subdomain import Subdomain
 from ..results import history_file
 from ..results.energy import ENERGIES, OPTIONAL, Energy, balanced
 from ..results.history import History
-from ..results.keys import by_index
-from ..results.local_error import errors_of
 from ..results.outputs import chosen_outputs
-from ..results.quantities import reduced, stacked
+from ..results.quantities import by_index, reduced, stacked
 from ..results.recording import Recording, chosen_dofs
 from ..results.stored import contents_of, target
+from ..results.times import errors_of
 from ..setup.member import Member
 from .advance import advance_to, choose
 from .progress import DeferredSignals, Report, reporting
-from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
+from .recorded_run import (
+    Until,
+    checked_until,
+    is_met,
+    own_record,
+    record_present,
+    recording_of,
+    summed_works,
+    write_master_of,
+)
 from .session import (
     Session,
     begin,
@@ -36,7 +44,6 @@ from .session import (
     together,
 )
 from .snapshot import restore_snapshot, snapshot_of
-from .until import Until, checked_until, is_met
 
 # The most substeps that are chosen, a power of two.
 MOST = 4096

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..results.clock import Clock, clock_of
+from ..results.times import Clock, clock_of
 from ..setup.assembly import Assembly, Layout
 from ..setup.member import Member
 

@@ -10,17 +10,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import real_array, vector, whole_number
-from ..blas import one_thread
 from ..errors import BucklingError
+from ..memory import one_thread
 from ..problem.matrices import is_symmetric
-from ..reduction.eigenmodes import IndefiniteStiffness
-from ..reduction.eigenmodes import modes as modes_of
-from ..results.keys import by_index
-from ..setup.eliminated_rows import Assembled
-from ..setup.eliminated_rows import assembled as assemble
+from ..reduction.modes import IndefiniteStiffness
+from ..reduction.modes import modes as modes_of
+from ..results.quantities import by_index
 from ..setup.equilibrium import Equilibrium, static_displacements
 from ..setup.internal_forces import matrices_at
 from ..setup.ranks import joined
+from ..setup.rows import Assembled
+from ..setup.rows import assembled as assemble
 from .session import Session, begin, check_call, require_alone, require_no_contacts, together
 
 

@@ -9,36 +9,38 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._cached import Once
-from ..blas import one_thread
+from ..memory import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.subdomain import Subdomain
+from .amplification import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth, warn_of_loops
 from .combinations import Placed, require_combinations
-from .constraint_rows import CoreRows
 from .contact_rows import Contacts
 from .factors import Eliminations
-from .floating import warn_of_feeding, warn_of_growing, warn_of_loose
-from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
-from .internal_forces import closing_tangent
-from .iteration import iteration_of, prepare_iterated
-from .light import warn_of_light
-from .link import Link
-from .loop import warn_of_loops
-from .macro import (
+from .interface import (
     check_mean,
     doubled_part,
     doubts_of_damping,
     doubts_of_skew,
     growing,
+    interface_factor,
+    interface_matrix,
+    is_symmetric_sum,
     prepare,
     prepare_mean,
+    row_order,
     warn_of_resonance,
 )
+from .internal_forces import closing_tangent
+from .iteration import iteration_of, prepare_iterated
+from .judging import warn_of_feeding, warn_of_growing, warn_of_light, warn_of_loose
+from .link import Link
 from .member import Member, build, make_member, warn_of_factors, warn_of_order
-from .propagation import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth
 from .ranks import Ranks, joined, processes
+from .rows import CoreRows
 from .schedule import MACRO, Options
 from .stability import StepRatio, step_ratio, warn_of_steps
 from .start import InitialAccelerations

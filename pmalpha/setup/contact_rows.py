@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._cached import cached_property
 from .._checks import counted, numbered
-from ..blas import gemm_and_trsm
 from ..errors import ConstraintError, StabilityWarning, warn
-from ..memory import require
+from ..memory import gemm_and_trsm, require
 from ..problem import forms
+from ..problem.contacts import Contact
 from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme, require_generalized_alpha
 from ..problem.subdomain import Subdomain
-from ..problem.unilateral import Contact
 from .link import Link
 from .member import Member
 from .schedule import Lookup

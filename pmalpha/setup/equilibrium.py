@@ -15,11 +15,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..errors import ConvergenceError, FactorizationError
+from ..problem.forms import Newton
 from ..problem.matrices import Matrix, combination, product, sparse
-from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import SYMMETRY
-from ..reduction.eigenmodes import FLOATING, scale_to_one, softest
+from ..reduction.modes import FLOATING, scale_to_one, softest
 from .internal_forces import InternalForces, internal_at, matrix_of_springs, springs_at
 from .ranks import Ranks, joined
 

@@ -1,21 +1,33 @@
-"""The interface matrix H, the order of its rows, and its factor."""
+"""Set-up of macro coupling, (M3), and of mean coupling, (K3).
+
+The interface matrices (M4) and (K4) consist of unit responses, of velocities and displacements at
+the end of a macro step: one for each constraint of every subdomain that has link responses. They
+are stored where that is faster than repeating the substeps, (M8).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted
+from .._checks import counted, listing, numbered
+from .._core import LANES
+from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
+from ..problem import forms
 from ..problem.forms import Factor
-from ..problem.matrices import Matrix, dense, row_of_entries
+from ..problem.matrices import Matrix, core_matrix, dense, is_symmetric, product, row_of_entries
 from ..reduction.ordering import elimination_order, graph_of
-from .factors import Names, factorize
+from .factors import Names, factorize, solve
 from .link import Block, diagonal_compliances
 from .member import Member
 from .ranks import Ranks, joined
+
+# ---- interface ----------------------------------------------------------------------------------
+# The interface matrix H, the order of its rows, and its factor.
 
 # An interface matrix with more than this share of entries is factored as a dense one.
 DENSE_SHARE = 0.1
@@ -135,3 +147,319 @@ def interface_factor(
         return Factor(np.empty(0), None)
     names = Names(what, rows)
     return factorize(H, names, symmetric=symmetric, threads=threads)
+
+
+# ---- macro --------------------------------------------------------------------------------------
+
+# Largest size in bytes of the stored unit responses of one subdomain.
+STORED = 256_000_000
+# Matrix entries that sweeps read per second on one core, a round figure; with `LANES` vectors.
+RATE, LANE_RATE = 1e9, 5e8
+# Matrix entries read for each thread that shares unit responses: some milliseconds.
+SHARE = 2e6
+# Seconds of set-up from which on it is reported, and from which on (a day) it is refused.
+LONG, ABSURD = 20.0, 86400.0
+# Velocity at the end of a macro step over its mean: below, a subdomain resonates with the step.
+RESONANT = 0.05
+# Substeps in a step of a subdomain with an unsymmetric K up to which nothing grew beside an
+# absorbing layer: those of schemes with damping, and of undamped explicit ones.
+BESIDE_SKEW, UNDAMPED_BESIDE_SKEW = 5, 2
+# 2 beta / gamma from which damping feeds the velocity jump; the trapezoidal rule has 1 to rounding.
+ABOVE = 1.0 + 1e-9
+
+
+def prepare(members: Sequence[Member]) -> None:
+    """Unit responses of all subdomains with substeps, and the warnings of macro coupling."""
+    check_work(members, "macro")
+    for member in members:
+        if member.has_responses and member.nb:
+            compute_unit_responses(member)
+    _warn_of_restoring(members)
+    _warn_of_massless_ties(members)
+
+
+def _names(members: Sequence[Member]) -> str:
+    """``subdomain 'a'``, ``subdomains 'a', 'b'``"""
+    return numbered("subdomain", [repr(member.name) for member in members])
+
+
+def _warn_of_restoring(members: Sequence[Member]) -> None:
+    """StabilityWarning for restoring forces, which are evaluated in the free macro run."""
+    restored = [
+        p for p in members if p.has_responses and p.nb and p.subdomain.restoring is not None
+    ]
+    if not restored:
+        return
+    warn(
+        f"the restoring forces of {_names(restored)} are combined with substeps under "
+        'coupling="macro": the run can grow unless restoring_stiffness is within a few per cent of '
+        'the tangent stiffness, or the forces vary little in dt; else take coupling="pm" or "gc"',
+        StabilityWarning,
+    )
+
+
+def _warn_of_massless_ties(members: Sequence[Member]) -> None:
+    """ConstraintWarning for massless dofs, whose velocity between macro time levels is not tied."""
+    tied = {
+        member.name: np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
+        for member in members
+        if member.has_responses or (member.internal is not None and member.substeps > 1)
+    }
+    places = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
+    if not places:
+        return
+    warn(
+        f'interface dofs without mass: {listing(places)}; with substeps coupling="macro" is of '
+        'order 1 there; give them mass, or take "pm" or "gc"',
+        ConstraintWarning,
+    )
+
+
+def check_work(members: Sequence[Member], coupling: str) -> None:
+    """PerformanceWarning when the unit responses take long, ValueError for more than a day."""
+    works = {member.name: work(member) for member in members if member.has_responses}
+    if not works:
+        return
+    name = max(works, key=works.__getitem__)
+    member = next(p for p in members if p.name == name)
+    why = (
+        f"{counted(member.L.rows.size, 'constraint')} times {member.substeps} substeps times "
+        f"{member.core.entries} matrix entries"
+    )
+    option = f'coupling="{coupling}"'
+    warn_of_work(works, LANE_RATE, option, why, 'take coupling="pm" or "gc", which need none')
+
+
+def warn_of_work(
+    works: Mapping[str, float], rate: float, option: str, why: str, remedy: str
+) -> None:
+    """PerformanceWarning for a long set-up, ValueError with a remedy for more than a day.
+
+    `works` are matrix entries read for each subdomain, of which `rate` are read in a second.
+    """
+    seconds = sum(works.values()) / rate
+    if seconds <= LONG:
+        return
+    text = (
+        f"{option} needs about {seconds:.3g} s before the first step (more than "
+        f"{LONG if seconds <= ABSURD else ABSURD:g} s), most of it for "
+        f"{max(works, key=works.__getitem__)!r}: {why}"
+    )
+    if seconds > ABSURD:
+        raise ValueError(f"{text}; {remedy}")
+    warn(f"{text}; it is worth it for long runs only", PerformanceWarning)
+
+
+def work(member: Member) -> float:
+    """Matrix entries read to compute the unit responses of a subdomain, `LANES` in one pass."""
+    passes = -(-member.L.rows.size // LANES)
+    return float(member.core.entries) * member.substeps * passes
+
+
+def is_stored(member: Member) -> bool:
+    """(M8): whether reading U costs less than the substeps, and U is not too large."""
+    size = 4.0 * member.n * member.L.rows.size
+    return size <= member.substeps * member.core.entries and 8.0 * size <= STORED
+
+
+def compute_unit_responses(member: Member) -> None:
+    """Unit responses of a subdomain; sets its block of H, and the one of the mean velocities.
+
+    Errors as of `unit_responses`.
+    """
+    rows = member.L.rows
+    end, mean, states = unit_responses(member, rows, stored=is_stored(member))
+    if states is not None:
+        member.store(forms.Responses(rows, states))
+    member.response_blocks = response_block(member, rows, end), response_block(member, rows, mean)
+
+
+def unit_responses(
+    member: Member, rows: np.ndarray, *, stored: bool, twice: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Responses of a subdomain to each of its constraints, at these rows.
+
+    Threads share the constraints; the responses are bitwise the same for any number of threads.
+
+    Returns end, mean: (k, k) array, what the core ties at the end of the macro step, and its mean
+        over it; a row for each response.
+    Returns states: (k, 4, n) array, or None, U, where it is to be stored.
+    Raises ValueError when a response is not finite: the steps are far above the critical one.
+    """
+    k = rows.size
+    threads = max(1, min(member.elimination.threads, int(work(member) // SHARE), -(-k // LANES)))
+    size = 8.0 * 4.0 * member.n * (k if stored else 0) + 8.0 * 6.0 * member.n * LANES * threads
+    require(
+        64.0 * k**2 + size, f"the link response of {member.name!r} to {counted(k, 'constraint')}"
+    )
+    end, mean = np.empty((k, k)), np.empty((k, k))
+    states = np.empty((k, 4, member.n)) if stored else None
+    if not member.core.unit_responses(rows, end, mean, states, twice, threads):
+        raise ValueError(
+            f"substeps of subdomain {member.name!r} must be more: its response to the multipliers "
+            f"is not finite at the end of a macro step, got {member.substeps} of length "
+            f"{member.h:g}"
+        )
+    return end, mean, states
+
+
+def response_block(member: Member, rows: np.ndarray, values: np.ndarray) -> Block:
+    """The block (M7), sparse, since many pairs of constraints have no entry; row k of the values
+    is the response to multiplier k, a column of H."""
+    if not member.has_symmetric_block:
+        return Block.of_nonzero(rows, values.T)
+    return Block.of_nonzero(rows, 0.5 * (values + values.T))
+
+
+def warn_of_resonance(
+    H: Matrix,
+    factor: Factor,
+    members: Sequence[Member],
+    position: np.ndarray,
+    ranks: Ranks | None = None,
+) -> None:
+    """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
+
+    H: of (M4), in inner form.
+    position: (p,) array of int, position of each constraint in the core's order.
+
+    The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
+    the mean velocities in the macro step; of unsymmetric matrices, by size.
+    """
+    blocks = [(p.name, p.response_blocks[1]) for p in members if p.response_blocks is not None]
+    means = dict(joined(ranks, blocks))
+    if not means:
+        return
+    mean = interface_matrix(members, position.size, start=False, mean=True, ranks=ranks)
+    x = np.cos(np.arange(position.size))
+    for _ in range(8):
+        x = solve(factor, product(mean, x))
+        x /= np.max(np.abs(x))
+    Hx, Px = product(H, x), product(mean, x)
+    ratio = float(x @ Hx) / float(x @ Px)
+    if not all(member.symmetric for member in members):
+        ratio = float(np.linalg.norm(Hx) / np.linalg.norm(Px))
+    if ratio >= RESONANT:
+        return
+    shares = {}
+    for name, block in means.items():
+        values, i, j = block.entries()
+        shares[name] = float(x[i] @ (values * x[j]))
+    names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
+    verb = "resonate" if len(names) > 1 else "resonates"
+    row = int(np.flatnonzero(position == np.argmax(np.abs(x)))[0])
+    warn(
+        f"{' and '.join(names)} {verb} with the macro step: the effect of the "
+        f"multipliers on the velocity in constraint {row} at its end is {ratio:.1e} times the mean "
+        "effect in it, so that multipliers will be large and inaccurate; change dt a little, add "
+        'damping or take rho < 1, or coupling="gc"',
+        StabilityWarning,
+    )
+
+
+def check_mean(members: Sequence[Member]) -> None:
+    """ValueError for tied dofs without mass under mean coupling."""
+    for member in members:
+        tied = np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
+        if tied.size:
+            raise ValueError(
+                f'coupling="mean" needs mass at the interface dofs, got none at '
+                f"{numbered('dof', tied)} of {member.name!r}"
+            )
+
+
+def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
+    """Why the velocity jump can grow with damping, (K8)."""
+    local_names = []
+    for member in members:
+        scheme, damped = member.subdomain.scheme, member.is_damped and member.substeps == 1
+        if damped and 2.0 * scheme.beta > ABOVE * scheme.gamma:
+            local_names.append(member.name)
+    names = [repr(name) for name in joined(ranks, local_names)]
+    if not names:
+        return []
+    return [
+        'coupling="mean" grows with damping in subdomains with one substep and rho < 1 '
+        f"({listing(names)}): the velocity jump at the interface does; take there the "
+        'trapezoidal rule or central difference, or coupling="macro"'
+    ]
+
+
+def doubts_of_skew(members: Sequence[Member], coupling: str) -> list[str]:
+    """Why the motion can grow beside an unsymmetric K, for which (M9) proves nothing."""
+    doubts = []
+    for member in members:
+        if member.subdomain.symmetric or is_symmetric(member.subdomain.K):
+            continue
+        rows = np.unique(sp.coo_array(member.L.matrix).row)
+        for other in members:
+            why = _restless(other, member)
+            if other is member or not why:
+                continue
+            if np.isin(sp.coo_array(other.L.matrix).row, rows).any():
+                doubts.append(
+                    f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} {why} '
+                    f"is tied to {member.name!r} with an unsymmetric K: see coupler.growth(), and "
+                    'take coupling="gc", fewer substeps or rho of 0.8 or less'
+                )
+    return doubts
+
+
+def _restless(member: Member, beside: Member) -> str:
+    """What of a subdomain makes an unsymmetric one beside it grow, or empty."""
+    s, ratio = member.subdomain, member.substeps / beside.substeps
+    undamped = s.scheme.explicit and s.scheme.is_newmark and not member.is_damped
+    if ratio > BESIDE_SKEW:
+        return f"with {ratio:.3g} substeps in a step of the other"
+    if undamped and ratio > UNDAMPED_BESIDE_SKEW:
+        return f"of an undamped explicit scheme with {ratio:.3g} substeps in a step of the other"
+    return ""
+
+
+def growing(coupling: str) -> str:
+    """What is said of a coupled step that grows, for no other reason that is known."""
+    if coupling == "mean":
+        return (
+            'coupling="mean" grows with these dampings and substeps: the velocity jump at the '
+            'interface does; take other steps, or coupling="macro"'
+        )
+    return f'coupling="{coupling}" grows with these schemes and steps; take smaller steps'
+
+
+def prepare_mean(members: Sequence[Member]) -> None:
+    """Unit responses of all subdomains, which make their blocks of H."""
+    check_work(members, "mean")
+    for member in members:
+        if member.has_responses:
+            member.blocks = mean_blocks(member)
+
+
+def mean_blocks(member: Member) -> dict[bool, Block]:
+    """The blocks of H of a subdomain, of the single and the double step; stores the responses."""
+    rows = member.L.rows
+    stored = not member.deferred and not member.double and rows.size > 0 and is_stored(member)
+    single, _, states = unit_responses(member, rows, stored=stored)
+    blocks = {False: response_block(member, rows, single)}
+    if member.double:
+        twice = unit_responses(member, rows, stored=False, twice=True)[0]
+        # of the mean of both macro steps, the share of the new one
+        share = 2.0 * member.h / member.lengths[1]
+        blocks[True] = response_block(member, rows, share * twice)
+    if states is not None:
+        member.store(forms.Responses(rows, states))
+    return blocks
+
+
+def _of_old(member: Member) -> Block:
+    """The block of a double step for the multipliers of its first macro step."""
+    block, (h, long) = member.blocks[True], member.lengths
+    return block.times((long - h) / h)
+
+
+def doubled_part(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> Any:
+    """The part of H of the subdomains that take double steps, for the core."""
+    blocks = joined(
+        ranks, [_of_old(member) for member in members if member.double and member.internal is None]
+    )
+    symmetric = is_symmetric_sum(members, ranks)
+    return core_matrix(summed(blocks, p), symmetric=symmetric) if blocks else None

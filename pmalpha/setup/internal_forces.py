@@ -10,14 +10,13 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
 
-from .. import _core
-from ..blas import gemm_and_trsm
-from ..memory import require
+import pmalpha._core as _core
+
+from ..memory import gemm_and_trsm, require
 from ..problem import forms
-from ..problem.evaluation import CheckedInternal, first_tangent, histories
+from ..problem.arguments import evaluate_compiled
 from ..problem.forms import Numeric, Supernodes
 from ..problem.internal import InternalForce
-from ..problem.lowlevel import evaluate_compiled
 from ..problem.matrices import (
     Matrix,
     canonical,
@@ -29,7 +28,15 @@ from ..problem.matrices import (
 )
 from ..problem.springs import assembled, core_springs, stiffness
 from ..problem.subdomain import Subdomain
-from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union
+from ..problem.tangents import (
+    CheckedInternal,
+    Slots,
+    entries_of,
+    first_tangent,
+    histories,
+    keys_of,
+    symmetric_union,
+)
 from ..reduction.ordering import Graph, elimination_order, graph_of, rows_of
 from .factors import Structure, structure_of
 

@@ -18,12 +18,11 @@ from .._checks import counted
 from ..errors import FactorizationError
 from ..memory import require
 from ..problem import forms
+from ..problem.forms import Newton
 from ..problem.matrices import combination, core_matrix, permuted
-from ..problem.newton import Newton
-from .interface import is_symmetric_sum, summed, total
+from .interface import compute_unit_responses, is_symmetric_sum, mean_blocks, summed, total
 from .internal_forces import core_size, numeric, structure
 from .link import Block
-from .macro import compute_unit_responses, mean_blocks
 from .member import Member, parts_of_steps
 from .ranks import Ranks, joined
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._cached import cached_property
 from .._checks import counted
-from ..blas import one_thread
-from ..memory import require
+from ..memory import one_thread, require
 from ..problem.forms import Columns, Factor
 from ..problem.matrices import core_sparse
 from .factors import interface_block, sides

@@ -7,18 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._cached import Once
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
 from ..problem import forms
+from ..problem.device import limits_of_dofs
 from ..problem.forms import Factor, Operator
-from ..problem.limits import limits_of_dofs
 from ..problem.matrices import (
     Matrix,
     combination,
@@ -402,7 +403,7 @@ def core_parts(
     sizes = {"n": member.n, "nb": member.nb, "substeps": substeps}
     steps = {"single": _in_core(scheme, single)}
     steps |= {} if twice is None else {"twice": _in_core(scheme, twice)}
-    steps |= {"second": scheme.second_stage(single.h)} if scheme.is_of_two_stages else {}
+    steps |= {"second": cast(Any, scheme).second_stage(single.h)} if scheme.is_of_two_stages else {}
     link = {"link": L.core(member.n - member.nb)}
     return sizes | steps | link | matrices | parts
 
@@ -529,7 +530,8 @@ def _watch(member: Member) -> forms.Watch | None:
     if s.restoring is None and member.internal is None and not s.has_feedback:
         return None
     K_r = None if s.scheme.explicit else member.K_r
-    return forms.Watch(*(member.core_matrix(A) for A in (member.M, K_r)), s.scheme.explicit)
+    M, K_r = member.core_matrix(member.M), member.core_matrix(K_r)
+    return forms.Watch(M, K_r, s.scheme.explicit)
 
 
 def _internal(member: Member, threads: int) -> dict[str, Any]:

@@ -8,24 +8,191 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import inspect
 import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 
 from ..errors import InstabilityError, PmalphaError
 from ..files import checked_path, library
 from ..problem import forms
-from ..problem.forces import SampledForce
+from ..problem.constraints import Constraint
+from ..problem.contacts import Contact
+from ..problem.loads import SampledForce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .core_failure import Failure
 from .member import Member
+
+# ---- core failure -------------------------------------------------------------------------------
+# What ended a macro step in the core, by names: its one description in Python. Positions of dofs
+# are those of the core, None where there is none; subdomains are counted over all processes.
+
+
+class Unstable(TypedDict):
+    """A value that is not finite, or a motion out of bounds; after all subdomains the interface."""
+
+    kind: Literal["unstable"]
+    subdomain: int
+
+
+class NotConverged(TypedDict):
+    """An iteration of a subdomain, at t; the dof where its tangent is singular, and the one where
+    the force of its compiled functions is not finite; whether all values were."""
+
+    kind: Literal["iteration"]
+    subdomain: int
+    t: float
+    corrections: int
+    singular: int | None
+    spoiled: int | None
+    finite: bool
+
+
+class InterfaceNotConverged(TypedDict):
+    """The iteration of the interface, whose matrix of the tangents may be singular."""
+
+    kind: Literal["interface"]
+    singular: bool
+
+
+class Unsymmetric(TypedDict):
+    """A tangent that should be symmetric, at t."""
+
+    kind: Literal["unsymmetric"]
+    subdomain: int
+    t: float
+
+
+class FunctionFailed(TypedDict):
+    """A compiled function returned a code; what it is to the subdomain."""
+
+    kind: Literal["function"]
+    subdomain: int
+    code: int
+    what: str
+
+
+class Limited(TypedDict):
+    """A command or a force beyond a limit of a rig."""
+
+    kind: Literal["limit"]
+    subdomain: int
+    what: str
+    position: int
+    value: float
+    limit: float
+    t: float
+    by_clock: bool
+
+
+class NoImpulses(TypedDict):
+    """The impulses of contacts do not come to an end, furthest in this row."""
+
+    kind: Literal["contact"]
+    row: int
+
+
+class Late(TypedDict):
+    """A step of a paced run ended late."""
+
+    kind: Literal["late"]
+
+
+class FailedElsewhere(TypedDict):
+    """Something failed in another process; in this one when the exchange did."""
+
+    kind: Literal["elsewhere"]
+    rank: int
+
+
+Failure: TypeAlias = (
+    Unstable
+    | NotConverged
+    | InterfaceNotConverged
+    | Unsymmetric
+    | FunctionFailed
+    | Limited
+    | NoImpulses
+    | Late
+    | FailedElsewhere
+)
+
+
+# ---- remade -------------------------------------------------------------------------------------
+# A coupler of the same problem as another one at t = 0, with other steps or matrices.
+
+# What a Subdomain is made of; its C has these already.
+IN_C = {"rayleigh", "damping_ratio"}
+ARGUMENTS = [name for name in inspect.signature(Subdomain).parameters if name not in IN_C]
+
+
+def remade(
+    session: Any,
+    make: Callable[..., Any],
+    change: Callable[[str, dict[str, Any]], None],
+    *,
+    of_motion: Callable[[Any, str], Any] = lambda motion, _: motion,
+    **options: Any,
+) -> Any:
+    """The coupler at t = 0, with the present initial values and loads.
+
+    make: makes a coupler, with the arguments of `Coupler`.
+    change: changes the arguments of the `Subdomain` of this name, a dict.
+    of_motion: ``of_motion(motion, what)`` is taken in place of a prescribed velocity and of the
+        motion of a contact, `what` being its name in messages.
+    options: those of `Coupler` in place of those with which it was made.
+    """
+    subdomains = []
+    present = zip(session.keys, session.loads.forces, session.initial.values)
+    for (key, s), force, (u0, v0) in present:
+        arguments: dict[str, Any] = {x: getattr(s, x) for x in ARGUMENTS}
+        arguments |= dict(name=key, force=force, u0=u0, v0=v0)
+        for matrix in "MK":  # None is one of zeros
+            arguments[matrix] = np.zeros(s.n) if arguments[matrix] is None else arguments[matrix]
+        change(key, arguments)
+        subdomains.append(Subdomain(**arguments))
+    constraints = [*_constraints(session, of_motion), *_contacts(session, of_motion)]
+    options = {**session.options._asdict(), **options}
+    return make(subdomains, constraints, **options)
+
+
+def _constraints(session: Any, of_motion: Callable[[Any, str], Any]) -> Iterator[Constraint]:
+    rows, names = session.rows, [name for name, _ in session.keys]
+    motions = {int(motion.rows[0]): motion for motion in session.loads.motions}
+    for first, last in zip(rows.starts, rows.starts[1:]):
+        matrices = {name: sp.csr_array(L)[first:last] for name, L in zip(names, rows.matrices)}
+        sides: Mapping[str, Any] = {name: L for name, L in matrices.items() if L.nnz}
+        motion = motions.get(int(first))
+        velocity = None if motion is None else of_motion(motion.velocity, motion.what)
+        yield Constraint(sides, velocity)
+
+
+def _contacts(session: Any, of_motion: Callable[[Any, str], Any]) -> Iterator[Contact]:
+    names = {s: name for name, s in session.keys}
+    known = session.rows.contacts
+    for c, label in () if known is None else zip(known.contacts, known.names):
+        matrices, *tangents = (
+            {names.get(s, s): N for s, N in x.items()} for x in (c.matrices, *c.tangents)
+        )
+        numbers = ("gap", "friction", "friction_static", "restitution", "name")
+        arguments = {x: getattr(c, x) for x in numbers}
+        what = f"motion of {label!r}"
+        motion: Any = (
+            tuple(of_motion(f, what) for f in c.motion)
+            if isinstance(c.motion, tuple)
+            else of_motion(c.motion, what)
+        )
+        yield Contact(matrices, tangents=tangents, motion=motion, **arguments)
+
+
+# ---- ranks --------------------------------------------------------------------------------------
 
 T = TypeVar("T")
 # Pieces of its interface values that the core sends of a subdomain at a time, at most, and numbers

@@ -11,12 +11,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import check_word, counted, listed, listing, time_step, whole_number
-from ..problem.argument_types import Coupling, Start
+from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Chosen, Constraint
-from ..problem.newton import DEFAULT, Newton
+from ..problem.contacts import Contact
+from ..problem.forms import DEFAULT, Newton
 from ..problem.schemes import require_generalized_alpha
 from ..problem.subdomain import Subdomain
-from ..problem.unilateral import Contact
 
 MOST_SUBSTEPS = 2**31
 # With one interface problem in a macro step.

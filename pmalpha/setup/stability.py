@@ -11,9 +11,9 @@ import scipy
 import scipy.sparse as sp
 
 from .._checks import listing, vector
-from ..blas import one_thread
 from ..errors import StabilityWarning, warn
-from ..problem.argument_types import VectorLike
+from ..memory import one_thread
+from ..problem.arguments import VectorLike
 from ..problem.matrices import (
     Matrix,
     combination,

@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .. import _core
+import pmalpha._core as _core
+
 from .._checks import listing, numbered
 from .._core import LANES
-from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, warn
+from ..memory import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.matrices import EXPORTED, Matrix, combination, diagonal

@@ -7,12 +7,11 @@ node i, component c: dofs_per_node * i + c. Elements have the names and the orde
 meshio and VTK. Units are any consistent set.
 """
 
-from ..reduction.eigenmodes import modes
-from .bars import truss
+from ..reduction.modes import modes
 from .contact import plane_contact, sphere_contact
 from .continuum import plate, plate_on, solid, solid_on
 from .element_force import ElementForce
-from .frames import beam_frame, corotational_frame, subdivide
+from .frames import beam_frame, corotational_frame, subdivide, truss
 from .imported import from_mesh, submesh
 from .lines import chain, rod
 from .materials import J2Plasticity, NeoHookean, StVenantKirchhoff

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, real_number, whole_number
 from ..errors import StabilityWarning, warn
-from ..problem.argument_types import DofsLike
+from ..problem.arguments import DofsLike
 from ..problem.constraints import Constraint
 from ..problem.dofs import dof_list
 from ..problem.schemes import Scheme

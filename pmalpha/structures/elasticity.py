@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import listing
-from ..blas import one_thread
+from ..memory import one_thread
 from ..meshes.kinds import KINDS, SHAPES
 from ..meshes.mesh import Block
 from .element_force import Made, Selected, of_chosen

@@ -17,7 +17,7 @@ from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
 from ..meshes.mesh import FileMesh, are_sides
 from ..problem.dofs import as_nodes
 from ..readers.mesh_files import read_mesh
-from ..readers.unread import Unread
+from ..readers.text import Unread
 from .checked import is_lumped, node_numbers, positive
 from .continuum import moduli_of
 from .elasticity import RULES, Moduli, Rule, elastic_matrices, lumped_shares

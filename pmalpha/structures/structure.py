@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from .._cached import cached_property
 from .._checks import counted, flag, listing, plain_array, real_number
 from .._tables import html_facts
-from ..problem.argument_types import DofsLike
+from ..problem.arguments import DofsLike
 from ..problem.dofs import NodeNames, along, as_nodes, dof_list
 from ..problem.free_loads import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
@@ -25,8 +25,16 @@ from .absorbing_layer import AbsorbingLayer, absorbing_layer
 from .attached import Attached, moved_masses, not_negative, placed_springs
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
-from .pyvista_grid import grid_of
-from .stress import BAR, BEAM, base_shear, line_forces, nodal_stress, storey_drifts, storey_shears
+from .stress import (
+    BAR,
+    BEAM,
+    base_shear,
+    grid_of,
+    line_forces,
+    nodal_stress,
+    storey_drifts,
+    storey_shears,
+)
 
 __all__ = ["Structure"]
 
