@@ -143,9 +143,10 @@ def cell(notes, choices, act=run, count=2, possible=COUPLINGS):
     """yes; the couplings under which it is possible, and why not under the others; or why not."""
     refused = {c: tried(choices, c, act, count) for c in possible}
     good = [c for c, error in refused.items() if error is None]
-    marks = list(dict.fromkeys(notes(error) for error in refused.values() if error is not None))
+    errors = [error for error in refused.values() if error is not None]
     if not good:
-        return "".join(marks[:1])
+        return notes(errors[0])
+    marks = list(dict.fromkeys(map(notes, errors)))
     return "yes" if not marks else f"yes: {', '.join(good)} {''.join(marks)}"
 
 

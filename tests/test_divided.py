@@ -57,17 +57,17 @@ def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
 
 
 def large_block(**options):
-    """A block that two workers share."""
+    """A block with fronts that BLAS factors: one subdomain, which one thread advances."""
     mesh = pm.structures.solid(9, 9, 9, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
     member = mesh.subdomain(scheme=IMPLICIT, force=np.sin(np.arange(mesh.n)))
     return pm.Coupler([member], dt=DT, **options)
 
 
 @pytest.mark.parametrize("threads", [2, 5])
-def test_one_solid_by_several_threads_is_bitwise_identical(threads):
+def test_one_solid_is_advanced_by_one_thread_of_several(threads):
     alone, shared = large_block(threads=1), large_block(threads=threads)
     one_by_one = large_block(threads=threads)
-    assert (alone.threads, shared.threads) == (1, threads)
+    assert (alone.threads, shared.threads) == (1, 1)
     expected, found = alone.run(steps=STEPS), shared.run(steps=STEPS)
     for name in ("u", "v", "a"):
         np.testing.assert_array_equal(getattr(found[0], name), getattr(expected[0], name))

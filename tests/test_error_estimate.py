@@ -204,7 +204,10 @@ def test_an_error_of_a_finer_run_says_which_run_it_was():
 
     with pytest.raises(ZeroDivisionError) as caught:
         oscillator(0.1, force=load).estimate_error(1.0)
-    assert caught.value.__notes__ == ["in the run with dt = 0.05 of estimate_error"]
+    assert caught.value.__notes__ == [
+        "in force of subdomain 'mass' at t = 0.15",
+        "in the run with dt = 0.05 of estimate_error",
+    ]
 
 
 def test_set_up_and_finer_runs_do_not_warn_again():

@@ -254,7 +254,8 @@ def replied(sent, timeout=waits.LIMIT, pause=0.0):
                     for k in range(len(sent)) if pause else [slice(None)]:
                         connection.sendall(sent[k : k + 1] if pause else sent)
                         time.sleep(pause)  # so that the whole takes hours
-                    connection.recv(1)
+                    while connection.recv(4096):  # what the client sends, until it goes
+                        pass
                 except OSError:  # the client has gone
                     pass
 

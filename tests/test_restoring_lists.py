@@ -340,7 +340,7 @@ def test_a_stiff_function_beside_springs_adds_energy():
     halves = [lambda t, u, v: 5e3 * u, soft, lambda t, u, v: 5e3 * u]
     coupler = one_dof(halves)
     # omega = 100 of both halves together
-    with pytest.warns(pm.StabilityWarning, match="forces of subdomain 'rig' have added energy"):
+    with pytest.warns(pm.StabilityWarning, match="forces of subdomain 'rig' .* too stiff for it"):
         coupler.run(1.0)
     one_dof(halves, restoring_stiffness=[10001.0]).step(400)  # warnings are errors
 
@@ -359,6 +359,8 @@ def test_where_a_function_has_no_estimate_the_stiffness_counts_as_unknown():
 # ---- checkpoints -------------------------------------------------------------------------------
 
 
+# the estimate is that of all springs, of which the gap stays open
+@pytest.mark.filterwarnings("ignore:restoring_stiffness of subdomain 'a' is above")
 def test_a_saved_run_with_a_mixed_list_goes_on_bitwise(tmp_path):
     items = [*MIXED, pm.BoucWen([(1, 2)], k=30.0, fy=0.2), pm.Gap([2], k=20.0, gap=0.1)]
     estimate = {"restoring_stiffness": None}

@@ -493,11 +493,12 @@ class Bathe(Scheme):
         return both
 
     def radius_at_infinity(self) -> float:
-        """Spectral radius as Omega goes to infinity: 0.
+        """Spectral radius as Omega goes to infinity.
 
         Returns
         -------
         float
+            0: what a step does not resolve is gone after it.
         """
         return 0.0
 

@@ -132,8 +132,10 @@ class ElementForce:
 
         Parameters
         ----------
-        t, u, v, q
-            As for a call; ``residual(u)`` without the time.
+        t : float, optional
+            Time. Default: 0, where u is given alone: ``residual(u)``.
+        u, v, q : (n,) and (m,) array_like
+            As for a call.
 
         Returns
         -------
