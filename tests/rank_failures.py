@@ -77,14 +77,9 @@ class Counted:
         self.active, self.last, self.happens, self.value = active, last, happens, value
         self.calls, self.once = 0, once
 
-    @staticmethod
-    def time(*arguments):
-        """Of F(t), r(t, u, v) and f(t, u, v, q)."""
-        return arguments[min(len(arguments), 3) - 1]
-
-    def __call__(self, *arguments):
+    def __call__(self, t, *motion):
         self.calls += 1
-        if self.active and self.time(*arguments) > self.last:
+        if self.active and t > self.last:
             self.active = not self.once
             return self.happens()
         return self.value

@@ -220,7 +220,7 @@ def test_files_have_a_docstring_and_up_to_900_lines_and_functions_up_to_90():
         assert source.startswith('"""'), path  # its docstring
 
 
-def test_a_function_of_61_lines_would_be_detected_and_a_docstring_does_not_count():
+def test_lines_of_functions_are_counted_without_their_docstring():
     def lengths(source):
         return lengths_in(statements_of(source))
 
