@@ -25,7 +25,7 @@ import pmalpha as pm
 
 n = 3
 K = np.eye(n)
-a = pm.Subdomain([1.0, 2.0, 3.0], K, 0.1 * K, scheme=pm.GeneralizedAlpha(0.8), name="a")
+a = pm.Subdomain([1.0, 2.0, 3.0], K, C=0.1 * K, scheme=pm.GeneralizedAlpha(0.8), name="a")
 b = pm.Subdomain(
     np.ones(n),
     [[2, -1, 0], [-1, 2, -1], [0, -1, 2]],
