@@ -8,8 +8,11 @@ DT = 0.01  # the macro step
 ROOF = 0.1  # the initial displacement of the roof
 
 
-def tower_on_rig(force, spring=0.0):
-    """A coupler whose roof has the load `force(t)` and a spring of this stiffness to the ground."""
+def tower_on_rig(force=None, spring=0.0):
+    """A coupler whose roof has the load `force(t)` and a spring of this stiffness to the ground.
+
+    Without a load it can be an FMU, to which a master gives the force.
+    """
 
     def load(t):
         return np.array([0.0, 0.0, force(t)])
@@ -18,7 +21,7 @@ def tower_on_rig(force, spring=0.0):
         [1.0, 2.0, 1.0],
         np.array([[9.0, -9.0, 0.0], [-9.0, 18.0, -9.0], [0.0, -9.0, 9.0 + spring]]),
         scheme=pm.GeneralizedAlpha(0.8),
-        force=load,
+        force=None if force is None else load,
         u0=[0.0, 0.0, ROOF],
         name="tower",
     )
