@@ -73,7 +73,7 @@ class Build(build_ext):
             *glob("csrc/library/*.[ch]"),
             *glob("csrc/fmu/*.[ch]"),
         ]
-        extension, last = Path(self.get_ext_fullpath(ext.name)), self.library_path("fmu3")
+        extension, last = Path(self.get_ext_fullpath(ext.name)), self.path_of_library("fmu3")
         if extension.exists() and not newer(last, extension):
             self.force = True
         compiler = self.compiler.compile
@@ -95,7 +95,7 @@ class Build(build_ext):
             fmu = together([*self.of_fmu, *self.of_version.values()], **core_options)
             self.build_library(library, fmu)
 
-    def library_path(self, stem):
+    def path_of_library(self, stem):
         return Path(self.build_lib, self.LIBRARY, stem).with_suffix(Path(SHARED).suffix)
 
     def build_library(self, objects, fmu):
@@ -111,7 +111,7 @@ class Build(build_ext):
         self.compiler.link_shared_object(objects, str(folder / SHARED), **link)
         count = len(self.of_fmu)
         for name, version in zip(self.of_version, fmu[count:]):
-            path = str(self.library_path(name))
+            path = str(self.path_of_library(name))
             self.compiler.link_shared_object([*objects, *fmu[:count], version], path, **link)
 
     def run(self):
