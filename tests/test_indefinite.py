@@ -8,6 +8,7 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import models
+from pmalpha._cached import Once
 from pmalpha.setup.judging import warn_of_growing
 from pmalpha.setup.link import Link
 
@@ -87,7 +88,7 @@ def test_a_direction_without_mass_grows_at_once():
     K = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 1.0]])
     massless = part(K, M=[1.0, 0.0, 0.0])  # which the factor of Mbar refuses afterwards
     with pytest.warns(pm.StabilityWarning, match="grows at once"):
-        warn_of_growing([("a", massless)], [Link.empty(3)], complete=True)
+        warn_of_growing([("a", massless)], [Link.empty(3)], Once(), complete=True)
 
 
 @pytest.mark.parametrize("ratios", [[5.0, 5.0], [0.05, 1.0], [np.float64(2.0), 0.0]])

@@ -16,7 +16,7 @@ import pytest
 
 import pmalpha as pm
 from pmalpha.reduction.ordering import elimination_order, graph_of, rows_of
-from pmalpha.setup import member
+from pmalpha.setup import judging
 from pmalpha.setup.factors import structure_of
 
 ROOT = Path(__file__).parent.parent
@@ -67,7 +67,7 @@ def cube(m):
 
 def test_a_long_factorization_without_pymetis_is_warned_of_once(monkeypatch):
     monkeypatch.setitem(sys.modules, "pymetis", None)  # import raises ImportError
-    monkeypatch.setattr(member, "NOTABLE_FACTORIZATION", 1e6)
+    monkeypatch.setattr(judging, "NOTABLE_FACTORIZATION", 1e6)
     with pytest.warns(pm.PerformanceWarning, match="pip install pymetis") as caught:
         pm.Coupler([cube(5)], dt=0.1)
     assert len(caught) == 1
@@ -83,7 +83,7 @@ def test_a_short_factorization_is_not_warned_of(monkeypatch):
 
 def test_with_pymetis_there_is_no_warning(monkeypatch):
     pytest.importorskip("pymetis")
-    monkeypatch.setattr(member, "NOTABLE_FACTORIZATION", 1e6)
+    monkeypatch.setattr(judging, "NOTABLE_FACTORIZATION", 1e6)
     pm.Coupler([cube(5)], dt=0.1)
 
 

@@ -287,7 +287,7 @@ def margin(case, **options):
         device = rig.Compensated(plant, method="model", model=actuator(), **options)
         with pytest.MonkeyPatch.context() as patch:
             seen = []
-            patch.setattr("pmalpha.setup.amplification.warn", lambda text, kind: seen.append(text))
+            patch.setattr("pmalpha.setup.judging.warn", lambda text, kind: seen.append(text))
             pm.Coupler([numerical(case, Plant(), device)], dt=H)
         return bool(seen)
 

@@ -349,7 +349,7 @@ def test_wrong_arguments_change_nothing(arguments, kind, words):
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
-@pytest.mark.parametrize("where", ["build", "interface_factor", "step_ratio"])
+@pytest.mark.parametrize("where", ["build", "interface_factor", "judge_steps"])
 def test_an_error_halfway_changes_nothing(coupling, where, monkeypatch):
     c, other = (pair(0.1, (1, 2), coupling=coupling) for _ in range(2))
     for x in (c, other):

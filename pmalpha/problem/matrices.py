@@ -453,6 +453,11 @@ def with_entries(A: sp.csr_array, data: np.ndarray) -> sp.csr_array:
     return B
 
 
+def absolute(A: Matrix) -> Matrix:
+    """The absolute values of the entries."""
+    return np.abs(A) if isinstance(A, np.ndarray) else with_entries(A, np.abs(A.data))
+
+
 def combination(terms: list[tuple[float, Matrix]]) -> Matrix | None:
     """The sum of factor times matrix, in the simplest form for all of them."""
     present = [(f, A) for f, A in terms if A is not None and f != 0.0]

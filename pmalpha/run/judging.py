@@ -9,8 +9,9 @@ import numpy as np
 
 from ..errors import AccuracyWarning, StabilityWarning, warn
 from ..results.history import History
+from ..setup.judging import warn_of_steps
 from ..setup.member import Member
-from ..setup.stability import present_ratio, warn_of_steps
+from ..setup.stability import present_ratio
 from .session import Session
 
 # What can be the cause, in this order.

@@ -27,14 +27,14 @@ from ..results.history import History
 from ..results.quantities import by_index
 from ..results.recording import Recorded
 from ..results.times import Clock, clock_of
-from ..setup.assembly import Assemblies, Assembly, Layout
+from ..setup.assembly import Assemblies, Assembly
 from ..setup.contact_rows import Contacts
-from ..setup.judging import warn_of_ground
 from ..setup.member import Member
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.rows import ConstraintRows, CoreRows
 from ..setup.schedule import (
     MACRO,
+    Layout,
     Options,
     Rows,
     checked_constraints,
@@ -175,11 +175,11 @@ def made(
             threads=threads_allowed,
             ranks=ranks,
             contacts=contacts,
+            groups=row_groups,
         )
     assembly, forces = assemblies.first, [s.force for s in subdomains]
     core, members = assembly.core, assembly.members
     warn_of_skipped(members, forces, motions, clock.dt / core.instants)
-    warn_of_ground(members, forces, row_groups, assembly.first)
     obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
     session = Session(
         guard=guard,

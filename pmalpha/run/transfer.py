@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..results.times import Clock, clock_of
-from ..setup.assembly import Assembly, Layout
+from ..setup.assembly import Assembly
 from ..setup.member import Member
+from ..setup.schedule import Layout
 
 # What the arrays of the level before have in front of their names.
 PREVIOUS = "previous_"

@@ -1,4 +1,4 @@
-"""The poles of the loop of a structure with simulated rigs, before a run, equation (Y19)."""
+"""Spectral radii and growth of coupled steps, and of loops with simulated rigs, equation (Y19)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pmalpha._core as _core
 from .._core import LANES
 from ..devices.actuators import Compensated
 from ..devices.linear import LinearActuator, at_rest
-from ..errors import InstabilityError, StabilityWarning, warn
+from ..errors import InstabilityError
 from ..problem import forms
 from ..problem.device import Device, core_specimen
 from ..problem.restoring import items_of
@@ -28,15 +28,11 @@ from .schedule import MACRO
 # ---- propagation --------------------------------------------------------------------------------
 # The amplification matrix of a linear assembly, and StabilityWarning for couplings that grow.
 
-# Numbers of a state up to which the amplification matrix of any coupled problem is made: as long as
-# the rest of the set-up takes. And where there is a reason to, up to a tenth of a second.
-ALWAYS, CHEAP = 100, 300
 # Growth in a macro step from which on it is one; and the rounding of an eigenvalue, divided by its
 # condition and the norm of the matrix. Measured: rounding has up to 10, growth 1e7 and more.
 GROWS, ROUNDING = 1e-7, 1e3 * np.finfo(float).eps
-# Rates of growth up to this multiple of that of the structure are its own, with the errors of steps
-# that resolve it; rates below this part of the largest eigenvalue are rounding.
-OWN, ROOT = 1.1, 1e-7
+# Rates of growth below this part of the largest eigenvalue are rounding.
+ROOT = 1e-7
 
 
 def propagation(layout: Layout, rows: CoreRows, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -140,38 +136,6 @@ class Layout:
         return (*names, *(f"Lam[{row}]" for row in range(self.rows.p)))
 
 
-def warn_of_growth(
-    doubts: Sequence[str],
-    otherwise: str | None,
-    members: Sequence[Member],
-    radius: float | None,
-    dt: float,
-) -> None:
-    """StabilityWarning for each of the doubts, unless no step grows more than the structure does.
-
-    doubts: why a coupling of these schemes can grow.
-    otherwise: what to say if it grows and there are none; None where that is said elsewhere.
-    """
-    amount, texts = "", list(doubts)
-    if radius is not None:
-        if not is_growing(radius):
-            return
-        growth = growth_of_structure(members) * dt
-        if np.log(radius) <= OWN * growth + GROWS:
-            return
-        amount = f": here by a factor of {_factor(radius)} in a macro step"
-        if growth > 0.0:
-            amount += f", of which {_factor(np.exp(growth))} is the growth of the structure itself"
-        texts = texts or ([] if otherwise is None else [otherwise])
-    for text in texts:
-        warn(text + amount, StabilityWarning)
-
-
-def _factor(radius: float) -> str:
-    """A factor with three digits of what it adds."""
-    return f"{1.0 + float(f'{radius - 1.0:.3g}'):.12g}"
-
-
 def is_growing(radius: float) -> bool:
     """Whether a macro step with this spectral radius grows."""
     return not radius <= 1.0 + GROWS
@@ -260,37 +224,7 @@ class Growth:
     radius: float
 
 
-def warn_of_loops(members: Sequence[Member]) -> None:
-    """StabilityWarning where the loop with linear rigs grows; nothing where that is not known."""
-    rigs = [
-        (member, item)
-        for member in members
-        for item in items_of(member.subdomain.restoring)
-        if isinstance(item, Device) and isinstance(item.innermost, LinearActuator)
-    ]
-    if not rigs:
-        return
-    growth = growth_of(members, rigs)
-    if growth is None:
-        return
-    names = ", ".join(repr(member.name) for member, _ in rigs)
-    means = ", ".join(" before ".join(_methods(item)) or "none" for _, item in rigs)
-    actuator = rigs[0][1].innermost
-    at = actuator.response(growth.frequency)
-    plant = ""
-    if actuator.n == 1:
-        turn = np.degrees(np.angle(at))
-        plant = f", where the actuator has the amplitude {abs(at):.3g} and the phase {turn:.3g} deg"
-    warn(
-        f"the loop of subdomain {names} with its rig grows as exp({growth.rate:.4g} t) at "
-        f"{growth.frequency:.3g} cycles per unit of t{plant}: the spectral radius of a step is "
-        f"{1.0 + float(f'{growth.radius - 1.0:.3g}'):.12g}; compensation: {means}. "
-        'rig.Compensated(..., method="model") follows the commands with the inverse of a model',
-        StabilityWarning,
-    )
-
-
-def _methods(item: Any) -> list[str]:
+def methods_of(item: Any) -> list[str]:
     """The methods of the compensators of a device, the outermost first."""
     methods = []
     while isinstance(item, Device):
@@ -325,7 +259,7 @@ def growth_of(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) 
 def _is_known(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) -> bool:
     """Whether all that is not linear are these rigs, all with one step, and small enough."""
     devices = [item for _, item in rigs]
-    if any("adaptive" in _methods(item) for item in devices):
+    if any("adaptive" in methods_of(item) for item in devices):
         return False  # it does not stay as it begins
     steps = {member.h for member, _ in rigs}
     return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -16,60 +16,30 @@ from ..memory import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
 from ..problem.subdomain import Subdomain
-from .amplification import ALWAYS, CHEAP, cheap_radius, is_growing, warn_of_growth, warn_of_loops
 from .combinations import Placed, require_combinations
 from .contact_rows import Contacts
 from .factors import Eliminations
 from .interface import (
     check_mean,
     doubled_part,
-    doubts_of_damping,
-    doubts_of_skew,
-    growing,
     interface_factor,
     interface_matrix,
     is_symmetric_sum,
     prepare,
     prepare_mean,
     row_order,
-    warn_of_resonance,
 )
-from .internal_forces import closing_tangent
 from .iteration import iteration_of, prepare_iterated
-from .judging import warn_of_feeding, warn_of_growing, warn_of_light, warn_of_loose
+from .judging import Made, judge, judge_steps, warn_of_order
 from .link import Link
-from .member import Member, build, make_member, warn_of_factors, warn_of_order
+from .member import Member, build, make_member
 from .ranks import Ranks, joined, processes
 from .rows import CoreRows
-from .schedule import MACRO, Options
-from .stability import StepRatio, step_ratio, warn_of_steps
+from .schedule import Layout, Options, Rows
 from .start import InitialAccelerations
 
 # Assemblies that are kept beside the first one, those used last.
 KEPT = 32
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The lengths of all steps of a coupled problem, of the subdomains of all processes."""
-
-    dt: float  # macro step
-    substeps: tuple[int, ...]  # by subdomain
-    doubles: tuple[bool, ...]  # which subdomains take double steps
-    # lengths of the double steps that span a change of the steps, in the macro step after it; None
-    # for the others. Default: no subdomain has one.
-    overs: tuple[float | None, ...] = ()
-    staged: int = 0  # fine steps in a macro step where they are stages of a scheme of two, else 0
-
-    def of(self, i: int) -> tuple[float, int, bool, float | None]:
-        """Length and number of the substeps of subdomain i of all, whether steps are double, and
-        the entry of `overs`."""
-        over = self.overs[i] if self.overs else None
-        return self.dt / self.substeps[i], self.substeps[i], self.doubles[i], over
-
-    @property
-    def spans_change(self) -> bool:
-        return any(over is not None for over in self.overs)
 
 
 @dataclass(frozen=True)
@@ -92,6 +62,7 @@ class Assemblies:
         faster.
     ranks: the processes, of which each has the subdomains in `keys`, and in other arguments.
     contacts: under "pm" and "gc".
+    groups: the constraints of the user, of the subdomains of all processes.
     row_position: (p,) array of int, position of each constraint in the core's order.
     """
 
@@ -107,6 +78,7 @@ class Assemblies:
         threads: tuple[int, bool],
         ranks: Ranks | None = None,
         contacts: Contacts | None = None,
+        groups: Sequence[Rows] = (),
     ):
         self.ranks = ranks
         self.first_own = 0 if ranks is None else ranks.part.start
@@ -114,8 +86,6 @@ class Assemblies:
         self.contacts = contacts
         self.keys = keys
         self._require_combinations(layout)
-        reached = {} if contacts is None else contacts.dofs
-        warn_of_loose(keys, links, reached)
 
         # elimination order of each subdomain, and of the rows
         self._once = Once()
@@ -134,11 +104,8 @@ class Assemblies:
         self._made: dict[Layout, Assembly] = {}
         self._masses: dict[str, Factor] = {}
         self.accelerations: InitialAccelerations | None = None
-        self.first_layout, self.first = layout, self._assemble(layout, members)
-        if contacts is not None:
-            contacts.warn_of_ties(members)
-        warn_of_growing(keys, links, complete=ranks is None)
-        warn_of_feeding(keys, links, complete=ranks is None)
+        self.first_layout = layout
+        self.first = self._assemble(layout, members, (keys, links, groups))
 
     def of(self, layout: Layout) -> Assembly:
         """The assembly of a layout: a known one, or one with the factors that are known.
@@ -192,16 +159,39 @@ class Assemblies:
             members.append(known)
         return tuple(members)
 
-    def _assemble(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
-        """Factor and couple subdomains, of which some may be built already."""
+    def _assemble(
+        self, layout: Layout, members: tuple[Member, ...], first: tuple[Any, ...] | None = None
+    ) -> Assembly:
+        """Factor, couple and judge subdomains, of which some may be built already.
+
+        first: what is judged of the first assembly besides.
+        """
+        new = [member for member in members if member.core is None]
         # once, not for each factor; of a decorator a frame would be outside the package for `warn`
         try:
             with one_thread():
-                return self._factored(layout, members)
+                assembly = self._factored(layout, members, new)
+                made = Made(
+                    members,
+                    assembly.core,
+                    self.coupling,
+                    layout,
+                    CoreRows(self.row_position, np.ones(self.rows.size)),
+                    assembly.parts["H"],
+                    self.ranks,
+                    self.contacts,
+                )
+                judge_steps(made, new) if first is None else judge(made, *first)
+                for member in members:
+                    if member.internal is None and self.coupling != "mean":
+                        member.blocks.clear()  # they cost more than a sweep
+                return assembly
         finally:
             self._once.clear()
 
-    def _factored(self, layout: Layout, members: tuple[Member, ...]) -> Assembly:
+    def _factored(
+        self, layout: Layout, members: tuple[Member, ...], new: Sequence[Member]
+    ) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
         if self.contacts is not None:
@@ -209,7 +199,6 @@ class Assemblies:
             self.contacts.check_steps(names, layout.substeps, layout.doubles)
 
         # Mbar = R D R^T
-        new = [member for member in members if member.core is None]
         shared = self._threads_of_tangents(members)
         for member in new:
             if mean and member.name not in self._masses:
@@ -224,9 +213,6 @@ class Assemblies:
         # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
         H, H_start = self._interface_factors(layout, members)
         iteration = iteration_of(members, p, self.options.newton, macro or mean, self.ranks)
-        for member in members:
-            if member.internal is None and not mean:  # else they cost more than a sweep
-                member.blocks.clear()
 
         # M = R D R^T, for the initial accelerations
         if self.accelerations is None:
@@ -245,52 +231,9 @@ class Assemblies:
         if self.contacts is not None:
             self.contacts.check_compliance(core, members)
 
-        for member in new:
-            internal = None if member.internal is None else member.internal.K
-            closing = closing_tangent(member.subdomain)
-            member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
-        self._warn_of_growth(layout, members, core)
-        if self.ranks is None:
-            warn_of_loops(members)
-        warn_of_light(new)
         pairs = enumerate(members, self.first_own)
         self._known.update({(i, *layout.of(i)): member for i, member in pairs})
         return Assembly(members, core, parts, self.first_own)
-
-    def _warn_of_growth(
-        self, layout: Layout, members: Sequence[Member], core: _core.Coupler
-    ) -> None:
-        """StabilityWarning for steps above the critical ones and for couplings that grow.
-
-        Of small problems whose subdomains are all linear the spectral radius decides on both: a tie
-        to a heavy subdomain raises the critical step, and other substeps elsewhere may lower it
-        again.
-        """
-        if layout.spans_change:
-            return  # one macro step; the regular steps after it were assembled before, and judged
-        p = self.rows.size
-        doubts = doubts_of_damping(members, self.ranks) if self.coupling == "mean" else []
-        if self.coupling in MACRO and self.ranks is None:
-            doubts += doubts_of_skew(members, self.coupling)
-        above = [
-            (member, ratio)
-            for member in members
-            if (ratio := member.step_ratio) is not None and ratio.is_above
-        ]
-        radius = None
-        if (above or p) and self.ranks is None and self.contacts is None:
-            rows = CoreRows(self.row_position, np.ones(p))
-            may_grow = above or (self.coupling == "mean" and _are_damped(members))
-            most = CHEAP if may_grow else ALWAYS
-            radius = cheap_radius(members, core, self.coupling, rows, most)
-        raised = radius is not None and not is_growing(radius)
-        if not raised:  # not once more of those that have been warned of
-            warn_of_steps(_ratios([member for member, ratio in above if ratio.raised is not False]))
-        for member, ratio in above:
-            member.step_ratio = replace(ratio, raised=raised)
-        if p:
-            otherwise = None if above else growing(self.coupling)
-            warn_of_growth(doubts, otherwise, members, radius, layout.dt)
 
     def _threads_of_tangents(self, members: Sequence[Member]) -> int:
         """The maximum number of threads that factor a tangent: subdomains whose tangents are large
@@ -338,26 +281,11 @@ class Assemblies:
         symmetric = is_symmetric_sum(members, self.ranks)
         options: dict[str, Any] = {"symmetric": symmetric, "threads": self.threads[0]}
         H = interface_factor(matrix, self.rows, **options)
-        if self.coupling == "macro":
-            warn_of_resonance(matrix, H, members, self.row_position, self.ranks)
         H_start = H
         if any(joined(self.ranks, [member.double for member in members])) and not start:
             matrix = interface_matrix(members, p, start=True, ranks=self.ranks)
             H_start = interface_factor(matrix, self.rows, **options)
         return H, H_start
-
-
-def _ratios(members: Sequence[Member]) -> list[tuple[str, Subdomain, float, StepRatio]]:
-    """The steps of subdomains, for the warnings of them."""
-    return [
-        (member.name, member.subdomain, member.step, member.step_ratio)
-        for member in members
-        if member.step_ratio is not None
-    ]
-
-
-def _are_damped(members: Sequence[Member]) -> bool:
-    return any(member.is_damped for member in members)
 
 
 def _ordered(
@@ -369,7 +297,7 @@ def _ordered(
     threads: int,
     once: Once,
 ) -> tuple[Member, ...]:
-    """The subdomains in elimination order, with warnings of factors that are large."""
+    """The subdomains in elimination order, with a warning of factors that take long to make."""
     eliminations = Eliminations()
     members = tuple(
         make_member(
@@ -389,7 +317,6 @@ def _ordered(
         )
         for (name, s), L, N, (h, substeps, double, _) in zip(keys, links, contacts, steps)
     )
-    warn_of_factors(members)
     warn_of_order(members)
     return members
 

@@ -11,7 +11,7 @@ import pmalpha._core as _core
 
 from .._cached import cached_property
 from .._checks import counted, numbered
-from ..errors import ConstraintError, StabilityWarning, warn
+from ..errors import ConstraintError
 from ..memory import gemm_and_trsm, require
 from ..problem import forms
 from ..problem.contacts import Contact
@@ -193,21 +193,6 @@ class Contacts:
                 f"{gap[k]:g} in {self.name(int(k))}"
             )
 
-    def warn_of_ties(self, members: Sequence[Member]) -> None:
-        """StabilityWarning for tied dofs that are in contact, where a scheme does not damp."""
-        for i, member in enumerate(members):
-            if i not in self.N:
-                continue
-            both = np.intersect1d(member.order[member.L.dofs], self.dofs[i])
-            if both.size and _is_undamped(member.subdomain.scheme):
-                verb = "is" if both.size == 1 else "are"
-                warn(
-                    f"{numbered('dof', np.sort(both))} of {member.name!r} {verb} both tied and in "
-                    "contact, and its scheme has no algorithmic damping: the multipliers of ties "
-                    "alternate from step to step while the contact is closed; take rho <= 0.9",
-                    StabilityWarning,
-                )
-
     # ---- the core --------------------------------------------------------------------------------
 
     def core(self, members: Sequence[Member]) -> forms.Contact:
@@ -252,7 +237,7 @@ class Contacts:
                 )
 
 
-def _is_undamped(scheme: Scheme) -> bool:
+def is_undamped(scheme: Scheme) -> bool:
     """Whether rho is 1."""
     if scheme.explicit:
         return scheme.is_newmark

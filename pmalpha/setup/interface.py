@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered
+from .._checks import counted, numbered
 from .._core import LANES
-from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
+from ..errors import PerformanceWarning, warn
 from ..memory import require
 from ..problem import forms
 from ..problem.forms import Factor
-from ..problem.matrices import Matrix, core_matrix, dense, is_symmetric, product, row_of_entries
+from ..problem.matrices import Matrix, core_matrix, dense, row_of_entries
 from ..reduction.ordering import elimination_order, graph_of
-from .factors import Names, factorize, solve
+from .factors import Names, factorize
 from .link import Block, diagonal_compliances
 from .member import Member
 from .ranks import Ranks, joined
@@ -159,60 +159,14 @@ RATE, LANE_RATE = 1e9, 5e8
 SHARE = 2e6
 # Seconds of set-up from which on it is reported, and from which on (a day) it is refused.
 LONG, ABSURD = 20.0, 86400.0
-# Velocity at the end of a macro step over its mean: below, a subdomain resonates with the step.
-RESONANT = 0.05
-# Substeps in a step of a subdomain with an unsymmetric K up to which nothing grew beside an
-# absorbing layer: those of schemes with damping, and of undamped explicit ones.
-BESIDE_SKEW, UNDAMPED_BESIDE_SKEW = 5, 2
-# 2 beta / gamma from which damping feeds the velocity jump; the trapezoidal rule has 1 to rounding.
-ABOVE = 1.0 + 1e-9
 
 
 def prepare(members: Sequence[Member]) -> None:
-    """Unit responses of all subdomains with substeps, and the warnings of macro coupling."""
+    """Unit responses of all subdomains with substeps."""
     check_work(members, "macro")
     for member in members:
         if member.has_responses and member.nb:
             compute_unit_responses(member)
-    _warn_of_restoring(members)
-    _warn_of_massless_ties(members)
-
-
-def _names(members: Sequence[Member]) -> str:
-    """``subdomain 'a'``, ``subdomains 'a', 'b'``"""
-    return numbered("subdomain", [repr(member.name) for member in members])
-
-
-def _warn_of_restoring(members: Sequence[Member]) -> None:
-    """StabilityWarning for restoring forces, which are evaluated in the free macro run."""
-    restored = [
-        p for p in members if p.has_responses and p.nb and p.subdomain.restoring is not None
-    ]
-    if not restored:
-        return
-    warn(
-        f"the restoring forces of {_names(restored)} are combined with substeps under "
-        'coupling="macro": the run can grow unless restoring_stiffness is within a few per cent of '
-        'the tangent stiffness, or the forces vary little in dt; else take coupling="pm" or "gc"',
-        StabilityWarning,
-    )
-
-
-def _warn_of_massless_ties(members: Sequence[Member]) -> None:
-    """ConstraintWarning for massless dofs, whose velocity between macro time levels is not tied."""
-    tied = {
-        member.name: np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
-        for member in members
-        if member.has_responses or (member.internal is not None and member.substeps > 1)
-    }
-    places = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
-    if not places:
-        return
-    warn(
-        f'interface dofs without mass: {listing(places)}; with substeps coupling="macro" is of '
-        'order 1 there; give them mass, or take "pm" or "gc"',
-        ConstraintWarning,
-    )
 
 
 def check_work(members: Sequence[Member], coupling: str) -> None:
@@ -311,52 +265,6 @@ def response_block(member: Member, rows: np.ndarray, values: np.ndarray) -> Bloc
     return Block.of_nonzero(rows, 0.5 * (values + values.T))
 
 
-def warn_of_resonance(
-    H: Matrix,
-    factor: Factor,
-    members: Sequence[Member],
-    position: np.ndarray,
-    ranks: Ranks | None = None,
-) -> None:
-    """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
-
-    H: of (M4), in inner form.
-    position: (p,) array of int, position of each constraint in the core's order.
-
-    The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
-    the mean velocities in the macro step; of unsymmetric matrices, by size.
-    """
-    blocks = [(p.name, p.response_blocks[1]) for p in members if p.response_blocks is not None]
-    means = dict(joined(ranks, blocks))
-    if not means:
-        return
-    mean = interface_matrix(members, position.size, start=False, mean=True, ranks=ranks)
-    x = np.cos(np.arange(position.size))
-    for _ in range(8):
-        x = solve(factor, product(mean, x))
-        x /= np.max(np.abs(x))
-    Hx, Px = product(H, x), product(mean, x)
-    ratio = float(x @ Hx) / float(x @ Px)
-    if not all(member.symmetric for member in members):
-        ratio = float(np.linalg.norm(Hx) / np.linalg.norm(Px))
-    if ratio >= RESONANT:
-        return
-    shares = {}
-    for name, block in means.items():
-        values, i, j = block.entries()
-        shares[name] = float(x[i] @ (values * x[j]))
-    names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
-    verb = "resonate" if len(names) > 1 else "resonates"
-    row = int(np.flatnonzero(position == np.argmax(np.abs(x)))[0])
-    warn(
-        f"{' and '.join(names)} {verb} with the macro step: the effect of the "
-        f"multipliers on the velocity in constraint {row} at its end is {ratio:.1e} times the mean "
-        "effect in it, so that multipliers will be large and inaccurate; change dt a little, add "
-        'damping or take rho < 1, or coupling="gc"',
-        StabilityWarning,
-    )
-
-
 def check_mean(members: Sequence[Member]) -> None:
     """ValueError for tied dofs without mass under mean coupling."""
     for member in members:
@@ -366,64 +274,6 @@ def check_mean(members: Sequence[Member]) -> None:
                 f'coupling="mean" needs mass at the interface dofs, got none at '
                 f"{numbered('dof', tied)} of {member.name!r}"
             )
-
-
-def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> list[str]:
-    """Why the velocity jump can grow with damping, (K8)."""
-    local_names = []
-    for member in members:
-        scheme, damped = member.subdomain.scheme, member.is_damped and member.substeps == 1
-        if damped and 2.0 * scheme.beta > ABOVE * scheme.gamma:
-            local_names.append(member.name)
-    names = [repr(name) for name in joined(ranks, local_names)]
-    if not names:
-        return []
-    return [
-        'coupling="mean" grows with damping in subdomains with one substep and rho < 1 '
-        f"({listing(names)}): the velocity jump at the interface does; take there the "
-        'trapezoidal rule or central difference, or coupling="macro"'
-    ]
-
-
-def doubts_of_skew(members: Sequence[Member], coupling: str) -> list[str]:
-    """Why the motion can grow beside an unsymmetric K, for which (M9) proves nothing."""
-    doubts = []
-    for member in members:
-        if member.subdomain.symmetric or is_symmetric(member.subdomain.K):
-            continue
-        rows = np.unique(sp.coo_array(member.L.matrix).row)
-        for other in members:
-            why = _restless(other, member)
-            if other is member or not why:
-                continue
-            if np.isin(sp.coo_array(other.L.matrix).row, rows).any():
-                doubts.append(
-                    f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} {why} '
-                    f"is tied to {member.name!r} with an unsymmetric K: see coupler.growth(), and "
-                    'take coupling="gc", fewer substeps or rho of 0.8 or less'
-                )
-    return doubts
-
-
-def _restless(member: Member, beside: Member) -> str:
-    """What of a subdomain makes an unsymmetric one beside it grow, or empty."""
-    s, ratio = member.subdomain, member.substeps / beside.substeps
-    undamped = s.scheme.explicit and s.scheme.is_newmark and not member.is_damped
-    if ratio > BESIDE_SKEW:
-        return f"with {ratio:.3g} substeps in a step of the other"
-    if undamped and ratio > UNDAMPED_BESIDE_SKEW:
-        return f"of an undamped explicit scheme with {ratio:.3g} substeps in a step of the other"
-    return ""
-
-
-def growing(coupling: str) -> str:
-    """What is said of a coupled step that grows, for no other reason that is known."""
-    if coupling == "mean":
-        return (
-            'coupling="mean" grows with these dampings and substeps: the velocity jump at the '
-            'interface does; take other steps, or coupling="macro"'
-        )
-    return f'coupling="{coupling}" grows with these schemes and steps; take smaller steps'
 
 
 def prepare_mean(members: Sequence[Member]) -> None:

@@ -15,8 +15,6 @@ import scipy.sparse as sp
 import pmalpha._core as _core
 
 from .._cached import Once
-from .._checks import listing
-from ..errors import PerformanceWarning, warn
 from ..problem import forms
 from ..problem.device import limits_of_dofs
 from ..problem.forms import Factor, Operator
@@ -33,7 +31,7 @@ from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
-from ..reduction.ordering import graph_of, has_nested_dissection
+from ..reduction.ordering import graph_of
 from .factors import Elimination, Eliminations, Names
 from .internal_forces import (
     InternalForces,
@@ -46,14 +44,11 @@ from .internal_forces import (
 from .link import Block, Link, compliance, diagonal_compliances
 from .stability import StepRatio
 
-# Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
-NOTABLE_FACTOR = 100_000
-# Below this number of multiplications, some ten seconds, the elimination order is not warned of.
-NOTABLE_FACTORIZATION = 1e11
-# Numbers per dof that a step reads and writes, without the matrices.
-STEP_NUMBERS = 12
 # Parts of the entries of C that are rounding of a0 M + a1 K.
 ROUNDING_OF_C = 1e-12
+
+# Numbers per dof that a step reads and writes, without the matrices.
+STEP_NUMBERS = 12
 
 
 @dataclass
@@ -431,64 +426,6 @@ def parts_of_steps(
         has_responses=member.has_responses,
         continues=member.over is not None,
         **parts,
-    )
-
-
-def warn_of_factors(members: Sequence[Member]) -> None:
-    """PerformanceWarning when the sweeps of factors take most of explicit steps."""
-    swept = {member.name: _costly_factor(member) for member in members}
-    costly = {name: factor for name, factor in swept.items() if factor is not None}
-    if not costly:
-        return
-    sizes = [
-        f"{' and '.join(full)} of {name!r} ({entries} entries, {8e-6 * entries:.3g} MB)"
-        for name, (full, entries) in costly.items()
-    ]
-    full = sorted({A for full, _ in costly.values() for A in full}, reverse=True)
-    advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
-    warn(
-        f"matrices of explicit subdomains are not diagonal: {listing(sizes)}; every step sweeps "
-        "factors of this size, more than half of its work; "
-        f"{' and '.join(advice[A] for A in full)}",
-        PerformanceWarning,
-    )
-
-
-def _costly_factor(member: Member) -> tuple[list[str], int] | None:
-    """The matrices that an explicit subdomain has a large factor for, and its entries, or None."""
-    solved = {"M": member.M, "C": member.damping}
-    full = [name for name, A in solved.items() if A is not None and A.ndim == 2]
-    if not member.subdomain.scheme.explicit or not full:
-        return None
-    structure = member.elimination.structure
-    entries = member.n * (member.n + 1) // 2 if structure is None else member.elimination.swept // 2
-    K = member.K
-    product = 0 if K is None else K.size if isinstance(K, np.ndarray) else K.nnz
-    rest = STEP_NUMBERS * member.n + product
-    return None if entries < NOTABLE_FACTOR or 2 * entries <= rest else (full, entries)
-
-
-def warn_of_order(members: Sequence[Member]) -> None:
-    """PerformanceWarning for long factorizations in an order without nested dissection."""
-    if has_nested_dissection():
-        return
-    structures = {
-        member.name: member.elimination.structure
-        for member in members
-        if member.elimination.structure is not None
-        and member.elimination.structure.operations >= NOTABLE_FACTORIZATION
-    }
-    if not structures:
-        return
-    operations = sum(structure.operations for structure in structures.values())
-    entries = sum(structure.entries for structure in structures.values())
-    warn(
-        f"pymetis is not installed: the factors of {', '.join(map(repr, structures))} have "
-        f"{entries:.2g} entries ({8e-9 * entries:.2g} GB) and take {operations:.2g} "
-        "multiplications each time they are made; nested dissection makes this less for solids "
-        "(a cube of 98 000 dofs: set up in 9 s and 1.2 GB instead of 33 s and 3 GB): pip install "
-        "pymetis",
-        PerformanceWarning,
     )
 
 

@@ -320,3 +320,26 @@ def names_of(subdomains: Sequence[Subdomain]) -> list[str]:
         twice = sorted({name for name in names if names.count(name) > 1})
         raise ValueError(f"names of subdomains must be different, got {listing(twice)} twice")
     return names
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The lengths of all steps of a coupled problem, of the subdomains of all processes."""
+
+    dt: float  # macro step
+    substeps: tuple[int, ...]  # by subdomain
+    doubles: tuple[bool, ...]  # which subdomains take double steps
+    # lengths of the double steps that span a change of the steps, in the macro step after it; None
+    # for the others. Default: no subdomain has one.
+    overs: tuple[float | None, ...] = ()
+    staged: int = 0  # fine steps in a macro step where they are stages of a scheme of two, else 0
+
+    def of(self, i: int) -> tuple[float, int, bool, float | None]:
+        """Length and number of the substeps of subdomain i of all, whether steps are double, and
+        the entry of `overs`."""
+        over = self.overs[i] if self.overs else None
+        return self.dt / self.substeps[i], self.substeps[i], self.doubles[i], over
+
+    @property
+    def spans_change(self) -> bool:
+        return any(over is not None for over in self.overs)

@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 import scipy.sparse as sp
 
-from .._checks import listing, vector
-from ..errors import StabilityWarning, warn
+from .._checks import vector
 from ..memory import one_thread
 from ..problem.arguments import VectorLike
 from ..problem.matrices import (
     Matrix,
+    absolute,
     combination,
     dense,
     diagonal,
@@ -23,7 +23,6 @@ from ..problem.matrices import (
     largest_pairs,
     product,
     skew_part,
-    with_entries,
 )
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -35,8 +34,6 @@ SMALL = 200
 LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
 # Relative rounding of eigenvalues, by which a step may exceed the critical step.
 ROUNDING = 1e-9
-# How contact can be given so that the step does not have to resolve it.
-INSTEAD = "contact as internal= of an implicit scheme, or as a constraint, pmalpha.contact"
 
 
 @dataclass(frozen=True)
@@ -369,32 +366,6 @@ def present_ratio(
     return step_ratio(subdomain, step, present_tangent(subdomain, internal, t, u, v, q, remembered))
 
 
-def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> None:
-    """One StabilityWarning for all steps that are above the critical one."""
-    above = [
-        (name, subdomain, step, ratio) for name, subdomain, step, ratio in steps if ratio.is_above
-    ]
-    if not above:
-        return
-    limits = [f"{name!r} ({step:g} above {_limit(step, ratio)})" for name, _, step, ratio in above]
-    text = f"the steps of these subdomains are above their critical steps: {listing(limits)}"
-    if len(above) == 1:
-        ((name, _, step, ratio),) = above
-        text = f"the step {step:g} of subdomain {name!r} is above its critical step "
-        text += _limit(step, ratio)
-    implicit = any(s.C is not None and s.damping == "implicit" for _, s, _, _ in above)
-    damping = " (damping, which may raise it, is left out)" if implicit else ""
-    closed = all(ratio.when_closed for _, _, _, ratio in above)
-    effect = "contact will add energy" if closed else "the run will grow without bound"
-    once = any(ratio.when_closed or s.restoring_springs for _, s, _, ratio in above)
-    remedy = f", or give springs and {INSTEAD}" if once else ""
-    warn(f"{text}{damping}: {effect}; take smaller steps{remedy}", StabilityWarning)
-
-
-def _limit(step: float, ratio: StepRatio) -> str:
-    return f"{step / ratio.value:.6g}{' when contact is closed' if ratio.when_closed else ''}"
-
-
 def row_sum_bound(A: Matrix | None, M: Matrix | None) -> float:
     """An upper bound of the eigenvalues of A with respect to M, by row sums of |M^-1 A|; inf if M
     is not diagonal."""
@@ -402,7 +373,7 @@ def row_sum_bound(A: Matrix | None, M: Matrix | None) -> float:
         return 0.0
     if M is None or M.ndim != 1 or np.any(M == 0.0):
         return np.inf
-    size = np.abs(A) if isinstance(A, np.ndarray) else with_entries(A, np.abs(A.data))
+    size = absolute(A)
     rows = size if A.ndim == 1 else size @ np.ones(A.shape[0])
     return float(np.max(rows / M))
 
