@@ -36,6 +36,7 @@ from ..problem.matrices import (
     product,
     row_of_entries,
     sparse,
+    with_entries,
 )
 from ..problem.restoring import items_of
 from ..problem.subdomain import Subdomain, dense_whole
@@ -254,10 +255,10 @@ def _is_singular(K: Matrix, L: np.ndarray | sp.csr_array) -> bool:
     if isinstance(K, np.ndarray) and is_symmetric(K):
         springs = _rows_of_size_one(L * scale)
         return bool(softest(scale[:, None] * K * scale + springs.T @ springs) <= FLOATING)
-    by = sp.diags_array(scale)
-    springs = rows_of_size_one(sp.csr_array(sp.csr_array(L) @ by))
-    G = sp.csc_array(by @ sp.csc_array(K) @ by + springs.T @ springs)
-    return bool(softest(G) <= FLOATING)
+    A, rows = sp.csr_array(K), sp.csr_array(L)
+    A = with_entries(A, A.data * scale[row_of_entries(A)] * scale[A.indices])
+    springs = rows_of_size_one(with_entries(rows, rows.data * scale[rows.indices]))
+    return bool(softest(sp.csc_array(A + springs.T @ springs)) <= FLOATING)
 
 
 # ---- growth of a subdomain alone ----------------------------------------------------------------
