@@ -34,8 +34,8 @@ from .problem.constraints import Constraint, tie
 from .problem.contacts import Contact, contact
 from .problem.forms import Newton
 from .problem.internal import DiscreteGradient, InternalForce
-from .problem.loads import BaseAcceleration, SampledForce
 from .problem.records import SupportMotion
+from .problem.sampled import BaseAcceleration, SampledForce
 from .problem.schemes import HHT, WBZ, Bathe, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, RambergOsgood
 from .problem.subdomain import Subdomain

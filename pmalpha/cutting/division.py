@@ -9,15 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, require_finite, vector
-from ..problem.loads import (
-    Mass,
-    SampledForce,
-    checked_force,
-    has_ground,
-    is_callback,
-    is_of_motion,
-    terms_of,
-)
+from ..problem.loads import Load, Mass, checked_force, has_ground, loads_of
 from ..problem.matrices import product
 
 # Rounding of zeros in a computed motion, relative to its largest entry.
@@ -99,15 +91,14 @@ class Division:
         names.
         """
         known = Mass(mass(), names) if has_ground(force) else None
-        terms = terms_of(checked_force(force, self.n, mass=known))
+        terms = loads_of(checked_force(force, self.n, mass=known))
         divided = [self._divided(term, masses) for term in terms]
         return [list(loads) or None for loads in zip(*divided)] or [None] * len(self.dofs)
 
-    def _divided(self, force: Any, masses: Sequence[Any]) -> list[Any]:
-        direction = getattr(force, "direction", None)
-        if direction is not None:
-            return self._of_ground(force, direction, masses)
-        return [_share(force, numbers, share) for numbers, share in zip(self.dofs, self.shares)]
+    def _divided(self, force: Load, masses: Sequence[Any]) -> list[Any]:
+        if force.direction is not None:
+            return self._of_ground(force, force.direction, masses)
+        return [force._part(numbers, share) for numbers, share in zip(self.dofs, self.shares)]
 
     def _of_ground(self, force: Any, direction: np.ndarray, masses: Sequence[Any]) -> list[Any]:
         shapes = [-product(M, direction[numbers]) for M, numbers in zip(masses, self.dofs)]
@@ -147,40 +138,6 @@ class Division:
         start = np.concatenate([[0], np.cumsum(self.multiplicity[several])])
         shape = (int(several.sum()), int(self.sizes.sum()))
         return sp.csr_array((values, entries, start), shape=shape), self.present[several]
-
-
-def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
-    """The part of a load on some dofs, each entry times its share."""
-    if isinstance(force, SampledForce):
-        return force._part(dofs, share)
-    if isinstance(force, np.ndarray):
-        return share * force[dofs]
-    if is_callback(force):
-        return DividedForce(force, dofs, share)
-    kind = "function of t, u and v" if is_of_motion(force) else "LowLevelCallable"
-    raise TypeError(
-        f"force must not be a {kind}, which cannot be divided; give each subdomain its own by "
-        "pm.Subdomain"
-    )
-
-
-class DividedForce:
-    """The part of a callable load on the dofs of one subdomain.
-
-    The load is evaluated for each subdomain separately, at the ends of its own substeps.
-    """
-
-    def __init__(self, force: Any, dofs: np.ndarray, share: np.ndarray):
-        self._force, self._dofs, self._share = force, dofs, share
-
-    def __call__(self, t: float) -> np.ndarray:
-        values = np.asarray(self._force(t))
-        if values.ndim != 1 or values.size <= self._dofs[-1]:
-            raise ValueError(
-                f"force must return a value for each dof of the uncut structure, got {values.shape}"
-            )
-        result: np.ndarray = self._share * values[self._dofs]
-        return result
 
 
 def checked_motion(value: Any, free: np.ndarray, name: str) -> np.ndarray:

@@ -25,8 +25,8 @@ import scipy.sparse as sp
 from .._cached import cached_property
 from .._checks import numbered
 from ..problem.constraints import Constraint
-from ..problem.loads import SampledForce
 from ..problem.matrices import is_symmetric, sparse
+from ..problem.sampled import SampledForce
 from ..problem.schemes import Scheme, require_generalized_alpha
 from ..problem.subdomain import Subdomain
 from .parameters import Parameters, acceleration

@@ -19,8 +19,8 @@ import numpy as np
 from .._checks import real_number, whole_number
 from ..memory import available, require
 from ..problem.dofs import dof_list
-from ..problem.loads import SampledForce
 from ..problem.matrices import combination
+from ..problem.sampled import SampledForce
 from ..results.history import History
 from ..setup.ranks import remade
 from .adjoint import Adjoint, AdjointMember, Problem, Sources, require_adjoint, subdomain_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,8 +12,9 @@ import scipy.sparse as sp
 from .._cached import Frozen
 from .._checks import counted, plain_array, real_array
 from ..problem.dofs import dof_array, dof_list
-from ..problem.loads import BaseAcceleration, Force, each_term, terms_of
+from ..problem.loads import Force, each_load, loads_of
 from ..problem.matrices import product, rectangular
+from ..problem.sampled import BaseAcceleration
 from ..problem.subdomain import Subdomain
 from ..results.times import columns_of
 
@@ -495,7 +496,7 @@ def _with_data(
 ROUNDING = 1e-12
 
 
-def of_own_mass(force: BaseAcceleration, M: Any) -> bool:
+def of_own_mass(force: Any, M: Any) -> bool:
     """Whether a ground motion is that of this mass matrix, -M direction record."""
     assert force.shape is not None
     if force.direction is None:
@@ -507,16 +508,7 @@ def of_own_mass(force: BaseAcceleration, M: Any) -> bool:
 def with_mass(force: Force, M: Any) -> Force:
     """The loads of a subdomain for another mass matrix."""
 
-    def changed(term: Any) -> Any:
-        if not _is_ground(term) or term.direction is None:
-            return term
-        return term._changed(shape=-product(M, term.direction))
-
-    return each_term(force, changed)
-
-
-def _is_ground(term: Any) -> TypeGuard[BaseAcceleration]:
-    return isinstance(term, BaseAcceleration)
+    return each_load(force, lambda load: load._with_mass(M))
 
 
 def check_masses(
@@ -534,7 +526,7 @@ def check_masses(
         s, force = subdomains[name]
         if "M" not in p.matrices:
             continue
-        if not all(of_own_mass(x, s.M) for x in filter(_is_ground, terms_of(force))):
+        if not all(of_own_mass(x, s.M) for x in loads_of(force) if x._is_ground):
             raise ValueError(
                 "parameters of M need a BaseAcceleration that is made of the M of the same "
                 f"subdomain, got another one on {name!r}, whose dependence on the parameters is "
@@ -545,5 +537,6 @@ def check_masses(
 def acceleration(force: Force, t: np.ndarray) -> np.ndarray:
     """Acceleration of the ground in the direction of each dof, (levels, n), as the load has it;
     without a ground motion (1, 1), zero."""
-    motions = (x for x in filter(_is_ground, terms_of(force)) if x.direction is not None)
-    return sum((x._series(t) @ x.direction.T for x in motions), np.zeros((1, 1)))
+    motions = (x for x in loads_of(force) if isinstance(x, BaseAcceleration))
+    directed = ((x, x.direction) for x in motions if x.direction is not None)
+    return sum((x._series(t) @ along.T for x, along in directed), np.zeros((1, 1)))

@@ -12,10 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import LowLevelCallable
 
-from .._checks import vector
-from ..problem.loads import SampledForce, terms_of
+from ..problem.loads import OfTime, loads_of
 from ..problem.matrices import product
 from ..results.times import linear
 from .goal import GAUSS, basis
@@ -150,13 +148,13 @@ class Load:
 
     def __init__(self, force: Any, n: int, compiled: Callable[[float], np.ndarray] | None = None):
         self.n = n
-        self.terms = [x for x in terms_of(force) if not isinstance(x, LowLevelCallable)]
+        self.terms = [x for x in loads_of(force) if x._kind != "compiled"]
         if compiled is not None:
-            self.terms.append(compiled)
+            self.terms.append(OfTime(compiled))
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
         """At (k,) times, (k, n)."""
-        return sum((_term(x, t, self.n) for x in self.terms), np.zeros((len(t), self.n)))
+        return sum((x._at_times(t, self.n) for x in self.terms), np.zeros((len(t), self.n)))
 
     def work(
         self, t: np.ndarray, duration: np.ndarray, z0: np.ndarray, z1: np.ndarray
@@ -175,19 +173,9 @@ class Load:
         """Pieces of a step between whose ends samples are straight, or nearly so."""
         pieces = 1
         for x in self.terms:
-            if isinstance(x, SampledForce):
-                ratio = h / x.dt
+            if (samples := x._samples) is not None:
+                ratio = h / samples.dt
                 r = max(ratio, 1.0 / ratio) if ratio > 0.0 else 1.0
                 aligned = abs(r - round(r)) < ALIGNED
                 pieces = max(pieces, ceil(ratio - ALIGNED) * (1 if aligned else FINER))
         return min(pieces, MOST_PIECES)
-
-
-def _term(term: Any, t: np.ndarray, n: int) -> np.ndarray:
-    """One load at (k,) times, (k, n)."""
-    if isinstance(term, SampledForce):
-        series = term._series(t)
-        return series if term.shape is None else series @ term.shape.T
-    if isinstance(term, np.ndarray):
-        return np.broadcast_to(term, (len(t), n))
-    return np.array([vector(term(float(x)), n, f"a force at t = {x:g}") for x in t])

@@ -14,7 +14,7 @@ from .._cached import Frozen
 from .._checks import counted, listing, numbered, plain_array
 from .arguments import DofsLike, MatrixLike
 from .dofs import dof_list, has_names
-from .loads import BaseAcceleration, SampledForce, checked_force
+from .loads import Load, checked_force
 from .matrices import read_only, rectangular
 from .subdomain import Subdomain
 
@@ -85,9 +85,9 @@ class Constraint(Frozen):
     def __init__(self, matrices: MatricesLike, velocity: Any = None):
         self.matrices = by_subdomain(matrices, "matrices", "L")
         self.p = next(iter(self.matrices.values())).shape[0]
-        if isinstance(velocity, BaseAcceleration):
+        if isinstance(velocity, Load) and not velocity._prescribes:
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
-        if isinstance(velocity, SampledForce) and velocity.average:
+        if isinstance(velocity, Load) and velocity.average:
             raise ValueError("velocity must be a SampledForce without average, got average=True")
         self.velocity = checked_force(velocity, self.p, "velocity")
         self._freeze()

@@ -20,7 +20,7 @@ from .constraints import (
     pairs,
     require_two,
 )
-from .loads import SampledForce
+from .loads import Load
 from .subdomain import Subdomain
 
 __all__ = ["Contact", "contact"]
@@ -258,9 +258,9 @@ def _numbers(value: Any, rows: int, name: str, low: float, high: float) -> np.nd
 
 
 def _checked_motion(motion: Any, rows: int) -> Any:
-    if motion is None or callable(motion):
-        if isinstance(motion, SampledForce) and motion.n not in (1, rows):
-            raise ValueError(f"motion must have 1 or {rows} columns, got {motion.n}")
+    if isinstance(motion, Load) and motion._prescribes and motion.n not in (1, rows):
+        raise ValueError(f"motion must have 1 or {rows} columns, got {motion.n}")
+    if motion is None or (motion._prescribes if isinstance(motion, Load) else callable(motion)):
         return motion
     if isinstance(motion, Sequence) and len(motion) == 2 and all(map(callable, motion)):
         return tuple(motion)

@@ -16,14 +16,13 @@ import numpy as np
 import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy import LowLevelCallable
 
-from .._checks import counted, listing, positive_number, vector, whole_number
+from .._checks import counted, listing, positive_number, whole_number
 from ..errors import warn
 from ..memory import one_thread, require
 from ..problem.arguments import DofsLike
 from ..problem.dofs import dof_array, dof_list
-from ..problem.loads import SampledForce, each_term, is_of_motion
+from ..problem.loads import each_load
 from ..problem.matrices import (
     EXPORTED,
     Matrix,
@@ -486,7 +485,7 @@ def reduced_arguments(
         D_r = subdomain.restoring_damping
         if D_r is not None:
             arguments["restoring_damping"] = _of_kept(D_r, boundary, r, "restoring_damping")
-        arguments["force"] = each_term(subdomain.force, lambda term: _projected(term, T))
+        arguments["force"] = each_load(subdomain.force, lambda load: load._projected(T))
         for name in ("u0", "v0"):
             arguments[name] = _coordinates(subdomain, getattr(subdomain, name), basis, name)
     return arguments, basis
@@ -601,27 +600,6 @@ def _springs(subdomain: Any, boundary: np.ndarray) -> dict[str, Any]:
 
 
 # ---- loads and initial values ---------------------------------------------------------------
-
-
-class ProjectedForce:
-    """T^T F(t) of a function F."""
-
-    def __init__(self, force: Callable[[float], Any], T: np.ndarray):
-        self.force, self.T = force, T
-
-    def __call__(self, t: float) -> np.ndarray:
-        result: np.ndarray = self.T.T @ vector(self.force(t), len(self.T), "the value of force")
-        return result
-
-
-def _projected(force: Any, T: np.ndarray) -> Any:
-    if isinstance(force, LowLevelCallable):
-        raise ValueError("force must not be a compiled function for a reduction")
-    if is_of_motion(force):
-        raise ValueError("force must not be a function of t, u and v for a reduction")
-    if isinstance(force, SampledForce):
-        return force._projected(T)
-    return ProjectedForce(force, T) if callable(force) else T.T @ force
 
 
 def _coordinates(subdomain: Any, u: np.ndarray, basis: ReducedBasis, name: str) -> np.ndarray:

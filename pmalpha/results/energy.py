@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import counted
-from ..problem.loads import BaseAcceleration, Force, terms_of
+from ..problem.loads import Force, loads_of
 from ..problem.matrices import is_symmetric
+from ..problem.sampled import BaseAcceleration
 from ..problem.schemes import Scheme
 from ..setup.member import Member
 from ..setup.ranks import Ranks, joined
@@ -155,7 +156,7 @@ class Loads(NamedTuple):
 
 def check_ground(loads: Loads, name: str) -> None:
     """ValueError unless the loads have a ground motion whose direction is known."""
-    motions = [x for x in terms_of(loads.force) if isinstance(x, BaseAcceleration)]
+    motions = [x for x in loads_of(loads.force) if x._is_ground]
     if not motions or any(x.direction is None for x in motions):
         got = "one of a reduced subdomain, without its direction" if motions else "none"
         raise ValueError(f"absolute outputs of {name!r} need a BaseAcceleration, got {got}")
@@ -167,7 +168,7 @@ def added(loads: Loads, weights: Sequence[Any], t: np.ndarray) -> Any:
     weights: (rows, n) matrices that act on u, v and a of the ground; None without entries.
     """
     total: Any = 0.0
-    for ground, seen in zip(terms_of(loads.force), terms_of(loads.seen)):
+    for ground, seen in zip(loads_of(loads.force), loads_of(loads.seen)):
         if not isinstance(ground, BaseAcceleration):
             continue
         for quantity, W in zip(QUANTITIES, weights):

@@ -12,7 +12,6 @@ from threading import Event
 from typing import Any
 
 import numpy as np
-from scipy import LowLevelCallable
 
 import pmalpha._core as _core
 
@@ -21,7 +20,7 @@ from .._core import LANES, split_lanes
 from ..errors import CasesError
 from ..files import HDF5, checked_path
 from ..memory import require
-from ..problem.loads import Force, core_load, is_callback, terms_of
+from ..problem.loads import Force, core_load, loads_of
 from ..problem.subdomain import Subdomain
 from ..results.cases import REDUCTIONS, CaseValues, Reducer
 from ..results.energy import Loads
@@ -69,9 +68,7 @@ def lanes_are_possible(members: Sequence[Member], motions: Sequence[Motion]) -> 
 
 def fits(forces: Sequence[Force]) -> bool:
     """Whether a case with these forces can be one of several side by side."""
-    return not any(
-        isinstance(x, LowLevelCallable) or is_callback(x) for f in forces for x in terms_of(f)
-    )
+    return not any(x._kind in ("of t", "compiled") for f in forces for x in loads_of(f))
 
 
 class Lanes:

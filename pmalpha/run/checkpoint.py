@@ -7,7 +7,6 @@ the file does not depend on the elimination order.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,6 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import LowLevelCallable
 
 import pmalpha._core as _core
 
@@ -26,7 +24,8 @@ from .._checks import MOST, counted, listing
 from ..files import read_npz, write_npz
 from ..memory import one_thread
 from ..problem.device import Device
-from ..problem.loads import SampledForce, depends_on_motion
+from ..problem.loads import as_load, depends_on_motion
+from ..problem.matrices import checksum
 from ..problem.restoring import devices_of
 from ..problem.springs import Spring
 from ..results.stored import SHOWN, differences
@@ -118,12 +117,6 @@ def loads(
 
 def load(force: Any) -> str:
     """A description of a load; equal loads have equal descriptions."""
-    if isinstance(force, SampledForce):
-        shape = "" if force.shape is None else f", shape {checksum(force.shape)}"
-        average = ", average" if force.average else ""
-        return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}{average}"
-    if isinstance(force, LowLevelCallable):
-        return "a compiled function"
     if isinstance(force, Device):
         return f"{force.facts} of {load(force.specimen)}"
     if isinstance(force, tuple):
@@ -131,7 +124,7 @@ def load(force: Any) -> str:
     if isinstance(force, Spring):
         # these words are in files of all versions; repr may change
         return f"<{type(force).__name__} x {len(force)}> {checksum(force.numbers)}"
-    return "a callable" if callable(force) else checksum(force)
+    return checksum(force) if force is None else as_load(force)._facts()
 
 
 def internal(member: Member) -> str:
@@ -143,18 +136,6 @@ def internal(member: Member) -> str:
     count = counted(len(sizes), "function") + (f" with {sizes} numbers of history" if sizes else "")
     where = checksum(forces.pattern)
     return ", ".join(x for x in (springs, count, f"pattern {where}", checksum(forces.initial)) if x)
-
-
-def checksum(A: Any) -> str:
-    if A is None:
-        return "zero"
-    arrays = [A]
-    if sp.issparse(A):
-        arrays = [A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data]
-    digest = hashlib.sha256(repr(A.shape).encode())
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).data)
-    return f"checksum {digest.hexdigest()[:16]}"
 
 
 # ---- the state -------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import LowLevelCallable
 
 from .._checks import check_word, positive_number, real_number
 from ..errors import CallbackError
@@ -23,7 +22,7 @@ from ..gradients.gradient import gradient
 from ..gradients.parameters import MULTIPLIERS, Misfit
 from ..gradients.residuals import Line, Load, Weights, averaged, of_prescribed, of_subdomain
 from ..memory import require
-from ..problem.loads import terms_of
+from ..problem.loads import loads_of
 from ..results.times import TOLERANCE, Clock
 from ..setup.schedule import MACRO
 from ..setup.stability import critical_step
@@ -388,7 +387,7 @@ def _prescribed(session: Session, t: np.ndarray) -> np.ndarray:
 
 def _compiled(force: Any, member: Any) -> Callable[[float], np.ndarray] | None:
     """The compiled functions among the loads of a subdomain, which the core calls."""
-    if not any(isinstance(x, LowLevelCallable) for x in terms_of(force)):
+    if not any(x._kind == "compiled" for x in loads_of(force)):
         return None
 
     def value(t: float) -> np.ndarray:

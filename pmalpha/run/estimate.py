@@ -15,7 +15,7 @@ from .._checks import MOST, real_number, whole_number
 from ..errors import AccuracyWarning, silent, warn
 from ..memory import require
 from ..problem.device import Device
-from ..problem.loads import SampledForce
+from ..problem.loads import is_function
 from ..problem.restoring import items_of
 from ..problem.springs import Spring
 from ..results.history import History
@@ -96,7 +96,7 @@ class RepeatedFunctions:
 
     def of(self, function: Any, what: str) -> Any:
         """The same, wrapped where it is a Python function that may have a memory."""
-        if not callable(function) or isinstance(function, (SampledForce, LowLevelCallable)):
+        if not is_function(function):
             return function
         if stated(function) is True:
             return function

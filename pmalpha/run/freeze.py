@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import Any
 
-from scipy import LowLevelCallable
-
 from .._checks import check_word
 from ..files import checked_path, package_version, replacing, uninterrupted
 from ..frozen import fmu, model
 from ..frozen.model import Input, Ports, file_of
-from ..problem.loads import core_load, is_callback, terms_of
+from ..problem.loads import core_load, loads_of
 from .inputs_at_start import Present, present
 from .motion import Motion
 from .session import Session, begin, require_alone, require_one_stage_of
@@ -121,10 +119,9 @@ def check(session: Session, ports: Ports) -> None:
 
 def _check_loads(session: Session, i: int) -> None:
     name = session.members[i].name
-    for term in terms_of(session.loads.forces[i]):
-        compiled = isinstance(term, LowLevelCallable)
-        if compiled or is_callback(term):
-            kind = "a compiled function" if compiled else "a function"
+    for load in loads_of(session.loads.forces[i]):
+        if load._kind in ("of t", "compiled"):
+            kind = "a compiled function" if load._kind == "compiled" else "a function"
             raise ValueError(
                 f"force of subdomain {name!r} has {kind}, which no file can have: give samples, or "
                 "leave it out and set what it returns, dof by dof, as inputs, which add to all "

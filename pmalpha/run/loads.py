@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias, TypeGuard, TypeVar
 
 import numpy as np
-from scipy import LowLevelCallable
 
 import pmalpha._core as _core
 
@@ -20,16 +19,15 @@ from ..problem.device import check_first_command
 from ..problem.forms import Newton
 from ..problem.loads import (
     Force,
-    SampledForce,
+    Load,
+    Samples,
     core_load,
-    depends_on_motion,
-    is_callback,
-    is_function,
-    is_of_motion,
+    functions_of,
+    loads_of,
     summed,
-    terms_of,
 )
 from ..problem.matrices import product
+from ..problem.sampled import SampledForce
 from ..problem.schemes import Scheme, require_generalized_alpha
 from ..results.times import Clock
 from ..setup.member import Member
@@ -45,14 +43,15 @@ from .transfer import Lengths
 SHORT = 1.0 / 16.0
 
 
-def is_averaged(force: Any) -> TypeGuard[SampledForce]:
-    return isinstance(force, SampledForce) and force.average
+def is_averaged(force: Load) -> TypeGuard[SampledForce]:
+    return force.average
 
 
 def taken_from_start(member: Member, force: Force, clock: Clock) -> Force:
     """A force as the steps of a subdomain take it: averaged ones as means."""
     return tuple(
-        Means(x, member, clock, None).force if is_averaged(x) else x for x in terms_of(force)
+        Means(load, member, clock, None).force if is_averaged(load) else load._term
+        for load in loads_of(force)
     )
 
 
@@ -311,24 +310,24 @@ def warn_of_skipped(
 
     fine: time between two interface problems, at which those are evaluated.
     """
-    taken: list[tuple[str, Any, float]] = [
+    taken: list[tuple[str, Load, float]] = [
         (f"the force on {member.name!r}", f, member.step)
         for member, force in zip(members, forces)
-        for f in terms_of(force)
+        for f in loads_of(force)
     ]
-    taken += [(f"the {motion.what}", motion.velocity, fine) for motion in motions]
+    taken += [(f"the {motion.what}", motion.load, fine) for motion in motions]
     known: dict[tuple[object, ...], tuple[float, float]] = {}
     texts = []
     for name, force, step in taken:
-        if not isinstance(force, SampledForce) or force.average or step <= force.dt:
+        samples = force._samples
+        if samples is None or force.average or step <= samples.dt:
             continue
-        weights = _weights(force)
-        key = step, force.dt, force.values.tobytes(), weights.tobytes()
+        key = step, samples.dt, samples.values.tobytes(), samples.weights.tobytes()
         if key not in known:  # a record acts on many subdomains
-            known[key] = skipped(force, step, weights)
+            known[key] = skipped(samples, step)
         energy, change = known[key]
         if change > SKIPPED:
-            every = f"step {step:g}, samples every {force.dt:g}"
+            every = f"step {step:g}, samples every {samples.dt:g}"
             texts.append(
                 f"{name} ({every}: {energy:.2g} of its energy, {change:.2g} of the motion)"
             )
@@ -342,21 +341,13 @@ def warn_of_skipped(
         )
 
 
-def _weights(force: SampledForce) -> np.ndarray:
-    """How much each series counts: the norm of its distribution over the dofs."""
-    if force.shape is None:
-        return np.ones(force.values.shape[1])
-    result: np.ndarray = np.linalg.norm(force.shape / (np.abs(force.shape).max() or 1.0), axis=0)
-    return result
-
-
-def skipped(force: SampledForce, step: float, weights: np.ndarray) -> tuple[float, float]:
+def skipped(force: Samples, step: float) -> tuple[float, float]:
     """What straight lines between the values at steps change of a sampled force, (L3).
 
     Returns the energy of the difference, relative to that of the force, and the root mean square
     of the difference of the responses, relative to that of the response.
     """
-    f = force.values * (weights / (np.abs(force.values).max() or 1.0))
+    f = force.values * (force.weights / (np.abs(force.values).max() or 1.0))
     if f.shape[1] > JUDGED_SERIES:
         f = f[:, np.argsort(np.sum(f * f, axis=0))[-JUDGED_SERIES:]]
     period = STEPS_IN_PERIOD * step
@@ -419,16 +410,16 @@ class Loads:
         self.core, self.members, self.clock = core, members, clock
         fine, self.forces = core.instants, forces
         self.means = {
-            (i, k): Means(term, member, clock, (begins or {}).get((i, k)))
+            (i, k): Means(load, member, clock, (begins or {}).get((i, k)))
             for i, (member, force) in enumerate(zip(members, forces))
-            for k, term in enumerate(terms_of(force))
-            if is_averaged(term)
+            for k, load in enumerate(loads_of(force))
+            if is_averaged(load)
         }
         # the terms of the forces as the steps of the subdomains take them
         self.seen = [
             tuple(
-                self.means[i, k].force if (i, k) in self.means else term
-                for k, term in enumerate(terms_of(force))
+                self.means[i, k].force if (i, k) in self.means else load._term
+                for k, load in enumerate(loads_of(force))
             )
             for i, force in enumerate(forces)
         ]
@@ -437,7 +428,7 @@ class Loads:
         self.callbacks = {}
         for i, (member, force) in enumerate(zip(members, forces)):
             what = f"force of subdomain {member.name!r}"
-            of_time = summed([*filter(is_callback, terms_of(force))], member.n, what)
+            of_time = summed(functions_of(force, "of t"), member.n, what)
             if of_time is not None:
                 how = member.order, member.substeps, clock
                 self.callbacks[i] = CallbackLoad(of_time, what, *how)
@@ -505,14 +496,10 @@ class Loads:
     def has_functions(self) -> bool:
         """Whether there are functions of the user, which only `run` and `step` may evaluate."""
         return (
-            bool(self.callbacks)
-            or any(
-                isinstance(x, LowLevelCallable) for force in self.forces for x in terms_of(force)
-            )
+            any(x._kind != "known" for force in self.forces for x in loads_of(force))
             or not all_known(self.motions)
             or (self.obstacles is not None and not self.obstacles.known)
             or any(member.subdomain.has_functions for member in self.members)
-            or any(depends_on_motion(force) for force in self.forces)
             or any(
                 member.internal is not None and member.internal.functions for member in self.members
             )
@@ -529,7 +516,7 @@ class Loads:
         """Give the core all loads but those of callables, which `prepare` gives it."""
         for member, force in zip(self.members, self.seen):
             if member.feedback is not None:
-                functions = [*filter(is_of_motion, force)]
+                functions = functions_of(force, "of t, u and v")
                 member.feedback.function = summed(functions, member.n, member.feedback.what)
             member.core.set_load(core_load(force, member.order))
         for i, motion in enumerate(self.motions):
@@ -611,10 +598,10 @@ class Loads:
         """All loads of a subdomain at one time, with the value of those that are callables of t."""
         member = self.members[i]
         values = [] if of_time is None else [of_time]
-        compiled = [isinstance(x, LowLevelCallable) for x in self.seen[i]]
-        known = [x for x, is_one in zip(self.seen[i], compiled) if not (is_one or is_function(x))]
+        loads = loads_of(self.seen[i])
+        known = [x for x in loads if x._kind == "known"]
         values += [force_at(tuple(known), member, t)] if known else []
-        if any(compiled):
+        if any(x._kind == "compiled" for x in loads):
             values.append(self._values(member.core.force(t), "force", i, step))
         return sum(values[1:], values[0]) if values else np.zeros(member.n)
 
@@ -668,7 +655,7 @@ def limit_error(member: Member, failed: Limited) -> LimitError:
 
 def force_at(force: Force, member: Member, t: float) -> np.ndarray:
     """Loads that are no functions, at one time in elimination order."""
-    values = [(x(t) if callable(x) else x)[member.order] for x in terms_of(force)]
+    values = [x(t)[member.order] for x in loads_of(force)]
     return sum(values[1:], values[0]) if values else np.zeros(member.n)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from .._checks import called, vector
 from ..problem import forms
 from ..problem.contacts import on_rows
-from ..problem.loads import Force, SampledForce, core_load, is_callback
+from ..problem.loads import Load, Term, as_load
 from ..results.times import Clock
 from ..setup.contact_rows import Contacts
 from ..setup.rows import ConstraintRows
@@ -126,7 +126,7 @@ class Motion:
 
     def __init__(
         self,
-        velocity: Force,
+        velocity: Term,
         what: str,
         rows: np.ndarray,
         scale: np.ndarray,
@@ -138,8 +138,11 @@ class Motion:
         self.scale, self.fine = scale, fine
         self.apart = clock.dt / fine / 16.0 if apart is None else apart
         self.callback: CallbackLoad | None = None
-        if is_callback(velocity):
-            self.callback = CallbackLoad(velocity, what, np.arange(rows.size), fine, clock)
+        self.load = as_load(velocity)
+        if self.load._kind != "known":
+            self.callback = CallbackLoad(
+                self.load.function, what, np.arange(rows.size), fine, clock
+            )
 
     def renewed(self, fine: int, clock: Clock) -> Motion:
         """The same motion for other steps, with the same g'(0); without values of a callable."""
@@ -156,35 +159,20 @@ class Motion:
 
     def core_load(self) -> forms.Load:
         """g that is no Python callable, in a form of the core."""
-        load = core_load(self.velocity, np.arange(self.rows.size))
-        if not isinstance(load, forms.Sampled):
-            assert isinstance(load, np.ndarray)
-            return self.in_core(load)
-        if load.shape is None:
-            return load._replace(values=self.in_core(load.values))
-        return load._replace(shape=self.in_core(load.shape))
+        scale = None if np.all(self.scale == 1.0) else self.scale
+        return self.load._core(np.arange(self.rows.size), scale)
 
     def at(self, t: float) -> np.ndarray:
         """g(t) for the initial values."""
         if self.callback is not None:
             return self.callback.near_start_value(t)
-        if isinstance(self.velocity, np.ndarray):
-            return self.velocity
-        assert isinstance(self.velocity, SampledForce)
-        return self.velocity(t)
+        return self.load(t)
 
     def reached(self) -> np.ndarray:
         """The largest |g| later: of all samples; of a callable at times that double."""
-        if isinstance(self.velocity, SampledForce):
-            values, shape = self.velocity.values, self.velocity.shape
-            samples = values if shape is None else values @ shape.T
-            largest: np.ndarray = np.abs(samples).max(axis=0)
-            return largest
-        if isinstance(self.velocity, np.ndarray):
-            largest = np.abs(self.velocity)
-            return largest
-        assert self.callback is not None
-        largest = np.zeros(self.rows.size)
+        if self.callback is None:
+            return self.load._largest()
+        largest: np.ndarray = np.zeros(self.rows.size)
         for k in range(DOUBLINGS):
             try:
                 values = self.callback.evaluate(self.apart * 2.0**k)
@@ -194,14 +182,10 @@ class Motion:
         return largest
 
     def slope(self) -> np.ndarray:
-        if isinstance(self.velocity, SampledForce):
-            dt = self.velocity.dt
-            result: np.ndarray = (self.velocity(dt) - self.velocity(0.0)) / dt
-            return result
         if self.known:
-            return np.zeros(self.rows.size)
+            return self.load._slope()
         d = self.apart
-        result = (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
+        result: np.ndarray = (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
         return result
 
 
@@ -260,9 +244,7 @@ class Obstacles:
     @property
     def known(self) -> bool:
         """Whether no motion is a function of the user."""
-        return all(
-            c.motion is None or isinstance(c.motion, SampledForce) for c in self.contacts.contacts
-        )
+        return all(c.motion is None or isinstance(c.motion, Load) for c in self.contacts.contacts)
 
     def start(self) -> np.ndarray:
         """No impulses and no sums of them, and the obstacles at t = 0: contacts of the core at the

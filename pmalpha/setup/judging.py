@@ -26,7 +26,7 @@ from ..errors import (
 from ..memory import one_thread
 from ..problem.device import Device
 from ..problem.forms import Factor
-from ..problem.loads import BaseAcceleration, terms_of
+from ..problem.loads import loads_of
 from ..problem.matrices import (
     Matrix,
     absolute,
@@ -817,10 +817,7 @@ def warn_of_ground(members: Sequence[Member], constraints: Sequence[Rows], first
 
     first: number of the first member among the subdomains of the constraints.
     """
-    moves = [
-        any(isinstance(x, BaseAcceleration) for x in terms_of(member.subdomain.force))
-        for member in members
-    ]
+    moves = [any(x._is_ground for x in loads_of(member.subdomain.force)) for member in members]
     if all(moves) or not any(moves):
         return
     neighbours: dict[str, str] = {}

@@ -25,7 +25,7 @@ from ..files import checked_path, library
 from ..problem import forms
 from ..problem.constraints import Constraint
 from ..problem.contacts import Contact
-from ..problem.loads import SampledForce
+from ..problem.loads import as_load
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .member import Member
@@ -408,20 +408,11 @@ def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: dict[str,
     members = [
         (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
     ]
-    velocities = [_known(row.velocity) for row in rows]
+    # the values of callables are compared in the run
+    velocities = [None if row.velocity is None else as_load(row.velocity)._facts() for row in rows]
     sizes = [row.p for row in rows]
     ranks.require_equal("constraints", hashlib.sha256(pickle.dumps((sizes, members))).digest())
     ranks.require_equal("velocity of the constraints", velocities)
-
-
-def _known(velocity: Any) -> Any:
-    """What can be compared of a prescribed velocity; the values of callables are, in the run."""
-    if isinstance(velocity, np.ndarray):
-        return velocity.tobytes()
-    if isinstance(velocity, SampledForce):
-        shape = None if velocity.shape is None else np.asarray(velocity.shape).tobytes()
-        return velocity.values.tobytes(), velocity.dt, shape
-    return velocity is None
 
 
 def file_of(path: Any, rank: int) -> str:

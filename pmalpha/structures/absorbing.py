@@ -14,8 +14,8 @@ import scipy.sparse as sp
 from .._checks import counted, positive_number, real_number, vector, whole_number
 from ..meshes.kinds import KINDS
 from ..meshes.mesh import unshared
-from ..problem.loads import SampledForce
 from ..problem.records import Record
+from ..problem.sampled import SampledForce
 from .elasticity import lumped_shares, masses_at_points, of_elements
 
 __all__ = ["AbsorbingBoundary"]

@@ -15,7 +15,7 @@ from .._checks import counted, flag, listing, plain_array, real_number
 from .._tables import html_facts
 from ..problem.arguments import DofsLike
 from ..problem.dofs import NodeNames, along, as_nodes, dof_list
-from ..problem.free_loads import load_of_free
+from ..problem.loads import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain

@@ -16,8 +16,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from .._checks import check_word, positive_number, time_step
-from ..problem.loads import SampledForce
 from ..problem.records import Record
+from ..problem.sampled import SampledForce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..run.coupler import solve
