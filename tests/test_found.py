@@ -81,7 +81,7 @@ VALUES = {
         [1.0], [1e200], [1e200], dt=0.1
     ),
     "record must not exceed": lambda: pm.SupportMotion([0.0, 1e308], 0.1, "acceleration"),
-    "M must have as many indices as blocks": lambda: pm.Subdomain(
+    "M must have arrays that fit: indices and data": lambda: pm.Subdomain(
         damaged_blocks(), K, scheme=pm.Newmark()
     ),
     "C must be symmetric": lambda: pm.Subdomain(
@@ -108,7 +108,7 @@ VALUES = {
     "dof must lie in 0..0, got 1180591620717411303424": lambda: pm.Coupler(
         [single()], dt=0.1
     ).state(0)[2**70],
-    "L of 'a' must have as many indices as data, got 3 and 6, in a damaged csc matrix": lambda: (
+    "L of 'a' must have arrays that fit: indices and data should have the same size": lambda: (
         pm.Constraint({"a": longer_data()})
     ),
     "periods must not exceed": lambda: pm.analysis.response_spectrum(MASSES, 0.1, [1e155]),
@@ -126,7 +126,7 @@ VALUES = {
     "must have an element at every dof in 0..4611686018427387904, not at dofs 1, 2": lambda: pm.cut(
         pm.Elements([[0, 2**62]], np.eye(2)[None], np.eye(2)[None]), [0]
     ),
-    "K must have 0 entries as its indptr has, got": lambda: pm.reduce(
+    "K must have arrays that fit: 0 blocks by indptr, got 3": lambda: pm.reduce(
         np.eye(3), unused_blocks(), fixed=[0]
     ),
     "elements must": lambda: pm.structures.plate_on(

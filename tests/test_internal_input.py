@@ -483,7 +483,7 @@ def test_the_first_values_must_be_finite(value, text):
 
 @pytest.mark.parametrize("call", [at_start, lambda force, n: pm.InternalForce(force).check(F)])
 def test_a_damaged_first_tangent_is_an_error(call):
-    with pytest.raises(ValueError, match="at t = 0: K_t must have indices in 0..1, got 5"):
+    with pytest.raises(ValueError, match="at t = 0: K_t must have arrays that fit: indices"):
         call(lambda t, u, v, q: (u, BROKEN), 2)
 
 
@@ -723,7 +723,7 @@ def test_stored_zeros_outside_the_pattern_are_no_error():
         ((F, sp.eye_array(3)), ValueError, r"K_t must have shape \(2, 2\), got \(3, 3\)"),
         ((F, F + 1j), TypeError, "K_t must hold real numbers"),
         ((F, sp.eye_array(2, dtype=complex)), TypeError, "K_t must hold real numbers"),
-        ((F, BROKEN), ValueError, "K_t must have indices in 0..1, got 5, in a damaged csr"),
+        ((F, BROKEN), ValueError, "K_t must have arrays that fit: indices .*, in a damaged csr"),
         ((F, "K"), TypeError, "K_t must hold real numbers"),
         ((F, F, np.zeros(3)), ValueError, "C_t must have shape"),
         ((F, F, None, [1.0]), ValueError, r"q1 must have shape \(0,\), got \(1,\)"),

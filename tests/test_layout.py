@@ -199,7 +199,7 @@ MOST_LINES = {
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_000,
-    ("pmalpha", "py"): 55_500,
+    ("pmalpha", "py"): 55_200,
     ("tests", "py"): 72_000,
     ("docs", "md"): 7_800,
 }
