@@ -6,9 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from os import PathLike
 from time import perf_counter
 from typing import Any
 
@@ -54,6 +53,38 @@ OF_RIG = tuple(IN_SUBDOMAIN["commands"])
 COUNTS = {name for name, x in OF_SUBDOMAIN.items() if x.is_count}
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What a run records, and where: arguments of `Coupler.run`, of `run_each` for one case."""
+
+    record: Mapping[Any, Any] | None = None
+    every: int | None = None
+    energy: bool = False
+    record_springs: Mapping[Any, Any] | None = None
+    outputs: Mapping[Any, Any] | None = None
+    rig: bool = False
+    record_to: Any = None
+    append: bool = False
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        flag(self.rig, "rig")
+
+    @property
+    def is_everything(self) -> bool:
+        """Whether all dofs are recorded, and nothing else."""
+        chosen = self.record, self.record_springs, self.outputs
+        return not self.energy and not self.rig and all(x is None for x in chosen)
+
+    def to(self, path: Any) -> Wanted:
+        """The same in another file; None is none."""
+        return replace(self, record_to=path)
+
+    def in_memory(self) -> Wanted:
+        """The same without a file."""
+        return replace(self, record_to=None, append=False, overwrite=False)
+
+
 class Recorded:
     """What runs record of the subdomains and of the interface, whatever their length.
 
@@ -68,21 +99,17 @@ class Recorded:
         rows: CoreRows,
         *,
         fine: int,
-        record: Mapping[Any, Any] | None = None,
-        energy: bool = False,
-        record_springs: Mapping[Any, Any] | None = None,
-        outputs: Mapping[Any, Any] | None = None,
-        rig: bool | None = None,
+        wanted: Wanted,
     ):
         self.members, self.keys, self.core_rows, self.fine = members, tuple(keys), rows, fine
         self.contacts = rows.contacts
-        self.outputs = chosen_outputs(outputs, self.keys)
-        self.dofs = chosen_dofs(record, self.keys, self.outputs)
-        self.springs = chosen_springs(record_springs, self.keys, self.dofs)
-        if rig:
+        self.outputs = chosen_outputs(wanted.outputs, self.keys)
+        self.dofs = chosen_dofs(wanted.record, self.keys, self.outputs)
+        self.springs = chosen_springs(wanted.record_springs, self.keys, self.dofs)
+        if wanted.rig:
             self.dofs = with_rigs(self.dofs, self.keys)
         self.columns = [
-            recorded_columns(*arguments, bool(rig))
+            recorded_columns(*arguments, wanted.rig)
             for arguments in zip(members, self.dofs, self.springs)
         ]
         self.interface_columns = self._interface_columns()
@@ -92,8 +119,8 @@ class Recorded:
             if x.made is None and x.columns in self.interface_columns
         }
         self.substeps = np.array([[member.substeps for member in members]], dtype=np.int64)
-        self.has_energy = energy
-        self.energy_columns = len(members) * len(ENERGIES) if energy else 0
+        self.has_energy = bool(wanted.energy)
+        self.energy_columns = len(members) * len(ENERGIES) if wanted.energy else 0
         self.positions = [
             None if dofs is None else member.position[dofs]
             for member, dofs in zip(members, self.dofs)
@@ -399,21 +426,15 @@ class FiledRecording(Recording):
     already written. With `append` the rows of an existing file come first.
     """
 
-    def __init__(
-        self,
-        path: str | PathLike[str],
-        *args: Any,
-        append: bool = False,
-        overwrite: bool = False,
-        **options: Any,
-    ):
+    def __init__(self, wanted: Wanted, *args: Any, **options: Any):
+        append, overwrite = wanted.append, wanted.overwrite
         self.file: HistoryFile | None = None
         self.old: Held | None = None
         self.earlier: EarlierRows | None = None
         self.unwritten: list[dict[str, np.ndarray]] = []  # by interval, as for `HistoryFile.write`
         super().__init__(*args, **options)
         # before the start evaluates a restoring force, on a test rig say
-        self.path = target(path, may_exist=append or overwrite)
+        self.path = target(wanted.record_to, may_exist=append or overwrite)
         if append or overwrite:
             self.old = old_file(self.path)
         try:
@@ -542,15 +563,13 @@ def rows_of(steps: int, every: int | None, levels: int) -> int:
     return 1 + steps * levels if every is None else 2 + steps // every
 
 
-def recording_class(
-    record_to: str | PathLike[str] | None, *, append: bool, overwrite: bool
-) -> Callable[..., Recording]:
-    """What makes the recording of a run with these options."""
-    append, overwrite = flag(append, "append"), flag(overwrite, "overwrite")
+def recording_class(wanted: Wanted) -> Callable[..., Recording]:
+    """What makes the recording of a run."""
+    append, overwrite = flag(wanted.append, "append"), flag(wanted.overwrite, "overwrite")
     if append and overwrite:
         raise ValueError("append and overwrite must not both be True")
-    if record_to is not None:
-        return partial(FiledRecording, record_to, append=append, overwrite=overwrite)
+    if wanted.record_to is not None:
+        return partial(FiledRecording, wanted)
     if append or overwrite:
         raise ValueError("append and overwrite must come with record_to, got record_to=None")
     return Recording

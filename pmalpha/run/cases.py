@@ -26,7 +26,7 @@ from ..results.cases import REDUCTIONS, CaseValues, Reducer
 from ..results.energy import Loads
 from ..results.history import History
 from ..results.quantities import OF_CONSTRAINTS, CoreSelection, OutputRows
-from ..results.recording import Recording
+from ..results.recording import Recording, Wanted
 from ..setup.member import Member
 from ..setup.rows import ConstraintRows
 from ..setup.start import InitialAccelerations
@@ -336,12 +336,12 @@ class Plan:
         cases: Sequence[Case],
         paths: Sequence[Any],
         end: int,
-        chosen: Mapping[str, Any],
+        wanted: Wanted,
         recording: Recording,
         report: Report | None,
         results: Results,
     ):
-        self.cases, self.paths, self.end, self.chosen = cases, paths, end, chosen
+        self.cases, self.paths, self.end, self.wanted = cases, paths, end, wanted
         self.recording, self.report, self.results = recording, report, results
         self.done = 0  # macro steps of cases that are done
         self.spare: list[Recording] = []  # of cases that are reduced, for others
@@ -368,30 +368,27 @@ def run_each(
     session: Session,
     cases: Iterable[Mapping[str, Any]],
     end: tuple[float | None, int | None],
-    files: tuple[Any, bool],
+    wanted: Wanted,
     progress: Any,
     reduce: str | None,
-    **chosen: Any,
 ) -> list[History] | CaseValues:
-    """`Coupler.run_each`; `end` is t_end and steps, `files` record_to and overwrite, and `chosen`
-    what is recorded."""
+    """`Coupler.run_each`; `end` is t_end and steps, and `record_to` a file for each case."""
     require_alone(session, "run_each")
-    check_reduce(reduce, files[0], chosen["energy"])
+    check_reduce(reduce, wanted.record_to, wanted.energy)
     with session.guard:
         motions, tied = session.loads.motions, session.coupling == "mean"
         checked = checked_cases(cases, session.keys, session.rows, motions, tied)
         warn_of_records(session, checked)
-        paths = checked_paths(files[0], len(checked))
-        chosen["overwrite"] = files[1]
+        paths = checked_paths(wanted.record_to, len(checked))
         reducer = None if reduce is None else Reducer(reduce, len(checked))
         results = Results(len(checked), reducer)
         with restoration(session):
             last = session.clock.end(*end, 0)
             together = LANES * max(session.threads_allowed[0], 1)
             at_hand = paths if reduce is None else paths[:together]
-            recording = checked_recording(session, last, at_hand, chosen)
+            recording = checked_recording(session, last, at_hand, wanted)
             with reporting(progress, 0, last * len(checked)) as report:
-                plan = Plan(checked, paths, last, chosen, recording, report, results)
+                plan = Plan(checked, paths, last, wanted, recording, report, results)
                 run_groups(session, groups_of(session, plan), plan)
                 if report is not None:
                     report.end()
@@ -410,7 +407,7 @@ def check_reduce(reduce: Any, record_to: Any, energy: Any) -> None:
 
 
 def checked_recording(
-    session: Session, end: int, paths: Sequence[Any], chosen: dict[str, Any]
+    session: Session, end: int, paths: Sequence[Any], wanted: Wanted
 ) -> Recording:
     """Errors of the arguments of the recordings, before the first case begins.
 
@@ -418,7 +415,7 @@ def checked_recording(
     """
     count = 0.0
     for path in set(paths) or {None}:
-        recording = recording_of(session, 0, end, path, checks_loads=False, **chosen)
+        recording = recording_of(session, 0, end, wanted.to(path), checks_loads=False)
         recording.release()
         count += recording.numbers_kept * paths.count(path)
     advice = "choose dofs with record= or fewer time levels with every="
@@ -450,7 +447,7 @@ def restoration(session: Session) -> Iterator[None]:
 def groups_of(session: Session, plan: Plan) -> list[list[int]]:
     """Cases that run side by side; those of one case run on the coupler itself."""
     possible = lanes_are_possible(session.members, session.loads.motions)
-    possible = possible and not plan.chosen["energy"] and session.rows.contacts is None
+    possible = possible and not plan.wanted.energy and session.rows.contacts is None
     fitting = [
         k
         for k, (case, path) in enumerate(zip(plan.cases, plan.paths))
@@ -534,7 +531,7 @@ def run_case(session: Session, k: int, plan: Plan) -> None:
         report.begin = -plan.done
     try:
         return_to_start(session, plan.cases[k])
-        recording = recording_of(session, 0, plan.end, plan.paths[k], **plan.chosen)
+        recording = recording_of(session, 0, plan.end, plan.wanted.to(plan.paths[k]))
         with recording, DeferredSignals(session.guard) as signals:
             results.put(k, recorded(session, recording, report, signals))
     except Exception as error:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
+from scipy import LowLevelCallable
 
 import pmalpha._core as _core
 
@@ -119,7 +120,7 @@ def load(force: Any) -> str:
     """A description of a load; equal loads have equal descriptions."""
     if isinstance(force, Device):
         return f"{force.facts} of {load(force.specimen)}"
-    if isinstance(force, tuple):
+    if isinstance(force, tuple) and not isinstance(force, LowLevelCallable):
         return ", ".join(load(item) for item in force)
     if isinstance(force, Spring):
         # these words are in files of all versions; repr may change

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import flag, without
+from .._checks import without
 from .._core import Guard
 from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
@@ -18,6 +18,7 @@ from ..problem.forms import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..results.history import History, SubdomainHistory
+from ..results.recording import Wanted
 from ..results.times import Instant
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
@@ -371,14 +372,13 @@ class Coupler:
         >>> coupler.time, coupler.time - 0.01 < np.pi / 4.0 < coupler.time
         (0.79, True)
         """
-        s, end, files = self._session, (t_end, steps), (record_to, append, overwrite)
-        chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
-        chosen |= dict(record_springs=record_springs, outputs=outputs, rig=flag(rig, "rig") or None)
+        s, end, file = self._session, (t_end, steps), (record_to, append, overwrite)
+        wanted = Wanted(record, every, energy, record_springs, outputs, rig, *file)
         if tolerance is not None:
             from . import tolerance as tolerance_run
 
-            return tolerance_run.run(s, tolerance, end, files, until, progress, **chosen)
-        return recorded_run.run(s, end, files, until, progress, **chosen)
+            return tolerance_run.run(s, tolerance, end, wanted, until, progress)
+        return recorded_run.run(s, end, wanted, until, progress)
 
     def estimate_error(
         self,
@@ -636,10 +636,9 @@ class Coupler:
         from . import paced
 
         pace = paced.Pace(rate, on_late, priority, lock_memory)
-        chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
-        chosen |= dict(record_springs=record_springs, outputs=outputs, rig=flag(rig, "rig") or None)
-        files = (record_to, append, overwrite)
-        return paced.run_paced(self._session, t_end, pace, files, progress, **chosen)
+        file = record_to, append, overwrite
+        wanted = Wanted(record, every, energy, record_springs, outputs, rig, *file)
+        return paced.run_paced(self._session, t_end, pace, wanted, progress)
 
     def monitor(
         self,
@@ -823,10 +822,10 @@ class Coupler:
         """
         from . import cases as load_cases
 
-        end, files = (t_end, steps), (record_to, overwrite)
-        chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
-        chosen |= dict(record_springs=record_springs, outputs=outputs)
-        return load_cases.run_each(self._session, cases, end, files, progress, reduce, **chosen)
+        file = record_to, False, overwrite
+        wanted = Wanted(record, every, energy, record_springs, outputs, False, *file)
+        s, end = self._session, (t_end, steps)
+        return load_cases.run_each(s, cases, end, wanted, progress, reduce)
 
     def reset(
         self,

@@ -26,7 +26,7 @@ from ..problem.dofs import dof_list
 from ..results.history import History
 from ..results.pacing import Pacing, due_times
 from ..results.quantities import by_index
-from ..results.recording import Recording, recording_class
+from ..results.recording import Recording, Wanted, recording_class
 from ..results.ring import MonitorFile, RingRecording
 from .progress import DeferredSignals, reporting
 from .recorded_run import recorded, recording_of
@@ -248,16 +248,14 @@ class Pace(NamedTuple):
     lock_memory: bool
 
 
-def run_paced(
-    session: Session, t_end: float, pace: Pace, record_to: Any, progress: Any, **chosen: Any
-) -> History:
+def run_paced(session: Session, t_end: float, pace: Pace, wanted: Wanted, progress: Any) -> History:
     with session.guard, DeferredSignals(session.guard) as signals:
         pace = checked_pace(session, pace)
         done = session.done
         last = session.clock.end(t_end, None, done)
         times = Times(session, pace, last - done)
         kind = partial(paced_recording, session.core)
-        recording = recording_of(session, done, last, *record_to, kind=kind, **chosen)
+        recording = recording_of(session, done, last, wanted, kind=kind)
         recording.block[:] = 0.0  # no page is touched for the first time in the run
         try:
             with recording, reporting(progress, done, recording.end) as report:
@@ -295,14 +293,10 @@ def checked_pace(session: Session, pace: Pace) -> Pace:
     return Pace(rate, pace.on_late, priority, flag(pace.lock_memory, "lock_memory"))
 
 
-def paced_recording(
-    core: _core.Coupler, record_to: Any, *, append: bool, overwrite: bool
-) -> Callable[..., Recording]:
+def paced_recording(core: _core.Coupler, wanted: Wanted) -> Callable[..., Recording]:
     """What makes the recording: a file is written by a thread of its own."""
-    make = recording_class(record_to, append=append, overwrite=overwrite)
-    if record_to is None:
-        return make
-    return partial(RingRecording, core, record_to, append=append, overwrite=overwrite)
+    make = recording_class(wanted)
+    return make if wanted.record_to is None else partial(RingRecording, core, wanted)
 
 
 def _wake(pipe: int) -> None:

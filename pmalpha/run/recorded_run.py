@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import replace
-from os import PathLike
 from pathlib import Path
 from typing import Any
 from weakref import ref
@@ -20,7 +19,7 @@ from ..problem.schemes import require_generalized_alpha
 from ..results.energy import Loads, conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
-from ..results.recording import FiledRecording, Recorded, Recording, recording_class
+from ..results.recording import FiledRecording, Recorded, Recording, Wanted, recording_class
 from ..results.stored import target
 from ..results.times import Instant
 from ..setup.ranks import Elsewhere, file_of
@@ -83,21 +82,19 @@ def is_met(session: Session, until: Until) -> bool:
 def run(
     session: Session,
     end: tuple[float | None, int | None],
-    files: tuple[Any, bool, bool],
+    wanted: Wanted,
     until: Any,
     progress: Any,
-    **chosen: Any,
 ) -> History:
-    """`Coupler.run` without tolerance; `end` is t_end and steps, `files` record_to, append and
-    overwrite, and `chosen` what is recorded."""
+    """`Coupler.run` without tolerance; `end` is t_end and steps."""
     with together(session), DeferredSignals(session.guard) as signals:
         until = checked_until(session, until)
         done = session.done
         last = session.clock.end(*end, done)
-        check_call(session, "run", last, chosen["every"], chosen["energy"])
+        check_call(session, "run", last, wanted.every, wanted.energy)
         before = session.completed() if session.completed and last == done else None
         warn_of_nothing(session, end[0], last, before)
-        recording = recording_of(session, done, last, *files, **chosen)
+        recording = recording_of(session, done, last, wanted)
         with recording, reporting(progress, done, recording.end) as report:
             history = recorded(session, recording, report, signals, until=until)
     if session.done and last == done:
@@ -133,29 +130,23 @@ def recording_of(
     session: Session,
     first: int,
     end: int,
-    record_to: str | PathLike[str] | None = None,
-    append: bool = False,
-    overwrite: bool = False,
+    wanted: Wanted,
     *,
-    kind: Callable[..., Callable[..., Recording]] = recording_class,
+    kind: Callable[[Wanted], Callable[..., Recording]] = recording_class,
     checks_loads: bool = True,
-    energy: bool = False,
-    every: int | None = None,
-    **chosen: Any,
 ) -> Recording:
-    """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`,
-    `kind` makes what makes them. Without `checks_loads` the loads are not those of the run."""
-    energy, conserved = flag(energy, "energy"), None
+    """The arrays of a run between two macro steps; `kind` makes what makes them. Without
+    `checks_loads` the loads are not those of the run."""
+    conserved = None
     require_inside(session.members)
-    if energy:
+    if flag(wanted.energy, "energy"):
         for name, s in session.keys:
             require_generalized_alpha(s.scheme, "energy=True", name)
         conserved = conserved_quantity(session.members, session.options, session.ranks)
     # before the file, since all ranks describe the problem and one of them opens the file
-    problem = problem_of(session) if record_to is not None and checks_loads else None
-    record_to = own_record(session, record_to, append, overwrite)
-    make = kind(record_to, append=append, overwrite=overwrite)
-    of = recorded_of(session, energy, chosen)
+    problem = problem_of(session) if wanted.record_to is not None and checks_loads else None
+    make = kind(wanted.to(own_record(session, wanted)))
+    of = recorded_of(session, wanted)
     loads = [Loads(*pair) for pair in zip(session.loads.forces, session.loads.seen)]
     if checks_loads:
         of.check_ground(loads)
@@ -165,7 +156,7 @@ def recording_of(
         begin=first,
         end=end,
         clock=session.clock,
-        every=every,
+        every=wanted.every,
         conserved=conserved,
         loads=loads,
         problem=problem,
@@ -173,14 +164,13 @@ def recording_of(
     )
 
 
-def recorded_of(session: Session, energy: bool, chosen: Mapping[str, Any]) -> Recorded:
-    """What a run records; `chosen` are record, record_springs and outputs, where given."""
-    is_whole = not energy and all(x is None for x in chosen.values())
-    if is_whole and session.full_record is not None:
+def recorded_of(session: Session, wanted: Wanted) -> Recorded:
+    """What a run records of each subdomain."""
+    if wanted.is_everything and session.full_record is not None:
         return session.full_record
     problem = session.members, session.keys, session.core_rows
-    recorded = Recorded(*problem, fine=session.fine, energy=energy, **chosen)
-    if is_whole:
+    recorded = Recorded(*problem, fine=session.fine, wanted=wanted)
+    if wanted.is_everything:
         session.full_record = recorded
     return recorded
 
@@ -268,15 +258,16 @@ def record_present(session: Session, recording: Recording) -> None:
         raise Elsewhere(elsewhere["rank"])
 
 
-def own_record(session: Session, path: Any, append: bool, overwrite: bool) -> Any:
+def own_record(session: Session, wanted: Wanted) -> Any:
     """`record_to` of this rank; rank 0 looks whether the master file can be written."""
+    path = wanted.record_to
     if path is None:
         return None
     checked_path(path, "record_to", HDF5)
     if session.ranks is None:
         return path
     if session.ranks.rank == 0:
-        target(path, may_exist=append or overwrite)
+        target(path, may_exist=wanted.append or wanted.overwrite)
     return file_of(path, session.ranks.rank)
 
 

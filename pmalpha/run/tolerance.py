@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..results.energy import ENERGIES, OPTIONAL, Energy, balanced
 from ..results.history import History
 from ..results.outputs import chosen_outputs
 from ..results.quantities import by_index, reduced, stacked
-from ..results.recording import Recording, chosen_dofs
+from ..results.recording import Recording, Wanted, chosen_dofs
 from ..results.stored import contents_of, target
 from ..results.times import errors_of
 from ..setup.member import Member
@@ -59,27 +58,25 @@ def run(
     session: Session,
     tolerance: Any,
     end: tuple[float | None, int | None],
-    files: tuple[Any, bool, bool],
+    wanted: Wanted,
     until: Any,
     progress: Any,
-    **chosen: Any,
 ) -> History:
-    """`Coupler.run` with a tolerance; `end` is t_end and steps, `files` record_to, append and
-    overwrite, and `chosen` what is recorded."""
+    """`Coupler.run` with a tolerance; `end` is t_end and steps."""
     with together(session), DeferredSignals(session.guard) as signals:
         require_no_contacts(session, "tolerance")
         require_one_stage_of(session, "tolerance")
         until = checked_until(session, until)
         tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
-        path, first = checked_file(own_record(session, *files), *files[1:]), session.done
+        path, first = checked_file(wanted.to(own_record(session, wanted))), session.done
         last = session.clock.end(*end, first)
-        check_call(session, "run", last, chosen["every"], chosen["energy"], path is None)
-        pieces = Pieces(session, chosen)
+        check_call(session, "run", last, wanted.every, wanted.energy, path is None)
+        pieces = Pieces(session, wanted.in_memory())
         controller = Controller(tolerances, session.members, session.clock.dt)
         with reporting(progress, first, last) as report:
             history = chosen_run(session, controller, pieces, last, report, signals, until)
         if path is not None:
-            history_file.write(path, *contents_of(history), is_new=not files[2])
+            history_file.write(path, *contents_of(history), is_new=not wanted.overwrite)
             write_master_of(session, path)
     session.last_history = None
     return history
@@ -166,25 +163,22 @@ def least_substeps(member: Member, dt: float) -> int:
 
 
 class Pieces:
-    """What is kept of each macro step.
+    """What is kept of each macro step."""
 
-    chosen: arguments of `run`: record, every, energy, record_springs, outputs.
-    """
-
-    def __init__(self, session: Session, chosen: Mapping[str, Any]):
-        self.session, self.every = session, chosen["every"]
-        self.energy = bool(chosen["energy"])
-        outputs = chosen_outputs(chosen["outputs"], session.keys)
-        self.dofs = chosen_dofs(chosen["record"], session.keys, outputs)
-        self.options = {**chosen, "record": None, "every": None}
-        recording_of(session, 0, 0, **chosen)  # refuses wrong arguments
+    def __init__(self, session: Session, wanted: Wanted):
+        self.session, self.every = session, wanted.every
+        self.energy = bool(wanted.energy)
+        outputs = chosen_outputs(wanted.outputs, session.keys)
+        self.dofs = chosen_dofs(wanted.record, session.keys, outputs)
+        self.wanted = replace(wanted, record=None, every=None)
+        recording_of(session, 0, 0, wanted)  # refuses wrong arguments
         self.histories: list[History] = []
         self.works: dict[str, Any] = {name: 0.0 for name in KINDS[2:]}
 
     def recording(self) -> Recording:
         """Arrays for the next macro step."""
         step = self.session.core.step_count
-        return recording_of(self.session, step, step + 1, **self.options)
+        return recording_of(self.session, step, step + 1, self.wanted)
 
     def begin(self, recording: Recording) -> None:
         """Keep the present, the first row of all arrays."""
@@ -309,12 +303,12 @@ def one_step(
     choose(session, chosen)
 
 
-def checked_file(record_to: str | PathLike[str] | None, append: bool, overwrite: bool) -> Any:
+def checked_file(wanted: Wanted) -> Any:
     """The path of the file that is written at the end of the run, or None."""
-    if append:
+    if wanted.append:
         raise ValueError("append must not be True with tolerance, whose file is written at its end")
-    if record_to is not None:
-        return target(record_to, may_exist=overwrite)
-    if overwrite:
+    if wanted.record_to is not None:
+        return target(wanted.record_to, may_exist=wanted.overwrite)
+    if wanted.overwrite:
         raise ValueError("overwrite must come with record_to, got record_to=None")
     return None
