@@ -1,7 +1,8 @@
 """Random problems of everything (problems.py) and all relations between their runs (relations.py).
 
 A failure is the program of the smallest problem that fails. With ``--keep 1`` it goes on and prints
-each kind of failure once. A problem is tried with `SOME` of the relations.
+each kind of failure once. A problem is tried with some of the relations, ``--some 1`` with one:
+the cost of a relation is near that of making and running the problem, so most problems a second.
 """
 
 from collections import Counter
@@ -10,13 +11,13 @@ import numpy as np
 import relations
 from campaign import arguments, seeds
 
-SOME = 7
+SOME = 7  # relations of a problem
 
 
-def campaign(numbers, keep=False):
+def campaign(numbers, keep=False, some=SOME):
     counts, found = Counter(), set()
     for seed in numbers:
-        names = np.random.default_rng(seed).permutation(list(relations.RELATIONS))[:SOME]
+        names = np.random.default_rng(seed).permutation(list(relations.RELATIONS))[:some]
         try:
             counts += relations.reported(relations.drawn(seed), [str(name) for name in names])
         except AssertionError as error:
@@ -31,6 +32,6 @@ def campaign(numbers, keep=False):
 
 
 if __name__ == "__main__":
-    given = arguments(__doc__, keep=int)
-    counts = campaign(seeds(given.seed, given.seconds), bool(given.keep))
+    given = arguments(__doc__, keep=int, some=int)
+    counts = campaign(seeds(given.seed, given.seconds), bool(given.keep), given.some or SOME)
     print(dict(sorted(counts.items())))

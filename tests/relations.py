@@ -13,21 +13,19 @@ import pickle
 import tempfile
 import traceback
 import warnings
+import zipfile
 from collections import Counter
-from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
-import reference
-import scipy.sparse as sp
 from c_models import OK, Library
+from fmus import Instance
 from frozen_couplers import all_outputs, recorded
-from problems import FEATURES, SHIFT, STEPS, TIME_STEP, draw, shrunk
+from problems import SHIFT, STEPS, TIME_STEP, draw, shrunk
 
 import pmalpha as pm
 from pmalpha.problem.loads import terms_of
-from pmalpha.problem.restoring import functions_of
 
 ROOT = str(Path(pm.__file__).parent)
 # relative errors of the operations of a run, that are magnified like changes of its numbers; with
@@ -385,6 +383,29 @@ def frozen_with_inputs(r):
     r.equal("frozen with inputs", found, {("rows", "outputs"): right})
 
 
+@relation
+def fmu(r):
+    """An FMU, in a program that knows no other name than FMI's, moves as the run."""
+    try:
+        import fmpy  # not on every system
+    except ImportError:
+        return
+    coupler = r.problem.couple()
+    with tempfile.TemporaryDirectory() as folder:
+        path, ports = Path(folder, "x.fmu"), all_outputs(coupler)
+        coupler.export_fmu(path, outputs=ports, fmi=str(r.rng.choice(["2.0", "3.0"])))
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(folder)
+        model = Instance(fmpy, path, folder)
+        rows = [model.get(*ports)]
+        for _ in range(STEPS):
+            model.step(coupler.dt)
+            rows.append(model.get(*ports))
+        model.close()
+    right = recorded(coupler, coupler.run(steps=STEPS), STEPS)
+    r.equal("FMU", {("rows", "outputs"): np.array(rows)}, {("rows", "outputs"): right})
+
+
 class Push:
     """A force of one dof, as a function of time."""
 
@@ -454,6 +475,27 @@ def steps_and_back(r):
 
 
 @relation
+def other_steps_between(r):
+    """A snapshot, a reset and a checkpoint lead back over a run with other steps."""
+    k, rest = int(r.rng.integers(1, STEPS)), int(r.rng.integers(1, 4))
+    one, two, whole = r.problem.couple(), r.problem.couple(threads=2), ends(r.problem.couple())
+    one.step(k)
+    before, dt = one.snapshot(), one.dt
+    one.change_steps(dt=dt / 2.0)
+    one.run(steps=rest, energy=True)
+    one.change_steps(dt=dt)
+    with tempfile.TemporaryDirectory() as folder:
+        one.save(Path(folder, "state.npz"))
+        two.load(Path(folder, "state.npz"))
+    one.step(2), two.step(2)
+    r.equal("two steps after a change and back, and from a checkpoint", states(two), states(one))
+    one.restore(before)
+    r.equal("after a snapshot", ends(one, k), whole)
+    two.reset()
+    r.equal("after a reset", ends(two), whole)
+
+
+@relation
 def records(r):
     """What is recorded has no influence on the motion."""
     name = r.coupler.subdomains[-1].name
@@ -502,220 +544,29 @@ def order(r):
     require_equal("order", {k: r.results[k] for k in keys}, {k: other[k] for k in keys}, bounds)
 
 
-def simple(problem, *more):
-    """The problem with linear features alone, and `more`, which are also possible."""
-    kept = {"damping", "full mass", "initial motion", "general constraint", "gyroscopic"}
-    kept |= {"unsymmetric K", "constant load", "samples", "substeps", "pm", "macro", "mean"}
-    kept |= set(more)
-    return replace(problem, choices=tuple(c for c in problem.choices if c[0] in kept))
-
-
-def near(words, one, two, tolerance=1e-9):
-    """Equal to a part of the largest number of each quantity: of small problems on soft springs
-    that move for some steps, far above rounding and the tolerance of an iteration."""
-    for key, x in one.items():
-        size = max(np.max(np.abs(x), initial=0.0), np.max(np.abs(two[key]), initial=0.0))
-        require_equal(words, {key: x}, {key: two[key]}, {key[0]: tolerance * max(size, 1e-3)})
-
-
 @relation
-def linear_force(r):
-    """A linear force as a part of K, as springs and as a function, evaluated once or iterated."""
-    problem, i = simple(r.problem), -1
-    for way in ("K", "springs", "function"):
-        for argument in ("restoring", "internal") if way != "K" else ("K",):
-            if argument == "restoring" and '"mean"' in problem.program:
-                continue
-
-            def change(given, way=way, argument=argument):
-                n, k = len(given["M"]), 1.5
-                A = np.zeros((n, n))
-                A[i, i] = k
-                if given["name"] != "a":
-                    return given
-                if way == "K":
-                    return given | {"K": np.array(given["K"]) + A}
-                if way == "springs":
-                    return given | {argument: pm.CubicSpring([n - 1], k, 0.0)}
-                if argument == "internal":
-                    return given | {argument: lambda t, u, v, q: (A @ u, A)}
-                return given | {argument: lambda t, u, v: A @ u, "restoring_stiffness": A}
-
-            newton = pm.Newton(tol=1e-13)
-            history = problem.couple(change, newton=newton).run(steps=STEPS)
-            results = {k: x for k, x in results_of(history).items() if k[0] in "uva"}
-            if way == "K":
-                right = results
-            near(f"a linear force as {argument} {way}", right, results, 1e-7)
-
-
-@relation
-def uncut(r):
-    """Subdomains with one scheme and one step are the structure that they are cut from."""
-    problem = simple(r.problem, "function of time", "Rayleigh")
-    problem = replace(problem, choices=tuple(c for c in problem.choices if c[0] != "substeps"))
-    if '"mean"' in problem.program or "average=True" in problem.setup:
+def order_of_subdomains(r):
+    """Subdomains and their constraints in another order."""
+    bounds, wild = r.spread
+    if not wild < WILD:
         return
-    coupler = problem.couple(lambda given: given | {"double_step": False})
-    M, C, K, maps = coupler.assembled()
-    parts = coupler.subdomains
-    T = {name: np.asarray(A.todense()) for name, A in maps.items()}
-    every = np.vstack([T[s.name] for s in parts])
-    u0, v0 = (
-        np.linalg.lstsq(every, np.concatenate([getattr(s, x) for s in parts]), rcond=None)[0]
-        for x in ("u0", "v0")
-    )
-
-    def force(t):
-        return sum((T[s.name].T @ load_at(s, t) for s in parts), np.zeros(M.shape[0]))
-
-    whole = pm.Subdomain(
-        M, K, C=C, scheme=parts[0].scheme, u0=u0, v0=v0, force=force, symmetric=False
-    )
-    alone = pm.solve(whole, coupler.dt, steps=STEPS)
-    found = results_of(coupler.run(steps=STEPS))
-    right = {(q, s.name): getattr(alone, q) @ T[s.name].T for q in "uva" for s in parts}
-    near("cut and uncut", right, {key: found[key] for key in right})
-
-
-@relation
-def numpy_reference(r):
-    """The method once more in plain NumPy, under the couplings and with the forces that it has."""
-    more = ["lagged damping", "function of time", "specimen", "estimated specimen", "plain start"]
-    more += ["double steps", "some substeps", "Rayleigh", "ground motion", "massless dof"]
-    more += [name for name, f in FEATURES.items() if f.group == "scheme" and name != "Bathe"]
-    problem = simple(r.problem, *more)
-    if "average=True" in problem.setup or '"mean"' in problem.program:
+    r.problem.couple()
+    parts, ties = (r.problem.space[key][::-1] for key in ("parts", "ties"))
+    coupler = pm.Coupler(parts, ties, **r.problem.options())
+    if doubles(coupler) != doubles(r.coupler):  # "pm" takes those of the first implicit ones
         return
-    coupler = problem.couple()
-    parts, ties = problem.space["parts"], problem.space["ties"]
-    rows = [[dense_of(tie, s) for s in parts] for tie in ties]
-    L = [np.vstack([own[i] for own in rows] or [np.zeros((0, s.n))]) for i, s in enumerate(parts)]
-    doubles = [member.double for member in coupler._session.members]
-    subdomains = [reference_of(s, double) for s, double in zip(parts, doubles)]
-    if problem.sketch.coupler.get("coupling") == '"macro"':
-        if not ties or any(s.restoring is not None for s in parts):
-            return
-        expected = reference.run_macro(subdomains, L, coupler.dt, STEPS)
-    else:
-        start = "plain" if "plain start" in problem.features() else "rebased"
-        expected = reference.run(subdomains, L, coupler.dt, STEPS, start=start)
-    found = results_of(coupler.run(steps=STEPS))
-    right = {(q, s.name): getattr(x, q) for q in "uv" for s, x in zip(parts, expected.subdomains)}
-    near("the reference in NumPy", right, {key: found[key] for key in right})
-
-
-def load_at(s, t):
-    return sum((f(t) if callable(f) else f for f in terms_of(s.force)), np.zeros(s.n))
-
-
-def dense_of(tie, s):
-    entry = tie.matrices.get(s)
-    if entry is None:
-        return np.zeros((tie.p, s.n))
-    return (entry.matrix(s.n, s.dof_names) if hasattr(entry, "matrix") else entry).toarray()
-
-
-def reference_of(s, double):
-    """A subdomain for the reference."""
-
-    def dense(A):
-        if A is None:
-            return None
-        return np.diag(A) if A.ndim == 1 else np.asarray(A.todense() if sp.issparse(A) else A)
-
-    functions = functions_of(s.restoring)
-    restoring = None
-    if functions:
-
-        def restoring(t, u, v):
-            return sum(f(t, u, v) for f in functions)
-
-    return reference.Subdomain(
-        np.zeros((s.n, s.n)) if s.M is None else dense(s.M),
-        dense(s.K),
-        dense(s.C),
-        am=s.scheme.am,
-        af=s.scheme.af,
-        beta=s.scheme.beta,
-        gamma=s.scheme.gamma,
-        explicit=s.scheme.explicit,
-        substeps=s.substeps,
-        double=double,
-        force=lambda t: load_at(s, t),
-        restoring=restoring,
-        K_r=dense(s.restoring_stiffness),
-        D_r=dense(s.restoring_damping),
-        lagged=s.damping == "lagged",
-        u0=s.u0,
-        v0=s.v0,
+    other = results_of(coupler.run(steps=STEPS, **r.recording))
+    keys = [k for k in r.results if k[0] in ("u", "v", "a", "impulse")]
+    require_equal(
+        "subdomains", {k: r.results[k] for k in keys}, {k: other[k] for k in keys}, bounds
     )
 
 
-@relation
-def rest(r):
-    """The static equilibrium under constant loads stays as it is."""
-    problem = simple(r.problem, "iterated cubic springs", "cubic springs")
-    kept = tuple(c for c in problem.choices if c[0] not in ("samples", "initial motion"))
-    problem = replace(problem, choices=kept)
-    u = problem.couple().static()
-    newton = pm.Newton(tol=1e-13)
-    coupler = problem.couple(lambda given: given | {"u0": u[given["name"]]}, newton=newton)
-    found = results_of(coupler.run(steps=STEPS))
-    for name, x in u.items():
-        bounds = dict.fromkeys("uva", 1e-7 * (1e-3 + max(abs(y).max() for y in u.values())))
-        still = {(q, name): np.zeros_like(found[q, name]) for q in "va"}
-        still["u", name] = np.zeros_like(found["u", name]) + x
-        require_equal("rest", still, {key: found[key] for key in still}, bounds)
+def doubles(coupler):
+    return {member.name for member in coupler._session.members if member.double}
 
 
-# ---- numbers that are known otherwise -----------------------------------------------------------
-
-
-@relation
-def gradient(r):
-    """A derivative of a run by a parameter, against a central difference."""
-    s = r.coupler.subdomains[0]
-    K = np.diag(np.where(np.arange(s.n) == s.n - 1, 1.0, 0.0))
-    misfit, by = pm.Misfit(measured(r)), [pm.Parameters(s.name, K=[K])]
-    found = r.coupler.gradient(misfit, steps=STEPS, parameters=by)
-    near = r.coupler.gradient(misfit, steps=STEPS, parameters=by, differences=1e-4)
-    size = max(abs(found.parameters[0][0]), 1e-6 * found.value, 1e-12)
-    off = abs(found.parameters[0][0] - near.parameters[0][0])
-    assert off <= 1e-5 * size + 1e-9 * found.value, (
-        f"gradient: {found.parameters} {near.parameters}"
-    )
-
-
-@relation
-def budget(r):
-    """The value of an error budget is that of its run, and its parts are its total."""
-    s, end = r.coupler.subdomains[0], STEPS * r.coupler.dt
-    for goal in (pm.Goal(s.name, 0, at=end), pm.Goal(s.name, [0.5] * s.n, weight=np.cos, what="v")):
-        found = r.coupler.error_budget(goal, end, weights="half")
-        parts = sum(found.own.values()) + found.coupling
-        size = found.bound + abs(found.total) + 1e-12 * abs(found.value)
-        assert abs(parts - found.total) <= 1e-9 * size, f"budget: {parts} is not {found.total}"
-        if goal.weight is None:
-            u = r.coupler.run_each([{}], steps=STEPS)[0][s.name].u[-1, 0]
-            assert abs(found.value - u) <= 1e-12 * abs(u), f"budget: {found.value} is not {u}"
-        repr(found)
-        with refused():  # "macro" and "mean" alone
-            found.steps(found.bound + 1.0)
-
-
-@relation
-def energies(r):
-    """Works and energies of what conserves close; balances are finite."""
-    energy = r.problem.couple().run(steps=STEPS, energy=True).energy
-    assert np.all(np.isfinite(energy.balance)), "energies: a balance is not finite"
-    total = energy.kinetic + energy.strain - (energy.kinetic + energy.strain)[0]
-    works = energy.external + energy.interface - energy.dissipated
-    if energy.contact is not None:
-        works = works + energy.contact
-    size = 1e-12 + np.max(np.abs(energy.kinetic) + np.abs(energy.strain)) + np.max(np.abs(works))
-    assert np.max(np.abs(total - works - energy.balance)) < 1e-12 * size, "energies do not close"
-
+import known_relations  # noqa: E402, F401 - which adds its own
 
 # ---- trying -------------------------------------------------------------------------------------
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from fmus import Instance
 from frozen_couplers import frame, held
 
 import pmalpha as pm
@@ -100,42 +101,7 @@ def fmpy():
     return pytest.importorskip("fmpy")
 
 
-class Instance:
-    """An FMU by FMPy, with variables by name."""
-
-    def __init__(self, fmpy, path, folder):
-        description = fmpy.read_model_description(str(path))
-        self.references = {x.name: x.valueReference for x in description.modelVariables}
-        kinds = {"2.0": fmpy.fmi2.FMU2Slave, "3.0": fmpy.fmi3.FMU3Slave}
-        self.is_2 = description.fmiVersion == "2.0"
-        self.fmu = kinds[description.fmiVersion](
-            guid=description.guid if self.is_2 else description.instantiationToken,
-            unzipDirectory=str(folder),
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            instanceName="one",
-        )
-        self.fmu.instantiate()
-        self.begin()
-
-    def begin(self):
-        if self.is_2:
-            self.fmu.setupExperiment(startTime=0.0)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-        self.t = 0.0
-
-    def get(self, *names):
-        read = self.fmu.getReal if self.is_2 else self.fmu.getFloat64
-        return list(read([self.references[name] for name in names]))
-
-    def set(self, name, value):
-        write = self.fmu.setReal if self.is_2 else self.fmu.setFloat64
-        write([self.references[name]], [value])
-
-    def step(self, h):
-        self.fmu.doStep(currentCommunicationPoint=self.t, communicationStepSize=h)
-        self.t += h
-
+class Hybrid(Instance):
     def macro_step(self):
         """Three fine steps, in which specimen and wind are evaluated as in the run."""
         d, v = self.get("column.u", "column.v")
@@ -147,10 +113,6 @@ class Instance:
 
     def run(self, steps=STEPS):
         return np.array([self.get(*OUTPUTS)] + [self.macro_step() for _ in range(steps)])
-
-    def close(self):
-        self.fmu.terminate()
-        self.fmu.freeInstance()
 
 
 @pytest.fixture
@@ -189,7 +151,7 @@ def test_units_of_what_is_not_there_are_refused(tmp_path, units, error, message)
 
 
 def test_a_run_in_fmpy_is_that_of_the_coupler(path, unpacked, fmpy, expected):
-    fmu = Instance(fmpy, path, unpacked)
+    fmu = Hybrid(fmpy, path, unpacked)
     assert np.array_equal(fmu.run(), expected)
     fmu.fmu.reset()
     fmu.begin()
@@ -198,7 +160,7 @@ def test_a_run_in_fmpy_is_that_of_the_coupler(path, unpacked, fmpy, expected):
 
 
 def test_two_instances_and_states_that_go_from_one_to_the_other(path, unpacked, fmpy, expected):
-    one, other = Instance(fmpy, path, unpacked), Instance(fmpy, path, unpacked)
+    one, other = Hybrid(fmpy, path, unpacked), Hybrid(fmpy, path, unpacked)
     one.run(10)
     one.step(0.02 / 3)
     save, restore = (
@@ -226,7 +188,7 @@ def test_two_instances_and_states_that_go_from_one_to_the_other(path, unpacked, 
 
 
 def test_a_part_of_a_step_is_refused(path, unpacked, fmpy):
-    fmu = Instance(fmpy, path, unpacked)
+    fmu = Hybrid(fmpy, path, unpacked)
     before = fmu.get(*OUTPUTS)
     with pytest.raises(Exception, match="status|failed"):
         fmu.step(0.37 * 0.02 / 3)
@@ -458,7 +420,7 @@ def test_the_sources_compile_and_give_the_same_numbers(path, unpacked, fmpy, exp
     (binary,) = (unpacked / "binaries").glob("*/*")
     compiled(unpacked, binary)
     (unpacked / "resources" / "model.pma").unlink()
-    fmu = Instance(fmpy, path, unpacked)
+    fmu = Hybrid(fmpy, path, unpacked)
     assert np.array_equal(fmu.run(), expected)
     fmu.close()
 
