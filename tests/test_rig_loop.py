@@ -1,11 +1,12 @@
 """Loops of structures and simulated rigs: what is recorded, saved, judged, and warned of."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rig_benchmark import GROUND, actuator, numerical
-from rig_reference import H, Plant, response
+from rig_reference import H, Plant, response, structure
 
 import pmalpha as pm
 from pmalpha import rig
@@ -277,6 +278,69 @@ def test_a_loop_that_grows_is_warned_of_with_its_rate(case, rate):
     message = str(caught[0].message)
     assert float(message.split("exp(")[1].split(" t)")[0]) == pytest.approx(rate, abs=6e-4)
     assert 'method="model"' in message
+
+
+def in_two(case, scheme, coupling, substeps, dt):
+    """The building with a part of its first mass and the actuator as a subdomain of their own."""
+    M, C, K = structure(case)
+    plant, one = Plant(), np.diag([1.0, 0.0, 0.0])
+    m = 0.3 * (M[0, 0] - plant.mass)
+    specimen = pm.Subdomain(
+        [m],
+        None,
+        scheme=scheme,
+        substeps=substeps,
+        restoring=actuator(),
+        restoring_stiffness=[plant.stiffness],
+        name="specimen",
+    )
+    building = pm.Subdomain(
+        M - (plant.mass + m) * one,
+        K - plant.stiffness * one,
+        C=C - plant.damping * one,
+        scheme=scheme,
+        substeps=substeps,
+        name="building",
+    )
+    return pm.Coupler(
+        [specimen, building], pm.tie(specimen, 0, building, 0), dt=dt, coupling=coupling
+    )
+
+
+@pytest.mark.parametrize(("case", "rate"), [(1, 0.5235), (2, 0.6562), (3, 0.716), (4, 0.9549)])
+@pytest.mark.parametrize(
+    ("scheme", "coupling", "substeps"),
+    [
+        (pm.CentralDifference(), "gc", 1),
+        (pm.CentralDifference(), "pm", 1),
+        (pm.Newmark(), "gc", 1),
+        (pm.GeneralizedAlpha(0.8), "macro", 4),
+    ],
+)
+def test_the_published_rates_are_those_of_couplers_and_implicit_schemes(
+    scheme, coupling, substeps, case, rate
+):
+    with pytest.warns(pm.StabilityWarning) as caught:
+        in_two(case, scheme, coupling, substeps, substeps * H)
+    (message,) = (str(w.message) for w in caught if "grows as exp" in str(w.message))
+    words = r"exp\((.*) t\) at (.*) cycles.* phase .* radius of a macro step is (.*); comp"
+    found, frequency, radius = map(float, re.search(words, message).groups())
+    # of the poles of the continuous plant, which steps of a tenth of a millisecond resolve
+    assert found == pytest.approx(rate, abs=6e-4)
+    assert np.log(radius) / (substeps * H) == pytest.approx(found, rel=5e-3)  # three digits of it
+    # its first frequency is between those of the structure with and without the specimen
+    assert 3.0 < frequency < 3.6
+
+
+def test_frequencies_above_half_a_cycle_in_a_macro_step_are_those_of_the_motion():
+    frequencies = []
+    for dt in (H, 1024 * H):  # a quarter of a second, in which it turns by 0.88 cycles
+        substeps = round(dt / H)
+        with pytest.warns(pm.StabilityWarning) as caught:
+            in_two(1, pm.CentralDifference(), "gc", substeps, dt)
+        (message,) = (str(w.message) for w in caught if "grows as exp" in str(w.message))
+        frequencies.append(float(re.search(" at (.*) cycles", message)[1]))
+    assert frequencies[0] == pytest.approx(frequencies[1], abs=0.011)
 
 
 def margin(case, **options):

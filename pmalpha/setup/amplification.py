@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,12 @@ import pmalpha._core as _core
 
 from .._core import LANES
 from ..devices.actuators import Compensated
-from ..devices.linear import LinearActuator, at_rest
+from ..devices.linear import LinearActuator
 from ..errors import InstabilityError
 from ..problem import forms
-from ..problem.device import Device, core_specimen
+from ..problem.device import Device
 from ..problem.restoring import items_of
-from ..problem.springs import Spring, stiffness
+from ..problem.springs import Spring
 from ..problem.subdomain import dense_whole
 from .member import Member
 from .ranks import check_stable
@@ -66,23 +65,30 @@ def advance_state(
 
 
 class Layout:
-    """The order of the numbers of all subdomains in X."""
+    """The order of the numbers of all subdomains in X.
+
+    memories: of each subdomain what its springs and rigs remember at rest: zeros, which X then has
+        too, and counts.
+    """
 
     def __init__(
-        self, members: Sequence[Member], core: _core.Coupler, coupling: str, rows: CoreRows
+        self,
+        members: Sequence[Member],
+        core: _core.Coupler,
+        coupling: str,
+        rows: CoreRows,
+        memories: Sequence[np.ndarray] = (),
     ):
         self.members, self.core = members, core
         fine = max(p.substeps for p in self.members)
         macro = coupling in MACRO
         self.stored = [not macro and (p.double or p.substeps < fine) for p in self.members]
-        self.motion_size = sum(
-            (2 if p.double else 1) * (4 * p.n + stored * p.nb)
-            for p, stored in zip(self.members, self.stored)
-        )
         # the state has the multipliers under "macro" only
         self.rows = rows if macro else CoreRows(np.arange(0), np.ones(0))
-        self.size = self.motion_size + self.rows.p
+        self.memories = memories
         self.fields = tuple(self._fields())
+        self.motion_size = sum(indices.size for *_, indices in self.fields)
+        self.size = self.motion_size + self.rows.p
 
     def _fields(self) -> Iterator[tuple[int, str, np.ndarray]]:
         """Index of the subdomain, name of its array in the core, and dofs in elimination order, as
@@ -96,6 +102,16 @@ class Layout:
                 for name in "uvwa":
                     yield i, level + name, member.position
                 yield i, level + "vf", interface
+        for i, memory in enumerate(self.memories):
+            yield i, "springs", np.flatnonzero(memory == 0.0)
+
+    def places(self, name: str) -> np.ndarray:
+        """Where the numbers of a field are in X."""
+        ends = np.cumsum([indices.size for *_, indices in self.fields])
+        fields = zip(self.fields, ends)
+        return np.concatenate(
+            [np.arange(end - x.size, end) for (_, field, x), end in fields if field == name]
+        )
 
     def write(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], X: np.ndarray) -> None:
         """Set the state of a coupler of the core to X, (size, lanes), after the start."""
@@ -104,9 +120,11 @@ class Layout:
             {name: np.zeros((x.size // lanes, lanes)) for name, x in subdomain.levels().items()}
             for subdomain in cores
         ]
+        for levels, memory in zip(arrays, self.memories):
+            levels["springs"] += memory[:, None]
         begin = 0
         for i, field, indices in self.fields:
-            arrays[i][field][indices] = X[begin : begin + indices.size]
+            arrays[i][field][indices] += X[begin : begin + indices.size]
             begin += indices.size
         for subdomain, levels in zip(cores, arrays):
             subdomain.set_levels({name: x.ravel() for name, x in levels.items()})
@@ -184,7 +202,16 @@ def _radius(layout: Layout, rows: CoreRows) -> float:
 
 
 def certain_radius(G: np.ndarray) -> float:
-    """The largest modulus of an eigenvalue of G, up to one those within rounding of it.
+    """The largest modulus of an eigenvalue of G, up to one those within rounding of it."""
+    radius = float(np.max(np.abs(np.linalg.eigvals(G)), initial=0.0))
+    if not is_growing(radius):
+        return radius
+    values, _, is_certain = certain_eigenvalues(G)
+    return float(np.max(np.abs(values[is_certain]), initial=1.0))
+
+
+def certain_eigenvalues(G: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues and eigenvectors of G, and which are certainly larger than one.
 
     An eigenvalue has a rounding of `ROUNDING` |G| times its condition, in the scale in which rows
     and columns of G are alike. Double and triple ones of modulus one, of floating structures and
@@ -193,31 +220,29 @@ def certain_radius(G: np.ndarray) -> float:
     """
     from scipy.linalg import eig, matrix_balance
 
-    radius = float(np.max(np.abs(np.linalg.eigvals(G)), initial=0.0))
-    if not is_growing(radius):
-        return radius
     with np.errstate(invalid="ignore"):  # scales beyond those of whole numbers
-        balanced = matrix_balance(G, permute=False)[0]
+        balanced, (scale, _) = matrix_balance(G, permute=False, separate=True)
     values, left, right = eig(balanced, left=True, right=True)
     with np.errstate(divide="ignore"):
         condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
-    moduli = np.abs(values)
-    certain = moduli - ROUNDING * np.linalg.norm(balanced, 2) * condition > 1.0 + GROWS
-    return float(np.max(moduli[certain], initial=1.0))
+    rounding = ROUNDING * np.linalg.norm(balanced, 2) * condition
+    return values, scale[:, None] * right, np.abs(values) - rounding > 1.0 + GROWS
 
 
-# ---- loop ---------------------------------------------------------------------------------------
+# ---- loops with rigs -----------------------------------------------------------------------------
 
-# Dofs of the structure, and numbers of the state of the loop, up to which it takes less than a
-# second; modes above 1/h are left out, which explicit schemes do not resolve.
-MOST_DOFS, MOST_STATES, RESOLVED = 200, 500, 1.0
+# Dofs and numbers of the state up to which the loop is judged, and macro steps of unit states: less
+# than a second.
+MOST_DOFS, MOST_STATES, MOST_STEPS = 200, 700, 200_000
 # A damping ratio below the negative of this is a growth; less is what a compensation leaves.
 NEGLIGIBLE = 1e-4
+# Size of the unit states, at which springs have their initial tangents.
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Of the fastest pole: growth per unit of t, frequency in cycles, spectral radius of a step."""
+    """Of the fastest pole: growth per unit of t, frequency in cycles, growth in a macro step."""
 
     rate: float
     frequency: float
@@ -234,271 +259,132 @@ def methods_of(item: Any) -> list[str]:
     return methods
 
 
-def growth_of(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) -> Growth | None:
-    """The growth of the loop; None where it does not grow, or where that is not known."""
-    if not _is_known(members, rigs):
+def growth_of_loop(
+    members: Sequence[Member], parts: dict[str, Any], coupling: str, rows: CoreRows, dt: float
+) -> Growth | None:
+    """The growth of a coupled step with linear rigs, (Y19); None where it does not grow, or where
+    that is not known.
+
+    The core takes the steps, of copies without limits, noise and rounding. A ring of delayed
+    commands is in its first order again after as many steps as the longest one has commands.
+
+    parts: what the coupler of the core is made of.
+    """
+    if not _is_known(members):
         return None
-    structure = _structure(members, rigs)
-    if structure is None:
+    period = max(_length(part) for member in members for part in _filters(member))
+    cores = [_quiet_core(member, period) for member in members]
+    core = _core.Coupler(tuple(cores), parts)
+    layout = Layout(members, core, coupling, rows, [x.levels()["springs"] for x in cores])
+    layout = Layout(members, core, coupling, rows, _counters(layout, core, cores, period))
+    if layout.size > MOST_STATES or layout.size * period > MOST_STEPS:
         return None
-    loop = Loop(structure, rigs)
-    if loop.size > MOST_STATES:
+    if not all(map(_takes_numbers, cores, layout.memories)):
         return None
-    z = np.linalg.eigvals(loop.step(np.eye(loop.size)))
-    z = z[np.abs(z) > 0.5]
-    s = np.log(z) / loop.h
-    growing = s[s.real > NEGLIGIBLE * np.abs(s)]
-    growing = growing[growing.real * loop.h > 1e-9]  # rounding of rigid motions
-    if not growing.size:
+
+    def advanced(x: np.ndarray, steps: int) -> np.ndarray:
+        layout.write(core, cores, x[:, None])
+        check_stable(core.advance(steps, None), members, step=steps, t=steps * dt)
+        return layout.read(core, cores, 1)[:, 0]
+
+    try:
+        G = np.array([advanced(TINY * e, period) for e in np.eye(layout.size)]).T / TINY
+        values, vectors, is_certain = certain_eigenvalues(G)
+        if not is_certain.any():
+            return None
+        k = np.flatnonzero(is_certain)[np.argmax(np.abs(values[is_certain]))]
+        x = TINY * vectors[:, k]
+        after = advanced(x.real, 1) + 1j * advanced(x.imag, 1)
+    except InstabilityError:  # of a step that is too long, which has a warning of its own
         return None
-    worst = growing[np.argmax(growing.real)]
-    rate = float(worst.real)
-    return Growth(rate, float(abs(worst.imag) / (2.0 * np.pi)), float(np.exp(rate * loop.h)))
+    rate = float(np.log(np.abs(values[k]))) / (period * dt)
+    omega = _frequency(layout, x, after, dt)
+    if rate <= NEGLIGIBLE * np.hypot(rate, omega):
+        return None
+    return Growth(rate, omega / (2.0 * np.pi), float(np.exp(rate * dt)))
 
 
-def _is_known(members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]) -> bool:
-    """Whether all that is not linear are these rigs, all with one step, and small enough."""
-    devices = [item for _, item in rigs]
-    if any("adaptive" in methods_of(item) for item in devices):
-        return False  # it does not stay as it begins
-    steps = {member.h for member, _ in rigs}
-    return (
-        sum(member.n for member in members) <= MOST_DOFS
-        and len(steps) == 1
-        and not any(member.double for member, _ in rigs)
-        and all(member.subdomain.internal is None for member in members)
+def _frequency(layout: Layout, x: np.ndarray, after: np.ndarray, dt: float) -> float:
+    """The circular frequency of an eigenvector, of which a step makes `after`: its phase in a step,
+    and as many turns as its velocities have."""
+    u, v = (layout.places(name) for name in "uv")
+    energy = np.vdot(x[u], x[u])
+    if not abs(energy) > 0.0:
+        return 0.0
+    turn = np.angle(np.vdot(x[u], after[u]) / energy)
+    turns = np.round((dt * (np.vdot(x[u], x[v]) / energy).imag - turn) / (2.0 * np.pi))
+    return float(abs(turn + 2.0 * np.pi * turns) / dt)
+
+
+def _is_known(members: Sequence[Member]) -> bool:
+    """Whether all that is not linear are springs and linear rigs, and the problem is small."""
+    return sum(member.n for member in members) <= MOST_DOFS and all(
+        member.internal is None
+        and not member.double
+        and not member.subdomain.has_feedback
         and all(
-            isinstance(item, Spring) or any(item is one for one in devices)
-            for member in members
+            isinstance(item, Spring)
+            or (isinstance(item, Device) and isinstance(item.innermost, LinearActuator))
+            and "adaptive" not in methods_of(item)  # it does not stay as it begins
             for item in items_of(member.subdomain.restoring)
         )
-        and not any(member.subdomain.has_feedback for member in members)
+        for member in members
     )
 
 
-@dataclass(frozen=True)
-class Structure:
-    """M, C and K of the numerical part in the modes, (n, modes), of the whole structure."""
-
-    M: np.ndarray
-    C: np.ndarray
-    K: np.ndarray
-    modes: np.ndarray
-    first: dict[int, int]  # of each member, by its id, its first dof in `modes`
+def _filters(member: Member) -> Iterator[Any]:
+    """The filters and linear systems of its specimens, in the form of the core."""
+    restoring = member.parts["restoring"]
+    for function in () if restoring is None else restoring.functions:
+        if isinstance(function, forms.Specimen):
+            yield from (*function.filters, function.linear)
 
 
-def _structure(
-    members: Sequence[Member], rigs: Sequence[tuple[Member, Device]]
-) -> Structure | None:
-    """The tied structure; None where it is not definite."""
-    from scipy.linalg import LinAlgError, eigh, null_space
+def _length(part: Any) -> int:
+    """The commands in the ring of a filter or a linear system."""
+    return 1 + int(np.max(part.lag)) if isinstance(part, (forms.Actuator, forms.Linear)) else 1
 
-    subdomains = [member.subdomain for member in members]
-    M, C, K = (dense_whole(subdomains, name) for name in "MCK")
-    starts = np.concatenate([[0], np.cumsum([s.n for s in subdomains])])
-    first = {id(member): int(at) for member, at in zip(members, starts)}
-    for member, (begin, end) in zip(members, pairwise(starts)):
-        springs = member.subdomain.springs
-        K[begin:end, begin:end] += stiffness(springs, "initial_tangent", member.n).toarray()
-    L = np.hstack([member.L.matrix[:, member.position].toarray() for member in members])
-    Z = null_space(L) if L.size else np.eye(len(K))
-    K_static = K.copy()
-    for member, item in rigs:
-        actuator, at = item.innermost, first[id(member)] + np.asarray(item.dofs)
-        rig = _static_stiffness(actuator)
-        K_static[np.ix_(at, at)] += 0.5 * (rig + rig.T)
+
+def _quiet_core(member: Member, period: int) -> _core.Subdomain:
+    """A copy of a subdomain whose rigs have rings that divide this length, no limits, no noise."""
+
+    def quiet(part: Any) -> Any:
+        if not isinstance(part, (forms.Actuator, forms.Linear)):
+            return part
+        length = next(d for d in range(_length(part), period + 1) if period % d == 0)
+        late = {"lag": np.append(part.lag, length - 1), "weight": np.append(part.weight, 0.0)}
+        part = part._replace(**late, largest=np.inf, noise=0.0, quantum=0.0)
+        return part._replace(force_noise=0.0) if isinstance(part, forms.Linear) else part
+
+    parts = member.parts | {"limits": None, "watch": None}
+    restoring = parts["restoring"]
+    if restoring is not None:
+        functions = tuple(
+            x._replace(filters=tuple(map(quiet, x.filters)), linear=quiet(x.linear))
+            if isinstance(x, forms.Specimen)
+            else x
+            for x in restoring.functions
+        )
+        parts["restoring"] = restoring._replace(functions=functions)
+    return _core.Subdomain(parts)
+
+
+def _takes_numbers(core: _core.Subdomain, memory: np.ndarray) -> bool:
+    """Whether what is remembered may be any numbers: not that of springs that count reversals."""
     try:
-        # of M against K: dofs without mass have the value 0
-        values, vectors = eigh(Z.T @ M @ Z, Z.T @ K_static @ Z)
-    except LinAlgError:
-        return None
-    h = rigs[0][0].h
-    resolved = values > (h / RESOLVED) ** 2
-    modes = Z @ vectors[:, resolved]
-    M, C, K = (modes.T @ A @ modes for A in (M, C, K))
-    return Structure(M, C, K, modes, first)
+        core.check_levels(core.levels() | {"springs": np.where(memory == 0.0, TINY, memory)})
+    except ValueError:
+        return False
+    return True
 
 
-def _static_stiffness(actuator: LinearActuator) -> np.ndarray:
-    """Forces over displacements under a constant command."""
-    rest = at_rest(actuator.A, actuator.B)
-    return np.asarray(actuator.F @ rest @ np.linalg.inv(actuator.C @ rest))
-
-
-# ---- one step of the loop ------------------------------------------------------------------------
-
-
-class Loop:
-    """A step of structure and rigs, as a linear map of states (size, columns).
-
-    The structure by central differences, its predictor the command; filters as the core has them,
-    without limits, noise and least squares.
-    """
-
-    def __init__(self, structure: Structure, rigs: Sequence[tuple[Member, Device]]):
-        self.structure, self.h = structure, rigs[0][0].h
-        self.rows, self.rigs = [], []
-        for member, item in rigs:
-            specimen = core_specimen(item, member.n, self.h, member.name)
-            dofs = structure.first[id(member)] + np.asarray(specimen.dofs)
-            self.rows.append(structure.modes[dofs])
-            self.rigs.append(Chain(specimen, len(dofs)))
-        self.n = structure.modes.shape[1]
-        self.size = 4 * self.n + sum(rig.size for rig in self.rigs)
-
-    def step(self, states: np.ndarray) -> np.ndarray:
-        """The states after a step."""
-        s, h, n = self.structure, self.h, self.n
-        u, v, a, last = (states[i * n : (i + 1) * n] for i in range(4))
-        change = a - last
-        u1 = u + h * v + 0.5 * h**2 * a
-        half = v + 0.5 * h * a
-        r = -s.C @ half - s.K @ u1
-        begin, ends = 4 * n, []
-        for row, rig in zip(self.rows, self.rigs):
-            rates = v + h * a + 0.5 * h * change, a + change
-            command = [row @ x for x in (u1, *rates)]
-            force, end = rig.step(command, states[begin : begin + rig.size])
-            r -= row.T @ force
-            ends.append(end)
-            begin += rig.size
-        a1 = np.linalg.solve(s.M + 0.5 * h * s.C, r)
-        return np.concatenate([u1, half + 0.5 * h * a1, a1, a, *ends])
-
-
-class Chain:
-    """Filters and the linear system behind them; its state is a list of blocks of rows."""
-
-    def __init__(self, specimen: forms.Specimen, width: int):
-        assert specimen.linear is not None
-        self.specimen, self.width = specimen, width
-        # velocities go as far as a filter reads them: rings of them would double the poles
-        inverses = [i for i, x in enumerate(specimen.filters) if isinstance(x, forms.Inverse)]
-        self.last = inverses[-1] if inverses else -1
-        self.sizes = [
-            _size(part, width, width if i < self.last else 0)
-            for i, part in enumerate((*specimen.filters, specimen.linear))
-        ]
-        self.size = sum(self.sizes)
-
-    def step(self, command: list[np.ndarray], state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The forces under this command with its rates, and the state after it."""
-        blocks = np.split(state, np.cumsum(self.sizes)[:-1])
-        after, desired = [], []
-        for i, (part, block) in enumerate(zip(self.specimen.filters, blocks)):
-            desired.append(command[0])
-            if i > self.last:
-                command = command[:1]
-            command, block = _send(part, command, block)
-            after.append(block)
-        linear = self.specimen.linear
-        assert linear is not None
-        x, f, end = _move(linear, command[0], blocks[-1])
-        for i in reversed(range(len(after))):
-            part = self.specimen.filters[i]
-            if isinstance(part, (forms.LinkageMatrix, forms.LinkageArms)):
-                J = _jacobian(part)
-                x, f = np.linalg.solve(J, x), J.T @ f
-            elif isinstance(part, forms.Inverse):
-                after[i] = np.concatenate([after[i], desired[i] - x])
-        return f, np.concatenate([*after, end])
-
-
-def _ring(lag: np.ndarray) -> int:
-    return int(np.max(lag))
-
-
-def _size(part: Any, width: int, rates: int) -> int:
-    """Numbers of the state of a filter or of the linear system, with so many velocities."""
-    if isinstance(part, forms.Linear):
-        return (_ring(part.lag) + 1) * width + len(part.phi)
-    if isinstance(part, forms.Actuator):
-        return _ring(part.lag) * (width + rates) + (1 + len(part.phi)) * width
-    if isinstance(part, forms.Inverse):
-        feedback = 0 if part.feedback is None else len(part.feedback.A)
-        return len(part.command.A) + feedback + 3 * width
-    return 0
-
-
-def _late(part: Any, u: np.ndarray, ring: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted sum (Y1) of commands, the last ones first, and the ring after it."""
-    width = len(u)
-    all_of_them = np.concatenate([u, ring])
-    total = np.zeros_like(u)
-    for lag, weight in zip(part.lag, part.weight):
-        total = total + weight * all_of_them[lag * width : (lag + 1) * width]
-    return total, all_of_them[: len(ring)]
-
-
-def _move(
-    part: forms.Linear, u: np.ndarray, state: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Displacements, forces and the state after a step."""
-    width = len(u)
-    ring, last, z = np.split(state, [_ring(part.lag) * width, (_ring(part.lag) + 1) * width])
-    c, ring = _late(part, u, ring)
-    z = part.phi @ z + part.before @ last + part.after @ c
-    return part.displacement @ z, part.force @ z, np.concatenate([ring, c, z])
-
-
-def _send(
-    part: Any, command: list[np.ndarray], state: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """What becomes of a command, and the state after it; of an inverse without its error."""
-    if isinstance(part, forms.Actuator):
-        return _delay(part, command, state)
-    if isinstance(part, forms.Inverse):
-        return _invert(part, command, state)
-    J = _jacobian(part)
-    return [J @ x for x in command], state
-
-
-def _delay(
-    part: forms.Actuator, command: list[np.ndarray], state: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
-    u, *rates = command  # rates: velocity and acceleration, or none
-    width, order = len(u), len(part.phi)
-    late, start = [], 0
-    for x in command[:2]:
-        end = start + _ring(part.lag) * width
-        late.append(_late(part, x, state[start:end]))
-        start = end
-    (c, _), sent = late[0], [x for x, _ in late]
-    last, z = np.split(state[start:], [width])
-    if order:
-        z = np.tensordot(part.phi, z.reshape(order, width, -1), 1)
-        z += part.before[:, None, None] * last + part.after[:, None, None] * c
-        rate = np.tensordot(part.slope[:order], z, 1) + part.slope[order] * c
-        sent = [z[0], rate][: len(sent)]
-        z = z.reshape(order * width, -1)
-    return [*sent, *rates[1:]], np.concatenate([*(ring for _, ring in late), c, z])
-
-
-def _invert(
-    part: forms.Inverse, command: list[np.ndarray], state: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray]:
-    u, v, a = command
-    width, n = len(u), len(part.command.A)
-    feedback = 0 if part.feedback is None else len(part.feedback.A)
-    sizes = np.cumsum([n, feedback, width, width])
-    z, y, last, rate, error = np.split(state, sizes)
-    c, z = _filter(part.command, u + part.rate * v + part.acceleration * a, z)
-    c = c[:width]
-    if part.feedback is not None:
-        correction, y = _filter(part.feedback, error, y)
-        c = c + correction
-    now = (c - last) / part.h
-    return [c, now, (now - rate) / part.h], np.concatenate([z, y, c, now])
-
-
-def _filter(part: forms.Modal, u: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    other = z.reshape(-1, 2, z.shape[1])[:, ::-1].reshape(z.shape)
-    return part.C @ z + part.D @ u, part.A[:, :1] * z + part.A[:, 1:] * other + part.B @ u
-
-
-def _jacobian(part: forms.LinkageMatrix | forms.LinkageArms) -> np.ndarray:
-    """At rest."""
-    if isinstance(part, forms.LinkageMatrix):
-        return part.matrix
-    length, angle = part.arms.T
-    return np.column_stack([np.ones(2), length * np.sin(angle)])
+def _counters(
+    layout: Layout, core: _core.Coupler, cores: Sequence[_core.Subdomain], period: int
+) -> list[np.ndarray]:
+    """What rigs remember at rest: numbers of evaluations, multiples of `period`; else zeros."""
+    layout.write(core, cores, np.zeros((layout.size, 1)))
+    memories = []
+    for step in (1, 2):
+        check_stable(core.advance(1, None), layout.members, step=step, t=0.0)
+        memories.append([x.levels()["springs"] for x in cores])
+    return [np.where(second != first, float(period), 0.0) for first, second in zip(*memories)]

@@ -177,7 +177,7 @@ class Assemblies:
                     self.coupling,
                     layout,
                     CoreRows(self.row_position, np.ones(self.rows.size)),
-                    assembly.parts["H"],
+                    assembly.parts,
                     self.ranks,
                     self.contacts,
                 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -45,7 +46,7 @@ from ..reduction.ordering import has_nested_dissection
 from .amplification import (
     GROWS,
     cheap_radius,
-    growth_of,
+    growth_of_loop,
     growth_of_structure,
     is_growing,
     methods_of,
@@ -103,7 +104,7 @@ class Made:
     coupling: str
     layout: Layout
     rows: CoreRows
-    factor: Factor  # of H
+    parts: dict[str, Any]  # what the core is made of
     ranks: Ranks | None
     contacts: Contacts | None
 
@@ -135,14 +136,14 @@ def judge_steps(made: Made, new: Sequence[Member]) -> None:
     if made.coupling == "macro":
         _warn_of_restoring(new)
         _warn_of_massless_ties(new)
-        warn_of_resonance(made.factor, members, made.rows.position, ranks)
+        warn_of_resonance(made.parts["H"], members, made.rows.position, ranks)
     for member in new:
         internal = None if member.internal is None else member.internal.K
         closing = closing_tangent(member.subdomain)
         member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
     warn_of_couplings(made)
     if ranks is None:
-        warn_of_loops(members)
+        warn_of_loops(made)
     warn_of_light(new)
 
 
@@ -670,17 +671,18 @@ def warn_of_touching_ties(members: Sequence[Member], contacts: Contacts) -> None
             )
 
 
-def warn_of_loops(members: Sequence[Member]) -> None:
+def warn_of_loops(made: Made) -> None:
     """StabilityWarning where the loop with linear rigs grows; nothing where that is not known."""
     rigs = [
         (member, item)
-        for member in members
+        for member in made.members
         for item in items_of(member.subdomain.restoring)
         if isinstance(item, Device) and isinstance(item.innermost, LinearActuator)
     ]
-    if not rigs:
+    too_long = any(m.step_ratio is not None and m.step_ratio.is_above for m in made.members)
+    if not rigs or too_long or made.contacts is not None or made.layout.spans_change:
         return
-    growth = growth_of(members, rigs)
+    growth = growth_of_loop(made.members, made.parts, made.coupling, made.rows, made.layout.dt)
     if growth is None:
         return
     names = ", ".join(repr(member.name) for member, _ in rigs)
@@ -693,7 +695,8 @@ def warn_of_loops(members: Sequence[Member]) -> None:
         plant = f", where the actuator has the amplitude {abs(at):.3g} and the phase {turn:.3g} deg"
     warn(
         f"the loop of subdomain {names} with its rig grows as exp({growth.rate:.4g} t) at "
-        f"{growth.frequency:.3g} cycles per unit of t{plant}: the spectral radius of a step is "
+        f"{growth.frequency:.3g} cycles per unit of t{plant}: the spectral radius of a macro step "
+        f"is "
         f"{1.0 + float(f'{growth.radius - 1.0:.3g}'):.12g}; compensation: {means}. "
         'rig.Compensated(..., method="model") follows the commands with the inverse of a model',
         StabilityWarning,
