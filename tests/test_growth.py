@@ -167,3 +167,31 @@ def test_what_is_not_tied_to_it_and_gc_are_not_told_of():
     pm.Coupler([soil, layer, footing], ties, dt=0.2, coupling="macro")
     soil = chain(60, UNDAMPED, 10)
     pm.Coupler([soil, layer], pm.tie(soil, [59], layer, [0]), dt=0.2, coupling="gc")
+
+
+@pytest.mark.parametrize(("coupling", "cure"), [("pm", 'coupling="gc" or '), ("gc", "")])
+def test_circulatory_forces_above_what_damping_takes_are_told_of_in_large_couplers(coupling, cure):
+    """Skew part of a row over c sqrt(k / m): 0.2 / (c sqrt 2), 14 and 7. Explicit meets implicit at
+    equal steps; a scheme that both have grows no otherwise than the whole structure does."""
+
+    def couple(c, scheme=UNDAMPED):
+        disc = chain(90, RHO, 1, skew=0.1, damping=c, name="disc")
+        pads = chain(90, scheme, 1, damping=c, name="pads")
+        return pm.Coupler([disc, pads], pm.tie(disc, [89], pads, [0]), dt=0.2, coupling=coupling)
+
+    told = f"'pads' is tied to 'disc', .* is 14.1 times .* coupler.growth.., and take {cure}smaller"
+    with pytest.warns(pm.StabilityWarning, match=told):
+        couple(0.01)
+    couple(0.02)  # warnings are errors here
+    if coupling == "gc":
+        couple(0.01, RHO)
+
+
+def test_circulatory_forces_of_small_couplers_are_judged_by_their_spectral_radius():
+    """Up to 300 numbers of a state, where K is unsymmetric; here 240 and 14 times the damping."""
+    disc = chain(20, RHO, 1, skew=0.1, damping=0.01, name="disc")
+    pads = chain(40, UNDAMPED, 1, damping=0.01, name="pads")
+    tie = pm.tie(disc, [19], pads, [0])
+    coupler = pm.Coupler([disc, pads], tie, dt=0.2, coupling="gc")
+    radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
+    assert radius <= 1.0 + 1e-7  # that of the gap, of modulus 1, and rounding

@@ -36,6 +36,7 @@ from ..problem.matrices import (
     is_symmetric,
     product,
     row_of_entries,
+    skew_part,
     sparse,
     with_entries,
 )
@@ -85,6 +86,9 @@ RESONANT = 0.05
 # Substeps in a step of a subdomain with an unsymmetric K up to which nothing grew beside an
 # absorbing layer: those of schemes with damping, and of undamped explicit ones.
 BESIDE_SKEW, UNDAMPED_BESIDE_SKEW = 5, 2
+# Skew part of K over what damping takes at the frequency of a dof, from which on one in ten of
+# what is stable uncut grew in double steps, one in seventy in others; below 2 none did.
+CIRCULATORY = 10.0
 # 2 beta / gamma from which damping feeds the velocity jump; the trapezoidal rule has 1 to rounding.
 ABOVE = 1.0 + 1e-9
 # Rates of growth up to this multiple of that of the structure are its own, with the errors of steps
@@ -433,8 +437,8 @@ def warn_of_couplings(made: Made) -> None:
         return  # one macro step; the regular steps after it were assembled before, and judged
     members, coupling, ranks, p = made.members, made.coupling, made.ranks, made.rows.p
     doubts = doubts_of_damping(members, ranks) if coupling == "mean" else []
-    if coupling in MACRO and ranks is None:
-        doubts += doubts_of_skew(members, coupling)
+    skew = [] if ranks is not None else [x for x in members if is_unsymmetric(x)]
+    doubts += doubts_of_skew(skew, members, coupling)
     above = [
         (member, ratio)
         for member in members
@@ -443,7 +447,7 @@ def warn_of_couplings(made: Made) -> None:
     radius = None
     if (above or p) and ranks is None and made.contacts is None:
         is_damped = coupling == "mean" and any(member.is_damped for member in members)
-        most = CHEAP if above or is_damped else ALWAYS
+        most = CHEAP if above or is_damped or skew else ALWAYS
         radius = cheap_radius(members, made.core, coupling, made.rows, most)
     raised = radius is not None and not is_growing(radius)
     if not raised:  # not once more of those that have been warned of
@@ -531,24 +535,62 @@ def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> 
     ]
 
 
-def doubts_of_skew(members: Sequence[Member], coupling: str) -> list[str]:
-    """Why the motion can grow beside an unsymmetric K, for which (M9) proves nothing."""
+def is_unsymmetric(member: Member) -> bool:
+    """Whether K is, for which (M9) proves nothing."""
+    return not member.subdomain.symmetric and not is_symmetric(member.subdomain.K)
+
+
+def doubts_of_skew(skew: Sequence[Member], members: Sequence[Member], coupling: str) -> list[str]:
+    """Why the motion can grow beside these members, of which K is unsymmetric."""
     doubts = []
-    for member in members:
-        if member.subdomain.symmetric or is_symmetric(member.subdomain.K):
-            continue
+    for member in skew:
         rows = np.unique(sp.coo_array(member.L.matrix).row)
+        excess = circulation(member) if all(x.subdomain.is_linear for x in members) else 0.0
         for other in members:
-            why = _restless(other, member)
-            if other is member or not why:
+            if other is member or not np.isin(sp.coo_array(other.L.matrix).row, rows).any():
                 continue
-            if np.isin(sp.coo_array(other.L.matrix).row, rows).any():
+            why = _restless(other, member) if coupling in MACRO else ""
+            if why:
                 doubts.append(
                     f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} {why} '
                     f"is tied to {member.name!r} with an unsymmetric K: see coupler.growth(), and "
                     'take coupling="gc", fewer substeps or rho of 0.8 or less'
                 )
+            elif excess > CIRCULATORY and _steps_otherwise(other, member, coupling):
+                cure = "" if coupling == "gc" else 'coupling="gc" or '
+                doubts.append(
+                    f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} is tied '
+                    f"to {member.name!r}, of which the skew part of K is {excess:.3g} times what "
+                    f"its C takes at the frequencies of its dofs: see coupler.growth(), and take "
+                    f"{cure}smaller steps"
+                )
     return doubts
+
+
+def circulation(member: Member) -> float:
+    """The largest |k_ij - k_ji| / 2, summed over a row, over c_ii sqrt(k_ii / m_ii).
+
+    Between dofs without gyroscopic terms, which an absorbing layer has with its stresses.
+    """
+    s = member.subdomain
+    S, G = skew_part(s.K), None if s.C is None else skew_part(s.C)
+    assert S is not None
+    m, k = diagonal(s.M), diagonal(s.K)
+    c = np.zeros(s.n) if s.C is None else diagonal(s.C)
+    alone = (m > 0.0) & (k > 0.0)
+    if G is not None:
+        alone &= product(absolute(G), np.ones(s.n)) == 0.0
+    feeds = np.where(alone, product(absolute(S), alone.astype(float)), 0.0)
+    chosen = feeds > 0.0
+    with np.errstate(divide="ignore"):
+        ratios = feeds[chosen] / (np.maximum(c, 0.0)[chosen] * np.sqrt(k[chosen] / m[chosen]))
+    return float(np.max(ratios, initial=0.0))
+
+
+def _steps_otherwise(member: Member, other: Member, coupling: str) -> bool:
+    """Whether a tie to the other one is not a part of one scheme of both."""
+    one, two = member.subdomain.scheme, other.subdomain.scheme
+    return coupling == "pm" or one != two or member.substeps != other.substeps
 
 
 def _restless(member: Member, beside: Member) -> str:
