@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, ClassVar, TypeVar, overload
+from typing import Any, ClassVar, Generic, TypeVar, overload
+from weakref import ref
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,6 +32,33 @@ class Once:
 
     def clear(self) -> None:
         self._known.clear()
+
+
+class Living(Generic[T]):
+    """Values by their keys while somebody else holds them.
+
+    weakref.WeakValueDictionary calls a function of Python when a value goes, and a Ctrl-C that
+    arrives in it is printed and lost. Here nothing is called: who stores clears away the dead.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[Any, ref[Any]] = {}
+        self._most = 64
+
+    def get(self, key: Any) -> T | None:
+        reference = self._known.get(key)
+        return None if reference is None else reference()
+
+    def __setitem__(self, key: Any, value: T) -> None:
+        if len(self._known) >= self._most:
+            # in one piece: another thread may store too
+            self._known = {key: x for key, x in tuple(self._known.items()) if x() is not None}
+            self._most = max(64, 2 * len(self._known))
+        self._known[key] = ref(value)
+
+    def items(self) -> list[tuple[Any, T]]:
+        known = [(key, x()) for key, x in tuple(self._known.items())]
+        return [(key, value) for key, value in known if value is not None]
 
 
 class cached_property(functools.cached_property[T]):

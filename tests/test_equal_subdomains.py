@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha._cached import Once
+from pmalpha._cached import Living, Once
 from pmalpha.setup import factors, member
 
 SCHEME = pm.GeneralizedAlpha(0.5)
@@ -28,6 +28,20 @@ def row(count, coupling="gc"):
 def test_matrices_with_equal_contents_are_one_object(convert):
     a, b = (subdomain(convert(K.copy()), i) for i in range(2))
     assert a.K is b.K and a.M is b.M
+
+
+def test_matrices_that_nobody_holds_are_forgotten_and_no_function_is_called_when_they_go():
+    known = Living()
+    held = [sp.csr_array(np.eye(2)) for _ in range(200)]
+    for i, A in enumerate(held):
+        known[i] = A
+    assert [A for _, A in known.items()] == held and known.get(7) is held[7]
+    del A, held[10:]
+    for i in range(200, 600):
+        known[i] = sp.csr_array(np.eye(2))
+    # at most those that were added since it was cleared
+    assert len(known._known) < 300 and [i for i, _ in known.items()] == list(range(10))
+    assert known.get(11) is None and all(x.__callback__ is None for x in known._known.values())
 
 
 def test_a_matrix_that_changed_in_between_is_another_one():

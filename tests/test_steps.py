@@ -319,7 +319,7 @@ def test_factors_of_old_steps_are_given_up():
         c.change_steps(dt=0.1 + 0.001 * k)
         c.step()
     assert len(c._session.assemblies._made) == assembly.KEPT
-    assert len(c._session.assemblies._known) <= 2 * (assembly.KEPT + 1)
+    assert len(c._session.assemblies._known.items()) <= 2 * (assembly.KEPT + 1)
 
 
 # ---- all or nothing ------------------------------------------------------------------------------

@@ -10,13 +10,13 @@ import hashlib
 from collections.abc import Callable
 from copy import copy
 from typing import Any, TypeAlias
-from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.sparse as sp
 
 import pmalpha._core as _core
 
+from .._cached import Living
 from .._checks import counted, real_array, require_finite
 from ..memory import one_thread
 from .forms import Band, Compressed, Strips
@@ -132,7 +132,7 @@ SMALL = 10_000
 # Matrices of up to this number of entries are kept by their contents while they are in use: equal
 # ones are one object, whose checks, orders and factors are made once.
 FEW = 2500
-_equal: WeakValueDictionary[tuple[Any, ...], Any] = WeakValueDictionary()
+_equal: Living[Any] = Living()
 
 # Most bytes of strips over those of rows with an index each, for which strips are stored: the
 # product with strips has vector code, which outweighs more bytes while the matrix is in the caches.
@@ -200,7 +200,8 @@ def _contents(value: Any, symmetric: bool | None) -> tuple[Any, ...] | None:
     if not all(type(x) is np.ndarray and x.size <= FEW and x.dtype.kind in "iuf" for x in arrays):
         return None
     kind = value.shape if len(arrays) == 1 else (value.format, *value.shape)
-    return symmetric, kind, *((x.dtype.str, x.shape, x.tobytes()) for x in arrays)
+    digest = hashlib.blake2b(b"".join(x.tobytes() for x in arrays)).digest()
+    return symmetric, kind, *((x.dtype.str, x.shape) for x in arrays), digest
 
 
 def _checked(

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
-from weakref import WeakValueDictionary
 
 import numpy as np
 
 import pmalpha._core as _core
 
-from .._cached import Once
+from .._cached import Living, Once
 from ..memory import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
@@ -100,7 +99,7 @@ class Assemblies:
             member.L = member.L.with_rows(self.row_position)
         self.motions = tuple(forms.Motion(self.row_position[r], None) for r in prescribed)
 
-        self._known: WeakValueDictionary[tuple[Any, ...], Member] = WeakValueDictionary()
+        self._known: Living[Member] = Living()
         self._made: dict[Layout, Assembly] = {}
         self._masses: dict[str, Factor] = {}
         self.accelerations: InitialAccelerations | None = None
@@ -148,7 +147,7 @@ class Assemblies:
         """The subdomains with these steps: known ones, and others that are not built yet."""
         members = []
         made: dict[int, dict[float, Operator]] = {}
-        for (i, *_), member in list(self._known.items()):
+        for (i, *_), member in self._known.items():
             made[i] = made.get(i, {}) | member.known
         for i, first in enumerate(self.first.members, self.first_own):
             known = self._known.get((i, *layout.of(i)))
@@ -232,7 +231,8 @@ class Assemblies:
             self.contacts.check_compliance(core, members)
 
         pairs = enumerate(members, self.first_own)
-        self._known.update({(i, *layout.of(i)): member for i, member in pairs})
+        for i, member in pairs:
+            self._known[i, *layout.of(i)] = member
         return Assembly(members, core, parts, self.first_own)
 
     def _threads_of_tangents(self, members: Sequence[Member]) -> int:
