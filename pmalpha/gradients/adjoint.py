@@ -28,7 +28,7 @@ from ..problem.constraints import Constraint
 from ..problem.matrices import is_symmetric, sparse
 from ..problem.sampled import SampledForce
 from ..problem.schemes import Scheme, require_generalized_alpha
-from ..problem.subdomain import Subdomain
+from ..setup.ranks import remade
 from .parameters import Parameters, acceleration
 
 # ---- filters ------------------------------------------------------------------------------------
@@ -552,7 +552,7 @@ class Problem:
         self.dt, self.mean = layout.dt, session.coupling == "mean"
         self.macro = self.mean or session.coupling == "macro"
         self._members = session.members
-        self.options = session.options
+        self.session = session
         self.fine = 1 if self.macro else max(layout.substeps)
         self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
         self.forces = session.loads.seen
@@ -613,7 +613,7 @@ class Problem:
         if not self.macro and any(s.substeps < self.fine for _, s in self.keys):
             raise ValueError(
                 f'{what} needs coupling "macro", or equal substeps: under '
-                f'"{self.options.coupling}" the H beside interpolated velocities depends on the '
+                f'"{self.session.coupling}" the H beside interpolated velocities depends on the '
                 "parameters. Coupler.gradient has no such limit"
             )
 
@@ -671,28 +671,20 @@ class Problem:
     def _copy(self, g: np.ndarray | None, double: bool, transposed: bool) -> Any:
         """A coupler of the same matrices, or the transposed ones, without loads."""
 
-        def turned(A: Any) -> Any:
-            return A.T if transposed and A is not None else A
+        names = [name for name, _ in self.keys]
 
-        subdomains = [
-            Subdomain(
-                s.M,
-                np.zeros(s.n) if s.K is None else turned(s.K),
-                C=turned(s.C),
-                scheme=s.scheme,
-                substeps=s.substeps,
-                double_step=steady and (double or g is None),
-                symmetric=s.symmetric,
-                name=name,
-            )
-            for (name, s), steady in zip(self.keys, self.doubles)
-        ]
+        def change(name: str, arguments: dict[str, Any]) -> None:
+            steady, i = double or g is None, names.index(name)
+            arguments |= dict(force=None, u0=None, v0=None)
+            arguments |= dict(double_step=self.doubles[i] and steady)
+            if transposed:
+                arguments |= {x: A.T for x in "KC" if (A := arguments[x]) is not None}
+
         velocity = None if g is None else SampledForce(g, self.dt / self.fine)
-        rows = None
+        rows: Any = ()
         if self.single.p:
-            rows = Constraint({s: L for s, L in zip(subdomains, self.matrices) if L.nnz}, velocity)
-        o = self.options
-        return type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
+            rows = Constraint({x: L for x, L in zip(names, self.matrices) if L.nnz}, velocity)
+        return remade(self.session, type(self.coupler), change, constraints=rows, dt=self.dt)
 
 
 def subdomain_of(keys: Any, p: Parameters) -> str:

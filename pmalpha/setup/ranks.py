@@ -139,6 +139,7 @@ def remade(
     change: Callable[[str, dict[str, Any]], None],
     *,
     of_motion: Callable[[Any, str], Any] = lambda motion, _: motion,
+    constraints: Any = None,
     **options: Any,
 ) -> Any:
     """The coupler at t = 0, with the present initial values and loads.
@@ -147,6 +148,7 @@ def remade(
     change: changes the arguments of the `Subdomain` of this name, a dict.
     of_motion: ``of_motion(motion, what)`` is taken in place of a prescribed velocity and of the
         motion of a contact, `what` being its name in messages.
+    constraints: in place of those of the coupler.
     options: those of `Coupler` in place of those with which it was made.
     """
     subdomains = []
@@ -158,7 +160,8 @@ def remade(
             arguments[matrix] = np.zeros(s.n) if arguments[matrix] is None else arguments[matrix]
         change(key, arguments)
         subdomains.append(Subdomain(**arguments))
-    constraints = [*_constraints(session, of_motion), *_contacts(session, of_motion)]
+    if constraints is None:
+        constraints = [*_constraints(session, of_motion), *_contacts(session, of_motion)]
     options = {**session.options._asdict(), **options}
     return make(subdomains, constraints, **options)
 
