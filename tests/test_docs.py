@@ -162,7 +162,7 @@ def test_pages_are_short_enough_to_be_read():
     developers = own | {ROOT / "benchmarks" / "README.md", ROOT / "CONTRIBUTING.md"}
     assert sum(map(number_of_words, users)) <= 19_500
     assert sum(map(number_of_words, developers)) <= 8_300
-    assert number_of_words(ROOT / "docs" / "adding.md") <= 800
+    assert number_of_words(ROOT / "docs" / "adding.md") <= 860
     assert number_of_words(ROOT / "docs" / "architecture.md") <= 1500
     assert sum(map(number_of_words, method)) <= 11_400
 
