@@ -31,7 +31,7 @@ from .interface import (
 from .iteration import iteration_of, prepare_iterated
 from .judging import Made, judge, judge_steps, warn_of_order
 from .link import Link
-from .member import Member, build, make_member
+from .member import Member, Stepped, build, make_member
 from .ranks import Ranks, joined, processes
 from .rows import CoreRows
 from .schedule import Layout, Options, Rows
@@ -143,33 +143,43 @@ class Assemblies:
             for i, (name, s) in enumerate(self.keys, self.first_own)
         )
 
-    def _parts_of(self, layout: Layout) -> tuple[Member, ...]:
+    def _parts_of(self, layout: Layout) -> tuple[Stepped, ...]:
         """The subdomains with these steps: known ones, and others that are not built yet."""
-        members = []
+        members: list[Stepped] = []
         made: dict[int, dict[float, Operator]] = {}
         for (i, *_), member in self._known.items():
             made[i] = made.get(i, {}) | member.known
         for i, first in enumerate(self.first.members, self.first_own):
             known = self._known.get((i, *layout.of(i)))
             if known is None:
-                operators = made.get(i, {})
-                has_responses = _has_responses(self.coupling, layout.substeps[i])
-                known = first.with_steps(*layout.of(i), operators, has_responses=has_responses)
-            members.append(known)
+                h, substeps, double, over = layout.of(i)
+                responds = _has_responses(self.coupling, substeps) and first.internal is None
+                members.append(
+                    first.unbuilt(
+                        h=h,
+                        substeps=substeps,
+                        double=double,
+                        over=over,
+                        has_responses=responds,
+                        known=made.get(i, {}),
+                    )
+                )
+            else:
+                members.append(known)
         return tuple(members)
 
     def _assemble(
-        self, layout: Layout, members: tuple[Member, ...], first: tuple[Any, ...] | None = None
+        self, layout: Layout, ordered: tuple[Stepped, ...], first: tuple[Any, ...] | None = None
     ) -> Assembly:
         """Factor, couple and judge subdomains, of which some may be built already.
 
         first: what is judged of the first assembly besides.
         """
-        new = [member for member in members if member.core is None]
         # once, not for each factor; of a decorator a frame would be outside the package for `warn`
         try:
             with one_thread():
-                assembly = self._factored(layout, members, new)
+                members, new = self._built(layout, ordered)
+                assembly = self._coupled(layout, members, new)
                 made = Made(
                     members,
                     assembly.core,
@@ -188,21 +198,30 @@ class Assemblies:
         finally:
             self._once.clear()
 
-    def _factored(
+    def _built(
+        self, layout: Layout, ordered: Sequence[Stepped]
+    ) -> tuple[tuple[Member, ...], list[Member]]:
+        """All subdomains with their factors, Mbar = R D R^T, and those that had none."""
+        if self.contacts is not None:
+            names = [member.name for member in ordered]
+            self.contacts.check_steps(names, layout.substeps, layout.doubles)
+        shared = self._threads_of_tangents(ordered)
+        members, new = [], []
+        for member in ordered:
+            if not isinstance(member, Member):
+                if self.coupling == "mean" and member.name not in self._masses:
+                    self._masses[member.name] = member.factor_of_mass()
+                mass, threads = self._masses.get(member.name), member.tangent_threads(shared)
+                member = build(member, mass, threads)
+                new.append(member)
+            members.append(member)
+        return tuple(members), new
+
+    def _coupled(
         self, layout: Layout, members: tuple[Member, ...], new: Sequence[Member]
     ) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
-        if self.contacts is not None:
-            names = [member.name for member in members]
-            self.contacts.check_steps(names, layout.substeps, layout.doubles)
-
-        # Mbar = R D R^T
-        shared = self._threads_of_tangents(members)
-        for member in new:
-            if mean and member.name not in self._masses:
-                self._masses[member.name] = member.factor_of_mass()
-            build(member, self._masses.get(member.name), member.tangent_threads(shared))
         if macro:
             prepare(new)  # unit responses
         if mean:
@@ -235,7 +254,7 @@ class Assemblies:
             self._known[i, *layout.of(i)] = member
         return Assembly(members, core, parts, self.first_own)
 
-    def _threads_of_tangents(self, members: Sequence[Member]) -> int:
+    def _threads_of_tangents(self, members: Sequence[Stepped]) -> int:
         """The maximum number of threads that factor a tangent: subdomains whose tangents are large
         are factored at the same time, and share them."""
         most = self.threads[0]
@@ -296,7 +315,7 @@ def _ordered(
     options: Options,
     threads: int,
     once: Once,
-) -> tuple[Member, ...]:
+) -> tuple[Stepped, ...]:
     """The subdomains in elimination order, with a warning of factors that take long to make."""
     eliminations = Eliminations()
     members = tuple(

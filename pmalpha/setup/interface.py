@@ -23,7 +23,7 @@ from ..problem.matrices import Matrix, core_matrix, dense, row_of_entries
 from ..reduction.ordering import elimination_order, graph_of
 from .factors import Names, factorize
 from .link import Block, diagonal_compliances
-from .member import Member
+from .member import Member, Ordered, Stepped
 from .ranks import Ranks, joined
 
 # ---- interface ----------------------------------------------------------------------------------
@@ -33,7 +33,7 @@ from .ranks import Ranks, joined
 DENSE_SHARE = 0.1
 
 
-def row_order(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> np.ndarray:
+def row_order(members: Sequence[Stepped], p: int, ranks: Ranks | None = None) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
     if p < 2:
         return np.arange(p)
@@ -50,7 +50,7 @@ def row_order(members: Sequence[Member], p: int, ranks: Ranks | None = None) -> 
     return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
 
 
-def _patterns(members: Sequence[Member]) -> list[Block | None]:
+def _patterns(members: Sequence[Stepped]) -> list[Block | None]:
     """The blocks of H that connect constraints of one dof only; None for others."""
     thin = [p for p in members if p.is_diagonal and p.internal is None and not p.has_responses]
     blocks = diagonal_compliances([np.ones(p.n) for p in thin], [p.L.pattern for p in thin])
@@ -265,7 +265,7 @@ def response_block(member: Member, rows: np.ndarray, values: np.ndarray) -> Bloc
     return Block.of_nonzero(rows, 0.5 * (values + values.T))
 
 
-def check_mean(members: Sequence[Member]) -> None:
+def check_mean(members: Sequence[Ordered]) -> None:
     """ValueError for tied dofs without mass under mean coupling."""
     for member in members:
         tied = np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)

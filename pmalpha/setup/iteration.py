@@ -8,7 +8,6 @@ the subdomains with internal forces.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from ..problem.matrices import combination, core_matrix, permuted
 from .interface import compute_unit_responses, is_symmetric_sum, mean_blocks, summed, total
 from .internal_forces import core_size, numeric, structure
 from .link import Block
-from .member import Member, parts_of_steps
+from .member import Member, built, parts_of_steps
 from .ranks import Ranks, joined
 
 
@@ -60,8 +59,7 @@ def linear_twin(member: Member) -> Member:
     assert member.internal is not None
     explicit = member.subdomain.scheme.explicit
     K_t, C_t = (permuted(A, member.order) for A in (member.internal.K, member.internal.C))
-    twin = replace(
-        member,
+    twin = member.unbuilt(
         K=combination([(1.0, member.K), (1.0, K_t)]),
         C=combination([(1.0, member.C), (1.0, C_t)]),
         stiffness=None if explicit else combination([(1.0, member.stiffness), (1.0, K_t)]),
@@ -69,8 +67,6 @@ def linear_twin(member: Member) -> Member:
         internal=None,
         tangent=None,
         has_responses=member.mean or member.substeps > 1,
-        factors=[],
-        blocks={},
         known={},
     )
     try:
@@ -79,8 +75,7 @@ def linear_twin(member: Member) -> Member:
         twin.indefinite = member.indefinite = True
         operators = list(map(twin.operator, twin.lengths))
     mass = twin.factor_of_mass() if twin.mean else None
-    twin.make(parts_of_steps(twin, operators, K_r=twin.K_r, mass=mass))
-    return twin
+    return built(twin, parts_of_steps(twin, operators, K_r=twin.K_r, mass=mass), operators)
 
 
 def iteration_of(

@@ -57,7 +57,7 @@ from .factors import solve
 from .interface import interface_matrix
 from .internal_forces import closing_tangent
 from .link import Link
-from .member import STEP_NUMBERS, Member
+from .member import STEP_NUMBERS, Member, Ordered
 from .ranks import Ranks, joined
 from .rows import CoreRows, rows_of_size_one
 from .schedule import MACRO, Layout, Rows
@@ -788,7 +788,7 @@ def _costly_factor(member: Member) -> tuple[list[str], int] | None:
     return None if entries < NOTABLE_FACTOR or 2 * entries <= rest else (full, entries)
 
 
-def warn_of_order(members: Sequence[Member]) -> None:
+def warn_of_order(members: Sequence[Ordered]) -> None:
     """PerformanceWarning for long factorizations in an order without nested dissection."""
     if has_nested_dissection():
         return

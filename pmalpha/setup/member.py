@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, cast
@@ -51,19 +51,15 @@ ROUNDING_OF_C = 1e-12
 STEP_NUMBERS = 12
 
 
-@dataclass
-class Member:
-    """A subdomain in its elimination order, with its object of the core, for steps of one length.
+@dataclass(kw_only=True)
+class Ordered:
+    """A subdomain in its elimination order, for steps of all lengths.
 
     order, position: (n,) array of int, dof at each position, and position of each dof.
     """
 
     subdomain: Subdomain
     name: str
-    double: bool
-    # h, substeps: length and number of its substeps in a macro step
-    h: float
-    substeps: int
     elimination: Elimination  # the factorization of its sparse matrices
     position: np.ndarray
     M: Matrix
@@ -78,99 +74,17 @@ class Member:
     K_r: Matrix | None
     L: Link  # its constraints, dofs in elimination order, rows in the order of the multipliers
     nb: int  # number of interface dofs, the last of the order
-    # until it is built: what the core is made of, by the names of csrc/core/describe, and the
-    # object itself
-    parts: dict[str, Any] = field(default_factory=dict)
-    core: _core.Subdomain = None  # type: ignore[assignment]
-    mass_factor: Factor | None = None  # of M, where Mbar = M: explicit, with no damping in Mbar
-    # of Mbar(h) and, for a double step, of Mbar(2 h)
-    factors: list[Factor] = field(default_factory=list)
-    # its blocks of H computed so far, by whether they are of the double step
-    blocks: dict[bool, Block] = field(default_factory=dict)
+    N: Link | None = None  # the rows of contacts on it, dofs in elimination order
     internal: InternalForces | None = None
     # where its steps are iterated: implicit, with internal forces
     tangent: TangentPattern | None = None
     reuses: bool = False  # whether tangents are kept from step to step
     mean: bool = False  # responds to a constant acceleration of the interface (K3)
-    has_responses: bool = False  # link responses (M3): several substeps under macro coupling
-    # if it has: its block of H (M4), and the one from the mean velocities in the macro step
-    response_blocks: tuple[Block, Block] | None = None
-    # its step divided by its critical step, as far as set-up computed it
-    step_ratio: StepRatio | None = None
-    # whether the energy that its forces add, and the mass of an estimate, were warned of since the
-    # last start
-    reported: bool = False
-    slowed: bool = False
-    # length of its double steps, where they span a change of the steps and are not of length 2 h
-    over: float | None = None
-    # step length and factor of Mbar in the form of the core, by length: those of its steps and,
-    # before it is built, others that have been made
-    known: dict[float, Operator] = field(default_factory=dict)
-    # its load if that depends on the motion, for steps of all lengths
-    feedback: Feedback | None = None
+    feedback: Feedback | None = None  # its load if that depends on the motion
+    mass_factor: Factor | None = None  # of M, where Mbar = M: explicit, with no damping in Mbar
     # tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign
     indefinite: bool = False
-    N: Link | None = None  # the rows of contacts on it, dofs in elimination order
     once: Once = field(default_factory=Once)  # what equal subdomains share, during set-up
-
-    @property
-    def step(self) -> float:
-        """The length of the steps after the first macro step: 2 h if they are double."""
-        return 2.0 * self.h if self.double else self.h
-
-    @property
-    def lengths(self) -> tuple[float, ...]:
-        """The lengths of its steps: the single one and, if it takes them, the double one."""
-        if not self.double:
-            return (self.h,)
-        return (self.h, 2.0 * self.h if self.over is None else self.over)
-
-    def is_double(self, *, start: bool) -> bool:
-        """Whether it takes double steps in the first macro step (`start`), or after it."""
-        return self.double and (self.over is not None or not start)
-
-    def tangent_threads(self, most: int) -> int:
-        """How many threads, of `most`, share the factorization of its tangents."""
-        structure = self.elimination.structure
-        return 1 if self.tangent is None or structure is None else structure.threads(most)
-
-    def with_steps(
-        self,
-        h: float,
-        substeps: int,
-        double: bool,
-        over: float | None,
-        known: dict[float, Operator],
-        *,
-        has_responses: bool,
-    ) -> Member:
-        """The same subdomain for other steps, not built yet."""
-        return replace(
-            self,
-            h=h,
-            substeps=substeps,
-            double=double,
-            over=over,
-            known=known,
-            has_responses=has_responses and self.internal is None,
-            parts={},
-            core=None,  # type: ignore[arg-type]
-            factors=[],
-            blocks={},
-            response_blocks=None,
-            step_ratio=None,
-            reported=False,
-            slowed=False,
-        )
-
-    def make(self, parts: dict[str, Any]) -> None:
-        """The object of the core."""
-        self.parts, self.core = parts, _core.Subdomain(parts)
-
-    def store(self, responses: forms.Responses) -> None:
-        """Unit responses of all its constraints, which are then not repeated (M8)."""
-        self.parts["responses"] = responses
-        self.core.store_responses(responses)
 
     @property
     def order(self) -> np.ndarray:
@@ -184,14 +98,6 @@ class Member:
     def symmetric(self) -> bool:
         """Whether Mbar, K and C of its steps are symmetric."""
         return self.subdomain.has_symmetric_steps
-
-    @property
-    def deferred(self) -> bool:
-        """Whether its single steps under mean coupling wait for the multipliers (K7)."""
-        explicit = self.subdomain.scheme.explicit
-        if not self.mean or self.substeps > 1 or explicit or self.internal is not None:
-            return False
-        return self.C is None or self._is_trapezoidal
 
     @property
     def has_symmetric_block(self) -> bool:
@@ -210,12 +116,6 @@ class Member:
         s, scheme = self.subdomain, self.subdomain.scheme
         mean = math.isclose(scheme.gamma, 2.0 * scheme.beta, rel_tol=1e-15)
         return mean and not scheme.explicit and s.damping == "implicit"
-
-    def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """u and v in the user's order, the histories, and what springs remember."""
-        levels, m = self.core.levels(), 0 if self.internal is None else self.internal.initial.size
-        u, v = (levels[name][self.position] for name in "uv")
-        return u, v, levels["history"][:m], self.core.springs()
 
     @property
     def massless(self) -> np.ndarray:
@@ -247,18 +147,6 @@ class Member:
         names = Names(what, self.order, self.name)
         return self.elimination.factor(A, names, symmetric=symmetric)
 
-    def block(self, twice: bool) -> Block:
-        """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
-        if twice in self.blocks:
-            return self.blocks[twice]
-        if self.is_diagonal:
-            (block,) = diagonal_compliances([self.diagonal_inverse(twice)], [self.L])
-        else:
-            al2 = self.subdomain.scheme.coefficients(self.lengths[twice])[1]
-            block = self.compliance(self.factors[twice], self.L).times(al2)
-        self.blocks[twice] = block
-        return block
-
     def compliance(self, factor: Factor, L: Link) -> Block:
         """L A^-1 L^T on the constraints of L, from the factor of A."""
         places = L.ptr.tobytes(), L.local.tobytes(), L.values.tobytes()
@@ -272,13 +160,58 @@ class Member:
         symmetric = self.symmetric
         return self.once(lambda: core_matrix(A, symmetric=symmetric), (A,), "core", symmetric)
 
-    def mbar(self, h: float) -> Matrix:
-        return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
-
     @property
     def is_diagonal(self) -> bool:
         """Whether Mbar is diagonal."""
         return all(A is None or A.ndim == 1 for A in (self.M, self.damping, self.stiffness))
+
+    def mbar(self, h: float) -> Matrix:
+        return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
+
+    def tangent_threads(self, most: int) -> int:
+        """How many threads, of `most`, share the factorization of its tangents."""
+        structure = self.elimination.structure
+        return 1 if self.tangent is None or structure is None else structure.threads(most)
+
+
+@dataclass(kw_only=True)
+class Stepped(Ordered):
+    """The same for steps of one length, not built yet."""
+
+    # h, substeps: length and number of its substeps in a macro step
+    h: float
+    substeps: int
+    double: bool
+    # length of its double steps, where they span a change of the steps and are not of length 2 h
+    over: float | None = None
+    has_responses: bool = False  # link responses (M3): several substeps under macro coupling
+    # step length and factor of Mbar in the form of the core, by length: those of its steps, and
+    # before it is built others that have been made
+    known: dict[float, Operator] = field(default_factory=dict)
+
+    @property
+    def step(self) -> float:
+        """The length of the steps after the first macro step: 2 h if they are double."""
+        return 2.0 * self.h if self.double else self.h
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """The lengths of its steps: the single one and, if it takes them, the double one."""
+        if not self.double:
+            return (self.h,)
+        return (self.h, 2.0 * self.h if self.over is None else self.over)
+
+    def is_double(self, *, start: bool) -> bool:
+        """Whether it takes double steps in the first macro step (`start`), or after it."""
+        return self.double and (self.over is not None or not start)
+
+    @property
+    def deferred(self) -> bool:
+        """Whether its single steps under mean coupling wait for the multipliers (K7)."""
+        explicit = self.subdomain.scheme.explicit
+        if not self.mean or self.substeps > 1 or explicit or self.internal is not None:
+            return False
+        return self.C is None or self._is_trapezoidal
 
     def diagonal_inverse(self, twice: bool) -> np.ndarray:
         """al2 Mbar^-1 of a diagonal Mbar for the single or the double step."""
@@ -308,6 +241,53 @@ class Member:
         symmetric = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
         return self.factor(self.mbar(h), what, symmetric=symmetric and not self.indefinite)
 
+    def unbuilt(self, **changes: Any) -> Stepped:
+        """The same with some fields changed, such as those of its steps."""
+        return Stepped(**{x.name: getattr(self, x.name) for x in fields(Stepped)} | changes)
+
+
+@dataclass(kw_only=True)
+class Member(Stepped):
+    """The same with its factors and its object of the core."""
+
+    parts: dict[str, Any]  # what the core is made of, by the names of csrc/core/describe
+    core: _core.Subdomain
+    factors: list[Factor]  # of Mbar(h) and, for a double step, of Mbar(2 h)
+    # its blocks of H computed so far, by whether they are of the double step
+    blocks: dict[bool, Block] = field(default_factory=dict)
+    # if it has link responses: its block of H (M4), and the one from the mean velocities in the
+    # macro step
+    response_blocks: tuple[Block, Block] | None = None
+    # its step divided by its critical step, as far as set-up computed it
+    step_ratio: StepRatio | None = None
+    # whether the energy that its forces add, and the mass of an estimate, were warned of since the
+    # last start
+    reported: bool = False
+    slowed: bool = False
+
+    def block(self, twice: bool) -> Block:
+        """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
+        if twice in self.blocks:
+            return self.blocks[twice]
+        if self.is_diagonal:
+            (block,) = diagonal_compliances([self.diagonal_inverse(twice)], [self.L])
+        else:
+            al2 = self.subdomain.scheme.coefficients(self.lengths[twice])[1]
+            block = self.compliance(self.factors[twice], self.L).times(al2)
+        self.blocks[twice] = block
+        return block
+
+    def store(self, responses: forms.Responses) -> None:
+        """Unit responses of all its constraints, which are then not repeated (M8)."""
+        self.parts["responses"] = responses
+        self.core.store_responses(responses)
+
+    def present(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """u and v in the user's order, the histories, and what springs remember."""
+        levels, m = self.core.levels(), 0 if self.internal is None else self.internal.initial.size
+        u, v = (levels[name][self.position] for name in "uv")
+        return u, v, levels["history"][:m], self.core.springs()
+
 
 def mbar(scheme: Scheme, h: float, M: Matrix, damping: Matrix, stiffness: Matrix) -> Matrix:
     """M + al2 C + al1 K, explicit without K, equation (12); with estimates (R3)."""
@@ -329,7 +309,7 @@ def make_member(
     has_responses: bool = False,
     N: Link | None = None,
     **does: bool,
-) -> Member:
+) -> Stepped:
     """Put a subdomain in its elimination order, interface dofs last.
 
     `eliminations` are those of all subdomains, `once` is what equal ones share, `threads` is the
@@ -361,20 +341,20 @@ def make_member(
     objects = (tangent, *matrices.values())
     eliminated, position, in_order = once(ordered, objects, "order", n, last.tobytes())
     order = eliminated.order
-    fields: dict[str, Any] = dict(zip(matrices, in_order)) | does
-    return Member(
-        subdomain,
-        name,
-        double,
-        h,
-        substeps,
-        eliminated,
-        position,
+    in_fields: dict[str, Any] = dict(zip(matrices, in_order)) | does
+    return Stepped(
+        subdomain=subdomain,
+        name=name,
+        double=double,
+        h=h,
+        substeps=substeps,
+        elimination=eliminated,
+        position=position,
         L=L.in_order(order),
         nb=last.size,
         internal=internal,
         tangent=tangent,
-        **fields,
+        **in_fields,
         has_responses=has_responses and internal is None,
         feedback=Feedback(f"force of subdomain {name!r}", n) if subdomain.has_feedback else None,
         N=None if N is None else N.in_order(order),
@@ -383,7 +363,7 @@ def make_member(
 
 
 def core_parts(
-    member: Member,
+    member: Ordered,
     scheme: Scheme,
     L: Link,
     single: Operator,
@@ -408,11 +388,10 @@ def _in_core(scheme: Scheme, operator: Operator) -> forms.StepOperator:
 
 
 def parts_of_steps(
-    member: Member, operators: Sequence[Operator], *, K_r: Matrix, **parts: Any
+    member: Stepped, operators: Sequence[Operator], *, K_r: Matrix, **parts: Any
 ) -> dict[str, Any]:
     """The same for the steps of a subdomain, with the operators of its lengths."""
     single, *twice = operators
-    member.factors = [operator.factor for operator in operators]
     matrices = {"K": member.K, "C": member.C, "D_r": member.D_r, "K_r": K_r}
     return core_parts(
         member,
@@ -429,10 +408,9 @@ def parts_of_steps(
     )
 
 
-def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
+def build(member: Stepped, mass: Factor | None = None, threads: int = 1) -> Member:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
     operators = list(map(member.operator, member.lengths))
-    member.known = {operator.h: operator for operator in operators}
     parts = parts_of_steps(
         member,
         operators,
@@ -452,17 +430,24 @@ def build(member: Member, mass: Factor | None = None, threads: int = 1) -> None:
         limits=_limits(member),
         watch=_watch(member),
     )
-    member.make(parts)
+    return built(member, parts, operators)
 
 
-def _limits(member: Member) -> forms.Limits | None:
+def built(member: Stepped, parts: dict[str, Any], operators: Sequence[Operator]) -> Member:
+    """The same with its object of the core, of its parts and the operators of its lengths."""
+    made = vars(member) | {"known": {operator.h: operator for operator in operators}}
+    factors = [operator.factor for operator in operators]
+    return Member(**made, parts=parts, core=_core.Subdomain(parts), factors=factors)
+
+
+def _limits(member: Ordered) -> forms.Limits | None:
     if (limits := member.subdomain.limits) is None:
         return None
     u, v, a, f = (x if x is None else x[member.order] for x in limits_of_dofs(limits, member.n))
     return forms.Limits(u, v, a, f, math.inf if limits.energy is None else limits.energy)
 
 
-def _watch(member: Member) -> forms.Watch | None:
+def _watch(member: Ordered) -> forms.Watch | None:
     s = member.subdomain
     if s.restoring is None and member.internal is None and not s.has_feedback:
         return None
@@ -471,7 +456,7 @@ def _watch(member: Member) -> forms.Watch | None:
     return forms.Watch(M, K_r, s.scheme.explicit)
 
 
-def _internal(member: Member, threads: int) -> dict[str, Any]:
+def _internal(member: Stepped, threads: int) -> dict[str, Any]:
     """What the core has to know of internal forces."""
     if member.internal is None:
         return {}
@@ -493,7 +478,7 @@ def _internal(member: Member, threads: int) -> dict[str, Any]:
 # ---- impulses of contacts ----------------------------------------------------------------------
 
 
-def impulse_parts(member: Member) -> forms.Impulse | None:
+def impulse_parts(member: Stepped) -> forms.Impulse | None:
     """What impulses meet in a subdomain, for the core: equation (U4)."""
     if member.N is None:
         return None
@@ -518,7 +503,7 @@ def _columns(A: Matrix | None, n: int) -> sp.csc_array:
     return result
 
 
-def _rates(member: Member, dofs: np.ndarray) -> tuple[float, float] | None:
+def _rates(member: Stepped, dofs: np.ndarray) -> tuple[float, float] | None:
     """(a0, a1) of Mbar = M + al2 C + al1 K with C = a0 M + a1 K, where K and C act as such on
     impulses at these dofs; None elsewhere, and for restoring forces, whose balance reads w."""
     s = member.subdomain
