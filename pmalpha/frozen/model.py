@@ -20,7 +20,7 @@ from ..problem.arguments import Coupling
 from ..problem.device import Device
 from ..problem.dofs import dof_list
 from ..problem.restoring import external_of, items_of
-from ..problem.springs import Spring
+from ..problem.springs import Spring, Wheels
 from ..problem.subdomain import Subdomain
 from ..results.quantities import position
 from ..setup.assembly import Assembly
@@ -353,6 +353,8 @@ def subdomain(member: Member, load: Any, levels: Mapping[str, np.ndarray]) -> An
 
 def is_outside(function: Any) -> bool:
     """Whether an entry of `forms.Restoring` is or has a function, which no file can have."""
+    if isinstance(function, forms.Wheels):
+        return False
     return not isinstance(function, forms.Specimen) or function.function is not None
 
 
@@ -407,7 +409,7 @@ def _is_specimen(item: Any) -> bool:
     """Whether a restoring force is or ends in a function."""
     if isinstance(item, Device):
         return not item.springs and not isinstance(item.innermost, Device)
-    return not isinstance(item, Spring)
+    return not isinstance(item, (Spring, Wheels))
 
 
 def _acting_dofs(specimens: Sequence[Any], n: int) -> set[int]:

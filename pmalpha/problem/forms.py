@@ -233,6 +233,26 @@ class Specimen(NamedTuple):
     h: float
 
 
+class Path(NamedTuple):
+    """A path (segments, width) of dofs, their shape functions (segments, width, 4) along it, and
+    how a point runs there."""
+
+    ends: np.ndarray
+    dofs: np.ndarray
+    shape: np.ndarray
+    start: float
+    speed: float
+
+
+class Wheels(NamedTuple):
+    """Springs of which ends run along paths. Of each end, (springs, 2), the dof or the path, or -1."""
+
+    springs: tuple[Springs, ...]
+    ends: np.ndarray
+    points: np.ndarray
+    paths: tuple[Path, ...]
+
+
 class InternalForce(NamedTuple):
     """A function, numbers in its history, where each value of its pattern is in that of the tangent
     and which one is across the diagonal from it, and its potential."""
@@ -261,6 +281,16 @@ class Table(NamedTuple):
     first: int
 
 
+class Moving(NamedTuple):
+    """A load along a path: samples (m,) of its size."""
+
+    values: np.ndarray
+    dt: float
+    hold: bool
+    begin: float
+    path: Path
+
+
 class Called(NamedTuple):
     """A load that is a compiled function, and the dof at each position."""
 
@@ -268,7 +298,7 @@ class Called(NamedTuple):
     order: np.ndarray
 
 
-Load: TypeAlias = np.ndarray | Sampled | Table | Called | None
+Load: TypeAlias = np.ndarray | Sampled | Table | Moving | Called | None
 
 
 class Limits(NamedTuple):

@@ -13,9 +13,11 @@ from . import forms
 from .arguments import OF_RESTORING, check_order, check_signature
 from .device import Device, core_specimen, divided
 from .external import External
-from .springs import Spring
+from .springs import Spring, Wheels
 
-Function: TypeAlias = Callable[[float, np.ndarray, np.ndarray], Any] | LowLevelCallable | Device
+Function: TypeAlias = (
+    Callable[[float, np.ndarray, np.ndarray], Any] | LowLevelCallable | Device | Wheels
+)
 # A function, springs, or at least one of each or several functions, in the user's order.
 Restoring = Function | tuple[Spring | Function, ...] | None
 
@@ -35,6 +37,11 @@ def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None
     """A user's restoring force, checked as far as possible without evaluating it."""
     forces: list[Spring | Function] = []
     for item, label in labelled(restoring, "restoring"):
+        if isinstance(item, Wheels):  # of another subdomain
+            item = item.spring
+        if isinstance(item, Spring) and item.moves:
+            forces.append(Wheels(item, n, names, label))
+            continue
         if isinstance(item, (Spring, Device, External)):
             forces.append(item._placed(n, names, label))
             continue
@@ -168,13 +175,15 @@ def core_restoring(
     named = [(item, f"{label.format(i)} of subdomain {name!r}") for i, item in enumerate(items)]
     functions: list[Any] = []
     called: list[Any] = [
-        x for x in named if not isinstance(x[0], (Spring, Device)) and not is_compiled(x[0])
+        x for x in named if not isinstance(x[0], (Spring, Device, Wheels)) and not is_compiled(x[0])
     ]
     if called or feedback is not None:
         functions.append(CheckedRestoring(called, order.size, feedback))
     for item, what in named:
         if isinstance(item, Device):
             functions.append(core_specimen(item, order.size, h, what))
+        elif isinstance(item, Wheels):
+            functions.append(item.for_core(order.size))
         elif is_compiled(item):
             functions.append(item)
     load = None if feedback is None else feedback.last

@@ -19,6 +19,7 @@ from .._cached import Frozen
 from .._checks import counted, real_array
 from . import forms
 from .dofs import GROUND, dof_list, spring_dofs
+from .moving import MovingPoint
 
 __all__ = [
     "Bilinear",
@@ -77,7 +78,7 @@ class Spring(Frozen):
     k: np.ndarray
 
     def __init__(self, dofs: Any, *, sign: Any = 1, **parameters: Any):
-        self.dofs = _signed(spring_dofs(dofs), sign)
+        self.dofs = _signed(_pairs(dofs), sign)
         self.parameters = tuple(
             _spread(value, name, len(self.dofs)) for name, value in parameters.items()
         )
@@ -90,9 +91,14 @@ class Spring(Frozen):
         return len(self.dofs)
 
     def __repr__(self) -> str:
-        ends = (GROUND, None)
-        ground = sum(first in ends or second in ends for first, second in self.dofs.tolist())
-        counts = {"to the ground": ground, "between two dofs": len(self) - ground}
+        ends, pairs = (GROUND, None), self.dofs.tolist()
+        moving = sum(any(isinstance(x, MovingPoint) for x in pair) for pair in pairs)
+        ground = sum(first in ends or second in ends for first, second in pairs)
+        counts = {
+            "to the ground": ground,
+            "between two dofs": len(self) - ground - moving,
+            "with an end that moves": moving,
+        }
         kinds = [f"{counted(n, 'spring')} {where}" for where, n in counts.items() if n]
         return f"<{type(self).__name__}: {', '.join(kinds)}>"
 
@@ -100,8 +106,18 @@ class Spring(Frozen):
         """The same springs between other dofs, (springs, 2)."""
         return type(self)(dofs, **dict(zip(self.names, self.parameters)))
 
+    @property
+    def moves(self) -> bool:
+        """Whether some of its ends are points that move."""
+        return any(isinstance(x, MovingPoint) for x in self.dofs.flat)
+
     def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Spring:
         """The same springs with numbers of dofs of a subdomain; `label` is that of the argument."""
+        if self.moves:
+            raise ValueError(
+                f"{label} must have springs between dofs, got one with an end that moves: such "
+                "springs are given as restoring= of the subdomain that has the path"
+            )
         if self.dofs.dtype != object:
             if self.dofs.max() >= n:
                 raise ValueError(
@@ -448,7 +464,7 @@ class Multilinear(Spring):
     def __init__(self, dofs: Any, points: Any, rule: str = "kinematic"):
         if rule not in ("kinematic", "elastic"):
             raise ValueError(f"rule must be 'kinematic' or 'elastic', got {rule!r}")
-        self.dofs, self.parameters, self.names = spring_dofs(dofs), (), ()
+        self.dofs, self.parameters, self.names = _pairs(dofs), (), ()
         self.points, self.rule = _backbone(points), rule
         self.law = "multilinear" if rule == "kinematic" else "multilinear elastic"
         self.has_memory = rule == "kinematic"
@@ -538,6 +554,98 @@ def _spread(value: Any, name: str, count: int) -> np.ndarray:
     spread = np.array(np.broadcast_to(array, (count,)), order="C")
     spread.setflags(write=False)
     return spread
+
+
+# ---- with ends that move -----------------------------------------------------------------------
+
+
+def _pairs(dofs: Any) -> np.ndarray:
+    """(m, 2) ends of springs as `spring_dofs`, some of which may be points that move.
+
+    Of these an array of objects, None for the ground.
+    """
+    items = [dofs] if isinstance(dofs, MovingPoint) else dofs
+    if not isinstance(items, (list, tuple)) or not any(map(_has_point, items)):
+        return spring_dofs(dofs)
+    if not isinstance(items, list) or not all(isinstance(x, (list, tuple)) for x in items):
+        raise TypeError(
+            "dofs must be pairs [(dof, point)] where an end is a MovingPoint, got "
+            f"{type(dofs).__name__} {dofs!r}"
+        )
+    if not all(len(pair) == 2 for pair in items):
+        raise ValueError(f"dofs must be of shape (m, 2), m > 0, got {dofs!r}")
+    ends = np.empty((len(items), 2), dtype=object)
+    for at in np.ndindex(ends.shape):
+        x = items[at[0]][at[1]]
+        if not isinstance(x, (str, int, np.integer, MovingPoint)) or isinstance(x, bool):
+            raise TypeError(f"dofs must be whole numbers, names or MovingPoints, got {x!r}")
+        ends[at] = None if x in ("ground", GROUND) else x
+    same = [i for i, (a, b) in enumerate(ends) if a == b]
+    if same:
+        raise ValueError(f"dofs of a spring must differ, got the same at springs {same}")
+    ends.setflags(write=False)
+    return ends
+
+
+def _has_point(item: Any) -> bool:
+    return isinstance(item, MovingPoint) or (
+        isinstance(item, (list, tuple)) and any(isinstance(x, MovingPoint) for x in item)
+    )
+
+
+class Wheels:
+    """Springs with ends that move, placed in a subdomain; the core evaluates them.
+
+    spring: as the user made it.
+    ends, points: (springs, 2) array of int, the dof of each end and its place among `paths`; -1.
+    paths: points with numbers of the dofs of the subdomain.
+    """
+
+    def __init__(self, spring: Spring, n: int, names: Sequence[str] | None, label: str):
+        self.spring = spring
+        points = list({id(x): x for x in spring.dofs.flat if isinstance(x, MovingPoint)}.values())
+        self.paths = tuple(x._placed(n, names, label) for x in points)
+        self.ends, self.points = (np.full(spring.dofs.shape, -1) for _ in range(2))
+        what = f"{label}: dofs of a {type(spring).__name__}"
+        for at, x in np.ndenumerate(spring.dofs):
+            if isinstance(x, MovingPoint):
+                self.points[at] = next(k for k, point in enumerate(points) if point is x)
+            elif x is not None:
+                self.ends[at] = int(dof_list(x, n, what, names)[0])
+        self.ends.setflags(write=False)
+        self.points.setflags(write=False)
+
+    def __repr__(self) -> str:
+        return repr(self.spring)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Equal for equal springs of the same law."""
+        law = self.spring._moved(np.arange(2 * len(self.spring)).reshape(-1, 2)).numbers
+        arrays = self.ends, self.points, law, *(x._numbers for x in self.paths)
+        return np.concatenate([np.ravel(x) for x in arrays])
+
+    def for_core(self, n: int) -> forms.Wheels:
+        """In the form of the core, with dofs in the order of the user."""
+        in_turn = np.arange(2 * len(self.spring)).reshape(-1, 2)
+        return forms.Wheels(
+            core_springs((self.spring._moved(in_turn),), np.arange(in_turn.size)),
+            self.ends,
+            self.points,
+            tuple(x._core(np.arange(n)) for x in self.paths),
+        )
+
+
+def wheels_of_free(restoring: Any, fixed: np.ndarray) -> Any:
+    """Restoring forces of a structure, whose points may lack the dofs of these supports."""
+    if type(restoring) in (list, tuple):
+        return [wheels_of_free(x, fixed) for x in restoring]
+    if not isinstance(restoring, Spring) or not restoring.moves:
+        return restoring
+    known = {id(x): x for x in restoring.dofs.flat if isinstance(x, MovingPoint)}
+    changed = {key: x._with_fixed(fixed) for key, x in known.items()}
+    pairs = [[-1 if x is None else changed.get(id(x), x) for x in pair] for pair in restoring.dofs]
+    return restoring._moved(pairs)
 
 
 # ---- for a subdomain ---------------------------------------------------------------------------

@@ -28,7 +28,7 @@ from ..problem.device import Device
 from ..problem.loads import as_load, depends_on_motion
 from ..problem.matrices import checksum
 from ..problem.restoring import devices_of
-from ..problem.springs import Spring
+from ..problem.springs import Spring, Wheels
 from ..results.stored import SHOWN, differences
 from ..results.times import Clock
 from ..setup.assembly import Assembly
@@ -125,6 +125,8 @@ def load(force: Any) -> str:
     if isinstance(force, Spring):
         # these words are in files of all versions; repr may change
         return f"<{type(force).__name__} x {len(force)}> {checksum(force.numbers)}"
+    if isinstance(force, Wheels):
+        return f"<{type(force.spring).__name__} that move> {checksum(force.numbers)}"
     return checksum(force) if force is None else as_load(force)._facts()
 
 

@@ -17,7 +17,9 @@ from ..problem.arguments import DofsLike
 from ..problem.dofs import NodeNames, along, as_nodes, dof_list
 from ..problem.loads import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
+from ..problem.moving import MovingPoint
 from ..problem.schemes import Scheme
+from ..problem.springs import wheels_of_free
 from ..problem.subdomain import Subdomain
 from ..reduction.fixed_dofs import Reduction, reduce
 from .absorbing import AbsorbingBoundary, boundary, graded
@@ -25,6 +27,7 @@ from .absorbing_layer import AbsorbingLayer, absorbing_layer
 from .attached import Attached, moved_masses, not_negative, placed_springs
 from .elasticity import Moduli, stresses
 from .element_force import ElementForce, Recipe, Selected
+from .moving import moving_point
 from .stress import (
     BAR,
     BEAM,
@@ -1100,6 +1103,62 @@ class Structure:
         """
         return along(component, self.dof_names, "component")
 
+    def moving_point(
+        self,
+        path: Any,
+        speed: float,
+        start: float = 0.0,
+        *,
+        direction: str | Mapping[str, float] | None = None,
+        fixed: DofsLike = (),
+    ) -> MovingPoint:
+        """A point that runs along beams or the edge of a mesh, for `MovingLoad` and for springs.
+
+        Parameters
+        ----------
+        path : (k,) array of int
+            Nodes along edges of elements, in any order: one chain, from that of its two ends which
+            is named first.
+        speed : float
+            Constant, along the path; negative: backward, zero: the point stands.
+        start : float, default 0
+            Distance from the beginning of the path at t = 0, negative before it: the second axle
+            of a vehicle has ``start=-axle_distance``.
+        direction : str, or dict of str and float, optional
+            Component of the displacement that it has, "uy", and along which forces act; or
+            several with factors. Default: the last one of "ux", "uy", "uz".
+        fixed : int, str, array of them, or (n,) array of bool, optional
+            Dofs of supports, which the subdomain does not have; `subdomain` knows those that are
+            given to it.
+
+        Returns
+        -------
+        MovingPoint
+            Its displacement is interpolated by the elements: linear or quadratic along edges of
+            solids and bars; of beams cubic across them, with their shear deformation (L8).
+
+        Raises
+        ------
+        TypeError, ValueError
+            For nodes that are no chain, curved edges, beams with large rotations, unknown
+            components.
+
+        Examples
+        --------
+        A force crosses a beam in two seconds:
+
+        >>> from pmalpha import GeneralizedAlpha, MovingLoad, solve, structures
+        >>> beam = structures.beam_frame([[0, 0], [10, 0]], [[0, 1]], EA=1e9, EI=1e6, rhoA=50.0,
+        ...                              divisions=8)
+        >>> wheel = beam.moving_point(beam.nodes_at(y=0.0), speed=5.0)
+        >>> bridge = beam.subdomain(scheme=GeneralizedAlpha(0.9), name="bridge",
+        ...     fixed=["ux 0", "uy 0", "uy 1"], force=MovingLoad(wheel, -1000.0))
+        >>> motion = solve(bridge, dt=0.01, t_end=2.0)
+        >>> bool(-0.03 < motion["uy 5"].u.min() < -0.02)  # static: P L^3 / 48 EI = 0.0208
+        True
+        """
+        return moving_point(self, path, speed, start, direction, fixed)
+
     def subdomain(self, *, scheme: Scheme, fixed: DofsLike = (), **options: Any) -> Subdomain:
         """A Subdomain with this M, K and internal forces, and the names of the dofs.
 
@@ -1151,6 +1210,8 @@ class Structure:
             C = sp.csr_array(self.C)[reduced.free][:, reduced.free]
             options["C"] = _damping_sum(options.get("C"), C)
         options |= {x: _of_free(options[x], reduced) for x in ("u0", "v0") if x in options}
+        if "restoring" in options:
+            options["restoring"] = wheels_of_free(options["restoring"], reduced.fixed)
         if "force" in options:
             options["force"] = load_of_free(options["force"], reduced, self.M, self.dof_names)
         options.setdefault("dof_names", reduced.dof_names)

@@ -17,8 +17,10 @@
 #include "describe/field.h"
 #include "factor/numeric.h"
 #include "forces/internal.h"
+#include "forces/path.h"
 #include "forces/restoring.h"
 #include "forces/springs.h"
+#include "forces/wheels.h"
 #include "rig/specimen.h"
 #include "subdomain/impulse.h"
 #include "subdomain/iterate.h"
@@ -59,7 +61,8 @@ typedef struct {
 /* A tuple of {law, first, second, parameters} */
 pma_status pma_parts_springs(const pma_field *f, pma_springs *out);
 
-/* None, or {functions, order, load}: the sum of functions, each of the user or a specimen */
+/* None, or {functions, order, load}: the sum of functions, each of the user, a specimen, or springs
+ * of which ends move, {springs, ends (:, 2), points (:, 2), paths}: a dof or -1, and a path or -1 */
 pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out);
 
 /* Doubles (rows, columns), by rows */
@@ -93,11 +96,14 @@ pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out);
 
 /* None; doubles (n,), constant; {values (samples, k), shape (k, n) or None, dt, hold, begin},
  * sampled, k = n without a shape; {rows (:, n), first}, a row for each substep from that one on;
- * {function, order}; or a tuple of these, whose sum acts. For the velocity of a motion and the
- * obstacles of contacts too. */
+ * {function, order}; {values (samples,), dt, hold, begin, path}, along a path; or a tuple of these,
+ * whose sum acts. For the velocity of a motion and the obstacles of contacts too. */
 pma_status pma_parts_load(const pma_field *f, size_t n, pma_load *out);
 
-/* A tuple of PMA_LANES such loads on n / PMA_LANES dofs, without functions and tables. */
+/* {ends (segments + 1,), dofs (segments, width), shape (segments, width, PMA_SHAPE), start, speed} */
+pma_status pma_parts_path(const pma_field *f, size_t n, pma_path *out);
+
+/* A tuple of PMA_LANES such loads on n / PMA_LANES dofs: none, constant or sampled. */
 pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out);
 
 /* ---- a whole subdomain (subdomains.c) ------------------------------------------------------- */

@@ -5,6 +5,9 @@
 
 /* ---- restoring forces ----------------------------------------------------------------------- */
 
+/* Time levels and copies that have what springs remember. */
+enum { LEVELS = 8 };
+
 /* Several functions as one: their sum, in this order. */
 typedef struct {
     double *work; /* 3 n: scratch */
@@ -68,26 +71,107 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
     return PMA_OK;
 }
 
-/* What of the memory of all specimens are counts. */
+/* Springs of which ends move, and where their memory begins. */
+typedef struct {
+    pma_wheels wheels;
+    const pma_cell *cell;
+    size_t offset;
+} wheels_function;
+
+static int call_wheels(double t, intptr_t n, double *u, double *v, double *r, void *user)
+{
+    const wheels_function *own = user;
+    (void)n;
+    pma_wheels_add(&own->wheels, t, u, v, r, own->cell->memory + own->offset);
+    return 0;
+}
+
+static pma_status take_paths(const pma_field *f, size_t n, pma_wheels *out)
+{
+    const pma_field list = pma_field_at(f, "paths");
+    pma_path *paths;
+    PMA_TRY(pma_field_tuple(&list, &out->count));
+    PMA_TRY(pma_field_allocate(f, out->count, sizeof *paths, (void *)&paths));
+    out->paths = paths;
+    for (size_t k = 0; k < out->count; k++) {
+        const pma_field path = pma_field_item(&list, k);
+        PMA_TRY(pma_parts_path(&path, n, &paths[k]));
+    }
+    return PMA_OK;
+}
+
+static pma_status take_wheels(const pma_field *f, size_t n, pma_restoring *restoring,
+                              pma_function *out)
+{
+    const pma_field springs = pma_field_at(f, "springs"), ends = pma_field_at(f, "ends");
+    const pma_field points = pma_field_at(f, "points");
+    wheels_function *own;
+    const void *data = NULL;
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
+    PMA_TRY(pma_parts_springs(&springs, &own->wheels.springs));
+    int64_t extents[2] = {(int64_t)own->wheels.springs.total, 2};
+    PMA_TRY(pma_field_array(&ends, PMA_INT64S, 2, extents, &data));
+    own->wheels.dofs = data;
+    PMA_TRY(pma_field_array(&points, PMA_INT64S, 2, extents, &data));
+    own->wheels.points = data;
+    PMA_TRY(take_paths(f, n, &own->wheels));
+    if (pma_wheels_check(&own->wheels, n) != PMA_OK)
+        return pma_field_refuse(&ends, "must be dofs and paths of springs that follow one another");
+    PMA_TRY(pma_field_allocate(f, 6 * own->wheels.springs.total, sizeof *own->wheels.work,
+                               (void *)&own->wheels.work));
+    PMA_TRY(pma_field_room(f, pma_springs_numbers(&own->wheels.springs), LEVELS * sizeof(double)));
+    own->cell = restoring->cell;
+    own->offset = restoring->memory;
+    restoring->memory += pma_springs_numbers(&own->wheels.springs);
+    out->function = call_wheels;
+    out->user = own;
+    return PMA_OK;
+}
+
+/* How many of the numbers that a function remembers are counts; and these, if wanted. */
+static size_t counts_of(const pma_function *function, pma_state_counts *counts)
+{
+    const specimen_function *specimen = function->user;
+    const wheels_function *moving = function->user;
+    size_t tables = 0, offset = 0;
+    if (function->function == call_specimen) {
+        tables = pma_specimen_tables(specimen->core);
+        offset = specimen->offset;
+        if (counts)
+            pma_specimen_counts(specimen->core, counts);
+    } else if (function->function == call_wheels) {
+        tables = pma_springs_tables(&moving->wheels.springs);
+        offset = moving->offset;
+        if (counts)
+            pma_springs_counts(&moving->wheels.springs, counts);
+    }
+    for (size_t k = 0; counts && k < tables; k++)
+        counts[k].first += offset;
+    return tables;
+}
+
+/* What of the memory of all functions are counts. */
 static pma_status find_counts(const pma_field *f, const series *all, pma_restoring *out)
 {
     pma_state_counts *counts;
-    for (size_t i = 0; i < all->count; i++) {
-        const specimen_function *own = all->each[i].user;
-        if (all->each[i].function == call_specimen)
-            out->tables += pma_specimen_tables(own->core);
-    }
+    for (size_t i = 0; i < all->count; i++)
+        out->tables += counts_of(&all->each[i], NULL);
     PMA_TRY(pma_field_allocate(f, out->tables, sizeof *counts, (void *)&counts));
     out->counts = counts;
-    for (size_t i = 0; i < all->count; i++) {
-        const specimen_function *own = all->each[i].user;
-        if (all->each[i].function != call_specimen)
-            continue;
-        pma_specimen_counts(own->core, counts);
-        for (size_t k = pma_specimen_tables(own->core); k > 0; k--)
-            (counts++)->first += own->offset;
-    }
+    for (size_t i = 0; i < all->count; i++)
+        counts += counts_of(&all->each[i], counts);
     return PMA_OK;
+}
+
+/* A function of the user, a specimen, or springs that move. */
+static pma_status take_function(const pma_field *f, size_t n, pma_restoring *restoring,
+                                pma_trace *traces, pma_function *out)
+{
+    if (f->node->kind != PMA_DICT)
+        return pma_field_find(f, PMA_RESTORING_ROLE, out);
+    if (pma_field_has(f, "paths"))
+        return take_wheels(f, n, restoring, out);
+    return take_specimen(f, n, restoring, &traces[restoring->traces++], out);
 }
 
 static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *out)
@@ -105,9 +189,7 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
     out->trace = traces;
     for (size_t i = 0; i < all->count; i++) {
         const pma_field function = pma_field_item(f, i);
-        PMA_TRY(function.node->kind == PMA_DICT
-                    ? take_specimen(&function, n, out, &traces[out->traces++], &all->each[i])
-                    : pma_field_find(&function, PMA_RESTORING_ROLE, &all->each[i]));
+        PMA_TRY(take_function(&function, n, out, traces, &all->each[i]));
         out->by_caller = out->by_caller || all->each[i].by_caller;
     }
     PMA_TRY(find_counts(f, all, out));

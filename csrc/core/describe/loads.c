@@ -1,6 +1,57 @@
-/* External forces from their fields. */
+/* External forces, and paths along which they move, from their fields. */
 #include "algebra/lanes.h"
 #include "describe/describe.h"
+
+pma_status pma_parts_path(const pma_field *f, size_t n, pma_path *out)
+{
+    const pma_field ends = pma_field_at(f, "ends"), dofs = pma_field_at(f, "dofs");
+    const pma_field shape = pma_field_at(f, "shape");
+    const pma_field start = pma_field_at(f, "start"), speed = pma_field_at(f, "speed");
+    int64_t extents[3] = {-1, -1, PMA_SHAPE};
+    size_t count;
+    const void *data = NULL;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_array(&dofs, PMA_INT64S, 2, extents, &data));
+    out->dofs = data;
+    out->segments = (size_t)extents[0];
+    out->width = (size_t)extents[1];
+    PMA_TRY(pma_field_array(&shape, PMA_DOUBLES, 3, extents, &data));
+    out->shape = data;
+    PMA_TRY(pma_field_vector(&ends, PMA_DOUBLES, &count, &data));
+    out->ends = data;
+    PMA_TRY(pma_field_real(&start, &out->start));
+    PMA_TRY(pma_field_real(&speed, &out->speed));
+    if (count != out->segments + 1)
+        return pma_field_refuse(&ends, "must be one more than there are segments");
+    const pma_status status = pma_path_check(out, n);
+    if (status == PMA_BAD_INDEX)
+        return pma_field_refuse(&dofs, "must be dofs, or -1");
+    return status == PMA_OK ? PMA_OK : pma_field_refuse(&ends, "must rise");
+}
+
+/* {values (samples,), dt, hold, begin, path} */
+static pma_status take_moving(const pma_field *f, pma_load *out)
+{
+    const pma_field values = pma_field_at(f, "values"), path = pma_field_at(f, "path");
+    const pma_field dt = pma_field_at(f, "dt"), hold = pma_field_at(f, "hold");
+    const pma_field begin = pma_field_at(f, "begin");
+    pma_path *own;
+    const void *data = NULL;
+    out->kind = PMA_LOAD_MOVING;
+    out->k = 1;
+    PMA_TRY(pma_field_vector(&values, PMA_DOUBLES, &out->samples, &data));
+    out->values = data;
+    PMA_TRY(pma_field_real(&dt, &out->dt));
+    PMA_TRY(pma_field_flag(&hold, &out->hold));
+    PMA_TRY(pma_field_real(&begin, &out->begin));
+    if (out->samples == 0)
+        return pma_field_refuse(&values, "must have samples");
+    if (!(out->dt > 0.0))
+        return pma_field_refuse(&dt, "must be positive");
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
+    out->path = own;
+    return pma_parts_path(&path, out->n, own);
+}
 
 static pma_status take_sampled(const pma_field *f, pma_load *out)
 {
@@ -56,6 +107,8 @@ static pma_status take_term(const pma_field *f, pma_load *out)
 {
     if (pma_field_is_none(f))
         return PMA_OK;
+    if (pma_field_has(f, "path"))
+        return take_moving(f, out);
     if (pma_field_has(f, "values"))
         return take_sampled(f, out);
     if (pma_field_has(f, "rows"))
@@ -100,8 +153,9 @@ pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out)
     for (size_t l = 0; l < count; l++) {
         const pma_field item = pma_field_item(f, l);
         PMA_TRY(pma_parts_load(&item, n / PMA_LANES, &each[l]));
-        if (pma_load_has(&each[l], PMA_LOAD_CALLED) || pma_load_has(&each[l], PMA_LOAD_TABLE))
-            return pma_field_refuse(&item, "must not be a function or a table in lanes");
+        if (pma_load_has(&each[l], PMA_LOAD_CALLED) || pma_load_has(&each[l], PMA_LOAD_TABLE) ||
+            pma_load_has(&each[l], PMA_LOAD_MOVING))
+            return pma_field_refuse(&item, "must not be a function, a table or moving in lanes");
     }
     PMA_TRY(pma_field_allocate(f, pma_load_lane_terms(each), sizeof *terms, (void *)&terms));
     PMA_TRY(pma_field_allocate(f, pma_load_lane_shapes(each), sizeof *shapes, (void *)&shapes));

@@ -70,6 +70,17 @@ static void add_samples(const pma_load *load, const sum_of_samples *sum, range r
         add_sample(load, sum->row[s], sum->weight[s], rows, g);
 }
 
+/* F(t) = N(s)^T p(t), p between samples as in (L1)                                         (L7) */
+static void add_moving(const pma_load *load, double t, range rows, double *g)
+{
+    const pma_place place = pma_path_at(load->path, t);
+    const sum_of_samples sum = samples_at(load, sample_position(load, t));
+    double p = 0.0;
+    for (size_t s = 0; s < sum.count; s++)
+        p += sum.weight[s] * load->values[sum.row[s]];
+    pma_path_add(load->path, &place, p, rows.begin, rows.end, g);
+}
+
 static void add_value(const pma_load *load, range rows, double *g)
 {
     for (size_t i = rows.begin; i < rows.end; i++)
@@ -292,6 +303,9 @@ void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t be
     case PMA_LOAD_TABLE:
         assert(number >= load->first && (size_t)(number - load->first) < load->rows);
         add_scaled(rows, 1.0, load->values + (size_t)(number - load->first) * load->n, g);
+        break;
+    case PMA_LOAD_MOVING:
+        add_moving(load, t, rows, g);
         break;
     case PMA_LOAD_CALLED:
         add_value(load, rows, g);

@@ -7,6 +7,7 @@
 #include <stdint.h>
 
 #include "algebra/lanes.h"
+#include "forces/path.h"
 #include "status.h"
 
 typedef enum {
@@ -14,6 +15,7 @@ typedef enum {
     PMA_LOAD_CONSTANT,
     PMA_LOAD_SAMPLED,
     PMA_LOAD_TABLE,
+    PMA_LOAD_MOVING,
     PMA_LOAD_CALLED,
     PMA_LOAD_SUM,
     PMA_LOAD_IN_LANES
@@ -32,6 +34,7 @@ typedef struct pma_load {
     double begin;  /* sampled: the time of the first sample */
     double dt;     /* sampled: time between two samples */
     bool hold;     /* sampled: keep the last sample after the end, else zero */
+    const pma_path *path; /* moving: where the force acts, whose samples are those of k = 1 */
     int64_t first; /* table: the substep whose load is row 0, counted from the start */
     size_t rows;
     pma_force_function function; /* called */
