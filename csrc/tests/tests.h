@@ -31,6 +31,7 @@ extern const test NARROW_TESTS[];
 extern const test LINK_TESTS[];
 extern const test LOAD_TESTS[];
 extern const test RESTORING_TESTS[];
+extern const test PATH_TESTS[];
 extern const test PACE_TESTS[];
 extern const test SPRINGS_TESTS[];
 extern const test ESTIMATE_TESTS[];
