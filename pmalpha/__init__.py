@@ -34,6 +34,7 @@ from .problem.constraints import Constraint, tie
 from .problem.contacts import Contact, contact
 from .problem.forms import Newton
 from .problem.internal import DiscreteGradient, InternalForce
+from .problem.moving import MovingLoad
 from .problem.records import SupportMotion
 from .problem.sampled import BaseAcceleration, SampledForce
 from .problem.schemes import HHT, WBZ, Bathe, CentralDifference, GeneralizedAlpha, Newmark, Scheme
@@ -88,6 +89,7 @@ __all__ = [
     "InternalForce",
     "LimitError",
     "Misfit",
+    "MovingLoad",
     "Multilinear",
     "Newmark",
     "Newton",

@@ -86,6 +86,42 @@ structure(
 )
 
 
+# A beam, and a point that enters it in the second step and changes elements in the fifth
+BEAM = "beam_frame([[0, 0], [2, 0]], [[0, 1]], EA=40.0, EI=1.0, rhoA=2.0, divisions=2)"
+POINT = f'structures.{BEAM}.moving_point([0, 2, 1], 5.0, start=-0.2, direction="uy", fixed=[])'
+structure("beam with a moving load", BEAM, 9)
+structure("beam with springs that move", BEAM, 9)
+
+
+def on_beam(name):
+    """Adds to a beam what `more` writes."""
+
+    def added(more):
+        of_beam = FEATURES[name].add
+
+        def add(s, p, rng):
+            of_beam(s, p, rng)
+            more(s, p, rng)
+
+        FEATURES[name] = Feature(name, "subdomain", add, "head", True)
+
+    return added
+
+
+@on_beam("beam with a moving load")
+def _moving_load(s, p, rng):
+    size = rng.choice(["0.5", "pm.SampledForce([0.0, 1.0, -0.5], dt=0.2)"])
+    p.load(f"pm.MovingLoad({POINT}, {size})")
+
+
+@on_beam("beam with springs that move")
+def _moving_springs(s, p, rng):
+    one = f'pm.CubicSpring([("rz 1", {POINT})], 2.0, k3=5.0)'
+    two = f'pm.Gap([("ground", {POINT})], 2.0, 0.0, c=0.1)'
+    three = f"pm.Bilinear([({POINT}, 0)], 2.0, fy=0.001)"
+    p.forces.setdefault("restoring", []).append(rng.choice([one, two, three]))
+
+
 # ---- features: matrices -------------------------------------------------------------------------
 
 

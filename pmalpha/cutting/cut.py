@@ -219,7 +219,7 @@ def _divided(structure: Any, model: Whole, choice: Choice, dt: float | None, val
                 u0=u0[i],
                 v0=v0[i],
                 name=member.name,
-                dof_names=names_at(names, division.dofs[i]),
+                dof_names=names_at(names, division.dofs[i], np.flatnonzero(~model.free)),
             )
         )
     labels.setflags(write=False)

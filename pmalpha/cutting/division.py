@@ -90,7 +90,7 @@ class Division:
         dofs to free ones by shares. `mass` returns that of the uncut structure, with dofs of these
         names.
         """
-        known = Mass(mass(), names) if has_ground(force) else None
+        known = Mass(mass() if has_ground(force) else None, names)
         terms = loads_of(checked_force(force, self.n, mass=known))
         divided = [self._divided(term, masses) for term in terms]
         return [list(loads) or None for loads in zip(*divided)] or [None] * len(self.dofs)

@@ -23,11 +23,19 @@ class NodeNames(Sequence[str]):
     components: of a node, in the order of its dofs.
     numbers: (n,) array of int, the dofs, in the numbering of all dofs of the mesh.
     model_size: number of all dofs of the mesh.
+    supports: dofs of the mesh that are fixed and so have no names, as far as that is known.
     """
 
-    def __init__(self, components: Sequence[str], numbers: np.ndarray, model_size: int):
+    def __init__(
+        self,
+        components: Sequence[str],
+        numbers: np.ndarray,
+        model_size: int,
+        supports: Sequence[int] | np.ndarray = (),
+    ):
         self.components, self.numbers = tuple(components), numbers
         self.model_size = model_size
+        self.supports = np.asarray(supports, dtype=np.int64)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -135,12 +143,15 @@ def along(
     return result
 
 
-def names_at(names: Sequence[str] | None, dofs: np.ndarray) -> Sequence[str] | None:
-    """The names of some of the dofs."""
+def names_at(
+    names: Sequence[str] | None, dofs: np.ndarray, fixed: Sequence[int] | np.ndarray = ()
+) -> Sequence[str] | None:
+    """The names of some of the dofs; `fixed` are those of supports."""
     if names is None:
         return None
     if isinstance(names, NodeNames):
-        return NodeNames(names.components, names.numbers[dofs], names.model_size)
+        supports = np.concatenate([names.supports, names.numbers[np.asarray(fixed, dtype=int)]])
+        return NodeNames(names.components, names.numbers[dofs], names.model_size, supports)
     return tuple(names[i] for i in dofs)
 
 

@@ -245,7 +245,7 @@ class Path(NamedTuple):
 
 
 class Wheels(NamedTuple):
-    """Springs of which ends run along paths. Of each end, (springs, 2), the dof or the path, or -1."""
+    """Springs of which ends run along paths: of each end, (springs, 2), dof and path, or -1."""
 
     springs: tuple[Springs, ...]
     ends: np.ndarray

@@ -47,6 +47,7 @@ class Load(Frozen):
     direction: np.ndarray | None = None  # of a ground motion
     _kind: Kind = "known"
     _is_ground = False
+    _in_lanes = True  # several cases can have it side by side
     _prescribes = False  # can be a velocity of constraints or the motion of a contact
     _samples: Samples | None = None  # of which steps can skip some
 

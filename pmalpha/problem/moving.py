@@ -1,4 +1,4 @@
-"""Points that run along a path, where loads act and springs end, equations (L7) and (L8)."""
+"""Points that run along a path, and loads there, equations (L7) and (L8)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 
 from .._cached import Frozen
-from .._checks import listing, real_number
+from .._checks import counted, listing, real_number
 from . import forms
 from .dofs import NodeNames
+from .loads import Load, Mass, Samples
+from .matrices import checksum
+from .records import Record
+from .sampled import SampledForce
 
-__all__ = ["MovingPoint"]
+__all__ = ["MovingLoad", "MovingPoint"]
 
 POWERS = np.arange(4)
 
@@ -143,8 +147,7 @@ class MovingPoint(Frozen):
         Parameters
         ----------
         motion : SubdomainHistory
-            With all dofs of the path; those of supports may be absent if `moving_point` has them as
-            `fixed`, or `Structure.subdomain` does.
+            With all dofs of the path.
 
         Returns
         -------
@@ -156,17 +159,14 @@ class MovingPoint(Frozen):
         ValueError
             Where dofs of the path were not recorded.
         """
-        placed = self._placed(motion.n, motion.dof_names, "motion")
-        column = np.full(motion.n, -1)
-        column[motion.dofs] = np.arange(len(motion.dofs))
-        used = np.unique(placed._dofs[placed._dofs >= 0])
-        if np.any(column[used] < 0):
-            missing = listing(used[column[used] < 0])
-            raise ValueError(f"motion must have the dofs of the path, got none of {missing}")
+        count = motion.u.shape[1]
+        if motion.dof_names is None and count < motion.n:
+            raise ValueError(f"motion must have all {motion.n} dofs, got {count}")
+        placed = self._placed(count, motion.dof_names, "motion")
         values = np.full(len(motion.t), np.nan)
         for level in np.flatnonzero(self.is_on(motion.t)):
             dofs, N = placed._under(float(motion.t[level]))
-            values[level] = N @ motion.u[level, column[dofs]]
+            values[level] = N @ motion.u[level, dofs]
         return values
 
     # ---- in a subdomain ---------------------------------------------------------------------
@@ -175,21 +175,6 @@ class MovingPoint(Frozen):
         """On other dofs, which have numbers only."""
         return MovingPoint(self._ends, dofs, shape, n, self.speed, self.start)
 
-    def _with_fixed(self, fixed: np.ndarray) -> MovingPoint:
-        """The same, with further dofs of the structure that a subdomain need not have."""
-        if self._names is None or not len(fixed):
-            return self
-        return MovingPoint(
-            self._ends,
-            self._dofs,
-            self._shape,
-            self.n,
-            self.speed,
-            self.start,
-            names=self._names,
-            fixed=np.concatenate([self._fixed, fixed]),
-        )
-
     def _placed(self, n: int, names: Sequence[str] | None, label: str) -> MovingPoint:
         """The same on the dofs of a subdomain: by their names, or by numbers without names, those
         of the structure in turn that are not fixed; further ones are those of vehicles."""
@@ -197,7 +182,8 @@ class MovingPoint(Frozen):
             if n != self.n:
                 raise ValueError(f"{label}: a MovingPoint must act on {n} dofs, got {self.n}")
             return self
-        free = np.setdiff1d(np.arange(self.n), self._fixed)
+        fixed = np.concatenate([self._fixed, getattr(names, "supports", self._fixed[:0])])
+        free = np.setdiff1d(np.arange(self.n), fixed)
         numbers = np.full(self.n + 1, -1)  # the last one: no dof
         if names is not None:
             present, position = _in_names(self._names, names)
@@ -210,7 +196,7 @@ class MovingPoint(Frozen):
         else:
             numbers[free] = np.arange(free.size)
         used = np.unique(self._dofs[self._dofs >= 0])
-        absent = np.setdiff1d(used[numbers[used] < 0], self._fixed)
+        absent = np.setdiff1d(used[numbers[used] < 0], fixed)
         if absent.size:
             lost = listing([self._names._name(dof) for dof in absent])
             raise ValueError(
@@ -246,6 +232,110 @@ class MovingPoint(Frozen):
         return np.concatenate(arrays)
 
 
+class MovingLoad(Load):
+    """A force that moves over a structure, p(t) at a `MovingPoint`, equation (L7).
+
+    The core evaluates it at the ends of the substeps of its subdomain: F(t) = N(s(t))^T p(t), with
+    the shape functions of the element under it; zero before and after the path. Several act
+    together as a list, ``force=[MovingLoad(axle, -60e3) for axle in axles]``.
+
+    Parameters
+    ----------
+    point : MovingPoint
+        As made by `Structure.moving_point`; the direction of the force is that of the point, so
+        that a weight on "uy" is negative.
+    force : float, Record or SampledForce
+        Its size: constant, or samples in time, linear between them; the first at t = 0, the last
+        held after the end.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For another kind of point, numbers that are not finite, samples of several series or with
+        averages.
+
+    Examples
+    --------
+    >>> from pmalpha import structures
+    >>> bar = structures.beam_frame([[0, 0], [4, 0]], [[0, 1]], EA=1.0, EI=1.0, rhoA=1.0)
+    >>> point = bar.moving_point([0, 1], speed=2.0)
+    >>> MovingLoad(point, SampledForce([0.0, -8.0], dt=2.0))
+    <MovingLoad of 2 samples at <MovingPoint on 2 nodes, length 4, speed 2, at 0 for t = 0>>
+    """
+
+    _in_lanes = False
+
+    def __init__(self, point: MovingPoint, force: Any):
+        if not isinstance(point, MovingPoint):
+            raise TypeError(
+                f"point must be a MovingPoint, as Structure.moving_point makes one, got {point!r}"
+            )
+        self.point = point
+        self.values, self.dt = _size(force)
+        self._freeze()
+
+    @property
+    def n(self) -> int:
+        """Number of dofs it acts on; 0 where its subdomain has to give it."""
+        return 0 if self.point._names is not None else self.point.n
+
+    def __repr__(self) -> str:
+        m = len(self.values)
+        size = f"{self.values[0]:g}" if m == 1 else counted(m, "sample")
+        return f"<MovingLoad of {size} at {self.point!r}>"
+
+    def __call__(self, t: float) -> np.ndarray:
+        """F(t), on the dofs of the structure or of its subdomain."""
+        times = self.dt * np.arange(len(self.values))
+        N: np.ndarray = float(np.interp(t, times, self.values)) * self.point.weights(t)
+        return N
+
+    def _moved(self, point: MovingPoint) -> MovingLoad:
+        return MovingLoad(point, SampledForce(self.values, self.dt))
+
+    def _of(self, mass: Mass, n: int, name: str) -> MovingLoad:
+        return self._moved(self.point._placed(n, mass.names, name))
+
+    def _core(self, order: np.ndarray, scale: np.ndarray | None = None) -> forms.Load:
+        position = np.empty(len(order), dtype=np.int64)
+        position[order] = np.arange(len(order))
+        return forms.Moving(self.values, self.dt, True, 0.0, self.point._core(position))
+
+    def _part(self, dofs: np.ndarray, share: np.ndarray | float = 1.0) -> MovingLoad:
+        return self._moved(self.point._part(dofs, share))
+
+    def _projected(self, T: np.ndarray) -> MovingLoad:
+        return self._moved(self.point._projected(T))
+
+    @property
+    def _samples(self) -> Samples | None:  # type: ignore[override]
+        if len(self.values) == 1:
+            return None
+        return Samples(self.values[:, None], self.dt, True, np.ones(1))
+
+    def _facts(self) -> str:
+        path = checksum(self.point._numbers)
+        return f"MovingLoad {checksum(self.values)}, dt {self.dt!r}, path {path}"
+
+
+def _size(force: Any) -> tuple[np.ndarray, float]:
+    """Samples (m,) and the time between them; one sample of a constant force."""
+    if isinstance(force, Record):
+        force = SampledForce(force)
+    if not isinstance(force, SampledForce):
+        if np.ndim(force):
+            raise TypeError(
+                "force must be a number, a Record or a SampledForce, which has dt, got an array"
+            )
+        return np.array([real_number(force, "force")]), 1.0
+    values = force.values if force.shape is None else force.values @ force.shape.T
+    if values.shape[1] != 1 or force.average or not force.hold:
+        raise ValueError(
+            f"force must be samples of one series, without average and ground motion, got {force!r}"
+        )
+    return np.ascontiguousarray(values[:, 0]), force.dt
+
+
 def _in_names(model: NodeNames, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """The dofs of the model that are among the names, and their positions there."""
     if isinstance(names, NodeNames):
@@ -253,6 +343,6 @@ def _in_names(model: NodeNames, names: Sequence[str]) -> tuple[np.ndarray, np.nd
             return names.numbers, np.arange(len(names))
         names = names[:]
     known = {model._name(dof): dof for dof in model.numbers}
-    found = [(known[name], i) for i, name in enumerate(names) if name in known]
-    dofs, positions = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    pairs = [(known[name], i) for i, name in enumerate(names) if name in known]
+    dofs, positions = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     return dofs, positions

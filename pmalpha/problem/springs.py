@@ -636,18 +636,6 @@ class Wheels:
         )
 
 
-def wheels_of_free(restoring: Any, fixed: np.ndarray) -> Any:
-    """Restoring forces of a structure, whose points may lack the dofs of these supports."""
-    if type(restoring) in (list, tuple):
-        return [wheels_of_free(x, fixed) for x in restoring]
-    if not isinstance(restoring, Spring) or not restoring.moves:
-        return restoring
-    known = {id(x): x for x in restoring.dofs.flat if isinstance(x, MovingPoint)}
-    changed = {key: x._with_fixed(fixed) for key, x in known.items()}
-    pairs = [[-1 if x is None else changed.get(id(x), x) for x in pair] for pair in restoring.dofs]
-    return restoring._moved(pairs)
-
-
 # ---- for a subdomain ---------------------------------------------------------------------------
 
 

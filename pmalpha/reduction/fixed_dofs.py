@@ -69,7 +69,7 @@ class Reduction:
     @property
     def dof_names(self) -> Sequence[str] | None:
         """Names of the free dofs, for `Subdomain`; None without names."""
-        return names_at(self.all_names, self.free)
+        return names_at(self.all_names, self.free, self.fixed)
 
     def __repr__(self) -> str:
         return f"<Reduction of {counted(self.n, 'dof')} to {self.free.size}>"

@@ -68,7 +68,9 @@ def lanes_are_possible(members: Sequence[Member], motions: Sequence[Motion]) -> 
 
 def fits(forces: Sequence[Force]) -> bool:
     """Whether a case with these forces can be one of several side by side."""
-    return not any(x._kind in ("of t", "compiled") for f in forces for x in loads_of(f))
+    return not any(
+        x._kind in ("of t", "compiled") or not x._in_lanes for f in forces for x in loads_of(f)
+    )
 
 
 class Lanes:

@@ -49,11 +49,11 @@ def _direction(structure: Any, direction: Any) -> dict[str, float]:
     known = [x for x in structure.components if x.startswith("u")]
     if direction is None:
         return {known[-1]: 1.0}
-    given = direction if isinstance(direction, Mapping) else {direction: 1.0}
-    unknown = [x for x in given if x not in known]
-    if unknown or not given:
+    factors = direction if isinstance(direction, Mapping) else {direction: 1.0}
+    unknown = [x for x in factors if x not in known]
+    if unknown or not factors:
         raise ValueError(f"direction must be of {listing(known)}, got {direction!r}")
-    return {x: real_number(factor, f"direction[{x!r}]") for x, factor in given.items()}
+    return {x: real_number(factor, f"direction[{x!r}]") for x, factor in factors.items()}
 
 
 # ---- the nodes in their order --------------------------------------------------------------------
@@ -84,7 +84,7 @@ def _edges(structure: Any, nodes: np.ndarray) -> list[tuple[tuple[int, ...], tup
     """The edges of which all nodes are among these, once each."""
     chosen = np.zeros(len(structure.points), dtype=bool)
     chosen[nodes] = True
-    found: dict[frozenset[int], tuple[tuple[int, ...], tuple[str, int]]] = {}
+    edges: dict[frozenset[int], tuple[tuple[int, ...], tuple[str, int]]] = {}
     known = [name for name in structure.elements if name in KINDS]
     for name in sorted(
         known, key=lambda name: KINDS[name].dimension
@@ -96,8 +96,8 @@ def _edges(structure: Any, nodes: np.ndarray) -> list[tuple[tuple[int, ...], tup
             edge = elements[:, columns]
             for e in np.flatnonzero(chosen[edge].all(axis=1)):
                 corners = tuple(map(int, edge[e]))
-                found.setdefault(frozenset(corners), (corners, (name, int(e))))
-    return list(found.values())
+                edges.setdefault(frozenset(corners), (corners, (name, int(e))))
+    return list(edges.values())
 
 
 def _in_turn(

@@ -19,7 +19,6 @@ from ..problem.loads import load_of_free
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.moving import MovingPoint
 from ..problem.schemes import Scheme
-from ..problem.springs import wheels_of_free
 from ..problem.subdomain import Subdomain
 from ..reduction.fixed_dofs import Reduction, reduce
 from .absorbing import AbsorbingBoundary, boundary, graded
@@ -1135,7 +1134,7 @@ class Structure:
         -------
         MovingPoint
             Its displacement is interpolated by the elements: linear or quadratic along edges of
-            solids and bars; of beams cubic across them, with their shear deformation (L8).
+            solids and bars; of beams cubic across them, with their shear deformation.
 
         Raises
         ------
@@ -1210,8 +1209,6 @@ class Structure:
             C = sp.csr_array(self.C)[reduced.free][:, reduced.free]
             options["C"] = _damping_sum(options.get("C"), C)
         options |= {x: _of_free(options[x], reduced) for x in ("u0", "v0") if x in options}
-        if "restoring" in options:
-            options["restoring"] = wheels_of_free(options["restoring"], reduced.fixed)
         if "force" in options:
             options["force"] = load_of_free(options["force"], reduced, self.M, self.dof_names)
         options.setdefault("dof_names", reduced.dof_names)

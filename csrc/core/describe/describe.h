@@ -62,7 +62,7 @@ typedef struct {
 pma_status pma_parts_springs(const pma_field *f, pma_springs *out);
 
 /* None, or {functions, order, load}: the sum of functions, each of the user, a specimen, or springs
- * of which ends move, {springs, ends (:, 2), points (:, 2), paths}: a dof or -1, and a path or -1 */
+ * of which ends move, {springs, ends (:, 2), points (:, 2), paths}: dof and path of each, or -1 */
 pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out);
 
 /* Doubles (rows, columns), by rows */
@@ -92,7 +92,7 @@ pma_status pma_parts_impulse(const pma_field *f, size_t nb, pma_impulse_parts *o
 /* {order}: the user's dof at each position */
 pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out);
 
-/* ---- loads (loads.c) ------------------------------------------------------------------------ */
+/* ---- loads (loads.c, paths.c) --------------------------------------------------------------- */
 
 /* None; doubles (n,), constant; {values (samples, k), shape (k, n) or None, dt, hold, begin},
  * sampled, k = n without a shape; {rows (:, n), first}, a row for each substep from that one on;
@@ -100,7 +100,7 @@ pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out);
  * whose sum acts. For the velocity of a motion and the obstacles of contacts too. */
 pma_status pma_parts_load(const pma_field *f, size_t n, pma_load *out);
 
-/* {ends (segments + 1,), dofs (segments, width), shape (segments, width, PMA_SHAPE), start, speed} */
+/* {ends (segments + 1,), dofs (segments, width), shape (segments, width, 4), start, speed} */
 pma_status pma_parts_path(const pma_field *f, size_t n, pma_path *out);
 
 /* A tuple of PMA_LANES such loads on n / PMA_LANES dofs: none, constant or sampled. */
