@@ -3,11 +3,11 @@
 import pmalpha
 
 # what classes have for the program's own use, which the reference leaves out
-SPRING = "has_memory initial_tangent largest_tangent law numbers"
+SPRING = "has_memory initial_tangent largest_tangent law moves numbers"
 ACTUATOR = "dofs facts innermost needs_acceleration needs_measured springs width compensates leads"
 INTERNAL = {
     **dict.fromkeys("CubicSpring Gap Bilinear BoucWen RambergOsgood".split(), SPRING),
-    "Multilinear": "has_memory initial_tangent largest_tangent numbers",
+    "Multilinear": "has_memory initial_tangent largest_tangent moves numbers",
     "Subdomain": "has_feedback has_functions has_symmetric_steps implicit_damping iterates springs"
     " implicit_stiffness initial_tangent largest_tangent massless restoring_springs is_linear",
     "BaseAcceleration": "hold",
@@ -30,6 +30,7 @@ EXPLAINED = {
     "GeneralizedAlpha": "tutorial choosing",
     "SampledForce": "model units",
     "BaseAcceleration": "tutorial units",
+    "MovingLoad": "moving",
     "InternalForce": "own-element elements",
     **dict.fromkeys(LAWS, "own-element rig"),
     "Coupler": "tutorial right choosing diverges runs rig",

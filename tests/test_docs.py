@@ -62,6 +62,7 @@ def stated(code):
         "docs/index.md",
         "docs/layers.md",
         "docs/model.md",
+        "docs/moving.md",
         "docs/own-element.md",
         "docs/right.md",
         "docs/rig.md",

@@ -355,6 +355,8 @@ class DiscreteGradient(Frozen):
     def __init__(self, springs: Spring | Sequence[Spring]):
         items = list(springs) if isinstance(springs, Iterable) else [springs]
         for item in items:
+            if isinstance(item, Spring):
+                item._require_still("springs")
             if not isinstance(item, CubicSpring | Gap) or item.largest_damping is not None:
                 raise TypeError(
                     "springs must be CubicSpring, or Gap without c, which have a potential, "

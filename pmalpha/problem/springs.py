@@ -111,13 +111,16 @@ class Spring(Frozen):
         """Whether some of its ends are points that move."""
         return any(isinstance(x, MovingPoint) for x in self.dofs.flat)
 
-    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Spring:
-        """The same springs with numbers of dofs of a subdomain; `label` is that of the argument."""
+    def _require_still(self, label: str) -> None:
         if self.moves:
             raise ValueError(
                 f"{label} must have springs between dofs, got one with an end that moves: such "
                 "springs are given as restoring= of the subdomain that has the path"
             )
+
+    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Spring:
+        """The same springs with numbers of dofs of a subdomain; `label` is that of the argument."""
+        self._require_still(label)
         if self.dofs.dtype != object:
             if self.dofs.max() >= n:
                 raise ValueError(

@@ -71,19 +71,52 @@ static pma_status take_specimen(const pma_field *f, size_t n, pma_restoring *res
     return PMA_OK;
 }
 
-/* Springs of which ends move, and where their memory begins. */
+/* Springs of which ends move, and where their memory begins. Something outside drives their ends,
+ * so that their work is that of a load: `pushed` (n) gets what they push with. */
 typedef struct {
     pma_wheels wheels;
     const pma_cell *cell;
     size_t offset;
+    double *pushed;
 } wheels_function;
 
 static int call_wheels(double t, intptr_t n, double *u, double *v, double *r, void *user)
 {
     const wheels_function *own = user;
-    (void)n;
     pma_wheels_add(&own->wheels, t, u, v, r, own->cell->memory + own->offset);
+    for (intptr_t i = 0; i < n; i++)
+        own->pushed[i] -= r[i];
     return 0;
+}
+
+/* A function with springs among what it sums, which adds the load of the user to `pushed`. */
+typedef struct {
+    pma_function inner;
+    const double *load; /* n, or NULL */
+    double *pushed;
+} pushed_function;
+
+static int call_pushed(double t, intptr_t n, double *u, double *v, double *r, void *user)
+{
+    const pushed_function *own = user;
+    memset(own->pushed, 0, (size_t)n * sizeof(double));
+    const int code = own->inner.function(t, n, u, v, r, own->inner.user);
+    for (intptr_t i = 0; own->load && i < n; i++)
+        own->pushed[i] += own->load[i];
+    return code;
+}
+
+static pma_status take_pushed(const pma_field *f, double *pushed, pma_restoring *out)
+{
+    pushed_function *own;
+    PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
+    own->inner = (pma_function){.function = out->function, .user = out->user};
+    own->load = out->load;
+    own->pushed = pushed;
+    out->function = call_pushed;
+    out->user = own;
+    out->load = pushed;
+    return PMA_OK;
 }
 
 static pma_status take_paths(const pma_field *f, size_t n, pma_wheels *out)
@@ -101,7 +134,7 @@ static pma_status take_paths(const pma_field *f, size_t n, pma_wheels *out)
 }
 
 static pma_status take_wheels(const pma_field *f, size_t n, pma_restoring *restoring,
-                              pma_function *out)
+                              double **pushed, pma_function *out)
 {
     const pma_field springs = pma_field_at(f, "springs"), ends = pma_field_at(f, "ends");
     const pma_field points = pma_field_at(f, "points");
@@ -120,6 +153,9 @@ static pma_status take_wheels(const pma_field *f, size_t n, pma_restoring *resto
     PMA_TRY(pma_field_allocate(f, 6 * own->wheels.springs.total, sizeof *own->wheels.work,
                                (void *)&own->wheels.work));
     PMA_TRY(pma_field_room(f, pma_springs_numbers(&own->wheels.springs), LEVELS * sizeof(double)));
+    if (!*pushed)
+        PMA_TRY(pma_field_allocate(f, n, sizeof **pushed, (void *)pushed));
+    own->pushed = *pushed;
     own->cell = restoring->cell;
     own->offset = restoring->memory;
     restoring->memory += pma_springs_numbers(&own->wheels.springs);
@@ -165,12 +201,12 @@ static pma_status find_counts(const pma_field *f, const series *all, pma_restori
 
 /* A function of the user, a specimen, or springs that move. */
 static pma_status take_function(const pma_field *f, size_t n, pma_restoring *restoring,
-                                pma_trace *traces, pma_function *out)
+                                pma_trace *traces, double **pushed, pma_function *out)
 {
     if (f->node->kind != PMA_DICT)
         return pma_field_find(f, PMA_RESTORING_ROLE, out);
     if (pma_field_has(f, "paths"))
-        return take_wheels(f, n, restoring, out);
+        return take_wheels(f, n, restoring, pushed, out);
     return take_specimen(f, n, restoring, &traces[restoring->traces++], out);
 }
 
@@ -178,6 +214,7 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
 {
     series *all;
     pma_trace *traces;
+    double *pushed = NULL;
     PMA_TRY(pma_field_allocate(f, 1, sizeof *all, (void *)&all));
     PMA_TRY(pma_field_tuple(f, &all->count));
     if (all->count == 0)
@@ -189,13 +226,13 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
     out->trace = traces;
     for (size_t i = 0; i < all->count; i++) {
         const pma_field function = pma_field_item(f, i);
-        PMA_TRY(take_function(&function, n, out, traces, &all->each[i]));
+        PMA_TRY(take_function(&function, n, out, traces, &pushed, &all->each[i]));
         out->by_caller = out->by_caller || all->each[i].by_caller;
     }
     PMA_TRY(find_counts(f, all, out));
     out->function = all->count == 1 ? all->each[0].function : call_series;
     out->user = all->count == 1 ? all->each[0].user : all;
-    return PMA_OK;
+    return pushed ? take_pushed(f, pushed, out) : PMA_OK;
 }
 
 pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
