@@ -23,9 +23,10 @@ static bool has_step(const pma_member *member, double dt)
 /* Does it what the schedule calls? */
 static bool fits(const pma_member *member, const pma_schedule *schedule)
 {
+    const bool pushes = schedule->tie && !schedule->tie->ramps;
     return (schedule->internal || !member->has_internal) &&
            (schedule->iterates || !member->iterated.table) &&
-           (member->elsewhere || schedule->ties_displacements == (member->table->push != NULL));
+           (member->elsewhere || pushes == (member->table->push != NULL));
 }
 
 /* Schemes of two stages were derived for fine steps of one process. */

@@ -492,13 +492,6 @@ pma_status pma_messages_laws(pma_coupler *c, pma_status status)
 
 /* ---- runs (N14) ----------------------------------------------------------------------------- */
 
-/* Of the end of a run, what is tied there. */
-static pma_interface_kind tied_kind(const pma_coupler *c)
-{
-    const bool is_mean = c->parts.schedule->ties_displacements;
-    return is_mean ? PMA_DISPLACEMENT : PMA_VELOCITY;
-}
-
 static size_t run_size(const pma_coupler *c, const pma_coupled *m)
 {
     (void)c;
@@ -511,8 +504,8 @@ static void write_run(const pma_coupler *c, const pma_coupled *m, double *to)
     const pma_iteration_member *own = member_in(c, m);
     if (!member->has_internal)
         return;
-    const double *end =
-        member->table->values(member->self, tied_kind(c), member->substeps, false, NULL);
+    const double *end = member->table->values(member->self, c->parts.schedule->tie->kind,
+                                              member->substeps, false, NULL);
     *to++ = own->kinetic_before;
     *to++ = own->kinetic;
     *to++ = own->scale;
@@ -527,7 +520,8 @@ static void read_run(pma_coupler *c, const pma_coupled *m, const double *from)
     theirs->kinetic_before = *from++;
     theirs->kinetic = *from++;
     theirs->scale = *from++;
-    pma_remote_receive(m->member.self, tied_kind(c), m->member.substeps, false, from);
+    pma_remote_receive(m->member.self, c->parts.schedule->tie->kind, m->member.substeps, false,
+                       from);
 }
 
 pma_status pma_messages_runs(pma_coupler *c, pma_status status)

@@ -2,10 +2,9 @@
  *
  * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
  * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
- * contacts, macro.c and mean.c those with one in a macro step;
- * iterated_fine.c and shooting.c are the first and macro.c with internal forces; recorder.c what is
- * recorded, exchange.c what processes send each other, look_ahead.c what is done beside the fine
- * steps. */
+ * contacts, macro.c those with one in a macro step; iterated_fine.c and shooting.c are the first and
+ * macro.c with internal forces; recorder.c what is recorded, exchange.c what processes send each
+ * other, look_ahead.c what is done beside the fine steps. */
 #ifndef PMA_COUPLE_INSIDE_H
 #define PMA_COUPLE_INSIDE_H
 
@@ -118,6 +117,20 @@ struct pma_coupler {
     } shared;
 };
 
+/* What is tied at the end of a macro step, and by which multipliers. */
+typedef struct {
+    pma_interface_kind kind;
+    bool ramps; /* they grow linearly from those of the present, by what is solved for; else that is
+                   all of them, in all of the macro step */
+    /* right (p) := what the interface problem is solved for, without members that shoot */
+    void (*right_side)(pma_coupler *c, double *right);
+    /* What a member responds to them, added. */
+    pma_task link_response;
+    /* After everything else of the macro step was recorded; NULL if there is nothing. */
+    void (*end)(pma_coupler *c);
+} pma_tie;
+extern const pma_tie pma_velocity_tie, pma_displacement_tie;
+
 struct pma_schedule {
     /* Are these numbers of substeps possible? PMA_BAD_SIZE if not. */
     pma_status (*check)(const pma_coupler_parts *parts);
@@ -143,8 +156,7 @@ struct pma_schedule {
                                pma_piece *pieces);
     void (*move_to)(pma_coupler *c, size_t k);
     bool rebases;
-    /* In place of velocities, at the end of a macro step? */
-    bool ties_displacements;
+    const pma_tie *tie; /* of macro steps with one interface problem, else NULL */
     /* May members have steps that are iterated, or in macro steps internal forces at all? */
     bool iterates, internal;
 };
@@ -309,42 +321,33 @@ pma_status pma_messages_measures(pma_coupler *c);
 /* After the runs of a pass of shooting: the ends of all runs, and their measures. */
 pma_status pma_messages_runs(pma_coupler *c, pma_status status);
 
-/* ---- macro coupling without internal forces: macro.c ---------------------------------------- */
+/* ---- one interface problem in a macro step: macro.c ----------------------------------------- */
 
-/* Can all members do what macro coupling needs? PMA_BAD_SIZE if not. */
+/* Can all members do what macro coupling, mean coupling need, with internal forces or not?
+ * PMA_BAD_SIZE if not. */
 pma_status pma_macro_check(const pma_coupler_parts *parts);
+pma_status pma_mean_check(const pma_coupler_parts *parts);
 size_t pma_macro_instants(const pma_coupler_parts *parts); /* one */
 pma_duty pma_macro_duty(const pma_member *member);
 
 /* All are at the end of their last substep; k = 1. */
 void pma_macro_move_to(pma_coupler *c, size_t k);
 
-/* Members in other processes: the velocity at the end of the free run. */
+/* Members in other processes: what is tied at the end of the free run, and the present displacement
+ * where mean coupling prescribes a velocity. */
 size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
                         pma_piece *pieces);
+size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces);
 
 /* The substeps of a member, each taken by `take` and recorded. */
 pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
                          pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j));
 
 /* A macro step: the free runs, the interface problem, the link responses, recorded. */
-typedef struct {
-    pma_task free_run, link_response;
-    pma_status (*solve)(pma_coupler *c);
-} pma_macro_stages;
-pma_status pma_macro_step(pma_coupler *c, const pma_macro_stages *stages);
+pma_status pma_macro_step(pma_coupler *c, pma_status (*solve)(pma_coupler *c));
 
-/* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
- * adds to the velocity on the interface at the end of the free run, added to sum (p). */
-pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
-pma_status pma_macro_link_response(pma_coupler *c, pma_coupled *m);
-void pma_macro_free_velocity(const pma_coupled *m, double *sum);
-
-/* The substeps of a link response under the multipliers lam (p), as many as have to be repeated,
- * each recorded by `record` too, unless NULL. */
-pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m, const double *lam,
-                             void (*record)(const pma_coupler *c, const pma_coupled *m, size_t j,
-                                            const pma_selection *inner));
+/* working.lam, and dlam: how they grow, from what was solved for (p) */
+void pma_macro_take(pma_coupler *c, const double *found);
 
 /* Is the run to be stopped? Before a substep, on any worker. */
 bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m);
@@ -356,31 +359,7 @@ typedef struct {
 } pma_stop_context;
 bool pma_macro_stops(void *context);
 
-/* What is recorded of the inner time levels of a macro step, or NULL. */
-const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m);
-
-/* ---- mean coupling: mean.c ------------------------------------------------------------------ */
-
-/* Can all members do what mean coupling needs, with internal forces or not? PMA_BAD_SIZE if not. */
-pma_status pma_mean_check(const pma_coupler_parts *parts);
-
-/* The free macro run of a member without internal forces, and its link response under working.lam,
- * added. */
-pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m);
-pma_status pma_mean_link_response(pma_coupler *c, pma_coupled *m);
-
-/* Members in other processes: the displacement at the end of the free run, and where a velocity is
- * prescribed the present one. */
-size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces);
-
-/* right (p) := what sum L u has to be at the end, minus that of the free runs, and of the
- * multipliers of the last macro step, which a double step feels too                         (K4) */
-void pma_mean_right_side(pma_coupler *c, double *right);
-
-/* Accelerations (K5) of what was recorded: of the inner time levels of a run, of the end of the
- * macro step when all else of it was recorded, and of the present. */
-pma_status pma_mean_accelerate(pma_coupler *c, pma_coupled *m);
-void pma_mean_record(pma_coupler *c);
+/* Accelerations of mean coupling, which no state has, of the present (K5) */
 void pma_mean_record_present(const pma_coupler *c, const pma_record *record);
 
 /* ---- fine steps: fine.c --------------------------------------------------------------------- */

@@ -29,19 +29,17 @@ static bool has_internal(const pma_coupled *m)
 
 /* ---- a run ---------------------------------------------------------------------------------- */
 
-/* Displacements are tied, by multipliers that are constant and push: in what follows dLam is then
- * all of them. */
-static bool is_mean(const pma_coupler *c)
+static const pma_tie *tie_of(const pma_coupler *c)
 {
-    return c->parts.schedule->ties_displacements;
+    return c->parts.schedule->tie;
 }
 
-/* lam (p) := Lam_n + (j / substeps) dLam */
+/* lam (p) := Lam_n + (j / substeps) dLam; or constant ones, of which dLam is then all */
 static const double *multipliers_at(const pma_coupler *c, pma_coupled *m, size_t j)
 {
     const double share = (double)j / (double)m->member.substeps;
-    if (is_mean(c))
-        return m->lam; /* as in all the run */
+    if (!tie_of(c)->ramps)
+        return m->lam;
     for (size_t row = 0; row < c->parts.p; row++)
         m->lam[row] = c->present.lam[row] + share * c->iteration->dlam[row];
     return m->lam;
@@ -100,29 +98,19 @@ static void begin_push(const pma_coupler *c, pma_coupled *m)
 
 static pma_status run(pma_coupler *c, pma_coupled *m)
 {
-    if (is_mean(c))
+    if (!tie_of(c)->ramps)
         begin_push(c, m);
     return pma_macro_run(c, m, run_substep);
 }
 
 /* ---- the residual of the tie ---------------------------------------------------------------- */
 
-/* known (p) := sum over the members that respond of L v of their free runs, minus g; of L u, minus
- * what it has to be */
+/* known (p) := minus the right side of the interface problem without the members that shoot */
 static void known_part(pma_coupler *c, double *known)
 {
-    if (is_mean(c)) {
-        pma_mean_right_side(c, known);
-        for (size_t row = 0; row < c->parts.p; row++)
-            known[row] = -known[row];
-        return;
-    }
+    tie_of(c)->right_side(c, known);
     for (size_t row = 0; row < c->parts.p; row++)
-        known[row] = -c->working.g[row];
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (!has_internal(&c->coupled[i]))
-            pma_macro_free_velocity(&c->coupled[i], known);
-    }
+        known[row] = -known[row];
 }
 
 /* terms := |H| |Lam| + |known|: what the multipliers moved rounds, too, where nothing moves in sum;
@@ -131,9 +119,10 @@ static void begin_terms(const pma_coupler *c, const double *known)
 {
     pma_iteration *it = c->iteration;
     const size_t p = c->parts.p;
+    const bool ramps = tie_of(c)->ramps;
     double *lam = it->scratch;
     for (size_t row = 0; row < p; row++) {
-        lam[row] = -fabs((is_mean(c) ? 0.0 : c->present.lam[row]) + it->dlam[row]);
+        lam[row] = -fabs((ramps ? c->present.lam[row] : 0.0) + it->dlam[row]);
         it->terms[row] = 0.0;
     }
     pma_matrix_subtract(&it->parts.H_size, lam, it->terms);
@@ -163,8 +152,7 @@ static void residual(const pma_coupler *c, const double *known, double *r)
         if (!member->has_internal)
             continue;
         memset(own, 0, p * sizeof(double));
-        pma_member_gather(member, is_mean(c) ? PMA_DISPLACEMENT : PMA_VELOCITY, member->substeps,
-                          1.0, own);
+        pma_member_gather(member, tie_of(c)->kind, member->substeps, 1.0, own);
         for (size_t row = 0; row < p; row++) {
             r[row] += own[row];
             it->terms[row] += fabs(own[row]);
@@ -234,7 +222,7 @@ static bool is_accepted(const pma_coupler *c, bool first, double accurate)
     double work = 0.0;
     for (size_t row = 0; row < c->parts.p; row++)
         work += it->correction[row] * it->residual[row];
-    const double time = is_mean(c) ? 1.0 : c->parts.dt;
+    const double time = tie_of(c)->kind == PMA_VELOCITY ? c->parts.dt : 1.0;
     const double e = sqrt(fabs(work) * time), part = first ? FIRST_PASS : LATER_PASSES;
     return e <= part * accurate || e <= ROUNDING * sqrt(time * it->moved) ||
            is_rounding(it, c->parts.p);
@@ -299,51 +287,19 @@ static void begin_broyden(pma_coupler *c)
 
 /* ---- the schedule --------------------------------------------------------------------------- */
 
-/* (M1), and constant ones: those that were found, without an increment in the macro step */
-static void take_multipliers(pma_coupler *c)
-{
-    for (size_t row = 0; row < c->parts.p; row++) {
-        const double found = c->iteration->dlam[row];
-        c->dlam[row] = is_mean(c) ? 0.0 : found;
-        c->working.lam[row] = is_mean(c) ? found : c->present.lam[row] + found;
-    }
-}
-
-/* Members without internal forces, and at the end what of the others no state has */
-static pma_status run_free(pma_coupler *c, pma_coupled *m)
-{
-    if (has_internal(m))
-        return PMA_OK;
-    return is_mean(c) ? pma_mean_free_run(c, m) : pma_macro_free_run(c, m);
-}
-
-static pma_status link_response(pma_coupler *c, pma_coupled *m)
-{
-    if (!is_mean(c))
-        return has_internal(m) ? PMA_OK : pma_macro_link_response(c, m);
-    return has_internal(m) ? pma_mean_accelerate(c, m) : pma_mean_link_response(c, m);
-}
-
 static pma_status solve(pma_coupler *c)
 {
     double *known = c->iteration->lam_begin;
     begin_broyden(c);
-    if (c->parts.motion_count > 0)
-        pma_coupler_prescribe(c);
     known_part(c, known);
     const pma_status status = shoot(c, known);
-    take_multipliers(c);
+    pma_macro_take(c, c->iteration->dlam);
     return status;
 }
 
 static pma_status run_all(pma_coupler *c)
 {
-    static const pma_macro_stages STAGES = {
-        .free_run = run_free, .solve = solve, .link_response = link_response};
-    PMA_TRY(pma_macro_step(c, &STAGES));
-    if (is_mean(c))
-        pma_mean_record(c);
-    return PMA_OK;
+    return pma_macro_step(c, solve);
 }
 
 static pma_status macro_step(pma_coupler *c)
@@ -351,39 +307,24 @@ static pma_status macro_step(pma_coupler *c)
     return pma_iteration_step(c, run_all);
 }
 
-/* What does not shoot is as in macro.c and mean.c; the ends of runs are messages of their own. */
-static size_t macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
-                           pma_piece *pieces)
-{
-    return has_internal(m) ? 0 : pma_macro_pieces(c, m, round, pieces);
-}
-
-static size_t mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
-                          pma_piece *pieces)
-{
-    if (!has_internal(m))
-        return pma_mean_pieces(c, m, round, pieces);
-    pieces[0] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = 0};
-    return c->parts.motion_count > 0 ? 1 : 0;
-}
-
-const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
+const pma_schedule pma_shooting_schedule = {.tie = &pma_velocity_tie,
+                                            .check = pma_macro_check,
                                             .instants = pma_macro_instants,
                                             .duty = pma_macro_duty,
                                             .step = macro_step,
                                             .prepare = pma_iteration_create_macro,
-                                            .interface_pieces = macro_pieces,
+                                            .interface_pieces = pma_macro_pieces,
                                             .move_to = pma_macro_move_to,
                                             .iterates = true,
                                             .internal = true};
 
-const pma_schedule pma_mean_shooting_schedule = {.ties_displacements = true,
+const pma_schedule pma_mean_shooting_schedule = {.tie = &pma_displacement_tie,
                                                  .check = pma_mean_check,
                                                  .instants = pma_macro_instants,
                                                  .duty = pma_macro_duty,
                                                  .step = macro_step,
                                                  .prepare = pma_iteration_create_macro,
-                                                 .interface_pieces = mean_pieces,
+                                                 .interface_pieces = pma_mean_pieces,
                                                  .move_to = pma_macro_move_to,
                                                  .record_present = pma_mean_record_present,
                                                  .iterates = true,
