@@ -2,7 +2,7 @@
  *
  * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
  * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
- * contacts, macro.c those with one in a macro step; iterated_fine.c and shooting.c are the first and
+ * contacts, macro.c those with one in a macro step; iterated_fine.c and shooting.c are fine.c and
  * macro.c with internal forces; recorder.c what is recorded, exchange.c what processes send each
  * other, look_ahead.c what is done beside the fine steps. */
 #ifndef PMA_COUPLE_INSIDE_H
