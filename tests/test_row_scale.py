@@ -101,6 +101,22 @@ def test_prescribed_velocities_are_those_of_the_rows(kind):
     assert abs(two.state("b").v[3]) > 0.1  # it moves
 
 
+@pytest.mark.parametrize("kind", ["constant", "callable", "sampled", "shaped"])
+def test_a_prescribed_velocity_is_that_of_a_row_of_which_none_has_the_size_one(kind):
+    given = velocities(kind)(5.0 * np.ones(ROWS))
+    if kind != "constant":
+        expected = np.sin(3.0 * 0.02 * np.arange(21))
+    else:
+        expected = np.full(21, 0.5)
+    a = pm.Subdomain(
+        np.ones(ROWS), np.ones(ROWS), scheme=pm.Newmark(), v0=[0.0, 0.0, 0.0, expected[0]]
+    )
+    rows = pm.Constraint({a: 5.0 * np.eye(ROWS)}, velocity=given)
+    v = pm.Coupler([a], rows, dt=0.02, coupling="gc").run(0.4)[0].v
+    # 5 v = 5 g up to a rounding of the multiplier
+    np.testing.assert_allclose(v[:, -1], expected, rtol=0.0, atol=1e-15)
+
+
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
 def test_a_saved_state_and_one_in_memory_have_the_rows_of_the_user(tmp_path, coupling):
     whole = coupler(EXACT, coupling, internal=True)
