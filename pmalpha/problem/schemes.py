@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._cached import Frozen
 from .._checks import flag, positive_number, real_number
@@ -47,14 +48,17 @@ class StepConstants(NamedTuple):
         return np.array([[1.0, self.h, self.u_w, self.u_a], [0.0, 1.0, self.v_w, self.v_a]])
 
     def closed(self, w1: np.ndarray) -> np.ndarray:
-        """The state (u, v, w, a) at the end, a (4, 4) matrix as `w1` is a row that acts on it."""
+        """The state (u, v, w, a) at the end, a (4, 4) matrix as `w1` is a row that acts on it; of
+        several rows (..., 4) as many matrices."""
         ut, vt = self.predictors()
         a1 = np.array([0.0, 0.0, self.a_w, self.a_a]) + self.a_w1 * w1
-        return np.array([ut + self.al1 * w1, vt + self.al2 * w1, w1, a1])
+        return np.stack([ut + self.al1 * w1, vt + self.al2 * w1, w1, a1], axis=-2)
 
-    def amplification(self, Omega: float, xi: float, explicit: bool) -> np.ndarray:
-        """The (4, 4) matrix of a step of h = 1 of an oscillator, which acts on (u, v, w, a)."""
+    def amplification(self, Omega: ArrayLike, xi: float, explicit: bool) -> np.ndarray:
+        """The (4, 4) matrix of a step of h = 1 of an oscillator, which acts on (u, v, w, a); of
+        several Omega (...) as many matrices."""
         ut, vt = self.predictors()
+        Omega = np.asarray(Omega, dtype=np.float64)[..., None]
         c, k = 2.0 * xi * Omega, Omega**2
         mbar = 1.0 + self.al2 * c + (0.0 if explicit else self.al1 * k)  # (12)
         return self.closed(-(c * vt + k * ut) / mbar)  # (11)
@@ -197,7 +201,7 @@ class Scheme(Frozen):
         """
         return self._amplification(Omega, xi, self.explicit)
 
-    def _amplification(self, Omega: float, xi: float, explicit: bool) -> np.ndarray:
+    def _amplification(self, Omega: ArrayLike, xi: float, explicit: bool) -> np.ndarray:
         """The same in steps of h = 1, implicit or explicit."""
         return self.constants(1.0).amplification(Omega, xi, explicit)
 
@@ -486,7 +490,7 @@ class Bathe(Scheme):
         v = 0.5 * b * (root - 1.0)
         return StepConstants(b * root, b * b, b, 0.0, 0.0, v, v, 0.0, 0.0, 1.0)
 
-    def _amplification(self, Omega: float, xi: float, explicit: bool) -> np.ndarray:
+    def _amplification(self, Omega: ArrayLike, xi: float, explicit: bool) -> np.ndarray:
         stages = self.constants(0.5), self.second_stage(0.5)  # of a step of h = 1
         first, second = (x.amplification(Omega, xi, explicit) for x in stages)
         both: np.ndarray = second @ first

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -73,17 +72,16 @@ def _critical_product(scheme: Scheme, explicit: bool) -> float:
     high = unstable[0]
     low = high / (grid[1] / grid[0])
     while high - low > 1e-12 * high:
-        middle = 0.5 * (low + high)
-        is_stable = _are_stable(scheme, explicit, [middle])[0]
-        low, high = (middle, high) if is_stable else (low, middle)
-    result: float = low
-    return result
+        grid = np.linspace(low, high, 66)
+        k = int(np.argmin(np.append(_are_stable(scheme, explicit, grid[1:-1]), False)))
+        low, high = grid[k], grid[k + 1]
+    return float(low)
 
 
-def _are_stable(scheme: Scheme, explicit: bool, Omegas: Iterable[float]) -> np.ndarray:
+def _are_stable(scheme: Scheme, explicit: bool, Omegas: np.ndarray) -> np.ndarray:
     # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
     # rounding
-    amplifications = np.array([scheme._amplification(Omega, 0.0, explicit) for Omega in Omegas])
+    amplifications = scheme._amplification(Omegas, 0.0, explicit)
     result: np.ndarray = np.max(np.abs(np.linalg.eigvals(amplifications)), axis=1) <= 1.0 + 1e-7
     return result
 
