@@ -50,6 +50,47 @@ def as_many_threads_as_asked_for(monkeypatch):
         monkeypatch.setattr(schedule, "useful_threads", lambda threads: threads)
 
 
+# Sizes at which the program changes its way, by a name for tests.
+THRESHOLDS = {
+    "ABSURD": "pmalpha.setup.interface.ABSURD",
+    "ADVANTAGE": "pmalpha.gradients.gradient.ADVANTAGE",
+    "AHEAD": "pmalpha.run.advance.AHEAD",
+    "ALLOCATION": "pmalpha.memory.SMALL",
+    "CACHE": "pmalpha.problem.matrices.CACHE",
+    "FACTOR_ENTRIES": "pmalpha.setup.factors.MOST",
+    "FACTOR_SHARE": "pmalpha.setup.factors.SHARE",
+    "FEW_DENSE": "pmalpha.setup.factors.FEW_DENSE",
+    "FILED_BYTES": "pmalpha.results.recording.FILED_BYTES",
+    "LONG": "pmalpha.setup.interface.LONG",
+    "MONITOR_INTERVAL": "pmalpha.results.ring.INTERVAL",
+    "MOST_FILES": "pmalpha.export.MOST_FILES",
+    "MOST_STEPS": "pmalpha.run.tolerance.MOST",
+    "NOTABLE_FACTORIZATION": "pmalpha.setup.judging.NOTABLE_FACTORIZATION",
+    "NUMBERS": "pmalpha.structures.elasticity.NUMBERS",
+    "PIECE": "pmalpha.run.estimate.PIECE",
+    "POINTS": "pmalpha.structures.nonlinear.POINTS",
+    "PROGRESS_INTERVAL": "pmalpha.run.progress.INTERVAL",
+    "READ_BYTES": "pmalpha.results.history_file.READ_BYTES",
+    "RESPONSE_SHARE": "pmalpha.setup.interface.SHARE",
+    "SHARES": "pmalpha.frozen.model.SHARES",
+    "SMALLEST": "pmalpha.setup.equilibrium.SMALLEST",
+    "STORED": "pmalpha.setup.interface.STORED",
+    "SYNC_SECONDS": "pmalpha.results.array_file.SYNC_SECONDS",
+    "WIDE": "pmalpha.setup.factors.WIDE",
+}
+
+
+@pytest.fixture
+def thresholds(monkeypatch):
+    """A function that gives sizes of `THRESHOLDS` other values for a test."""
+
+    def change(**values):
+        for name, value in values.items():
+            monkeypatch.setattr(THRESHOLDS[name], value)
+
+    return change
+
+
 @pytest.fixture(params=["meshlane", "meshio"])
 def mesh_library(request, monkeypatch):
     """One of the libraries that from_mesh may read files by, and it does."""

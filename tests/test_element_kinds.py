@@ -364,10 +364,9 @@ def test_elements_that_are_inverted_or_flat_are_refused_by_their_numbers(kind):
         build(flat, elements)
 
 
-def test_an_element_in_a_later_chunk_is_refused_by_its_number(monkeypatch):
-    from pmalpha.structures import elasticity
+def test_an_element_in_a_later_chunk_is_refused_by_its_number(thresholds):
 
-    monkeypatch.setattr(elasticity, "NUMBERS", 100)
+    thresholds(NUMBERS=100)
     points, elements = box("tetra", 3)
     elements = elements.copy()
     elements[100] = elements[100][[0, 2, 1, 3]]

@@ -209,9 +209,9 @@ def test_a_reduced_force_is_the_whole_one_with_the_other_dofs_at_zero(name):
         assert reduced.potential(u[free]) == force.potential(u)
 
 
-def test_chunks_of_a_mesh_give_its_whole_force(monkeypatch):
+def test_chunks_of_a_mesh_give_its_whole_force(thresholds):
     whole = block(structures.NeoHookean(*varied(12)))
-    monkeypatch.setattr("pmalpha.structures.nonlinear.POINTS", 40)  # 5 elements: 5 + 5 + 2
+    thresholds(POINTS=40)  # 5 elements: 5 + 5 + 2
     cut = block(structures.NeoHookean(*varied(12)))
     assert len(cut.internal[0]._assembly.chunks) == 3
     u = np.random.default_rng(2).uniform(-0.05, 0.05, whole.n)

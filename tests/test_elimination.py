@@ -7,7 +7,6 @@ import scipy.sparse as sp
 import pmalpha as pm
 from pmalpha import structures
 from pmalpha.reduction.ordering import graph_of
-from pmalpha.setup import factors
 from pmalpha.setup.factors import Eliminations, elimination
 
 
@@ -56,9 +55,9 @@ def enclosed(**options):
     )
 
 
-def test_a_solid_tied_on_all_sides_moves_as_with_factors_in_columns(monkeypatch):
+def test_a_solid_tied_on_all_sides_moves_as_with_factors_in_columns(thresholds):
     ours = enclosed().run(steps=6)
-    monkeypatch.setattr(factors, "WIDE", 10**9)
+    thresholds(WIDE=10**9)
     theirs = enclosed().run(steps=6)
     for name in ("inner", "shell"):
         for x in "uva":
@@ -68,9 +67,9 @@ def test_a_solid_tied_on_all_sides_moves_as_with_factors_in_columns(monkeypatch)
 
 
 @pytest.mark.filterwarnings("ignore:.* is floating")  # two means do not hold a cube
-def test_macro_coupling_on_all_sides_moves_as_with_factors_in_columns(monkeypatch):
+def test_macro_coupling_on_all_sides_moves_as_with_factors_in_columns(thresholds):
     ours = enclosed_finely().run(steps=4)[0].u
-    monkeypatch.setattr(factors, "WIDE", 10**9)
+    thresholds(WIDE=10**9)
     theirs = enclosed_finely().run(steps=4)[0].u
     # rounding is magnified by the condition number of Mbar and H, 1e4 here
     assert np.max(np.abs(ours - theirs)) <= 1e-10 * np.max(np.abs(theirs))

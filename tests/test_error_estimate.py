@@ -11,7 +11,6 @@ from test_snapshot import bits_of, nonlinear
 
 import pmalpha as pm
 from pmalpha import models
-from pmalpha.run import estimate as error_estimate
 
 ALPHA = pm.GeneralizedAlpha
 
@@ -86,7 +85,7 @@ def by_hand(make, dt, steps, order):
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize("name", MAKERS)
-def test_it_is_the_difference_to_a_coupler_with_half_the_steps(name, monkeypatch):
+def test_it_is_the_difference_to_a_coupler_with_half_the_steps(name, thresholds):
     make, dt, steps = MAKERS[name], 0.02, 23
     coupler = make(dt)
     found = coupler.estimate_error(steps=steps)
@@ -96,7 +95,7 @@ def test_it_is_the_difference_to_a_coupler_with_half_the_steps(name, monkeypatch
     for subdomain, value in own.items():
         np.testing.assert_allclose(found.by_subdomain[subdomain], value, rtol=1e-14, err_msg=name)
     assert found.relative == max(found.by_subdomain.values()) > 0.0
-    monkeypatch.setattr(error_estimate, "PIECE", 1)  # a piece for each macro step
+    thresholds(PIECE=1)  # a piece for each macro step
     again = make(dt).estimate_error(steps=steps)
     assert (again.by_subdomain, again.place) == (found.by_subdomain, found.place)
 
@@ -186,9 +185,9 @@ def test_a_coupler_whose_load_has_not_been_evaluated_does_not_evaluate_it():
     assert times == [*first, first[3], first[1], first[0], *half]  # calls 4, 2 and 1 again
 
 
-def test_progress_counts_the_macro_steps_of_all_runs(monkeypatch):
-    monkeypatch.setattr("pmalpha.run.progress.INTERVAL", 0.0)
-    monkeypatch.setattr(error_estimate, "PIECE", 1)
+def test_progress_counts_the_macro_steps_of_all_runs(thresholds):
+    thresholds(PROGRESS_INTERVAL=0.0)
+    thresholds(PIECE=1)
     reports = []
     pair(0.1).estimate_error(steps=4, halvings=2, progress=lambda *x: reports.append(x))
     done, totals = zip(*reports)

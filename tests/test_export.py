@@ -394,11 +394,11 @@ def test_of_more_times_equal_intervals_and_the_last_are_written(
 
 @pytest.mark.parametrize("count", [20, 21, 42])
 def test_a_long_run_is_thinned_in_files_of_their_own_and_a_warning_states_it(
-    tmp_path, monkeypatch, count
+    tmp_path, monkeypatch, thresholds, count
 ):
     """The files themselves are not needed here: the writer of one is replaced."""
     assert export.MOST_FILES == 1000
-    monkeypatch.setattr(export, "MOST_FILES", 20)
+    thresholds(MOST_FILES=20)
     files = []
     monkeypatch.setattr(
         export, "_write_vtu", lambda path, mesh, fields, cells: files.append(path.name)

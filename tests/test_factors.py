@@ -170,8 +170,8 @@ def test_dense_panels_of_every_width_are_factored(width):
 
 
 @pytest.mark.parametrize("seed", range(120, 126))
-def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, monkeypatch):
-    monkeypatch.setattr(factors, "WIDE", 0)
+def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, thresholds):
+    thresholds(WIDE=0)
     problem = random_problem(seed)
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._session.members])
@@ -244,9 +244,9 @@ def test_an_order_has_the_interface_last_and_every_dof_once():
         np.testing.assert_array_equal(order[n - last.size :], last)
 
 
-def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
+def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch, thresholds):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
-    monkeypatch.setattr("pmalpha.memory.SMALL", 0)
+    thresholds(ALLOCATION=0)
     A = definite_matrix(np.random.default_rng(0), 400, 0.2)
     for attempt in (
         lambda: by_panels(A, 0, "Mbar"),
@@ -277,8 +277,8 @@ def factor_in_threads(A, threads, *, symmetric=True):
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
-def test_a_factor_is_bitwise_identical_for_any_number_of_threads(monkeypatch, symmetric):
-    monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: all factors are shared
+def test_a_factor_is_bitwise_identical_for_any_number_of_threads(thresholds, symmetric):
+    thresholds(FACTOR_SHARE=1.0)  # multiplications: all factors are shared
     A = sp.csr_array(cube(12))
     if not symmetric:
         A = sp.csr_array(A + 0.01 * sp.triu(A, k=1))
@@ -290,8 +290,8 @@ def test_a_factor_is_bitwise_identical_for_any_number_of_threads(monkeypatch, sy
         np.testing.assert_array_equal(others[4], panels[4])
 
 
-def test_the_message_of_an_indefinite_matrix_is_that_of_one_thread(monkeypatch):
-    monkeypatch.setattr(factors, "SHARE", 1.0)
+def test_the_message_of_an_indefinite_matrix_is_that_of_one_thread(thresholds):
+    thresholds(FACTOR_SHARE=1.0)
     A = sp.lil_array(cube(10))
     for dof in (900, 700, 800):
         A[dof, dof] = -1.0
@@ -508,12 +508,12 @@ def test_the_inertia_of_diagonal_and_empty_matrices_is_counted_directly():
     assert inertia(None, 4) == (0, 4, 0)
 
 
-def test_an_inertia_that_would_take_a_large_factor_is_not_counted(monkeypatch):
-    monkeypatch.setattr("pmalpha.setup.factors.MOST", 45_000)
+def test_an_inertia_that_would_take_a_large_factor_is_not_counted(thresholds):
+    thresholds(FACTOR_ENTRIES=45_000)
     few, wide = (sp.csr_array(np.ones((n, n))) for n in (299, 300))  # 44 850, 45 150 entries
     assert inertia(few, 299) is not None
     assert inertia(wide, 300) is None
-    monkeypatch.setattr("pmalpha.setup.factors.FEW_DENSE", 299)
+    thresholds(FEW_DENSE=299)
     assert inertia(np.ones((299, 299)), 299) is not None
     assert inertia(np.ones((300, 300)), 300) is None
     error = names(300, "Mbar").not_definite(wide, 7)
@@ -522,8 +522,8 @@ def test_an_inertia_that_would_take_a_large_factor_is_not_counted(monkeypatch):
 
 
 @pytest.mark.parametrize("form", ["diagonal", "dense", "sparse", "panels"])
-def test_the_error_for_an_indefinite_subdomain_has_dof_and_inertia(form, monkeypatch):
-    monkeypatch.setattr(factors, "WIDE", 0 if form == "panels" else 24)
+def test_the_error_for_an_indefinite_subdomain_has_dof_and_inertia(form, thresholds):
+    thresholds(WIDE=0 if form == "panels" else 24)
     K = sp.lil_array(4.0 * sp.eye_array(40) - sp.eye_array(40, k=1) - sp.eye_array(40, k=-1))
     if form == "diagonal":
         K = sp.lil_array(sp.eye_array(40))
@@ -587,13 +587,14 @@ def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_many_constraint
 
 def test_an_interface_of_implicit_subdomains_that_does_not_fit_is_refused_with_the_figure(
     monkeypatch,
+    thresholds,
 ):
     boxes = [structures.solid(1, 12, 12, 0.1, E=1.0, nu=0.3, rho=1.0) for _ in range(2)]
     face = boxes[0].dofs(boxes[0].nodes(lambda x, y, z: x < 1e-9))  # p = 507
     a, b = (s.subdomain(scheme=pm.GeneralizedAlpha(0.5)) for s in boxes)
     coupling = pm.tie(a, face, b, face)
     monkeypatch.setattr("pmalpha.memory.available", lambda: 7_000_000)
-    monkeypatch.setattr("pmalpha.memory.SMALL", 0)
+    thresholds(ALLOCATION=0)
     with pytest.raises(MemoryError, match="interface matrix of 507 constraints.*MB.*available"):
         pm.Coupler([a, b], coupling, dt=0.1, coupling="pm")
 

@@ -17,7 +17,6 @@ from refusals import refused
 
 import pmalpha as pm
 from pmalpha import files, models
-from pmalpha.results import history_file
 from pmalpha.results.ring import MonitorFile
 from pmalpha.run import checkpoint
 
@@ -274,11 +273,11 @@ def test_a_checkpoint_of_a_stranger_makes_a_save_remove_no_other_files(tmp_path)
 # ---- files that are cut off ----------------------------------------------------------------------
 
 
-def test_a_mapped_history_whose_file_was_truncated_is_refused(tmp_path, monkeypatch):
+def test_a_mapped_history_whose_file_was_truncated_is_refused(tmp_path, thresholds):
     pytest.importorskip("h5py")
     path = tmp_path / "run.h5"
     read = made().run(steps=50, record_to=path)
-    monkeypatch.setattr(history_file, "READ_BYTES", 0)
+    thresholds(READ_BYTES=0)
     mapped, whole = pm.History.load(path), made().run(steps=50)
     assert_identical(mapped, whole)
     os.truncate(path, 5000)

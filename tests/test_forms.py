@@ -50,13 +50,13 @@ def test_rows_with_few_columns_in_common_are_stored_with_an_index_for_each_entry
     assert len(core_matrix(sp.csr_array(sparse))) == 3
 
 
-def test_strips_may_take_more_bytes_than_rows_unless_the_matrix_leaves_the_cache(monkeypatch):
+def test_strips_may_take_more_bytes_than_rows_unless_the_matrix_leaves_the_cache(thresholds):
     """Rows of a plate of squares have zeros, which strips store: 1.26 times the bytes of rows."""
     K = canonical(pm.structures.plate(20, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K, "K")[0]
     first, _, index, _, values = core_matrix(K)
     over = (8 * values.size + 4 * index.size + 24 * first.size) / (12 * K.nnz + 8 * K.shape[0])
     assert matrices.STRIPS_OVER_ROWS < over < matrices.STRIPS_OVER_ROWS_IN_CACHE
-    monkeypatch.setattr(matrices, "CACHE", 0)
+    thresholds(CACHE=0)
     assert len(core_matrix(K)) == 3
 
 

@@ -883,12 +883,12 @@ def test_nodes_that_share_children_are_refused(library, tmp_path):
 
 
 def test_an_array_of_many_nodes_is_written_again_and_refused_where_it_is_not(
-    library, tmp_path, monkeypatch
+    library, tmp_path, thresholds
 ):
     tree = {"format": "pmalpha", "subdomains": 20 * (np.ones(1000),)}
     sizes = []
     for shares, message in ((8, "inputs must be"), (20, "used too often")):
-        monkeypatch.setattr(pmalpha.frozen.model, "SHARES", shares)
+        thresholds(SHARES=shares)
         content = np.frombuffer(bytes(file_of(tree)), np.int64).copy()
         sizes.append(content.nbytes)
         with pytest.raises(Refused, match=message):

@@ -227,9 +227,8 @@ REVERSED = [
     [(*case, what) for case, what in in_turn(2 * REVERSED, "u", "v", "a")][:8],
 )
 def test_reversed_runs_and_forward_ones_have_the_same_jacobian(
-    monkeypatch, coupling, substeps, schemes, kind, what
+    thresholds, coupling, substeps, schemes, kind, what
 ):
-    from pmalpha.gradients import gradient
 
     springs = pm.Parameters(
         "s1", dofs=[[0, 1], [2, 3], [1, 3]], K=SPRING[:2, :2], C=0.1 * np.eye(2)
@@ -241,7 +240,7 @@ def test_reversed_runs_and_forward_ones_have_the_same_jacobian(
     sensors = {"s0": [2, 0], "s1": [3]}
 
     def found(advantage):
-        monkeypatch.setattr(gradient, "ADVANTAGE", advantage)
+        thresholds(ADVANTAGE=advantage)
         done = []
         report = lambda count, total: done.append((count, total))  # noqa: E731
         S = coupler.jacobian(

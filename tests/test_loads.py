@@ -171,10 +171,10 @@ def spread(log):
 # 8 bytes for each of 2 dofs, and 1 + 4 substeps: a macro step takes 80 bytes
 @pytest.mark.parametrize(("ahead", "chunk"), [(1, 1), (80, 1), (239, 2), (240, 3), (10**9, 20)])
 def test_callables_are_evaluated_ahead_in_chunks_and_the_result_is_the_same(
-    ahead, chunk, monkeypatch
+    ahead, chunk, thresholds
 ):
     expected = pair(wave, wave).run(steps=20)
-    monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
+    thresholds(AHEAD=ahead)
     log = []
     note = lambda name: lambda t: log.append((name, t)) or wave(t)  # noqa: E731
     assert_same_rows(pair(note("a"), note("b")).run(steps=20), expected)
@@ -349,10 +349,10 @@ ERRORS = [
     ("where", "error"), in_turn(pairwise(["a", "b"], [1, 240, 64_000_000]), *ERRORS)
 )
 def test_after_a_load_raised_the_run_is_at_the_last_whole_macro_step_and_can_continue(
-    where, error, monkeypatch
+    where, error, thresholds
 ):
     which, ahead = where
-    monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
+    thresholds(AHEAD=ahead)
     whole = pair(wave, wave).run(steps=12)
     loads = {"a": LoggedLoad(), "b": LoggedLoad()}
     coupler = pair(loads["a"], loads["b"])

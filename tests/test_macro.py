@@ -24,9 +24,9 @@ STEPS = 9
 
 
 @pytest.fixture
-def repeated(monkeypatch):
+def repeated(thresholds):
     """No unit response is small enough to be stored."""
-    monkeypatch.setattr(macro, "STORED", 0)
+    thresholds(STORED=0)
 
 
 # ---- against the reference --------------------------------------------------------------------
@@ -94,8 +94,8 @@ def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_d
 
 
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
-def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, monkeypatch):
-    monkeypatch.setattr(macro, "SHARE", 1.0)  # entries: all threads have a share
+def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, thresholds):
+    thresholds(RESPONSE_SHARE=1.0)  # entries: all threads have a share
     plate = pm.structures.plate(12, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     edge = plate.dofs(plate.nodes_at(x=12.0))
     other = ground(edge.size)
@@ -117,8 +117,8 @@ def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, mo
             np.testing.assert_array_equal(x, y)
 
 
-def test_responses_of_several_threads_that_are_not_finite_are_refused(monkeypatch):
-    monkeypatch.setattr(macro, "SHARE", 1.0)
+def test_responses_of_several_threads_that_are_not_finite_are_refused(thresholds):
+    thresholds(RESPONSE_SHARE=1.0)
     k, explicit = 40, pm.GeneralizedAlpha(0.5, explicit=True)
     wild = pm.Subdomain(np.ones(k), 1e300 * np.ones(k), scheme=explicit, substeps=9, name="wild")
     messages = set()
@@ -325,10 +325,10 @@ def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_subdo
 @pytest.mark.parametrize("storing", ["stored", "repeated"])
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
 def test_substeps_are_bitwise_the_same_whether_recorded_and_observed_or_not(
-    coupling, storing, monkeypatch
+    coupling, storing, thresholds
 ):
     if storing == "repeated":
-        monkeypatch.setattr(macro, "STORED", 0)
+        thresholds(STORED=0)
     bar = pm.structures.solid(6, 2, 2, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     load, held = np.sin(np.arange(bar.n)), bar.K + 0.01 * sp.eye_array(bar.n)
     long = pm.Subdomain(bar.M, held, scheme=FAST, substeps=9, force=load, name="bar")
@@ -473,20 +473,20 @@ def test_no_subdomain_takes_double_steps_by_default():
 
 
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
-def test_unit_responses_that_take_long_are_warned_of_or_refused(monkeypatch, coupling):
+def test_unit_responses_that_take_long_are_warned_of_or_refused(thresholds, coupling):
     a, b = halves(substeps=20)
-    monkeypatch.setattr(macro, "LONG", 0.0)
+    thresholds(LONG=0.0)
     text = f"coupling=\"{coupling}\" needs .* 'B': 1 constraint times 20 substeps"
     with pytest.warns(pm.PerformanceWarning, match=text):
         coupled(a, b, coupling=coupling)
-    monkeypatch.setattr(macro, "ABSURD", 0.0)
+    thresholds(ABSURD=0.0)
     with pytest.raises(ValueError, match='take coupling="pm" or "gc"'):
         coupled(a, b, coupling=coupling)
 
 
-def test_unit_responses_that_do_not_fit_are_refused_with_the_figures(monkeypatch):
+def test_unit_responses_that_do_not_fit_are_refused_with_the_figures(monkeypatch, thresholds):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
-    monkeypatch.setattr("pmalpha.memory.SMALL", 0)
+    thresholds(ALLOCATION=0)
     a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
     with pytest.raises(MemoryError, match="link response of 'a' to 9 constraints needs about"):
         pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")

@@ -10,10 +10,10 @@ from pmalpha import memory
 
 
 @pytest.fixture
-def megabyte(monkeypatch):
+def megabyte(monkeypatch, thresholds):
     """A machine with one MB of free memory, where small requests are checked too."""
     monkeypatch.setattr(memory, "available", lambda: 1_000_000)
-    monkeypatch.setattr(memory, "SMALL", 100_000)
+    thresholds(ALLOCATION=100_000)
 
 
 def out_of_memory(call, *words):

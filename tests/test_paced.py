@@ -13,7 +13,7 @@ import pytest
 import waits
 
 import pmalpha as pm
-from pmalpha.results import history_file, recording, ring
+from pmalpha.results import history_file, ring
 from pmalpha.run import paced
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -315,7 +315,9 @@ def test_a_run_of_no_steps_has_no_times():
 
 @pytest.mark.parametrize("coupling", ["gc", "pm"])
 @pytest.mark.parametrize("options", [{}, {"every": 3}, {"energy": True, "record": {"b": [0]}}])
-def test_a_file_of_a_paced_run_is_that_of_a_run(coupling, options, tmp_path, monkeypatch):
+def test_a_file_of_a_paced_run_is_that_of_a_run(
+    coupling, options, tmp_path, monkeypatch, thresholds
+):
     pytest.importorskip("h5py")
     recordings = []
 
@@ -329,8 +331,8 @@ def test_a_file_of_a_paced_run_is_that_of_a_run(coupling, options, tmp_path, mon
             waits.until(lambda: t / 0.02 - recordings[-1].begin < 5.0)
         return spring(t, u, v)
 
-    monkeypatch.setattr(recording, "FILED_BYTES", 4000)  # some thirty macro steps at a time
-    monkeypatch.setattr(ring, "INTERVAL", 0.001)
+    thresholds(FILED_BYTES=4000)  # some thirty macro steps at a time
+    thresholds(MONITOR_INTERVAL=0.001)
     monkeypatch.setattr(paced, "RingRecording", Seen)
     ends = (2.0,) if "energy" in options else (1.0, 2.0)  # which no file goes on with
     coupler, path = made(coupling, patient, threads=2), tmp_path / "paced.h5"
@@ -347,10 +349,10 @@ def test_a_file_of_a_paced_run_is_that_of_a_run(coupling, options, tmp_path, mon
         assert np.array_equal(kept.energy.balance, run.energy.balance)
 
 
-def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch):
+def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch, thresholds):
     pytest.importorskip("h5py")
-    monkeypatch.setattr(recording, "FILED_BYTES", 4000)
-    monkeypatch.setattr(ring, "INTERVAL", 0.001)
+    thresholds(FILED_BYTES=4000)
+    thresholds(MONITOR_INTERVAL=0.001)
     over = []
 
     def specimen(t, u, v):
@@ -375,10 +377,10 @@ def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch):
 
 
 def test_a_file_that_cannot_be_written_ends_the_run_at_once_and_memory_keeps_all(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, thresholds
 ):
     pytest.importorskip("h5py")
-    monkeypatch.setattr(ring, "INTERVAL", 0.001)
+    thresholds(MONITOR_INTERVAL=0.001)
     write, failed, calls = history_file.HistoryFile.write, threading.Event(), []
 
     def full(file, arrays, begin, end):

@@ -16,7 +16,6 @@ import pytest
 
 import pmalpha as pm
 from pmalpha.reduction.ordering import elimination_order, graph_of, rows_of
-from pmalpha.setup import judging
 from pmalpha.setup.factors import structure_of
 
 ROOT = Path(__file__).parent.parent
@@ -65,9 +64,9 @@ def cube(m):
     return pm.Subdomain(box.M, box.K, scheme=pm.GeneralizedAlpha(0.8), name="cube")
 
 
-def test_a_long_factorization_without_pymetis_is_warned_of_once(monkeypatch):
+def test_a_long_factorization_without_pymetis_is_warned_of_once(monkeypatch, thresholds):
     monkeypatch.setitem(sys.modules, "pymetis", None)  # import raises ImportError
-    monkeypatch.setattr(judging, "NOTABLE_FACTORIZATION", 1e6)
+    thresholds(NOTABLE_FACTORIZATION=1e6)
     with pytest.warns(pm.PerformanceWarning, match="pip install pymetis") as caught:
         pm.Coupler([cube(5)], dt=0.1)
     assert len(caught) == 1
@@ -81,9 +80,9 @@ def test_a_short_factorization_is_not_warned_of(monkeypatch):
     pm.Coupler([cube(5)], dt=0.1)  # warnings are errors
 
 
-def test_with_pymetis_there_is_no_warning(monkeypatch):
+def test_with_pymetis_there_is_no_warning(thresholds):
     pytest.importorskip("pymetis")
-    monkeypatch.setattr(judging, "NOTABLE_FACTORIZATION", 1e6)
+    thresholds(NOTABLE_FACTORIZATION=1e6)
     pm.Coupler([cube(5)], dt=0.1)
 
 

@@ -43,8 +43,8 @@ def test_progress_is_reported_in_macro_steps_of_this_call_about_every_50_ms():
     assert (np.diff(times)[:-1] >= 0.049).all()
 
 
-def test_the_end_is_reported_once_also_where_a_report_is_due(monkeypatch):
-    monkeypatch.setattr("pmalpha.run.progress.INTERVAL", 0.0)
+def test_the_end_is_reported_once_also_where_a_report_is_due(thresholds):
+    thresholds(PROGRESS_INTERVAL=0.0)
     reports = []
     pair().run(steps=3, progress=lambda *x: reports.append(x))
     assert reports == [(3, 3)]

@@ -16,7 +16,7 @@ from test_binding_threads import interrupt_at_entry, long_run
 
 import pmalpha as pm
 from pmalpha import files, models
-from pmalpha.results import array_file, history_file, recording
+from pmalpha.results import history_file
 from pmalpha.results.ring import MonitorFile
 
 h5py = pytest.importorskip("h5py")
@@ -85,8 +85,8 @@ def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path
 
 @pytest.mark.parametrize("size", [1.0, 5e3])
 @pytest.mark.parametrize("every", [None, 1, 7])
-def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size, every):
-    monkeypatch.setattr(recording, "FILED_BYTES", size)
+def test_any_number_of_intervals_makes_the_same_file(tmp_path, thresholds, size, every):
+    thresholds(FILED_BYTES=size)
     ours, theirs = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     for c in (ours, theirs):
         c.step(5)
@@ -120,10 +120,10 @@ def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
 
 
 def test_a_run_to_a_file_needs_memory_for_one_block_and_a_read_for_what_is_read(
-    tmp_path, monkeypatch
+    tmp_path, thresholds
 ):
-    monkeypatch.setattr(recording, "FILED_BYTES", 1e6)
-    monkeypatch.setattr(history_file, "READ_BYTES", 1e6)  # more than that is mapped
+    thresholds(FILED_BYTES=1e6)
+    thresholds(READ_BYTES=1e6)  # more than that is mapped
     n, path = 1000, tmp_path / "run.h5"
 
     def largest_memory(steps):
@@ -246,9 +246,9 @@ def test_an_exception_of_a_run_counts_where_its_file_is_replaced_and_its_rows_ar
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), ZeroDivisionError()])
 @pytest.mark.parametrize("size", [1.0, 16e6])
 def test_after_an_exception_the_last_history_is_the_file_up_to_the_last_macro_step(
-    tmp_path, monkeypatch, error, size
+    tmp_path, thresholds, error, size
 ):
-    monkeypatch.setattr(recording, "FILED_BYTES", size)
+    thresholds(FILED_BYTES=size)
 
     def coupler(breaks):
         def force(t):
@@ -416,9 +416,11 @@ def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
     assert_same_bits(first["A"].u, before)
 
 
-def test_a_full_disk_ends_the_run_and_memory_keeps_what_is_not_in_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, "FILED_BYTES", 1.0)  # every macro step
-    monkeypatch.setattr(array_file, "SYNC_SECONDS", 0.0)
+def test_a_full_disk_ends_the_run_and_memory_keeps_what_is_not_in_the_file(
+    tmp_path, monkeypatch, thresholds
+):
+    thresholds(FILED_BYTES=1.0)  # every macro step
+    thresholds(SYNC_SECONDS=0.0)
     coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     written, pwrite = [], os.pwrite
 
@@ -507,9 +509,9 @@ def test_the_descriptor_of_the_file_is_released(tmp_path):
     assert open_files() == before
 
 
-def test_a_system_without_pwrite_writes_the_same_file(tmp_path, monkeypatch):
+def test_a_system_without_pwrite_writes_the_same_file(tmp_path, monkeypatch, thresholds):
     monkeypatch.delattr(os, "pwrite")  # as on Windows
-    monkeypatch.setattr(recording, "FILED_BYTES", 1.0)  # every macro step
+    thresholds(FILED_BYTES=1.0)  # every macro step
     ours, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     ours.run(steps=20, record_to=tmp_path / "run.h5")
     assert_identical(pm.History.load(tmp_path / "run.h5"), other.run(steps=20))

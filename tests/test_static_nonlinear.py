@@ -6,7 +6,6 @@ from test_internal_input import compiled
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.setup import equilibrium
 
 IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
 
@@ -267,9 +266,9 @@ def test_units_of_force_do_not_matter():
 
 
 @pytest.fixture
-def few_load_steps(monkeypatch):
+def few_load_steps(thresholds):
     """The search for an equilibrium is given up earlier."""
-    monkeypatch.setattr(equilibrium, "SMALLEST", 0.5)
+    thresholds(SMALLEST=0.5)
 
 
 @pytest.mark.usefixtures("few_load_steps")

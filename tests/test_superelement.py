@@ -379,11 +379,11 @@ def test_the_basis_refuses_other_shapes_and_other_dofs():
     assert basis.place([[4, 0]]).tolist() == [[1, 0]]
 
 
-def test_a_basis_that_does_not_fit_is_refused(monkeypatch):
+def test_a_basis_that_does_not_fit_is_refused(monkeypatch, thresholds):
     from pmalpha import memory
 
     held, edge = plate(100, 20)
     monkeypatch.setattr(memory, "available", lambda: 10_000)
-    monkeypatch.setattr(memory, "SMALL", 0)
+    thresholds(ALLOCATION=0)
     with pytest.raises(MemoryError, match="a basis of 42 static shapes needs about"):
         subdomain(held).reduced(edge, modes=0)

@@ -18,7 +18,6 @@ from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha._cached import cached_property
-from pmalpha.setup import factors
 from pmalpha.setup.schedule import most_threads
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads in /proc")
@@ -373,8 +372,8 @@ def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
-def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(monkeypatch, symmetric):
-    monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
+def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(thresholds, symmetric):
+    thresholds(FACTOR_SHARE=1.0)  # multiplications: every factor is shared
     solid = pm.structures.solid(5, 5, 5, 1.0, E=1.0, nu=0.3, rho=1.0, mass="consistent")
     K = solid.K if symmetric else sp.csr_array(solid.K + 0.01 * sp.triu(solid.K, k=1))
     load = np.sin(np.arange(solid.n))
@@ -391,9 +390,9 @@ def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(monkeypat
 @pytest.mark.parametrize("tangent", ["full", "reuse"])
 @pytest.mark.parametrize("coupling", ["gc", "macro"])
 def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
-    monkeypatch, coupling, tangent
+    thresholds, coupling, tangent
 ):
-    monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
+    thresholds(FACTOR_SHARE=1.0)  # multiplications: every factor is shared
     material = pm.structures.NeoHookean(210.0, 0.3)
     rubber = pm.structures.nonlinear_solid(4, 2, 2, 1.0, material, rho=1.0)
     v0 = np.zeros((len(rubber.points), 3))

@@ -165,8 +165,8 @@ def test_explicit_substeps_keep_to_the_critical_step():
     assert history.substeps[-1, 1] < 16
 
 
-def test_the_most_substeps_are_reported(monkeypatch):
-    monkeypatch.setattr(tolerance, "MOST", 8)
+def test_the_most_substeps_are_reported(thresholds):
+    thresholds(MOST_STEPS=8)
     with pytest.warns(pm.AccuracyWarning, match="tolerance was not reached for 'A', 'B'"):
         history = two(**PROBLEMS["burst"]).run(1.0, tolerance=1e-7)
     assert history.substeps.max() == 8

@@ -42,8 +42,8 @@ def test_the_random_problems_have_all_kinds_of_unsymmetric_matrices():
 
 
 @pytest.mark.parametrize("seed", range(30, 42))
-def test_core_and_reference_agree_with_panels(seed, monkeypatch):
-    monkeypatch.setattr(factors, "WIDE", 0)  # panels for the smallest sparse matrix
+def test_core_and_reference_agree_with_panels(seed, thresholds):
+    thresholds(WIDE=0)  # panels for the smallest sparse matrix
     assert_agreement(random_unsymmetric_problem(seed))
 
 
