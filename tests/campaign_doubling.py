@@ -82,6 +82,13 @@ def user_elements(n, nodes=2):
     return head + "*MATRIX,TYPE=STIFFNESS\n" + "1.,\n" * count + (n - 1) * head
 
 
+def diagonal_matrix(n):
+    """In Harwell-Boeing format."""
+    head = f"diagonal\n{3 * n + 1} {n + 1} {n} {n} 0\nRSA {n} {n} {n} 0\n(1I14) (1I14) (1D25.15)\n"
+    pointers, rows = (listed("#\n")(k).replace("0\n", "", 1) for k in (n + 2, n + 1))
+    return head + pointers + rows + "1.5d+00\n" * n
+
+
 def listed(text):
     """n times this text with the number of each in place of #."""
     return lambda n: "".join(text.replace("#", str(i)) for i in range(n))
@@ -132,6 +139,7 @@ CASES = {
     "steps of columns": (".txt", 1000, lambda n: "NPTS " * n + ROWS),
     "columns": (".txt", 1000, lambda n: "".join(f"{0.01 * i:.2f} 1.0\n" for i in range(n))),
     "entries": (".mtx", 1000, lambda n: "".join(f"{i + 1} {i + 1} 1.0\n" for i in range(n))),
+    "entries of Harwell-Boeing": (".matrix", 1000, diagonal_matrix),
     "user elements": (".mtx", 200, user_elements),
     "nodes of a user element": (".mtx", 50, lambda n: user_elements(2, n)),
     "columns of DMIG": (
@@ -145,6 +153,7 @@ READERS = {
     ".v1": pm.readers.read_record,
     ".txt": pm.readers.read_record,
     ".mtx": pm.readers.read_abaqus,
+    ".matrix": pm.readers.read_harwell_boeing,
     ".pch": pm.readers.read_dmig,
 }
 DOCUMENTED = (ValueError, OSError, MemoryError, UserWarning)

@@ -6,8 +6,6 @@ between 5 and 9, 1 between 9 and 2, and node 5 held by another 1.
 
 import inspect
 import io
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +14,14 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import readers
-from pmalpha.readers import ExportedMatrix, asymmetry, read_abaqus, read_dmig, symmetrized
+from pmalpha.readers import (
+    ExportedMatrix,
+    asymmetry,
+    read_abaqus,
+    read_dmig,
+    read_harwell_boeing,
+    symmetrized,
+)
 
 BAR = np.array([[3.0, -2.0, 0.0], [-2.0, 3.0, -1.0], [0.0, -1.0, 1.0]])  # nodes 5, 9, 2
 SORTED = np.array([[1.0, 0.0, -1.0], [0.0, 3.0, -2.0], [-1.0, -2.0, 3.0]])  # nodes 2, 5, 9
@@ -402,11 +407,58 @@ RSA           {3:14}{3:14}{5:14}{0:14}
 """
 
 
-def test_a_symmetric_harwell_boeing_file_is_read_by_scipy_as_half_a_matrix():
+def test_a_harwell_boeing_file_is_read_as_scipy_reads_the_same_as_unsymmetric(written):
     text = HARWELL_BOEING.replace("\nRSA", "\nRUA", 1)
     half = as_sparse_array(scipy.io.hb_read, io.StringIO(text))
-    K = half + half.T - sp.diags_array(half.diagonal())
-    np.testing.assert_array_equal(K.toarray(), BAR)
+    np.testing.assert_array_equal(
+        read_harwell_boeing(written(text)).tocsr().toarray(), half.toarray()
+    )
+    K = read_harwell_boeing(written(HARWELL_BOEING))
+    np.testing.assert_array_equal(K.matrix.toarray(), BAR)
+    assert K.labels.tolist() == [[1, 0], [2, 0], [3, 0]]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("RSA", "RSE", "line 3: the type must be one of RSA"),
+        ("(4I4)", "(4E4)", "line 4: the format of pointers must be"),
+        ("(4I4)", "(3I4)", "line 2: 4 pointers must be in 1 line of up to 3"),
+        ("(5E14.6)", "", "line 4: must have formats of pointers, rows and values"),
+        ("   1   3   5   6", "   1   3   5   7", "line 5: pointers must go from 1 to .* 6, "),
+        ("   1   3   5   6", "   1   5   3   6", "line 5: pointers .* never down"),
+        ("   1   3   5   6", "   1   3   x   6", "line 5: must have whole numbers"),
+        ("   1   2   2   3   3", "   1   2   2   4   3", "line 6: rows must be 1 to 3, got 4"),
+        ("   1   2   2   3   3", "   1   2   1   3   3", "on the other side of the diagonal"),
+        ("   1   2   2   3   3", "   1   2   2   3", "line 6: must have 5 rows of width 4, got 4"),
+        ("1.000000E+00\n", "1.000000E+00", "line 7: must end with a new line, or is cut off"),
+        ("-2.000000E+00", "          inf", "line 7: must have finite numbers"),
+        (f"{3:14}{3:14}{5:14}", f"{3:14}{4:14}{5:14}", "square, got 3 rows and 4 columns"),
+    ],
+)
+def test_a_harwell_boeing_file_that_is_not_as_its_header_says_is_refused(written, old, new, words):
+    text = HARWELL_BOEING.replace(old, new, 1)
+    assert text != HARWELL_BOEING
+    with pytest.raises(ValueError, match=words):
+        read_harwell_boeing(written(text))
+
+
+MAPPING = "  Matrix Eqn      Node   DOF\n  1   7  UX\n  3   9  ROTZ\n  2   7  uy\n"
+
+
+def test_a_mapping_file_gives_node_and_component_of_rows_in_any_order(written):
+    path = written(HARWELL_BOEING)
+    K = read_harwell_boeing(path, written(MAPPING, "stiff.mapping"))
+    assert K.labels.tolist() == [[7, 1], [7, 2], [9, 6]]
+    for old, new, words in (
+        ("ROTZ", "TEMP", "line 3: dof must be of UX, .* got 'TEMP'"),
+        ("  3   9", "  4   9", "line 3: rows must be 1 to 3, each once, got 4"),
+        ("  3   9", "  1   9", "line 3: rows must be 1 to 3, each once, got 1"),
+        ("  2   7  uy\n", "", "must have 3 rows of the matrix, got 2"),
+        ("9  ROTZ", "9", "line 3: must have row, node and dof"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            read_harwell_boeing(path, written(MAPPING.replace(old, new), "stiff.mapping"))
 
 
 def test_the_dof_file_of_calculix_gives_the_labels(written):
@@ -448,13 +500,7 @@ def test_matrices_of_readers_with_other_rows_are_refused(written):
 @pytest.mark.parametrize("kind", ["RSA", "RUA"])
 @pytest.mark.parametrize("columns", [1, 3])
 @pytest.mark.parametrize("exponent", ["d", "D", "E"])
-def test_the_program_of_the_page_reads_matrices_as_ansys_writes_them(
-    tmp_path, kind, columns, exponent
-):
-    page = (Path(__file__).parent.parent / "docs" / "other-programs.md").read_text()
-    (code,) = re.findall(r"```python\n(import re\n.*?)```", page, re.DOTALL)
-    names = {}
-    exec(compile(code, "other-programs.md", "exec"), names)
+def test_matrices_are_read_as_ansys_writes_them(tmp_path, kind, columns, exponent):
     A = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1e-3], [0.0, -1e-3, -4e5]])
     half = sp.csc_array(np.tril(A) if kind == "RSA" else A)
     numbers = [half.indptr + 1, half.indices + 1, half.data]
@@ -472,4 +518,4 @@ def test_the_program_of_the_page_reads_matrices_as_ansys_writes_them(
     ]
     path = tmp_path / "stiff.matrix"
     path.write_text("\n".join(head + sum(blocks, [])) + "\n")
-    np.testing.assert_array_equal(names["read_hbmat"](path).toarray(), A)
+    np.testing.assert_array_equal(read_harwell_boeing(path).matrix.toarray(), A)

@@ -1,12 +1,13 @@
-"""Readers of matrices exported as text by Abaqus, CalculiX and Nastran, and of PEER records.
+"""Readers of matrices exported as text by Abaqus, ANSYS, CalculiX and Nastran, and of records.
 
-docs/other-programs.md has the input of these programs. ``scipy.io.mmread`` and
-``scipy.io.hb_read`` read Matrix Market and Harwell-Boeing files.
+docs/other-programs.md has the input of these programs. ``scipy.io.mmread`` reads Matrix Market
+files.
 """
 
 from ..problem.records import Record
 from .abaqus import ElementMatrices, read_abaqus
 from .exported import ExportedMatrix, asymmetry, completed, symmetrized
+from .harwell_boeing import read_harwell_boeing
 from .nastran import read_dmig
 from .records import read_at2, read_record
 
@@ -19,6 +20,7 @@ __all__ = [
     "read_abaqus",
     "read_at2",
     "read_dmig",
+    "read_harwell_boeing",
     "read_record",
     "symmetrized",
 ]
