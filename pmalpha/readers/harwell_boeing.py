@@ -23,6 +23,8 @@ TYPES = "RSA (symmetric) and RUA (unsymmetric)"
 # Names of dofs in the mapping file and their components
 COMPONENTS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
 HEADER = 4
+# Of what is converted at once
+WHOLE, REAL = re.compile("[0-9 ]*"), re.compile("[0-9.E+ -]*")
 
 
 class Block(NamedTuple):
@@ -162,24 +164,41 @@ def _numbers(
     path: str, lines: list[str], block: Block, number_of: Callable[[str], Any]
 ) -> np.ndarray:
     """Of fields of one width; one number in a line may be written anywhere in it."""
-    numbers: list[Any] = []
+    fields: list[str] = []
     for i in range(block.begin, block.end):
-        line, left = lines[i].rstrip(), min(block.per_line, block.count - len(numbers))
-        fields = [line[j : j + block.width] for j in range(0, len(line), block.width)]
+        line, left = lines[i].rstrip(), min(block.per_line, block.count - len(fields))
+        of_line = [line[j : j + block.width] for j in range(0, len(line), block.width)]
         if left == 1 and len(line.split()) == 1:
-            fields = [line]
-        if len(fields) != left:
+            of_line = [line]
+        if len(of_line) != left:
             rule = f"must have {left} {block.what} of width {block.width}"
-            refuse(path, i + 1, f"{rule}, got {len(fields)}")
-        try:
-            numbers += [number_of(field) for field in fields]
-        except ValueError as error:
-            refuse(path, i + 1, str(error))
-    array = np.array(numbers)
+            refuse(path, i + 1, f"{rule}, got {len(of_line)}")
+        fields += of_line
+    array = _converted(fields, number_of is _index)
+    if array is None:
+        numbers = []
+        for i, field in enumerate(fields):
+            try:
+                numbers.append(number_of(field))
+            except ValueError as error:
+                refuse(path, block.begin + i // block.per_line + 1, str(error))
+        array = np.array(numbers)
     if not np.isfinite(array).all():
         i = block.begin + int(np.argmin(np.isfinite(array))) // block.per_line
         refuse(path, i + 1, "must have finite numbers")
     return array
+
+
+def _converted(fields: list[str], are_whole: bool) -> np.ndarray | None:
+    """All at once; None for fields of which one has to be looked at."""
+    text = " ".join(fields).upper().replace("D", "E")
+    words = text.split()
+    if len(words) != len(fields) or (WHOLE if are_whole else REAL).fullmatch(text) is None:
+        return None
+    try:
+        return np.array(words, dtype=np.int64 if are_whole else np.float64)
+    except (ValueError, OverflowError):
+        return None
 
 
 def _check_indices(
