@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -39,14 +40,18 @@ def called(what: str, function: Callable[..., Any], t: float, *motion: Any) -> A
 
 
 def damping_by_name(function: Function) -> Function:
-    """A method of M and K, which refuses a third matrix by position: (M, C, K) is as common."""
+    """A method of M and K last, which refuses a further matrix by position: (M, C, K) is as
+    common."""
+    parameters = list(inspect.signature(function).parameters.values())
+    names = [x.name for x in parameters if x.kind is x.POSITIONAL_OR_KEYWORD][1:]
+    allowed = f"{', '.join(names[:-1])} and {names[-1]}"
 
     @functools.wraps(function)
     def called(self: Any, *args: Any, **options: Any) -> Any:
-        if len(args) > 2:
+        if len(args) > len(names):
             raise TypeError(
-                "C must be given by name, C=, got a third argument by position: only M and K are, "
-                "in this order"
+                "C must be given by name, C=, got a further argument by position: only "
+                f"{allowed} are, in this order"
             )
         return function(self, *args, **options)
 

@@ -95,6 +95,10 @@ def test_a_damping_matrix_by_position_is_a_type_error_that_names_it():
     M, C, K = [1.0], [0.1], [4.0]
     with pytest.raises(TypeError, match="C must be given by name, C=.*only M and K"):
         pm.Subdomain(M, C, K, scheme=pm.Newmark())
+    with pytest.raises(TypeError, match="C must be given by name, C=.*only dofs, M and K"):
+        pm.Elements([[0]], [[1.0]], [[[1.0]]], [[[0.1]]])
+    with pytest.raises(TypeError, match="C must be given by name, C=.*only basis, M and K"):
+        pm.Elements.from_skfem(None, None, None, None)
     assert pm.Subdomain(M, K, C=C, scheme=pm.Newmark()).C.tolist() == C
 
 

@@ -96,7 +96,7 @@ def test_element_matrices_sum_to_what_scikit_fem_assembles(element):
     basis = skfem.Basis(mesh, skfem.ElementVector(element()), intorder=6)
     _, mass, stiffness = forms(mesh)
     fixed = basis.get_dofs("wall")
-    elements = pm.Elements.from_skfem(basis, mass, stiffness, mass, fixed=fixed)
+    elements = pm.Elements.from_skfem(basis, mass, stiffness, C=mass, fixed=fixed)
     (whole,) = pm.cut(elements, np.zeros(mesh.nelements, int)).subdomains
     free = basis.complement_dofs(fixed)
     for ours, form in ((whole.M, mass), (whole.K, stiffness), (whole.C, mass)):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._cached import Frozen
-from .._checks import counted, flag, listing, plain_array, real_array
+from .._checks import counted, damping_by_name, flag, listing, plain_array, real_array
 from ..problem.arguments import OF_ELEMENTS, check_order
 
 __all__ = ["Elements"]
@@ -61,13 +61,14 @@ class Elements(Frozen):
     [[8.0, -4.0], [-4.0, 4.0]]
     """
 
+    @damping_by_name
     def __init__(
         self,
         dofs: ArrayLike,
         M: ArrayLike | None,
         K: ArrayLike | None,
-        C: ArrayLike | None = None,
         *,
+        C: ArrayLike | None = None,
         internal: Callable[..., Any] | None = None,
         history: ArrayLike | None = None,
     ):
@@ -95,13 +96,14 @@ class Elements(Frozen):
         self._freeze()
 
     @classmethod
+    @damping_by_name
     def from_skfem(
         cls,
         basis: Any,
         M: Any,
         K: Any,
-        C: Any = None,
         *,
+        C: Any = None,
         fixed: Any = (),
         lumped: bool = False,
     ) -> Elements:
@@ -149,7 +151,7 @@ class Elements(Frozen):
             number[basis.element_dofs.T],
             mass.sum(axis=2) if flag(lumped, "lumped") else mass,
             _local(basis, K, "K"),
-            None if C is None else _local(basis, C, "C"),
+            C=None if C is None else _local(basis, C, "C"),
         )
 
     def __repr__(self) -> str:
