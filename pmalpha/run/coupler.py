@@ -26,7 +26,16 @@ from . import advance, recorded_run, session
 from . import snapshot as snapshots
 from . import state as present
 from .progress import reporting
-from .session import begin, made, require_alone, require_linear
+from .session import (
+    acting,
+    begin,
+    begun,
+    checked_problem,
+    checked_ties,
+    factored,
+    require_alone,
+    require_linear,
+)
 from .snapshot import Snapshot
 from .state import State, html_of, text_of
 
@@ -141,7 +150,11 @@ class Coupler:
                 start=start,
                 newton=newton,
             )
-            self._session = made(guard, ranks, subdomains, constraints, options, threads)
+            problem = checked_problem(subdomains, constraints, options, threads, ranks)
+            ties = checked_ties(problem)
+            assemblies = factored(problem, ties)
+            loads = acting(problem, ties, assemblies.first)
+            self._session = begun(guard, problem, ties, assemblies, loads)
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")

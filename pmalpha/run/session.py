@@ -50,7 +50,7 @@ from ..setup.schedule import (
 from ..setup.start import InitialAccelerations
 from .initial import InitialValues
 from .loads import Loads, warn_of_skipped
-from .motion import Obstacles, motions_of
+from .motion import Motion, Obstacles, motions_of
 from .transfer import Steps
 from .works import Works
 
@@ -124,77 +124,123 @@ class Session:
         return self.core.step_count if self.started else 0
 
 
-def _tied_and_touching(
-    constraints: Any,
-    everything: Sequence[Any],
-    names: Sequence[str],
-    options: Options,
-    ranks: Ranks | None,
-) -> tuple[tuple[Rows, ...], Contacts | None]:
-    """The rows of the constraints, and the contacts among them."""
-    bilateral, unilateral = two_sided_and_contacts(constraints)
-    row_groups = checked_constraints(bilateral, everything, names, options.coupling)
-    contacts = contacts_of(unilateral, everything, names, ranks)
-    if ranks is not None:
-        require_equal_problems(ranks, row_groups, options.facts)
-    return row_groups, contacts
+# ---- set-up --------------------------------------------------------------------------------------
+# In this order, which is that of the constructor of `Coupler`.
 
 
-def made(
-    guard: Guard,
-    ranks: Ranks | None,
-    subdomains: Any,
-    constraints: Any,
-    options: Options,
-    threads: int | None,
-) -> Session:
-    """The session of a new `Coupler`, as in the table of docs/architecture.md."""
+class Problem(NamedTuple):
+    """What is coupled, as far as it is known without computing anything."""
+
+    ranks: Ranks | None
+    everything: Sequence[Any]  # of all processes
+    keys: tuple[tuple[str, Subdomain], ...]  # of this one
+    names: list[str]  # of all
+    options: Options
+    threads: tuple[int, bool]
+    layout: Layout
+    groups: tuple[Rows, ...]  # the rows of each constraint
+    contacts: Contacts | None
+
+    @property
+    def clock(self) -> Clock:
+        return clock_of(self.layout)
+
+    @property
+    def part(self) -> slice:
+        """The subdomains of this process."""
+        return slice(None) if self.ranks is None else self.ranks.part
+
+
+def checked_problem(
+    subdomains: Any, constraints: Any, options: Options, threads: int | None, ranks: Ranks | None
+) -> Problem:
+    """The arguments of a `Coupler`, each refused by its name where it is wrong."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
     threads_allowed = most_threads(threads)
     everything = subdomains if ranks is None else described(ranks, subdomains)
-    part = slice(None) if ranks is None else ranks.part
-    coupling = (options := checked_options(options, len(everything))).coupling
+    options = checked_options(options, len(everything))
     names = names_of(everything)
-    row_groups, contacts = _tied_and_touching(constraints, everything, names, options, ranks)
-    keys = tuple(zip(names[part], subdomains))
-    layout = layout_of(everything, coupling, options.dt, tuple(s.substeps for s in everything))
-    clock = clock_of(layout)
-    check_delays(keys, clock.dt)
-    rows = ConstraintRows(row_groups, everything, part, ranks, contacts)
-    motions = motions_of(row_groups, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
-    initial = InitialValues(keys, rows)
+    bilateral, unilateral = two_sided_and_contacts(constraints)
+    groups = checked_constraints(bilateral, everything, names, options.coupling)
+    contacts = contacts_of(unilateral, everything, names, ranks)
+    if ranks is not None:
+        require_equal_problems(ranks, groups, options.facts)
+    keys = tuple(zip(names[slice(None) if ranks is None else ranks.part], subdomains))
+    substeps = tuple(s.substeps for s in everything)
+    layout = layout_of(everything, options.coupling, options.dt, substeps)
+    check_delays(keys, clock_of(layout).dt)
+    return Problem(
+        ranks, everything, keys, names, options, threads_allowed, layout, groups, contacts
+    )
+
+
+class Ties(NamedTuple):
+    """The constraints as independent rows, and what holds at t = 0."""
+
+    rows: ConstraintRows
+    motions: list[Motion]
+    initial: InitialValues
+
+
+def checked_ties(problem: Problem) -> Ties:
+    """ValueError for constraints that depend on each other, or that the velocities violate."""
+    rows = ConstraintRows(
+        problem.groups, problem.everything, problem.part, problem.ranks, problem.contacts
+    )
+    coupling = problem.options.coupling
+    fine = 1 if coupling in MACRO else max(problem.layout.substeps)
+    motions = motions_of(problem.groups, rows, fine, problem.clock)
+    initial = InitialValues(problem.keys, rows)
     initial.check(motions, tied=coupling == "mean")
+    return Ties(rows, motions, initial)
+
+
+def factored(problem: Problem, ties: Ties) -> Assemblies:
+    """The orders, factors and H of these steps, judged; the rest when steps change."""
     with np.errstate(over="ignore"):  # a matrix that overflows is refused as singular
-        assemblies = Assemblies(
-            keys,
-            rows.links,
-            rows.p,
-            layout,
-            [motion.rows for motion in motions],
-            options=options,
-            threads=threads_allowed,
-            ranks=ranks,
-            contacts=contacts,
-            groups=row_groups,
+        return Assemblies(
+            problem.keys,
+            ties.rows.links,
+            ties.rows.p,
+            problem.layout,
+            [motion.rows for motion in ties.motions],
+            options=problem.options,
+            threads=problem.threads,
+            ranks=problem.ranks,
+            contacts=problem.contacts,
+            groups=problem.groups,
         )
-    assembly, forces = assemblies.first, [s.force for s in subdomains]
-    core, members = assembly.core, assembly.members
-    warn_of_skipped(members, forces, motions, clock.dt / core.instants)
-    obstacles = None if contacts is None else Obstacles(contacts, core.instants, clock)
+
+
+def acting(problem: Problem, ties: Ties, assembly: Assembly) -> Loads:
+    """The loads as these steps take them, with a warning of what they skip."""
+    core, members, clock = assembly.core, assembly.members, problem.clock
+    forces = [s.force for _, s in problem.keys]
+    warn_of_skipped(members, forces, ties.motions, clock.dt / core.instants)
+    touching = problem.contacts
+    obstacles = None if touching is None else Obstacles(touching, core.instants, clock)
+    newton, names = problem.options.newton, problem.names
+    return Loads(core, members, clock, forces, ties.motions, newton, names, obstacles)
+
+
+def begun(
+    guard: Guard, problem: Problem, ties: Ties, assemblies: Assemblies, loads: Loads
+) -> Session:
+    """At t = 0, with the initial accelerations unless they need functions of the user."""
     session = Session(
         guard=guard,
-        ranks=ranks,
-        everything=everything,
-        keys=keys,
-        options=options,
-        threads_allowed=threads_allowed,
-        rows=rows,
-        core_rows=CoreRows(assemblies.row_position, rows.scale, contacts),
+        ranks=problem.ranks,
+        everything=problem.everything,
+        keys=problem.keys,
+        options=problem.options,
+        threads_allowed=problem.threads,
+        rows=ties.rows,
+        core_rows=CoreRows(assemblies.row_position, ties.rows.scale, problem.contacts),
         assemblies=assemblies,
-        steps=Steps(layout, clock),
-        assembly=assembly,
-        initial=initial,
-        loads=Loads(core, members, clock, forces, motions, options.newton, names, obstacles),
+        steps=Steps(problem.layout, problem.clock),
+        assembly=assemblies.first,
+        initial=ties.initial,
+        loads=loads,
         accelerations=assemblies.accelerations,
     )
     take_loads(session)
