@@ -43,7 +43,7 @@ EXPLAINED = {
     "Goal": "budget",
     **dict.fromkeys(("Misfit", "Parameters", "element_parameters"), "gradients"),
     "Study": "many",
-    "analysis": "tutorial stability",
+    "analysis": "tutorial stability model",
     "readers": "other-programs units",
     "rig": "rig",
     "structures": "model elements",

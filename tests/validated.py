@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 import lamb_problem
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
+from scipy.sparse import block_diag
 from scipy.special import ellipj, ellipk
 
 import pmalpha as pm
@@ -500,6 +502,109 @@ def vm77():
         h = halves(beam, 1e-4, 0.1, coupling, (1, 4), pm.GeneralizedAlpha(0.8), **options)
         coupled[coupling] = h.u[:, beam.dofs(2, "uy")].max()
     return [Row("largest deflection", 0.331, 2e-2, ours, coupled)]  # from a chart
+
+
+def moving_force():
+    """A constant force crosses a beam on two supports; Fryba, Vibration of Solids and Structures
+    under Moving Loads, 1972, the series of its modes; Olsson, J. Sound Vib. 145, 1991."""
+    ratios = np.array([0.5, 1.0, 1.234, 1.5, 2.0])  # first period over the time of the crossing
+
+    def largest(ratio):  # over that of the force at rest in the middle
+        t = np.linspace(0.0, 2.0 * np.pi / ratio, 4001)
+        k = np.arange(1, 60, 2)[:, None]
+        omega, driven = k**2, k * (ratio / 2.0 + 1e-9)
+        motion = np.sin(driven * t) - driven / omega * np.sin(omega * t)
+        terms = 96.0 / np.pi**4 / (omega**2 - driven**2) * motion * np.sin(k * np.pi / 2.0)
+        return terms.sum(axis=0).max()
+
+    beam = structures.beam_frame(
+        [[0, 0], [np.pi, 0]], [[0, 1]], EA=1e4, EI=1.0, rhoA=1.0, divisions=16
+    )
+    held, middle = beam.dofs([0, 1], ["ux", "uy"])[[0, 1, 3]], beam.dofs(9, "uy")
+
+    def crossing(ratio):
+        duration = 2.0 * np.pi / ratio
+        point = beam.moving_point(beam.nodes_at(y=0.0), np.pi / duration)
+        load = pm.MovingLoad(point, 48.0 / np.pi**3)  # moves the middle by 1 at rest
+        return duration, {"fixed": held, "force": load}
+
+    ours, coupled = [], {"gc": [], "pm": [], "macro": [], "mean": []}
+    for ratio in ratios:
+        duration, options = crossing(ratio)
+        steps = int(round(duration / 0.02))
+        s = beam.subdomain(scheme=TR, **options)
+        ours.append(pm.solve(s, dt=duration / steps, t_end=duration)["uy 9"].u.max())
+        for coupling, values in coupled.items():
+            h = halves(beam, duration / steps, duration, coupling, (1, 2), TR, **options)
+            values.append(h.u[:, middle].max())
+    # the mesh, and the square of the step
+    return [Row("largest deflection, five speeds", list(map(largest, ratios)), 1e-3, ours, coupled)]
+
+
+def moving_oscillator():
+    """A sprung mass crosses a beam on two supports: data of Yang, Yau, J. Struct. Eng. 123, 1997;
+    the equations of the modes as in Biggs, Structural Dynamics, 1964, integrated by DOP853."""
+    L, E, inertia, rho, m, k, c = 25.0, 2.87e9, 2.9, 2303.0, 5750.0, 1.595e6, 27.78
+    number = np.arange(1, 10)
+    omega = (number * np.pi / L) ** 2 * np.sqrt(E * inertia / rho)
+    shape = np.sqrt(2.0 / (rho * L))
+
+    def rate(t, y):
+        phi = shape * np.sin(number * np.pi * c * t / L)
+        f = k * (phi @ y[:9] - y[-2])
+        return [*y[9:18], *(-(omega**2) * y[:9] - f * phi), y[-1], f / m - 9.81]
+
+    times = np.linspace(0.0, 0.9, 901)
+    start = np.append(np.zeros(18), [-9.81 * m / k, 0.0])
+    y = solve_ivp(rate, (0.0, 0.9), start, "DOP853", times, rtol=1e-9, atol=1e-12).y
+    bent, body = shape * np.sin(number * np.pi / 2.0) @ y[:9], y[-2] + 9.81 * m / k
+
+    beam = structures.beam_frame(
+        [[0, 0], [L, 0]], [[0, 1]], EA=1e12, EI=E * inertia, rhoA=rho, divisions=16
+    )
+    held = ["ux 0", "uy 0", "uy 1"]
+    point = beam.moving_point(beam.nodes_at(y=0.0), c, fixed=held)
+    span = beam.subdomain(scheme=TR, fixed=held)
+
+    def bridge(share):
+        """With this share of the body, which falls from the sag of its spring."""
+        M = block_diag([span.M, [[share * m]]], format="csr")
+        K = block_diag([span.K, [[0.0]]], format="csr")
+        return pm.Subdomain(
+            M,
+            K,
+            scheme=TR,
+            restoring=pm.CubicSpring([("body", point)], k, k3=0.0),
+            force=np.append(np.zeros(span.n), -9.81 * share * m),
+            u0=np.append(np.zeros(span.n), -9.81 * m / k),
+            dof_names=[*span.dof_names, "body"],
+            name="bridge",
+        )
+
+    def seen(h):
+        return h["uy 9"].u.min(), np.abs(h["body"].u + 9.81 * m / k).max()
+
+    ours = seen(pm.solve(bridge(1.0), dt=1e-3, t_end=0.9))
+    coupled = {}
+    for coupling in ("gc", "pm", "macro"):
+        rest = pm.Subdomain(
+            [0.4 * m],
+            [0.0],
+            scheme=TR,
+            substeps=4,
+            force=[-9.81 * 0.4 * m],
+            u0=[-9.81 * m / k],
+            name="rest",
+        )
+        a = bridge(0.6)
+        run = pm.Coupler([a, rest], pm.tie(a, ["body"], rest, [0]), dt=1e-3, coupling=coupling)
+        coupled[coupling] = seen(run.run(0.9)["bridge"])
+    # the mesh, and the square of the step
+    bending, motion = ({x: pair[i] for x, pair in coupled.items()} for i in range(2))
+    return [
+        Row("deflection of the middle", bent.min(), 1e-3, ours[0], bending),
+        Row("motion of the body", np.abs(body).max(), 1e-3, ours[1], motion),
+    ]
 
 
 # ---- plates and solids --------------------------------------------------------------------------
@@ -1048,6 +1153,8 @@ GROUPS = {
         (sdll135, "Code_Aster V2.02.135"),
         (deep_beam, "NAFEMS R0016, 1989; TNSB 3, 1990"),
         (vm77, "ANSYS VM77; Biggs 1964"),
+        (moving_force, "Fryba 1972; Olsson 1991"),
+        (moving_oscillator, "Biggs 1964; Yang, Yau 1997"),
     ],
     "Plates and solids": [
         (fv52, "NAFEMS TNSB 3; Code_Aster V2.03.502"),
