@@ -65,6 +65,8 @@ def stated(code):
         "docs/moving.md",
         "docs/own-element.md",
         "docs/right.md",
+        "docs/actuators.md",
+        "docs/laboratory.md",
         "docs/rig.md",
         "docs/tutorial.md",
     ],

@@ -633,7 +633,7 @@ class Coupler:
         not taken, so that other Python threads cannot delay a step. A Python callable takes it in
         each evaluation; ``f(t)`` is evaluated before the run, as far as 32 MB suffice. Under "pm"
         the double steps of coarse subdomains run in other threads, and delay a fine step only where
-        it waits for them. docs/rig.md has measured times.
+        it waits for them. docs/laboratory.md has measured times.
 
         Examples
         --------
