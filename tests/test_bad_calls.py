@@ -197,3 +197,15 @@ def test_a_refused_coupler_leaves_its_subdomains_as_they_were():
         with pytest.raises((ValueError, pm.StabilityWarning)):
             bad()
     assert as_bytes(pm.Coupler([a, b], tie, dt=0.1, coupling="pm")) == expected
+
+
+def test_solve_names_an_option_that_a_coupler_has():
+    spring = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
+    with pytest.raises(TypeError, match=r"has no 'coupling', got 'gc': .*Coupler\(\[subdomain\]"):
+        pm.solve(spring, 0.1, 1.0, coupling="gc")
+
+
+def test_a_mass_matrix_that_was_exchanged_with_the_stiffness_is_named():
+    M, K = pm.models.shear_frame([2e3, 4e3, 4e3], [0.0, 8e6, 8e6])
+    with pytest.warns(pm.ConstraintWarning, match="K is a diagonal .* are M and K exchanged"):
+        pm.Coupler([pm.Subdomain(K, M, scheme=pm.Newmark())], dt=0.01)

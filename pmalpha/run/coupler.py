@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from os import PathLike
@@ -1565,5 +1566,12 @@ def solve(
         raise TypeError(
             f"subdomain must be one Subdomain, not a list of them; several are for Coupler, got "
             f"{subdomain!r}"
+        )
+    # only here: one subdomain needs none of them
+    options = set(as_run) & set(inspect.signature(Coupler).parameters)
+    if options := sorted(options - set(inspect.signature(Coupler.run).parameters)):
+        raise TypeError(
+            f"solve() has no {options[0]!r}, got {as_run[options[0]]!r}: that is an option of a "
+            f"Coupler; Coupler([subdomain], dt, {options[0]}=...).run(t_end)[0] has it"
         )
     return Coupler([subdomain], dt=dt, threads=threads).run(t_end, **as_run)[0]

@@ -27,7 +27,7 @@ from ..errors import ConstraintWarning, FactorizationError, warn
 from ..memory import one_thread
 from ..problem import forms
 from ..problem.forms import Factor, Operator
-from ..problem.matrices import EXPORTED, Matrix, combination, diagonal
+from ..problem.matrices import EXPORTED, Matrix, combination, diagonal, sparse_diagonal
 from ..problem.schemes import Scheme
 from .interface import interface_factor, summed, total
 from .link import Block, Link, diagonal_compliances
@@ -270,11 +270,20 @@ def _mass_factor(member: Member, M: Matrix) -> Factor:
         warn(
             f"{what} is indefinite at the level of its last digits, as in files with few digits: "
             f"{share:g} of its largest entry is added to the diagonal for the initial "
-            "accelerations; the steps use M as given",
+            f"accelerations; the steps use M as given{_exchanged(member)}",
             ConstraintWarning,
         )
         return factor
     raise refusal
+
+
+def _exchanged(member: Member) -> str:
+    """What M and K look like, where M is no mass matrix and K could be one; nothing otherwise."""
+    K = member.subdomain.K
+    if K is None or member.M is None or not np.all(diagonal(K) > 0.0):
+        return ""
+    lumped = K.ndim == 1 or not sp.csr_array(K - sparse_diagonal(diagonal(K))).data.any()
+    return "; K is a diagonal of positive numbers: are M and K exchanged?" if lumped else ""
 
 
 class _Saddle:
