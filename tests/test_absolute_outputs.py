@@ -85,6 +85,7 @@ def test_cases_have_the_ground_of_their_own_loads():
             np.testing.assert_array_equal(history["frame"].outputs[name], alone[name])
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("series", [1, 2])
 def test_a_file_has_the_absolute_outputs_of_memory_to_the_bit_and_is_continued(tmp_path, series):
     pytest.importorskip("h5py")

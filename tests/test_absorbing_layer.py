@@ -62,6 +62,7 @@ def rates_of(layer, fixed=()):
     return M, C, K, rates[np.abs(rates) > 1e-5 * np.abs(rates).max()]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 def test_mass_is_positive_damping_takes_energy_and_no_motion_of_the_layer_grows(mass):
     soil = box(1, 1, nu=0.45, mass=mass)
@@ -114,6 +115,7 @@ def test_a_layer_of_a_turned_mesh_is_that_layer_turned():
     np.testing.assert_allclose(rates[0], rates[1], rtol=1e-9)
 
 
+@pytest.mark.gate
 def test_a_pulse_leaves_and_without_the_stretch_it_returns():
     soil = box(20, 10)
     layers = [soil.absorbing_layer(lamb.edge(soil), 8, reflection=R) for R in (1e-3, 1.0)]

@@ -199,6 +199,7 @@ def unloaded(seed, **changes):
     return problem.coupler()
 
 
+@pytest.mark.gate
 def test_the_random_problems_contain_what_the_next_test_needs():
     couplers = [unloaded(seed) for seed in range(15)]
     parts = [part for coupler in couplers for part in coupler._session.members]
@@ -505,6 +506,7 @@ def test_two_explicit_subdomains_with_equal_steps_have_the_limit_of_the_uncut_os
     assert analysis.stability_limit(cut, 0.1, 3.0) == pytest.approx(limit(rho), rel=2e-6)
 
 
+@pytest.mark.gate
 def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
     # both subdomains floating: the defective eigenvalue 1 of a motion at constant velocity
     # besides the 1 of the drift; the limit is that of B's spring between its two masses

@@ -75,6 +75,7 @@ def test_wrong_options_are_named(options, error, message):
 # ---- append ---------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("seed, options", CASES[:4], ids=str)
 def test_a_file_continued_in_pieces_is_that_of_one_run(tmp_path, seed, options):
     path = tmp_path / "run.h5"
@@ -120,6 +121,7 @@ def test_a_failed_run_leaves_the_rows_before_it(tmp_path):
     assert ours.step_count == 10 == ours.last_history.macro_times.size - 1
 
 
+@pytest.mark.gate
 def test_a_file_of_something_else_is_not_continued(tmp_path):
     path = tmp_path / "run.h5"
     four_dof().run(steps=5, record_to=path)

@@ -244,6 +244,7 @@ def resident():
         return int(statm.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is read")
 def test_memory_of_the_core_is_freed():
     n = 20_000

@@ -157,6 +157,7 @@ def test_ctrl_c_ends_a_single_macro_step_of_many_substeps():
     assert c.step_count == 0 and c.state(0).u[0] == 1.0
 
 
+@pytest.mark.gate
 def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice():
     times_of_load = []
 
@@ -196,6 +197,7 @@ def test_few_steps_are_evaluated_ahead_under_a_slow_load_for_which_ctrl_c_waits(
     assert len(times) == 101 and max(ahead) <= 32
 
 
+@pytest.mark.gate
 def test_a_handler_that_does_not_raise_does_not_stop_the_run():
     seen = []
     c, _ = long_run(10)
@@ -234,6 +236,7 @@ ENTERED = [(*pair, 13) for pair in in_turn(CALLS, *LOADS)]
 ALL = [pytest.param(*pair, 1, marks=pytest.mark.campaign) for pair in product(CALLS, LOADS)]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("call", "force", "stride"), ENTERED + ALL)
 def test_an_interrupt_on_entering_a_function_of_the_package_leaves_all_or_nothing(
     tmp_path, call, force, stride

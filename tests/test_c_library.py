@@ -187,6 +187,7 @@ def test_nothing_is_allocated_between_open_and_close(model, tmp_path):
     assert later == 0
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("source", ["loop.c", "loop.cpp"])
 def test_examples_print_the_figure_of_the_run(model, tmp_path, source):
     if shutil.which("c++" if source.endswith("pp") else "cc") is None:
@@ -283,6 +284,7 @@ def test_examples_compile_without_a_warning(tmp_path):
         run("cc", *flags, "-c", EXAMPLES / name, "-o", tmp_path / "x.o")
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("line", [1, 2])
 def test_the_compile_lines_of_the_page_make_a_program(model, tmp_path, line):
     page = (ROOT / "docs" / "embedded.md").read_text()

@@ -144,6 +144,7 @@ def test_wrong_reductions_are_refused_before_the_first_case(options, message):
         tower().run_each([{}], steps=1, **options)
 
 
+@pytest.mark.gate
 def test_values_are_a_dataset_over_cases():
     pytest.importorskip("xarray")
     values = tower().run_each(shaken(5), steps=STEPS, reduce="peak", **OPTIONS["some"])

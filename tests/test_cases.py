@@ -304,6 +304,7 @@ def test_wrong_input_is_refused_before_anything_begins(cases, options, error, me
     assert calls == [] and ours.step_count == 0
 
 
+@pytest.mark.gate
 def test_a_file_for_each_case(tmp_path):
     pytest.importorskip("h5py")
     ours, theirs = coupler(), coupler()

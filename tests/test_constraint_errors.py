@@ -169,6 +169,7 @@ def levers(trains, length, ratio):
     return L
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "trains, length, ratio", [(2, 3, 0.05), (2, 4, 0.1), (3, 5, 0.1), (2, 8, 0.2), (300, 3, 0.05)]
 )
@@ -233,18 +234,21 @@ def path_of_ties(p):
     return sp.csr_array((values, where), shape=(p, p + 1))
 
 
+@pytest.mark.gate
 def test_a_hundred_thousand_independent_ties_are_accepted_in_seconds():
     a, b = single(MANY, scheme=EXPLICIT), single(MANY, scheme=EXPLICIT)
     tie = pm.tie(a, np.arange(MANY), b, np.arange(MANY)[::-1])
     assert seconds(lambda: pm.Coupler([a, b], tie, dt=0.1, coupling="pm")) < SOON
 
 
+@pytest.mark.gate
 def test_a_hundred_thousand_ties_in_a_path_are_accepted_in_seconds():
     a = single(MANY + 1, scheme=EXPLICIT)
     path = pm.Constraint({a: path_of_ties(MANY)})
     assert seconds(lambda: pm.Coupler([a], path, dt=0.1)) < SOON
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("many, ends", [(MANY, (0, MANY)), (8000, (4000, 4003))])
 def test_one_dependent_row_among_a_hundred_thousand_is_found(many, ends):
     # a tie of two dofs of the path closes a cycle of the rows between them
@@ -261,6 +265,7 @@ def test_one_dependent_row_among_a_hundred_thousand_is_found(many, ends):
         assert "4004" not in message and "3999" not in message
 
 
+@pytest.mark.gate
 def test_a_row_given_twice_among_a_hundred_thousand_is_found():
     a, b = single(MANY, scheme=EXPLICIT), single(MANY, scheme=EXPLICIT)
     constraints = [pm.tie(a, np.arange(MANY), b, np.arange(MANY)), pm.tie(b, [77_777], a, [77_777])]

@@ -67,6 +67,7 @@ def exact_pounding(times):
     return np.array(u), impacts
 
 
+@pytest.mark.gate
 def test_two_masses_pound_as_by_their_exact_motion():
     times = 4e-3 * np.arange(1, 1001)
     exact, impacts = exact_pounding(times)
@@ -334,6 +335,7 @@ def read_vtu(path, k, field):
     return meshio.read(path.with_suffix("") / f"{k:06d}.vtu").point_data[field]
 
 
+@pytest.mark.gate
 def test_gap_force_and_slip_are_in_the_files_of_paraview(tmp_path):
     """Two blocks on each other, written from the History and read back by meshio."""
     d, mu = 2, 0.3

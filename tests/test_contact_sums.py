@@ -47,6 +47,7 @@ def test_joined_runs_have_all_impulses(every):
         assert abs(total(joined) - expected(joined)) < ROUNDING
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("every", [None, 3, 7])
 def test_an_appended_file_has_all_impulses_at_their_rows(tmp_path, every):
     """As one run has them; the state comes from a checkpoint or a snapshot in between."""

@@ -269,6 +269,7 @@ def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(coupl
     assert orders(errors) == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("coupling", "substeps", "double"),
     [

@@ -81,6 +81,7 @@ def is_warned(make):
     return made, any(issubclass(w.category, pm.StabilityWarning) for w in caught)
 
 
+@pytest.mark.gate
 def test_growing_random_problems_are_warned_of_and_sound_ones_are_not():
     """benchmarks/surveys/coupling_radii.py has a thousand."""
     counts = {True: 0, False: 0}

@@ -90,6 +90,7 @@ def test_a_long_cut_chain_has_the_frequencies_of_the_whole_one():
     assert np.allclose(omega, expected, rtol=1e-7, atol=1e-6)
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")  # loose, as meant here
 def test_masses_without_springs_have_the_frequency_zero_exactly():
     # They move alone, but for rounding errors of their modes at the other dofs, which are all that

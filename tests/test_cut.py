@@ -356,6 +356,7 @@ def hardening(t, u, v, q, elements):
     return f[:, None] * sign, K, np.broadcast_to(0.1 * pairs, K.shape), q + 1.0
 
 
+@pytest.mark.gate
 def test_elements_with_internal_forces_dampers_and_history():
     rng = np.random.default_rng(SEED)
     dofs = np.column_stack([np.arange(-1, 11), np.arange(12)])
@@ -549,6 +550,7 @@ def test_no_assembly_vibrates_faster_than_the_bound_of_its_elements(kind):
     assert bounds.shape == (elements_of(structure),)
 
 
+@pytest.mark.gate
 def test_the_bound_of_an_element_is_close_to_its_highest_frequency():
     rng = np.random.default_rng(SEED)
     for structure in (solid(rng), solid(rng, "consistent"), frame(rng), plate(rng)):
@@ -629,6 +631,7 @@ def test_an_island_of_a_few_coarse_elements_is_absorbed_and_a_fine_one_is_not():
     assert np.array([s.substeps for s in parts.subdomains])[parts.labels][20] == 2
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_a_graded_mesh_is_stable_at_most_of_the_limit_of_each_level(coupling):
     """A body with random velocities, 400 macro steps: the energy does not grow."""

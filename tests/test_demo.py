@@ -41,6 +41,7 @@ def test_the_demo_prints_that_pm_alpha_annihilates_what_pm_keeps(finished):
         assert first == pytest.approx(start[0], rel=0.05)
 
 
+@pytest.mark.gate
 def test_the_demo_prints_the_drift(finished):
     _, text = finished
     chain = models.four_dof()
@@ -52,12 +53,14 @@ def test_the_demo_prints_the_drift(finished):
         assert gap == pytest.approx(expected, abs=6e-4)  # three decimals
 
 
+@pytest.mark.gate
 def test_the_demo_prints_the_same_each_time(finished, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([]) == 0
     assert capsys.readouterr().out == finished[1]
 
 
+@pytest.mark.gate
 def test_the_picture_is_a_png_fit_for_print(finished):
     from matplotlib import image
 
@@ -74,6 +77,7 @@ def test_the_picture_is_a_png_fit_for_print(finished):
         assert close.sum() > 1000 / 9, colour
 
 
+@pytest.mark.gate
 def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
@@ -94,6 +98,7 @@ def test_an_invalid_number_of_steps_is_refused(tmp_path, steps, monkeypatch, cap
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.gate
 def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)

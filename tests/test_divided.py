@@ -38,6 +38,7 @@ def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, coupling="pm", **
     return pm.Coupler(members, ties, dt=DT, coupling=coupling, **options)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "substeps, coupling, threads",
     [((1,), "pm", 1), ((1, 1), "gc", 2), ((1, 2), "pm", 2), ((3, 1), "gc", 1)],
@@ -63,6 +64,7 @@ def large_block(**options):
     return pm.Coupler([member], dt=DT, **options)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("threads", [2, 5])
 def test_one_solid_is_advanced_by_one_thread_of_several(threads):
     alone, shared = large_block(threads=1), large_block(threads=threads)
@@ -79,6 +81,7 @@ def test_one_solid_is_advanced_by_one_thread_of_several(threads):
     assert_same_levels(shared, alone)
 
 
+@pytest.mark.gate
 def test_eight_cases_of_large_subdomains_are_bitwise_single_runs():
     coupler = blocks()
     forces = [k * np.cos(np.arange(1176.0)) for k in range(8)]
@@ -92,6 +95,7 @@ class Broken(Exception):
     pass
 
 
+@pytest.mark.gate
 def test_an_error_in_a_load_leaves_the_last_macro_level():
     def load(t):
         if t > 0.45:
@@ -106,6 +110,7 @@ def test_an_error_in_a_load_leaves_the_last_macro_level():
     assert_same_levels(stopped, reached)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("broken, step", [((0, 1, 2), 3), ((1, 2), 4)])
 def test_of_several_subdomains_that_overflow_the_first_is_named_in_either_order(broken, step):
     with pytest.warns(pm.ConstraintWarning):  # tied, the interface would overflow first
@@ -122,6 +127,7 @@ def test_of_several_subdomains_that_overflow_the_first_is_named_in_either_order(
     assert caught.value.subdomain == f"subdomain {broken[0]}"
 
 
+@pytest.mark.gate
 def test_values_that_are_not_finite_leave_the_last_macro_level():
     stopped = blocks(scale=1e307)
     with pytest.raises(pm.InstabilityError):

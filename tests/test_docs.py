@@ -50,6 +50,7 @@ def stated(code):
     return [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "page",
     [

@@ -115,6 +115,7 @@ def test_names_without_dof_names_and_wrong_names_are_refused():
         rig(dof_names="ab")
 
 
+@pytest.mark.gate
 def test_files_and_tables_have_the_names(tmp_path):
     h5py = pytest.importorskip("h5py")
     pytest.importorskip("pandas")

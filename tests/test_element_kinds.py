@@ -204,6 +204,7 @@ def observed(errors, sizes):
     return np.log(errors[0] / errors[1]) / np.log(sizes[1] / sizes[0])
 
 
+@pytest.mark.gate
 @KIND
 def test_frequencies_converge_with_the_order_of_the_element(kind):
     order = order_of(kind)
@@ -215,6 +216,7 @@ def test_frequencies_converge_with_the_order_of_the_element(kind):
     assert 2 * order - 0.5 < found < 2 * order + 0.5
 
 
+@pytest.mark.gate
 @KIND
 def test_displacements_converge_with_one_order_more_than_the_element(kind):
     order = order_of(kind)

@@ -63,6 +63,7 @@ def exact_strip():
     return reduction.expand(u)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "scheme, steps",
     [(pm.Newmark(), 60), (pm.CentralDifference(), 100)],
@@ -84,6 +85,7 @@ def test_a_rubber_strip_that_bends_far_follows_its_equation_of_motion(scheme, st
     assert coarse < 0.01 and coarse / fine == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling, steps", [("pm", 50), ("gc", 30)])
 def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_whole(coupling, steps):
     whole, _, _, load = bent_strip()
@@ -113,6 +115,7 @@ def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_who
     assert errors[0] < 4e-3 and errors[0] > 1.9 * errors[1]
 
 
+@pytest.mark.gate
 def test_an_elastic_pendulum_turns_over_as_its_equation():
     # a mass on an elastic bar, thrown so that it turns over; gravity as a load
     EA, L, m, g = 400.0, 1.0, 2.0, 9.81
@@ -143,6 +146,7 @@ def test_an_elastic_pendulum_turns_over_as_its_equation():
     assert coarse < 4e-3 and coarse / fine == pytest.approx(4.0, rel=0.05)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()])
 def test_a_mass_rebounds_from_the_floor_after_half_a_period_of_its_penalty(scheme):
     m, k, fall = 2.0, 800.0, 1.5
@@ -175,6 +179,7 @@ def shear_layer(hardening):
     return sp.csr_array(layer.M)[free][:, free], internal, spring | {"hardening": hardening, "G": G}
 
 
+@pytest.mark.gate
 def test_a_plastic_layer_in_shear_is_a_bilinear_spring():
     H = 30.0
     M, internal, law = shear_layer(H)

@@ -55,6 +55,7 @@ def enclosed(**options):
     )
 
 
+@pytest.mark.gate
 def test_a_solid_tied_on_all_sides_moves_as_with_factors_in_columns(thresholds):
     ours = enclosed().run(steps=6)
     thresholds(WIDE=10**9)
@@ -86,6 +87,7 @@ def enclosed_finely():
     return pm.Coupler([inner, outer], tied, dt=0.05, coupling="macro")
 
 
+@pytest.mark.gate
 def test_an_enclosed_solid_runs_the_same_in_intervals_and_with_any_threads(tmp_path):
     whole = enclosed(threads=1).run(steps=6)[0].u[-1]
     pieces = enclosed(threads=2)

@@ -119,6 +119,7 @@ def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_at_its_time_
     assert np.abs(expected).max() > 0.01
 
 
+@pytest.mark.gate
 def test_the_problems_have_works_of_every_kind_and_double_steps_with_substeps():
     # so the comparisons above cover all kinds
     seen = set()

@@ -117,6 +117,7 @@ def held(structure, fixed, **options):
     return pm.Subdomain(reduction.M, None, internal=internal, scheme=TRAPEZOIDAL, **options)
 
 
+@pytest.mark.gate
 def test_the_elements_of_a_frame_and_of_a_cable_keep_their_energy():
     ends = [[0, 0], [2, 0]], [[0, 1]]
     beam = structures.corotational_frame(*ends, EA=1e3, EI=4.0, rhoA=1.0, divisions=4)
@@ -153,6 +154,7 @@ def test_the_works_of_two_intervals_are_those_of_one(coupling):
 # ---- forces with a history ------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_a_shear_test_of_a_plastic_square_dissipates_what_its_loop_encloses():
     E, nu, strength, amplitude = 200.0, 0.25, 0.3, 0.02
     mu = E / (2.0 * (1.0 + nu))

@@ -53,6 +53,7 @@ def uncut(t):
 ROOF = pm.Goal("tower", 2, at=19.64)
 
 
+@pytest.mark.gate
 def test_the_error_of_the_roof_is_that_of_the_tower():
     budget = readme(0.01).error_budget(ROOF, 19.64)
     true = uncut(19.64)[2] - budget.value
@@ -61,6 +62,7 @@ def test_the_error_of_the_roof_is_that_of_the_tower():
     assert abs(budget.corrected - uncut(19.64)[2]) < 0.01 * abs(true)
 
 
+@pytest.mark.gate
 def test_the_weights_of_the_same_run_are_less_reliable():
     true = uncut(19.64)[2] - readme(0.04, 1, 20).run(19.64)["tower"].u[-1, 2]
     half, same = (
@@ -125,6 +127,7 @@ def test_one_subdomain_refined_moves_the_goal_by_its_share(seed, coupling):
         assert abs(moved - 15.0 / 16.0 * share) < 0.12 * budget.bound
 
 
+@pytest.mark.gate
 def test_the_coupling_errs_with_the_fourth_power_of_the_macro_step():
     c = replace(chain(1005), substeps=[1, 2], explicit=[False] * 2, rho=1.0)
     shares = [
@@ -134,6 +137,7 @@ def test_the_coupling_errs_with_the_fourth_power_of_the_macro_step():
     assert shares[0] > 12.0 * shares[1] > 0.0  # 16, asymptotically; 8 of a third power
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["macro", "gc", "pm"])
 def test_equal_steps_have_no_error_of_the_coupling(coupling):
     c = replace(chain(1003), steps=400, coupling=coupling)
@@ -152,6 +156,7 @@ def replace_double(s):
     )
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("what", ["u", "v"])
 @pytest.mark.parametrize("place", [100.0, 100.37, 100.9])
 def test_a_goal_between_two_levels_has_its_error_too(what, place):
@@ -167,6 +172,7 @@ def test_a_goal_between_two_levels_has_its_error_too(what, place):
     assert np.isclose(sum(budget.coupling_by_step), budget.coupling)
 
 
+@pytest.mark.gate
 def test_a_weighted_goal_is_the_integral_of_the_motion():
     c = replace(chain(1005), steps=160)
     dof = len(c.masses[c.goal]) // 2
@@ -386,6 +392,7 @@ def forces(coupling, steps):
     return c.coupler(steps=steps).run(c.t_end)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
 def test_corrected_multipliers_have_order_four(coupling):
     exact = forces("macro", 640).corrected_multipliers
@@ -401,6 +408,7 @@ def test_corrected_multipliers_have_order_four(coupling):
         assert plain[1] > 30.0 * errors[1]
 
 
+@pytest.mark.gate
 def test_resolution_is_the_largest_correction_over_the_largest_multiplier():
     history = readme(0.05, 12, 18).run(5.0)
     D = history.resolution()

@@ -273,6 +273,7 @@ def test_the_step_for_an_error_is_at_most_four_times_and_at_least_a_quarter_of_t
     assert repr(far).endswith("; dt = 0.08 for 1 %, at most 4 dt")
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("nonlinear", [False, True])
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of springs under macro coupling
@@ -289,6 +290,7 @@ def test_random_chains_have_about_the_error_that_is_estimated(coupling, nonlinea
         assert true > 0.1, (true, found)
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of a gap that is never reached
 @pytest.mark.filterwarnings("ignore:restoring_stiffness of subdomain")  # beyond that of a function
 def test_named_cases_have_the_error_that_is_estimated():

@@ -50,6 +50,7 @@ class Until:
 # ---- a test rig -----------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_a_rig_without_delay_and_noise_is_the_same_model_in_one_process():
     alone = InProcess()
     expected = rig.hybrid(alone).run(steps=150)
@@ -96,6 +97,7 @@ def test_noise_of_the_same_seed_is_the_same_noise(monkeypatch):
 
 
 # the warning of macro coupling for a restoring force with substeps
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore:the restoring force:pmalpha.StabilityWarning")
 @pytest.mark.parametrize(
     ("command", "coupling", "killed"),
@@ -134,6 +136,7 @@ def test_when_the_rig_dies_coupler_and_file_are_at_the_last_whole_macro_step(
             rig.Rig(address)
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
 def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig():
     expected = rig.hybrid(InProcess()).run(steps=8)

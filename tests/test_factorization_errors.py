@@ -103,6 +103,7 @@ def test_a_floating_sparse_subdomain_without_mass_is_singular(name, scale):
     check_floating(FLOATING[name], scale)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", SMALL)
 @pytest.mark.parametrize("scale", [1.0, 3.7e9])
 def test_a_floating_dense_subdomain_without_mass_is_singular(name, scale):

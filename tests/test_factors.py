@@ -416,6 +416,7 @@ def test_the_chosen_order_has_the_least_fill_of_all_candidates(nodes_of_interfac
     assert fill(pattern, elimination_order(n, graph_of([A]), last)) == min(fills)
 
 
+@pytest.mark.gate
 def test_nested_dissection_halves_the_factor_of_a_solid(monkeypatch):
     pytest.importorskip("pymetis")
     box = structures.solid(11, 11, 11, 0.1, E=1.0, nu=0.3, rho=1.0)

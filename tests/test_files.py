@@ -242,6 +242,7 @@ def test_ctrl_c_while_an_npz_file_is_written_is_a_keyboard_interrupt(tmp_path, m
     assert sent and path.read_bytes() == before and os.listdir(tmp_path) == ["state"]
 
 
+@pytest.mark.gate
 def test_a_history_is_saved_at_the_end_of_the_interpreter_too(tmp_path):
     path = tmp_path / "run.npz"
     program = f"""
@@ -365,6 +366,7 @@ def test_a_study_that_was_killed_before_its_first_result_is_replaced(tmp_path):
         assert file["error"][:].tolist() == [b"", b""]
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(not hasattr(os, "pwrite"), reason="a layer over pwrite")
 def test_after_a_power_failure_a_file_has_all_rows_that_it_counts(tmp_path):
     pytest.importorskip("h5py")

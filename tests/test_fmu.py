@@ -128,6 +128,7 @@ def test_fmpy_finds_no_problem(path, fmpy):
     assert validate_fmu(str(path)) == []
 
 
+@pytest.mark.gate
 def test_variables_have_the_units_that_were_given(path, fmpy):
     description = fmpy.read_model_description(str(path))
     units = {x.name: x.unit for x in description.modelVariables if x.unit is not None}
@@ -187,6 +188,7 @@ def test_two_instances_and_states_that_go_from_one_to_the_other(path, unpacked, 
     other.close()
 
 
+@pytest.mark.gate
 def test_a_part_of_a_step_is_refused(path, unpacked, fmpy):
     fmu = Hybrid(fmpy, path, unpacked)
     before = fmu.get(*OUTPUTS)
@@ -256,6 +258,7 @@ def test_the_start_time_of_the_master_is_that_of_the_model(tmp_path, fmpy, fmi):
     fmu.close()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_a_step_from_another_time_or_before_the_initialization_is_an_error(tmp_path, fmpy, fmi):
     fmu = Own(fmpy, oscillator(force=[1.0]), tmp_path, fmi)
@@ -293,6 +296,7 @@ def test_inputs_of_the_initialization_are_in_the_initial_accelerations(tmp_path,
     fmu.close()
 
 
+@pytest.mark.gate
 def test_a_velocity_at_the_start_that_the_structure_has_not_ends_no_initialization(tmp_path, fmpy):
     s = pm.Subdomain([2.0, 1.0], [50.0, 10.0], scheme=pm.Newmark(), name="s")
     coupler = pm.Coupler([s], pm.Constraint({s: [[1.0, 0.0]]}, velocity=[0.0]), dt=0.01)
@@ -379,6 +383,7 @@ def test_names_that_an_fmu_has_already_are_refused(tmp_path, fmi):
         assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.gate
 def test_an_instance_without_a_name_is_made(path, unpacked):
     if path.stem[-3] == "3":
         pytest.skip("a name is not used there")
@@ -392,6 +397,7 @@ def test_an_instance_without_a_name_is_made(path, unpacked):
     library.fmi2FreeInstance(ctypes.c_void_p(made))
 
 
+@pytest.mark.gate
 def test_the_fmu_has_the_licences(unpacked):
     folder = unpacked / "documentation" / "licenses"
     assert "Redistribution" in (folder / "pmalpha.txt").read_text()
@@ -435,6 +441,7 @@ def test_names_have_the_prefix_of_the_command(path, unpacked, tmp_path):
     assert not hasattr(library, f"fmi{number}DoStep")
 
 
+@pytest.mark.gate
 def test_a_process_without_python_packages_runs_it(tmp_path):
     """It sets no wind, and reads command, displacement of the roof and multiplier."""
     outside().export_fmu(tmp_path / "x.fmu", INPUTS, OUTPUTS, fmi="3.0")

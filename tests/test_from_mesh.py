@@ -598,6 +598,7 @@ HUGE = {
 }
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", HUGE)
 def test_a_few_lines_that_make_very_much_are_refused(tmp_path, name):
     content, message = HUGE[name]

@@ -136,6 +136,7 @@ def test_tangents_in_panels_are_bitwise_those_of_a_run(library, tmp_path, coupli
     assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 10)
 
 
+@pytest.mark.gate
 def test_a_structure_of_narrow_panels_moves_as_in_a_run(library, tmp_path):
     coupler = iterated("gc", n=34**2)  # up to a width of 32 it would be a band
     assert_equal_motion(frozen(coupler, library, tmp_path), coupler, 5)
@@ -255,6 +256,7 @@ def test_an_attached_function_is_called_with_the_command(library, tmp_path, coup
     assert np.array_equal(times, history["a"].t[1:])
 
 
+@pytest.mark.gate
 def test_the_command_is_the_displacement_at_which_a_run_evaluates(library, tmp_path):
     commands = []
 
@@ -305,6 +307,7 @@ def test_inputs_add_to_loads_and_to_prescribed_velocities(library, tmp_path, cou
     assert np.array_equal(rows, recorded(reference, reference.run(steps=STEPS), fine))
 
 
+@pytest.mark.gate
 def test_a_velocity_may_be_an_input_on_one_row_of_a_constraint_without(library, tmp_path):
     def held_at(velocity):
         s = pm.Subdomain(np.ones(3), chain(3, 50.0), scheme=pm.Newmark(), name="s")
@@ -368,6 +371,7 @@ def test_begin_takes_the_inputs_of_the_loop_into_the_initial_accelerations(
     assert np.array_equal(model.rows(0), before)
 
 
+@pytest.mark.gate
 def test_begin_refuses_a_model_of_a_run_and_a_velocity_that_the_structure_has_not(
     library, tmp_path
 ):
@@ -425,6 +429,7 @@ def test_a_function_that_returns_no_number_ends_the_step(library, tmp_path):
     assert model.save(None, 0) == BAD_ARGUMENT and model.why
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling, leads", [("gc", [3, 5, 4]), ("pm", [3, 5, 4])])
 def test_an_input_leads_by_what_is_left_of_the_substep_that_sees_it(
     library, tmp_path, coupling, leads
@@ -589,6 +594,7 @@ def test_a_frozen_state_with_a_number_that_is_no_count_is_refused(library, tmp_p
         library.model(tmp_path / "x.pma")
 
 
+@pytest.mark.gate
 def test_a_specimen_that_fails_ends_the_step_and_reset_leads_back(library, tmp_path):
     model = frozen(hybrid("pm"), library, tmp_path, PORT)
     model.attach_function(0, lambda t, c: None if t > 0.1 else specimen(c[0], c[1]))
@@ -675,6 +681,7 @@ def commands_of(restoring):
     return function, commands
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("what", ["displacement", "velocity", "acceleration"])
 def test_a_command_beyond_the_limits_is_never_given(library, tmp_path, what):
     def restoring(t, u, v):
@@ -869,6 +876,7 @@ def with_sum(content):
     return content
 
 
+@pytest.mark.gate
 def test_nodes_that_share_children_are_refused(library, tmp_path):
     """Every further parent would cost nothing in the file, and memory when it is opened."""
     frame("gc").freeze(tmp_path / "x.pma")
@@ -950,6 +958,7 @@ def test_the_version_of_the_library_is_that_of_the_package(library):
     assert len(text.splitlines()) < 200
 
 
+@pytest.mark.gate
 def test_numbers_in_messages_are_those_of_printf(library, tmp_path):
     """The library has no printf; nine digits, also of those that round up to another power."""
     numbers = [3.0, 1e-5, 9.9999999996, 123456.7891, 9.876543215e8, 1e22, 2.5e-310, 1e300, 0.1]

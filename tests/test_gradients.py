@@ -110,6 +110,7 @@ def assert_slope(got, expected, to, within=LINEAR):
     assert_close(got, expected, within, f"derivative with respect to {to}", size=abs(expected))
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind", "multipliers", "block"), CASES)
 def test_a_gradient_is_that_of_the_run(coupling, substeps, schemes, kind, multipliers, block):
@@ -259,6 +260,7 @@ def test_reversed_runs_and_forward_ones_have_the_same_jacobian(
         assert np.max(abs(S - backward[name])) < 1e-11 * np.max(abs(S))
 
 
+@pytest.mark.gate
 def test_stiffnesses_are_found_again_from_what_was_measured():
     """Gauss-Newton with the Jacobian, from stiffnesses that are wrong by 30 per cent."""
     true = np.array([1000.0, 900.0, 800.0, 700.0])
@@ -488,6 +490,7 @@ def cut_wall(stiff=(1.0, 1.0, 1.0), thick=1.0):
     return halves, halves.coupler(coupling="macro"), material
 
 
+@pytest.mark.gate
 def test_a_cut_gives_factors_of_its_materials_and_thicknesses():
     halves, coupler, material = cut_wall()
     assert halves.subdomains[1].substeps > 1
@@ -655,6 +658,7 @@ def test_the_remainder_of_a_step_along_the_gradient_is_of_second_order(
     assert abs(np.log2(remainders[1] / remainders[0]) - 2.0) < 0.02
 
 
+@pytest.mark.gate
 def test_blocks_of_any_length_have_the_same_gradient():
     """500 macro steps. Rounding grows with the length, most for sources of u, which are integrated
     three times: 2e-10 in one block of 2000."""

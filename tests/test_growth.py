@@ -30,6 +30,7 @@ def circulatory(seed, coupling, n=4):
     return pm.Coupler([a, b], ties, dt=0.3, coupling=coupling)
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of what grows
 @pytest.mark.parametrize("coupling", ["macro", "mean", "gc", "pm"])
 def test_the_growth_of_small_couplers_is_their_spectral_radius(coupling):

@@ -158,6 +158,7 @@ def test_no_gyroscopic_step_of_any_length_is_unstable(coupling, scheme, substeps
             assert radius(coupler) <= 1.0 + 1e-9, (g, dt)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
 def test_circulatory_forces_grow_no_faster_than_the_exact_motion(coupling):
     seen = 1.0
@@ -202,6 +203,7 @@ def largest_stable_step(subdomain):
     return low
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("g", IMPLICIT_LIMITS)
 def test_a_gyroscopic_matrix_in_mbar_raises_the_explicit_limit(g):
     """0.01: the digits of the table. The critical step leaves C out, and is below it."""
@@ -211,6 +213,7 @@ def test_a_gyroscopic_matrix_in_mbar_raises_the_explicit_limit(g):
         assert analysis.critical_step(particle(g, rho)) <= found + 1e-3
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("g", LAGGED_LIMITS)
 def test_lagged_gyroscopic_damping_lowers_the_limit_of_rho_zero(g):
     s = particle(g, 0.0, damping="lagged")

@@ -19,6 +19,7 @@ from pathlib import Path
 import hypothesis
 import hypothesis.strategies as st
 import numpy as np
+import pytest
 import relations
 from hypothesis import stateful
 from problems import TIME_STEP
@@ -450,6 +451,7 @@ def attempt(seed, counts):
     counts["histories of up to 12 calls"] += 20
 
 
+@pytest.mark.gate
 def test_any_history_of_calls_leaves_the_state_of_the_steps_that_were_completed():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

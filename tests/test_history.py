@@ -230,6 +230,7 @@ def test_a_file_that_is_cut_off_anywhere_is_refused(tmp_path):
             pm.History.load(path)
 
 
+@pytest.mark.gate
 def test_a_file_with_a_flipped_bit_is_refused_or_read_as_it_was(tmp_path):
     history, _ = three_subdomains()
     history.velocity_jump[:] = 1.0  # no NaN, so that only the damage differs
@@ -321,6 +322,7 @@ def test_steps_that_no_run_has_are_refused(tmp_path, forgery, reason):
         pm.History.load(path)
 
 
+@pytest.mark.gate
 def test_neither_saving_nor_loading_copies_a_large_history(tmp_path):
     n, k = 500, 6000
     subdomain = pm.SubdomainHistory(

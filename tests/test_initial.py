@@ -353,6 +353,7 @@ def test_three_massless_dofs_tied_in_a_row_share_the_balance_and_do_not_accelera
     assert_initial(coupler, [np.zeros(1)] * 3, np.array([-5.0, -3.0]))
 
 
+@pytest.mark.gate
 def test_massless_dofs_that_a_row_leaves_free_have_the_smallest_accelerations():
     # 0 = b_k lam, so lam = 0 and m w = F; one row, b . w_m = - c w, for three accelerations w_m.
     # Rounding decides whether a pivot is exactly zero

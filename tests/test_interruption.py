@@ -36,6 +36,7 @@ def two_blas_threads():
         yield
 
 
+@pytest.mark.gate
 def test_ctrl_c_at_any_bytecode_loses_one_value_of_a_load_at_most(interrupt):
     rng = np.random.default_rng(16)
     times, interrupted = [], 0
@@ -130,6 +131,7 @@ def test_blas_has_its_threads_again_after_an_exception(two_blas_threads):
     assert set(blas_threads()) == {2}
 
 
+@pytest.mark.gate
 def test_ctrl_c_at_any_bytecode_leaves_blas_its_threads(two_blas_threads, interrupt):
     rng, interrupted = np.random.default_rng(4), 0
     while interrupted < 300:

@@ -211,6 +211,7 @@ def test_macro_coupling_with_one_substep_each_is_gc():
 # ---- stability --------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_the_spectral_radius_is_at_most_one():
     for case in pairwise(
         [0.0, 0.3, 0.5, 0.8, 0.95, 1.0],
@@ -232,6 +233,7 @@ def test_the_spectral_radius_is_at_most_one():
         assert radius <= 1.0 + 1e-7, f"radius {radius} at {case}"
 
 
+@pytest.mark.gate
 def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
     for seed in range(5):
         rng = np.random.default_rng(seed)

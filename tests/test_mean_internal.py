@@ -166,6 +166,7 @@ def test_a_linear_force_given_as_internal_is_the_linear_subdomain():
         np.testing.assert_allclose(*interface, atol=1e-10)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("coupling", "double"), [("mean", False), ("mean", True), ("macro", True)])
 def test_a_change_of_steps_keeps_the_order_with_internal_forces(coupling, double):
     ends = []
@@ -210,6 +211,7 @@ def duffing_pair(dt, substeps, coupling, gap=False, kind=pm.DiscreteGradient, **
     return pm.Coupler([a, b], ties, dt=dt, coupling=coupling, newton=TIGHT, **options)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("coupling", "substeps", "steps", "gap"),
     [
@@ -232,6 +234,7 @@ def test_energy_is_exact_however_long_the_run_is(coupling, substeps, steps, gap)
         assert 0.1 < np.mean(np.abs(history["a"].u[:, 0]) > 0.4) < 0.9
 
 
+@pytest.mark.gate
 def test_the_mean_of_the_ends_does_not_conserve_what_the_discrete_gradient_does():
     spread = [
         np.ptp(total_energy(duffing_pair(0.05, (1, 3), "mean", kind=kind).run(1.0, energy=True)))
@@ -240,6 +243,7 @@ def test_the_mean_of_the_ends_does_not_conserve_what_the_discrete_gradient_does(
     assert spread[0] > 1e-4 and spread[1] < 1e-12
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("substeps", [(1, 1), (2, 3)])
 def test_discrete_gradients_are_of_order_two(substeps):
     def rates(t, y):
@@ -265,6 +269,7 @@ def test_discrete_gradients_are_of_order_two(substeps):
     assert np.all(np.abs(np.log2(np.divide(*errors)) - 2.0) < 0.1)
 
 
+@pytest.mark.gate
 def test_one_subdomain_conserves_energy_where_the_step_does_not_resolve_the_contact():
     stops = pm.DiscreteGradient(pm.Gap([(0, -1), (-1, 0)], k=1e6, gap=0.1))
     ball = pm.Subdomain([1.0], None, scheme=TRAPEZOIDAL, v0=[1.0], internal=stops, name="ball")

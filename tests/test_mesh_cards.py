@@ -285,6 +285,7 @@ def test_elements_with_the_nodes_of_another_one_are_counted_or_refused(tmp_path)
         read(tmp_path, text)
 
 
+@pytest.mark.gate
 def test_an_include_that_doubles_has_an_end(tmp_path):
     for k in range(12):
         (tmp_path / f"{k}.txt").write_text(f"*INCLUDE, INPUT={k + 1}.txt\n" * 2)

@@ -171,6 +171,7 @@ def three(coupling):
     return subdomains, L
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("coupling", "tangent"), [("gc", "reuse"), ("pm", "full"), ("macro", "reuse")]
 )
@@ -364,6 +365,7 @@ def test_the_unit_of_force_changes_no_bit(coupling, double, ss, k):
     np.testing.assert_array_equal(2.0**k * one.multipliers, other.multipliers)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("ss", "double", "low", "high"),
     [
@@ -386,6 +388,7 @@ def test_three_subdomains_with_double_steps_of_several_substeps(ss, double, low,
     assert_order(errors, low, high, ["u of subdomain 0", "v of subdomain 0"])
 
 
+@pytest.mark.gate
 def test_a_massless_dof_between_two_springs_is_condensed():
     # mass 1 at u, then k d + k3 d^3 with d = u - x, massless x, then 40 x: DOP853 of u alone
     def middle(u):

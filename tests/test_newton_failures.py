@@ -58,6 +58,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("variant", "side", "failure"),
     [(list(VARIANTS)[i % 4], (i + i // 4) % 2, failure) for i, failure in enumerate(FAILURES)],
@@ -156,6 +157,7 @@ def test_the_coupler_may_not_be_used_by_the_force_that_it_evaluates(name, varian
     assert state_of(c) == states[-1]
 
 
+@pytest.mark.gate
 def test_a_force_may_run_another_coupler():
     _, states, _ = undisturbed("pm")
     inner, _ = made("macro")
@@ -174,6 +176,7 @@ def test_a_force_may_run_another_coupler():
     assert state_of(inner) == state_of(expected)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("variant", "threads"), [("pm", 2), ("macro", 1)])
 def test_ctrl_c_at_any_time_loses_no_whole_step(variant, threads, interrupt):
     _, states, _ = undisturbed(variant)
@@ -275,6 +278,7 @@ def test_a_singular_tangent_is_named_with_its_dof(coupling, tangent):
     assert c.step_count == done + 3 and np.isfinite(c.state("column").u).all()
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("variant", ["gc", "macro, double step"])
 def test_a_coupler_that_has_failed_may_be_reset(variant):
     history, _, _ = undisturbed(variant)

@@ -93,6 +93,7 @@ def cut(steps, coupling, ss=(1, 1), tangent="full"):
     return pm.Coupler([A, B], tie, dt=END / steps, coupling=coupling, newton=newton)
 
 
+@pytest.mark.gate
 def test_a_pendulum_of_stiff_bars_moves_as_with_a_plain_lu():
     ends = []
     for steps in (50, 100, 200):
@@ -108,6 +109,7 @@ def test_a_pendulum_of_stiff_bars_moves_as_with_a_plain_lu():
     assert 1.9 < np.log2(differences[0] / differences[1]) < 2.3
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("coupling", "tangent"),
     [("gc", "reuse"), ("pm", "full"), ("macro", "reuse"), ("mean", "full")],
@@ -120,6 +122,7 @@ def test_a_pendulum_cut_in_two_moves_as_one(coupling, tangent):
     np.testing.assert_allclose(c.state("B").u, with_lu(50)[0], rtol=0.0, atol=1e-4)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling, ss", [("gc", (2, 1)), ("macro", (1, 2))])
 def test_substeps_go_through_indefinite_tangents(coupling, ss):
     exact = with_lu(200)[0]
@@ -131,6 +134,7 @@ def test_substeps_go_through_indefinite_tangents(coupling, ss):
     assert errors[1] < errors[0] / 1.8  # a half of it at least: order 1 in the limit
 
 
+@pytest.mark.gate
 def test_an_indefinite_tangent_of_many_dofs_is_factored_in_panels():
     n, steps = 48, 50
     Q = np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]

@@ -71,6 +71,7 @@ def test_the_initial_state_satisfies_the_equations_and_takes_over_its_history():
 # ---- robustness -----------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("schedule", ["pm, s = 1", "gc, s = 5", "macro, s = 5"])
 def test_bilinear_springs_with_little_hardening_need_the_line_search(schedule):
     function, values = newton_chains.SCHEDULES[schedule]
@@ -90,6 +91,7 @@ def test_bilinear_springs_with_little_hardening_need_the_line_search(schedule):
 # ---- variants that were not chosen ----------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_the_law_of_a_coarse_subdomain_has_to_be_rebased():
     values = {"ss": (1, 5), "double": True}
     error = pendulum_error(run(*pendulum(**values), 0.01, 60))
@@ -102,6 +104,7 @@ def test_the_law_of_a_coarse_subdomain_has_to_be_rebased():
     assert without > 3.0 * error
 
 
+@pytest.mark.gate
 def test_multipliers_fixed_at_closing_give_up_the_constraints():
     def step(members, k, g, newton):
         return newton_variants.single_pass(members, k, g, newton, iterate=True)

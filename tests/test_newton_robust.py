@@ -74,6 +74,7 @@ class Relative:
         self.displacement_jump = history.displacement_jump
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("schedule", "rho"),
     [("gc, s = 1", 0.0), *((x, 0.5) for x in SCHEDULES if "macro" not in x)],
@@ -85,6 +86,7 @@ def test_the_stiff_cubic_chain_keeps_its_energy_with_small_rho(schedule, rho):
     assert E.max() < 1.5  # docs/method.md: 1.40 and 1.43 for gc, s = 1; 1 elsewhere
 
 
+@pytest.mark.gate
 def test_it_grows_with_large_rho_since_the_uncoupled_scheme_does():
     subdomains, L = newton_chains.stiff_chain(rho=0.9)
     history = run_of(subdomains, L, 10.0 / newton_chains.OMEGA, 250, "gc, s = 1", tol=1e-10)
@@ -173,6 +175,7 @@ def membranes(n, coupling, ss=1, newton=None, threads=None):
     return pm.Coupler([a, b], tie, dt=0.05, coupling=coupling, newton=newton, threads=threads)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
 def test_hundreds_of_constraints_are_iterated(coupling):
     rows = ROWS[coupling]
@@ -199,6 +202,7 @@ def test_hundreds_of_constraints_are_iterated(coupling):
             assert abs(residual).max() < 1e-6  # forces are about 10; tol 1e-10 in energy
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["pm", "macro"])
 def test_many_constraints_are_bitwise_the_same_for_all_threads_and_from_a_file(tmp_path, coupling):
     whole = membranes(ROWS[coupling], coupling, ss=2, threads=1).run(steps=2)["b"].u
@@ -209,6 +213,7 @@ def test_many_constraints_are_bitwise_the_same_for_all_threads_and_from_a_file(t
     np.testing.assert_array_equal(other.run(steps=1)["b"].u, whole[2:])
 
 
+@pytest.mark.gate
 def test_a_chain_of_sparse_tangents_has_the_pattern_of_its_springs():
     # 20 000 dofs: neither a dense tangent nor a dense factor could be held
     n = 20_000

@@ -54,6 +54,7 @@ def sides(springs, subdomains):
     return twins
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("law", "tangent", "schedule"),
     [

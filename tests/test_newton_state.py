@@ -29,6 +29,7 @@ def whole_run(variant, tangent="reuse"):
     return history, snapshot(c)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("variant", "tangent", "threads"),
     list(zip(VARIANTS, ["full", "reuse", "reuse", "full"], [2, 3, 2, 3])),
@@ -40,6 +41,7 @@ def test_the_number_of_threads_changes_no_bit(variant, tangent, threads):
     assert snapshot(c) == end
 
 
+@pytest.mark.gate
 @variants
 def test_steps_one_by_one_and_runs_in_pieces_are_the_whole_run(variant):
     history, end = whole_run(variant)
@@ -57,6 +59,7 @@ def test_steps_one_by_one_and_runs_in_pieces_are_the_whole_run(variant):
                 np.testing.assert_array_equal(np.concatenate(parts), getattr(x, name))
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("variant", "steps"), in_turn(VARIANTS, 2, 5, 0))
 def test_a_loaded_state_goes_on_as_the_saved_one(tmp_path, variant, steps):
     _, end = whole_run(variant)
@@ -71,6 +74,7 @@ def test_a_loaded_state_goes_on_as_the_saved_one(tmp_path, variant, steps):
         assert snapshot(c) == end
 
 
+@pytest.mark.gate
 @variants
 def test_reset_forgets_histories_scales_and_tangents(variant):
     history, end = whole_run(variant)
@@ -81,6 +85,7 @@ def test_reset_forgets_histories_scales_and_tangents(variant):
     assert snapshot(c) == end
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("variant", ["pm", "macro, double step"])
 def test_reset_to_another_motion_is_a_coupler_of_that_motion(variant):
     c, other = made(variant), made(variant)
@@ -104,6 +109,7 @@ RECORDS = [
 ]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(("options", "variant"), in_turn(RECORDS, "macro", *VARIANTS))
 def test_what_is_recorded_changes_no_bit(options, variant):
     history, end = whole_run(variant)
@@ -118,6 +124,7 @@ def test_what_is_recorded_changes_no_bit(options, variant):
                 np.testing.assert_array_equal(x.q[: len(levels)], y.q[np.multiply(levels, ss)])
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("variant", ["pm", "macro"])
 def test_a_file_that_is_continued_holds_the_whole_run(tmp_path, variant):
     pytest.importorskip("h5py")

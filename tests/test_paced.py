@@ -313,6 +313,7 @@ def test_a_run_of_no_steps_has_no_times():
 # ---- written by a thread of its own --------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["gc", "pm"])
 @pytest.mark.parametrize("options", [{}, {"every": 3}, {"energy": True, "record": {"b": [0]}}])
 def test_a_file_of_a_paced_run_is_that_of_a_run(

@@ -164,6 +164,7 @@ def has_setuptools():
     return False
 
 
+@pytest.mark.gate
 @pytest.mark.skipif(not has_setuptools(), reason="needs setuptools as pyproject.toml asks for it")
 def test_a_build_without_a_compiler_ends_with_where_to_read_on(tmp_path):
     out = ("--build-lib", tmp_path, "--build-temp", tmp_path)

@@ -154,6 +154,7 @@ def test_the_matrix_has_exactly_nine_nonzero_eigenvalues_for_rho_between_zero_an
     assert nonzero_eigenvalues(rational(rho, b1, ss, F(1, 2))) == 9
 
 
+@pytest.mark.gate
 def test_the_ninth_eigenvalue_is_genuine_also_where_it_is_tiny():
     assert nonzero_eigenvalues(rational(F(1, 2), 10, 10, F(1, 100))) == 9
     values = np.sort(np.abs(np.linalg.eigvals(matrix(0.1, 0.5, 10.0, 10))))
@@ -324,6 +325,7 @@ def explicit_limit(rho):
     return np.sqrt(12 * (1 + rho) * (2 - rho) / (10 - 5 * rho + rho**2))
 
 
+@pytest.mark.gate
 def test_the_method_is_stable_up_to_the_limit_of_the_explicit_subdomain_for_all_ratios():
     rhos, fractions = [0.0, 0.2, 0.5, 0.8, 1.0, PM], [0.05, 0.5, 0.9, 0.99999]
     cases = pairwise(rhos, [1, 2, 5, 20], B1, fractions, ["pm", "gc"])
@@ -333,6 +335,7 @@ def test_the_method_is_stable_up_to_the_limit_of_the_explicit_subdomain_for_all_
         assert analysis.spectral_radius(G) <= 1.0 + 1e-7, (rho, ss, b1, fraction, coupling)
 
 
+@pytest.mark.gate
 def test_where_nearly_all_of_the_spring_is_in_b_the_limit_is_hardly_above_that_of_b():
     for rho in (0.2, 0.8):
         found = analysis.stability_limit(
@@ -341,6 +344,7 @@ def test_where_nearly_all_of_the_spring_is_in_b_the_limit_is_hardly_above_that_o
         assert 1.0 < found / explicit_limit(rho) < 1.001
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore:tied displacements")  # in growing motions they part
 @pytest.mark.parametrize("rho", [0.0, 0.4, 0.8])
 def test_beyond_the_limit_a_run_grows(rho):
@@ -355,6 +359,7 @@ def test_beyond_the_limit_a_run_grows(rho):
         assert (v[400:].max() > 1e3 * v[:400].max()) == grows
 
 
+@pytest.mark.gate
 def test_the_method_is_zero_stable_for_rho_below_one():
     for rho, b1, ss in pairwise([0.0, 0.25, 0.5, 0.75, 0.9, 0.99], B1, [1, 2, 5, 20]):
         # well below: 1 itself, the common velocity, is not in the loop

@@ -155,6 +155,7 @@ def by_steps(steps):
     return stress
 
 
+@pytest.mark.gate
 def test_the_radial_return_converges_to_the_rate_equations():
     exact = by_rates()
     scale = np.abs(exact).max()

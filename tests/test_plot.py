@@ -113,6 +113,7 @@ def with_jumps(velocity, displacement):
 PANELS = ["displacement", "velocity\njump", "displacement\njump", "multiplier"]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     "velocity, displacement, without, words",
     [
@@ -448,6 +449,7 @@ def test_limits_of_the_colours_can_be_given():
     assert ax.figure.axes[1].get_ylim() == (-10.0, 10.0)
 
 
+@pytest.mark.gate
 def test_equal_values_have_a_colour_too():
     ax = plot.deformed(*SQUARE, np.zeros(8), values=np.full(4, 2.0))
     ax.figure.draw_without_rendering()
@@ -611,6 +613,7 @@ def corners(ax):
     return [poly.get_paths()[0].vertices[:4].copy() for poly in of(ax, PolyCollection)]
 
 
+@pytest.mark.gate
 def test_an_animation_shows_the_mesh_at_times_equally_far_apart():
     points, elements = SQUARE
     t = np.linspace(0.0, 3.0, 13)
@@ -628,12 +631,14 @@ def test_an_animation_shows_the_mesh_at_times_equally_far_apart():
     assert frames[0][2][1] > 2.0 + 0.5 * 3.0 * 2.0
 
 
+@pytest.mark.gate
 def test_the_film_for_a_notebook_holds_all_frames():
     moving = plot.animation(made_up(np.zeros((3, 8))), {0: SQUARE}, frames=4)
     page = moving.to_jshtml()
     assert page.count("data:image/png;base64") == 4
 
 
+@pytest.mark.gate
 def test_subdomains_with_different_steps_move_together():
     # two squares; the second has a time level in the middle of each step of the first
     t = (np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0]))
@@ -651,6 +656,7 @@ def test_subdomains_with_different_steps_move_together():
     np.testing.assert_allclose(shifts, [(0, 0), (0.5, 2.5), (1, 5), (1.5, 2.5), (2, 0)], atol=1e-14)
 
 
+@pytest.mark.gate
 def test_fixed_dofs_are_filled_up():
     points, _ = SQUARE
     free = np.array([2, 3, 4, 5])
@@ -666,6 +672,7 @@ def test_fixed_dofs_are_filled_up():
     np.testing.assert_allclose(last - points, [[0, 0], [0.1, 0.2], [0.3, 0.4], [0, 0]], atol=1e-15)
 
 
+@pytest.mark.gate
 def test_an_object_with_points_and_elements_is_a_mesh():
     mesh = SimpleNamespace(points=SQUARE[0], elements={"quad": SQUARE[1]})
     shift = np.arange(8.0) / 100.0
@@ -676,6 +683,7 @@ def test_an_object_with_points_and_elements_is_a_mesh():
         np.testing.assert_allclose(last, SQUARE[0] + shift.reshape(4, 2), rtol=1e-14)
 
 
+@pytest.mark.gate
 def test_supports_of_a_structure_are_drawn_and_written_at_rest(tmp_path):
     wall = structures.plate(3, 1, 1.0, E=100.0, nu=0.3, rho=1.0)
     foot, v0 = wall.dofs(wall.nodes_at(x=0.0)), np.zeros(wall.n)
@@ -720,6 +728,7 @@ def test_several_axes_and_other_things_are_no_ax():
         history.plot(constraints=[0])
 
 
+@pytest.mark.gate
 def test_colours_of_a_film_have_the_limits_of_all_frames():
     u = np.zeros((3, 8))
     u[1, 2], u[2, 2] = -0.3, 0.7
@@ -784,6 +793,7 @@ def cut_wall():
     return parts, history, parts.gather(history)
 
 
+@pytest.mark.gate
 def test_all_that_draws_returns_the_axes_it_is_given_and_else_those_of_pyplot():
     parts, history, motion = cut_wall()
 
@@ -806,6 +816,7 @@ def test_all_that_draws_returns_the_axes_it_is_given_and_else_those_of_pyplot():
         pyplot.close("all")
 
 
+@pytest.mark.gate
 def test_two_histories_in_one_axes_have_different_looks():
     t = np.linspace(0.0, 1.0, 20)
     _, ax = pyplot.subplots()
@@ -830,6 +841,7 @@ def test_a_structure_and_a_cut_are_drawn_like_their_mesh():
         np.testing.assert_array_equal(drawn_polygons(ax), expected)
 
 
+@pytest.mark.gate
 def test_the_gathered_motion_of_a_cut_moves_like_a_structure():
     parts, history, motion = cut_wall()
     expected = watched(
@@ -844,6 +856,7 @@ def test_the_gathered_motion_of_a_cut_moves_like_a_structure():
         plot.animation(history, WALL)
 
 
+@pytest.mark.gate
 def test_stresses_of_a_structure_are_colours():
     _, _, motion = cut_wall()
     ax = plot.deformed(WALL, STRETCHED.reshape(-1, 2), values="mises")

@@ -63,6 +63,7 @@ def drawn_levels(ax):
     return {x.get_label(): len(x.get_xdata()) for x in ax.lines if "of A" in x.get_label()}
 
 
+@pytest.mark.gate
 def test_a_schedule_can_be_drawn_alone():
     both = drawings.timeline().axes
     for coupling, drawn in (("gc", both[:2]), ("pm", both[2:])):

@@ -25,6 +25,7 @@ def pair(force=None):
 # ---- a callable -----------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_progress_is_reported_in_macro_steps_of_this_call_about_every_50_ms():
     c, reports = pair(), []
     c.step(7)

@@ -154,6 +154,7 @@ def test_a_state_is_of_the_present_assembly_where_another_thread_changes_the_ste
     np.testing.assert_array_equal(found.u, c.state("rig").u)
 
 
+@pytest.mark.gate
 def test_calls_of_all_kinds_on_a_shared_coupler_leave_it_as_one_thread_would(tmp_path):
     c = coupler()
     start = c.snapshot()
@@ -233,6 +234,7 @@ print(failed)
 """
 
 
+@pytest.mark.gate
 def test_a_subinterpreter_is_refused():
     done = subprocess.run([sys.executable, "-c", SUBINTERPRETER], capture_output=True, text=True)
     # NumPy refuses it first, or warns and leaves it to the core

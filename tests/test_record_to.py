@@ -23,6 +23,7 @@ h5py = pytest.importorskip("h5py")
 # ---- the same History -----------------------------------------------------------------------
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("ending", "options"),
     [("h5", {}), ("hdf5", {"record": {0: [0]}, "every": 2}), ("h5", {"energy": True})],
@@ -95,6 +96,7 @@ def test_any_number_of_intervals_makes_the_same_file(tmp_path, thresholds, size,
     assert_identical(history, theirs.run(steps=83, **options))
 
 
+@pytest.mark.gate
 def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
     names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(20))]
     subdomains = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
@@ -119,6 +121,7 @@ def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
 # ---- memory ---------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_a_run_to_a_file_needs_memory_for_one_block_and_a_read_for_what_is_read(
     tmp_path, thresholds
 ):
@@ -175,6 +178,7 @@ class Enough(Exception):
     """Raised where a reader has seen what it should."""
 
 
+@pytest.mark.gate
 def test_others_read_while_the_run_goes_on(tmp_path):
     path, counts = tmp_path / "run.h5", []
     coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))

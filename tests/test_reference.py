@@ -126,6 +126,7 @@ def oscillator(ss=1, b1=10.0, rho=0.5, double=True):
     return [a, Subdomain(m_b * ONE, stiff, **alpha(rho, explicit=True), substeps=ss, **start)]
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("ss", [1, 5])
 def test_displacements_drift_by_a_bounded_amount_that_falls_with_the_square_of_the_step(ss):
     drift = np.abs(run(oscillator(ss=ss), MIRROR, 1 / 40, 200).displacement_jump[:, 0])

@@ -116,6 +116,7 @@ def test_a_late_reply_is_a_timeout_and_then_skipped(served):
     assert client(2.0) == 2.0
 
 
+@pytest.mark.gate
 def test_a_server_that_dies_is_named():
     with remote.started([sys.executable, "-c", TWICE]) as (address, process):
         client = remote.Client(address, name="the rig")
@@ -127,6 +128,7 @@ def test_a_server_that_dies_is_named():
         client.close()
 
 
+@pytest.mark.gate
 def test_a_program_ends_when_its_client_has_closed():
     with remote.started([sys.executable, "-c", TWICE]) as (address, process):
         with remote.Client(address) as client:

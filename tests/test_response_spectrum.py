@@ -39,6 +39,7 @@ def integrated(record, dt, period, xi):
     return peaks
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("xi", [0.0, 0.7])
 def test_a_spectrum_agrees_with_an_adaptive_solver(xi):
     record, dt = np.random.default_rng(3).standard_normal(15), 0.05
@@ -75,6 +76,7 @@ def sampled(record, dt, period, xi, rest):
     return peaks
 
 
+@pytest.mark.gate
 def test_the_largest_values_are_those_between_samples_of_any_record():
     # between two samples an oscillator of a short period swings several times, each about as far
     for seed in range(60):

@@ -57,6 +57,7 @@ def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
     assert pictures == [0, 1, 1, 1, 2]
 
 
+@pytest.mark.gate
 def test_units_are_in_the_labels(pyplot):
     history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
     labels = [ax.get_ylabel().replace("\n", " ") for ax in history.plot(units=UNITS).figure.axes]

@@ -203,6 +203,7 @@ def motion(h, seconds):
     return np.minimum(1.0, t) * sum(np.sin(2.0 * np.pi * f * t + p) for f, p in parts)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("guess", [0.0, 0.04])
 def test_the_adaptive_compensation_finds_a_delay_and_an_amplitude(guess):
     h = 1 / 512
@@ -429,6 +430,7 @@ def test_indicators_of_a_late_sine_have_their_closed_forms():
     assert doubled.energy == pytest.approx(2.0 * found.energy)
 
 
+@pytest.mark.gate
 def test_an_early_displacement_has_a_negative_delay_and_one_of_many_samples_is_found():
     t = 1e-4 * np.arange(8000)
     d = np.sin(10.0 * t) + 0.3 * np.sin(37.0 * t)

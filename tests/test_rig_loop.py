@@ -50,6 +50,7 @@ def test_a_rig_is_recorded_on_request_only():
         pm.Coupler([numerical(1, Plant(), lambda t, u, v: u, BRIEF)], dt=H).run(0.125, rig=True)
 
 
+@pytest.mark.gate
 @GROWS
 def test_rigs_of_several_specimens_are_recorded_side_by_side(tmp_path):
     two = [actuator(dofs=[0]), rig.Linkage(actuator(dofs=[2]), [[-2.0]])]
@@ -94,6 +95,7 @@ def test_a_specimen_moves_the_dofs_that_it_is_given():
 # ---- criteria ------------------------------------------------------------------------------------
 
 
+@pytest.mark.gate
 def test_the_table_of_criteria_has_those_of_tracking():
     t, rng = H * np.arange(3000), np.random.default_rng(7)
     storeys = np.cumsum(rng.standard_normal((3000, 3)), axis=0)
@@ -176,6 +178,7 @@ def test_a_checkpoint_without_what_a_rig_was_commanded_is_refused_by_its_version
     second.load(tmp_path / "new.npz")
 
 
+@pytest.mark.gate
 def test_a_step_that_fails_leaves_the_rig_as_it_was():
     fails = [True]
 

@@ -184,6 +184,7 @@ def test_without_compensation_the_loop_grows_at_the_rate_of_its_poles(case, rate
     assert growth(run(case, actuator(), a=SHORT), 6.0) == pytest.approx(rate, rel=0.01)
 
 
+@pytest.mark.gate
 @GROWS
 def test_extrapolation_by_the_delay_at_the_first_frequency_makes_the_loop_grow():
     # its delays of 97, 194 and 291 steps are states of the loop whose poles are computed
@@ -194,6 +195,7 @@ def test_extrapolation_by_the_delay_at_the_first_frequency_makes_the_loop_grow()
     assert growth(history, 4.0) == pytest.approx(rate, rel=0.01)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("case", "delay", "ahead", "rate"),
     [
@@ -238,6 +240,7 @@ def independent():
     )
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("i", range(4))
 def test_the_inverse_of_the_model_is_that_of_an_independent_loop(independent, i):
     case, plant = NOMINAL[i]
@@ -315,12 +318,14 @@ def test_least_squares_find_the_plant_in_spite_of_noise(case, row, how):
     assert np.all(J[[1, 3, 5]] < [0.3, 0.6, 0.6])
 
 
+@pytest.mark.gate
 def test_a_wrong_gain_is_found():
     plant = Plant(gain=0.9 * 1.0261)
     adaptive, fixed = learned(plant, 0.1, **NOISY), learned(plant, None, **NOISY)
     assert adaptive[3] < 3.0 and adaptive[3] < 0.25 * fixed[3]
 
 
+@pytest.mark.gate
 def test_least_squares_are_those_of_numpy():
     """Commands and measurements as they were, filtered by scipy, in the recursion of (Y16)."""
     plant, share, sigma = perturbed(6), 0.03, 1e-4
@@ -367,6 +372,7 @@ def test_a_held_command_is_late_by_half_a_step(delay, limits):
     assert limits[0] <= criteria(1, history)[1] < limits[1]
 
 
+@pytest.mark.gate
 def test_the_inverse_of_a_matrix_follows_two_commands():
     h = 1.0 / 1024.0
     t = h * np.arange(8 * 1024)
@@ -438,6 +444,7 @@ def test_arms_are_those_of_the_published_coupler_and_forces_do_their_work():
             assert response.force[k, i] == pytest.approx(work, rel=1e-9)
 
 
+@pytest.mark.gate
 def test_a_linkage_hands_on_rates_so_that_a_compensator_behind_it_tracks():
     plant, h = two_actuators(), 1.0 / 1024.0
     t = h * np.arange(4096)

@@ -28,6 +28,7 @@ def page():
     return names
 
 
+@pytest.mark.gate
 def test_the_tangent_of_the_page_is_the_derivative_of_its_force(page):
     evaluate, n = page["evaluate"], len(page["free"])
     rng = np.random.default_rng(1)
@@ -91,6 +92,7 @@ def test_on_hexahedra_the_forms_of_the_page_are_nonlinear_solid(page):
     assert np.abs(sp.csr_array(K - K_ours).data).max() < 2e-14 * scale
 
 
+@pytest.mark.gate
 def test_the_strip_of_the_page_moves_as_one_of_quadrilaterals(page):
     strip = structures.nonlinear_solid(48, 12, 0.4 / 48, structures.NeoHookean(E, NU), rho=1100.0)
     held = pm.reduce(strip.M, strip.K, fixed=strip.dofs(strip.nodes_at(x=0.0)))

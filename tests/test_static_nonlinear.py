@@ -78,6 +78,7 @@ def test_a_moment_bends_a_beam_into_a_circle(turn):
     np.testing.assert_allclose(x, expected, atol=0.005 * radius)
 
 
+@pytest.mark.gate
 def test_the_elastica_under_a_tip_load():
     """P L^2 / EI = 10: Mattiasson (1981), by elliptic integrals, w/L = 0.81061, u/L = 0.55500."""
     beam, tip = cantilever(40)
@@ -163,6 +164,7 @@ def test_a_cable_stays_at_rest():
     require_rest(pm.Coupler([s], dt=0.01), 1e-9)
 
 
+@pytest.mark.gate
 def test_a_bent_beam_of_two_subdomains_stays_at_rest():
     options = {"EA": 1e3, "EI": 1.0, "rhoA": 1.0, "divisions": 3}
     left = structures.corotational_frame([[0, 0], [0.5, 0]], [[0, 1]], **options)
@@ -177,6 +179,7 @@ def test_a_bent_beam_of_two_subdomains_stays_at_rest():
         require_rest(pm.Coupler([a, b], tie, dt=0.01, coupling=coupling), 1e-9)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("steps", [1, 5])
 def test_a_plastic_solid_stays_at_rest(steps):
     """Pulled to beyond yield; load steps do not change which state it is."""
@@ -271,6 +274,7 @@ def few_load_steps(thresholds):
     thresholds(SMALLEST=0.5)
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("few_load_steps")
 def test_a_structure_that_only_an_open_stop_holds_is_floating():
     stop = pm.Gap([(-1, 0)], 100.0, 0.1)
@@ -291,6 +295,7 @@ def test_an_equilibrium_that_is_not_stable_is_refused():
         pm.Coupler([s], dt=0.01).static()
 
 
+@pytest.mark.gate
 @pytest.mark.usefixtures("few_load_steps")
 def test_a_load_above_the_strength_does_not_converge():
     joint = pm.Bilinear([0], 10.0, 1.0)
@@ -300,6 +305,7 @@ def test_a_load_above_the_strength_does_not_converge():
     assert "mass" in str(info.value) or "floating" in str(info.value)
 
 
+@pytest.mark.gate
 def test_a_wrong_tangent_does_not_converge_and_the_subdomain_is_named():
     def wrong(t, u, v, q):
         return 50.0 * u + 50.0 * u**3, 1e-3 * np.ones(1)

@@ -168,6 +168,7 @@ def reference_subdomain_of(i, names):
     return Subdomain(np.diag(M[i]), K[i], u0=U0[i], **names)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize(
     ("coupling", "substeps", "n", "worst"),
     [("gc", (1, 1), 800, 0.5), ("macro", (1, 2), 200, 1.7), ("pm", (1, 1), 200, 1.9)],
@@ -313,6 +314,7 @@ def test_a_known_length_is_not_factored_again_with_other_substeps(factorizations
     assert factorizations == ["H"]
 
 
+@pytest.mark.gate
 def test_factors_of_old_steps_are_given_up():
     c = pair(0.1)
     for k in range(2 * assembly.KEPT):
