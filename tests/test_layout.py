@@ -200,7 +200,7 @@ MOST_LINES = {
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_000,
     ("pmalpha", "py"): 55_200,
-    ("tests", "py"): 72_000,
+    ("tests", "py"): 72_300,
     ("docs", "md"): 7_800,
 }
 
