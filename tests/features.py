@@ -305,6 +305,7 @@ def law(p, rng, name):
     where = repr(p.pairs(rng))
     return {
         "cubic": f"pm.CubicSpring({where}, {k}, k3={k3})",
+        "damped cubic": f"pm.CubicSpring({where}, {k}, k3={k3}, c={c})",
         "gap": f"pm.Gap({where}, {k}, {gap}, sign={rng.choice([1, -1])})",
         "damped gap": f"pm.Gap({where}, {k}, {gap}, c={c})",
         "bilinear": f"pm.Bilinear({where}, {k}, fy={fy}, hardening=0.1)",
@@ -324,7 +325,8 @@ def springs(name):
         p.forces.setdefault("internal", []).append(law(p, rng, name))
 
 
-LAWS = "cubic", "gap", "damped gap", "bilinear", "Bouc-Wen", "Ramberg-Osgood", "multilinear"
+LAWS = "cubic", "damped cubic", "gap", "damped gap", "bilinear", "Bouc-Wen"
+LAWS += "Ramberg-Osgood", "multilinear"
 for _name in LAWS:
     springs(_name)
 

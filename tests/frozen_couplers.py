@@ -11,6 +11,7 @@ SPRINGS = {
     "bilinear": lambda: pm.Bilinear([(0, 1), (-1, 2)], k=40.0, fy=2.0, hardening=0.1),
     "cubic": lambda: pm.CubicSpring([0, 2], k=10.0, k3=500.0),
     "gap": lambda: pm.Gap([(-1, 1), (1, 2)], k=300.0, gap=0.02),
+    "damped cubic": lambda: pm.CubicSpring([(-1, 1), (1, 2)], k=30.0, k3=50.0, c=0.5),
     "damped gap": lambda: pm.Gap([(-1, 1), (1, 2)], k=300.0, gap=0.02, c=5.0),
 }
 

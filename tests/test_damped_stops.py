@@ -122,6 +122,26 @@ def test_iterated_it_is_the_function_with_both_tangents(coupling):
     assert one["a"].iterations.max() == other["a"].iterations.max() <= 4
 
 
+@pytest.mark.parametrize("where", ["restoring", "internal"])
+@pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()])
+def test_a_damped_cubic_spring_without_its_cube_is_a_damped_oscillator(where, scheme):
+    k, c, t_end = 40.0, 0.8, 3.0
+    spring = pm.CubicSpring([0], k, 0.0, c=c)
+    s = pm.Subdomain([1.0], None, scheme=scheme, u0=[0.1], **{where: spring})
+    motion = pm.solve(s, dt=0.002, t_end=t_end)
+    zeta = c / 2.0
+    omega, t = np.sqrt(k - zeta**2), motion.t
+    exact = 0.1 * np.exp(-zeta * t) * (np.cos(omega * t) + zeta / omega * np.sin(omega * t))
+    # (omega h)^2 / 24 and / 12 a radian, over 19 of them: 1.3e-4 and 2.5e-4 of the amplitude
+    assert np.abs(motion.u[:, 0] - exact).max() < 3e-4 * 0.1
+    undamped = pm.solve(
+        pm.Subdomain([1.0], None, scheme=scheme, u0=[0.1], **{where: pm.CubicSpring([0], k, 0.0)}),
+        dt=0.002,
+        t_end=t_end,
+    )
+    assert np.abs(undamped.u[:, 0] - exact).max() > 0.01
+
+
 def test_without_a_damper_it_is_the_plain_stop():
     for kind in ("restoring", "internal"):
         plain, damped = (

@@ -194,11 +194,11 @@ def test_folders_are_not_nested():
 # Lines that there may be: a commit that removes some lowers the figure, one that raises it says why
 # in docs/decisions.md.
 MOST_LINES = {
-    ("csrc/core", "[ch]"): 24_640,
+    ("csrc/core", "[ch]"): 24_670,
     ("csrc/binding", "[ch]"): 4_700,
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,
-    ("csrc/tests", "[ch]"): 16_000,
+    ("csrc/tests", "[ch]"): 16_030,
     ("pmalpha", "py"): 55_200,
     ("tests", "py"): 72_300,
     ("docs", "md"): 7_800,

@@ -72,6 +72,29 @@ def test_an_explicit_beam_with_substeps_carries_a_moving_force():
     assert relative(motion.u, force_on_a_beam(motion.t)) < 5e-3
 
 
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro", "mean"])
+def test_a_moving_load_is_that_of_a_python_function_under_every_coupling(coupling):
+    """In each substep, also of double steps."""
+
+    def run(force):
+        structure = beam(4)
+        bridge = structure.subdomain(
+            scheme=pm.GeneralizedAlpha(0.7), fixed=SUPPORTS, force=force, substeps=2, name="bridge"
+        )
+        pier = pm.Subdomain([500.0], [1e6], scheme=EXACT, substeps=6, name="pier")
+        tie = pm.tie(bridge, [middle(structure)], pier, [0])
+        return pm.Coupler([bridge, pier], tie, dt=0.0303, coupling=coupling).run(steps=70)
+
+    point = along(beam(4))
+    load = pm.MovingLoad(point, pm.SampledForce([-1.0, -3.0, 2.0], dt=0.9))
+    size = np.interp
+    function = run(lambda t: size(t, [0.0, 0.9, 1.8], [-1.0, -3.0, 2.0]) * point.weights(t))
+    core = run(load)
+    for name in ("bridge", "pier"):
+        # sums of a few terms in another order, 420 substeps
+        assert relative(core[name].u, function[name].u) < 1e-11
+
+
 def test_off_its_path_a_load_is_zero_and_both_ends_belong_to_it():
     structure = beam(2)
     point = along(structure, 0.25, start=-1.0)
@@ -191,9 +214,16 @@ def oscillator_on_a_beam(times, modes=12):
     return y[-2], shape * np.sin(k * np.pi / 2.0) @ y[:modes]
 
 
-def test_a_damped_oscillator_crosses_a_beam_as_the_equations_of_its_modes():
+def tied_wheel(bridge):
+    """A spring and a damper that pull too."""
+    point = along(beam(12), fixed=SUPPORTS)
+    return pm.CubicSpring([(point, "body")], STIFFNESS, 0.0, c=DAMPING)
+
+
+@pytest.mark.parametrize("force", [None, tied_wheel])
+def test_a_damped_oscillator_crosses_a_beam_as_the_equations_of_its_modes(force):
     structure = beam(12)
-    motion = pm.solve(vehicle_on(structure), dt=0.001, t_end=2.0)
+    motion = pm.solve(vehicle_on(structure, force), dt=0.001, t_end=2.0)
     body, bent = oscillator_on_a_beam(motion.t)
     # 2e-4 and 5e-4 measured: forces on modes above the tenth, and the square of the step
     assert relative(motion["body"].u, body) < 1e-3

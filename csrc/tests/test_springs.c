@@ -72,6 +72,29 @@ static void a_damped_gap_pushes_with_both_and_never_pulls(void)
     }
 }
 
+/* k = 3, k3 = 2, c = 4 at d = 1 and -2 with the rates 1/2 and 1, and at rest. */
+static void a_damped_cubic_spring_pushes_and_pulls_with_both(void)
+{
+    const int32_t first = 0, ground = -1;
+    const double k = 3.0, k3 = 2.0, c = 4.0, d[3] = {1.0, -2.0, -2.0}, rates[2] = {0.5, 1.0};
+    const double forces[3] = {7.0, -18.0, -22.0}, slopes[3] = {49.0, 67.0, 67.0};
+    const pma_spring_set set = {.law = PMA_DAMPED_CUBIC,
+                                .count = 1,
+                                .first = &first,
+                                .second = &ground,
+                                .parameters = {&k, &k3, &c}};
+    const pma_springs springs = {.count = 1, .sets = &set, .total = 1};
+    CHECK(pma_springs_have_rates(&springs));
+    for (size_t i = 0; i < 3; i++) {
+        double level[3] = {0.0}, y = 0.0, slope;
+        pma_springs_subtract(&springs, &d[i], i < 2 ? &rates[i] : NULL, level, level, &y);
+        CHECK(level[1] == forces[i] && y == -forces[i]);
+        pma_springs_tangent(&springs, level, level, 1.0, 10.0, &slope);
+        CHECK(slope == slopes[i]); /* k + 3 k3 d^2 + 10 c */
+        CHECK(pma_springs_energy(&springs, level) == (i > 0 ? 14.0 : 2.0));
+    }
+}
+
 static void a_bilinear_spring_drags_its_plastic_deformation(void)
 {
     const double law[3] = {1.0, 3.0, 0.5}; /* k = 4, d_y = 1/2, hardening 1/4 */
@@ -442,6 +465,7 @@ static void the_counts_of_springs_are_found_and_checked(void)
 const test SPRINGS_TESTS[] = {
     TEST(a_cubic_spring_and_a_gap_are_their_formulas),
     TEST(a_damped_gap_pushes_with_both_and_never_pulls),
+    TEST(a_damped_cubic_spring_pushes_and_pulls_with_both),
     TEST(a_bilinear_spring_drags_its_plastic_deformation),
     TEST(a_bouc_wen_spring_follows_the_closed_form_of_n_2),
     TEST(bouc_wen_springs_follow_their_paths_bitwise_as_each_alone),

@@ -359,7 +359,7 @@ class DiscreteGradient(Frozen):
                 item._require_still("springs")
             if not isinstance(item, CubicSpring | Gap) or item.largest_damping is not None:
                 raise TypeError(
-                    "springs must be CubicSpring, or Gap without c, which have a potential, "
+                    "springs must be CubicSpring or Gap without c, which have a potential, "
                     f"got {item!r}"
                 )
         if not items:

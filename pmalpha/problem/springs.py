@@ -1,7 +1,7 @@
 """Springs between two dofs or a dof and the ground, as restoring forces of a subdomain.
 
 An object holds any number of springs of one law, which the core evaluates. Equations (H1) to (H5)
-and (H9) to (H13) of docs/method.md.
+and (H9) to (H14) of docs/method.md.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ class Spring(Frozen):
 
 
 class CubicSpring(Spring):
-    """A Duffing spring: :math:`f = k d + k_3 d^3`, equation (H1).
+    """A Duffing spring: :math:`f = k d + k_3 d^3`, equation (H1); with a damper + c d', (H14).
 
     Parameters
     ----------
@@ -175,9 +175,13 @@ class CubicSpring(Spring):
         ground, d = u, so that ``[0, 1]`` are two springs to the ground, ``[-1]`` is one at the last
         dof. A pair for each spring: d = u_first - u_second, so that ``[(0, 1)]`` is one spring
         between two dofs; in pairs -1 and ``"ground"`` are the ground. A single pair without the
-        list, ``(0, 1)``, is refused.
+        list, ``(0, 1)``, is refused. In pairs an end may be a `MovingPoint`, ``[("body", point)]``,
+        as ``restoring=`` of the subdomain that has its path.
     k, k3 : float or (m,) array
         Linear stiffness, not negative, and cubic stiffness of any sign.
+    c : float or (m,) array, optional
+        Of a damper parallel to it, not negative. Evaluated once a step, as ``restoring=``, it
+        limits the step as lagged damping does.
 
     Raises
     ------
@@ -195,10 +199,19 @@ class CubicSpring(Spring):
 
     law = "cubic"
     k3: np.ndarray
+    c: np.ndarray
 
-    def __init__(self, dofs: Any, k: Any, k3: Any):
-        super().__init__(dofs, k=k, k3=k3)
-        self._require(self.k >= 0.0, "k", "not be negative")
+    def __init__(self, dofs: Any, k: Any, k3: Any, *, c: Any = None):
+        if c is not None:
+            self.law = "damped cubic"
+        super().__init__(dofs, k=k, k3=k3, **({} if c is None else {"c": c}))
+        for name in set(self.names) - {"k3"}:
+            self._require(getattr(self, name) >= 0.0, name, "not be negative")
+
+    @property
+    def largest_damping(self) -> np.ndarray | None:
+        """Damping of each spring, if there is a damper."""
+        return self.c if "c" in self.names else None
 
 
 class Gap(Spring):

@@ -28,6 +28,22 @@ static double cubic_energy(const pma_law_end *e)
     return 0.5 * e->d * e->d * (e->P[0][e->i] + 0.5 * e->P[1][e->i] * e->d * e->d);
 }
 
+/* ---- (H14)  f = k d + k3 d^3 + c d' ----------------------------------------------------------- */
+
+INLINE void go_damped_cubic(const pma_law_path *s)
+{
+    const double *k = s->P[0], *k3 = s->P[1], *c = s->P[2], *d = s->d, *rate = s->rate;
+    double *f = s->f;
+#pragma omp simd
+    for (size_t i = 0; i < s->count; i++)
+        f[i] = d[i] * (k[i] + k3[i] * d[i] * d[i]) + c[i] * rate[i];
+}
+
+static double damped_cubic_dashpot(const pma_law_end *e)
+{
+    return e->P[2][e->i];
+}
+
 /* ---- (H2)  f = k (d - gap), if that is positive --------------------------------------------- */
 
 /* A d that is not finite stays to be seen. */
@@ -408,6 +424,7 @@ static double ramberg_osgood_energy(const pma_law_end *e)
 #define FORMS(law) .go = law##_avx2, .go_plain = law##_plain
 
 COMPILED(cubic)
+COMPILED(damped_cubic)
 COMPILED(gap)
 COMPILED(damped_gap)
 COMPILED(bilinear)
@@ -429,4 +446,6 @@ const pma_law pma_laws[PMA_SPRING_LAWS] = {
                             .most = REVERSALS},
     [PMA_DAMPED_GAP] = {"damped gap", 3, 0, 0, 0, FORMS(damped_gap), damped_gap_tangent, gap_energy,
                         damped_gap_dashpot},
+    [PMA_DAMPED_CUBIC] = {"damped cubic", 3, 0, 0, 0, FORMS(damped_cubic), cubic_tangent,
+                          cubic_energy, damped_cubic_dashpot},
 };

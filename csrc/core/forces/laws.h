@@ -1,4 +1,4 @@
-/* laws.h - the laws of springs, (H1) to (H13), a table with a row for each.
+/* laws.h - the laws of springs, (H1) to (H14), a table with a row for each.
  *
  * A law is its parameters, its inner variables, and its functions: where it goes, its tangents and
  * its energy. What else depends on a law is made of this table: checks, sizes, lanes, and the list

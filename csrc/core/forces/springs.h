@@ -21,7 +21,8 @@
  *   multilinear     k, then k_e, d_e of each element             f = k d + sum k_e (d - p_e) (H9)
  *   ... elastic     the same                                     and without memory          (H10)
  *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches         (H11)
- *   damped gap      k, gap, c                                    + c d' of a gap          (H13) */
+ *   damped gap      k, gap, c                                    + c d' of a gap          (H13)
+ *   damped cubic    k, k3, c                                     + c d' of a cubic spring (H14) */
 typedef enum {
     PMA_CUBIC,
     PMA_GAP,
@@ -30,10 +31,11 @@ typedef enum {
     PMA_MULTILINEAR,
     PMA_ELASTIC,
     PMA_RAMBERG_OSGOOD,
-    PMA_DAMPED_GAP
+    PMA_DAMPED_GAP,
+    PMA_DAMPED_CUBIC
 } pma_spring_law;
 
-enum { PMA_SPRING_LAWS = PMA_DAMPED_GAP + 1, PMA_SPRING_PARAMETERS = 63 };
+enum { PMA_SPRING_LAWS = PMA_DAMPED_CUBIC + 1, PMA_SPRING_PARAMETERS = 63 };
 
 /* Springs of one law. Arrays of the caller, which have to outlive it. */
 typedef struct {
