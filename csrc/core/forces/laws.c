@@ -28,7 +28,7 @@ static double cubic_energy(const pma_law_end *e)
     return 0.5 * e->d * e->d * (e->P[0][e->i] + 0.5 * e->P[1][e->i] * e->d * e->d);
 }
 
-/* ---- (H14)  f = k d + k3 d^3 + c d' ----------------------------------------------------------- */
+/* ---- (H14)  f = k d + k3 d^3 + c d' ---------------------------------------------------------- */
 
 INLINE void go_damped_cubic(const pma_law_path *s)
 {
