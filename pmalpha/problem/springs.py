@@ -166,7 +166,7 @@ class Spring(Frozen):
 
 
 class CubicSpring(Spring):
-    """A Duffing spring: :math:`f = k d + k_3 d^3`, equation (H1); with a damper + c d', (H14).
+    """A Duffing spring: :math:`f = k d + k_3 d^3`, equation (H1).
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class CubicSpring(Spring):
     k, k3 : float or (m,) array
         Linear stiffness, not negative, and cubic stiffness of any sign.
     c : float or (m,) array, optional
-        Of a damper parallel to it, not negative. Evaluated once a step, as ``restoring=``, it
+        Of a damper parallel to it, c d', equation (H14); not negative. Evaluated once a step, as ``restoring=``, it
         limits the step as lagged damping does.
 
     Raises
