@@ -180,8 +180,8 @@ class CubicSpring(Spring):
     k, k3 : float or (m,) array
         Linear stiffness, not negative, and cubic stiffness of any sign.
     c : float or (m,) array, optional
-        Of a damper parallel to it, c d', equation (H14); not negative. Evaluated once a step, as ``restoring=``, it
-        limits the step as lagged damping does.
+        Of a damper parallel to it, c d', equation (H14); not negative. As ``restoring=``, evaluated
+        once a step, it limits the step as lagged damping does.
 
     Raises
     ------
