@@ -179,6 +179,7 @@ static pma_status create_team(pma_coupler *c)
     if (pma_look_ahead_is_used(c))
         PMA_TRY(pma_look_ahead_create(c));
     PMA_TRY(prepare_members(c));
+    c->has_executors = c->exchange || pma_look_ahead_is_used(c);
     return c->roster.workers > 1 ? pma_team_create(c->roster.workers, &c->team) : PMA_OK;
 }
 

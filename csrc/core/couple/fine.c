@@ -4,8 +4,7 @@
  * subdomain has substeps, a fine step the stages of the array STAGES below. A coarser subdomain
  * begins or ends a substep in some fine steps alone; in between its free velocity is interpolated.
  * "pm" and "gc" differ in nothing here: under "pm" the substeps of some subdomains are double, from
- * the time level before (clock.h), and are done beside the fine steps where there are threads for
- * it (look_ahead.c). */
+ * the time level before (clock.h). Who does the work is known to the executors (executors.c). */
 #include <assert.h>
 #include <string.h>
 
@@ -56,6 +55,46 @@ static pma_duty duty_in_parallel(const pma_member *member)
     return duty;
 }
 
+/* ---- where all subdomains are ---------------------------------------------------------------- */
+
+/* To the end of the next fine step, from where move_to left it. */
+static inline void move_on(pma_coupler *c)
+{
+    c->k++;
+    pma_coupled *const end = c->coupled + c->parts.count;
+    for (pma_coupled *m = c->coupled; m < end; m++) {
+        if (m->now.phase < m->ratio) {
+            m->now.phase++;
+            continue;
+        }
+        m->now = (pma_moment){.j = m->now.j + 1, .phase = 1};
+        m->step = pma_substep_of(c, m, m->now.j);
+    }
+}
+
+/* ---- what is done for all subdomains --------------------------------------------------------- */
+
+/* In a loop of the caller's where it is alone, which is short in a small system. */
+static inline pma_status share(pma_coupler *c, pma_task task, pma_due due)
+{
+    assert(task && due && (c->team || c->roster.workers <= 1));
+    if (c->team)
+        return pma_teamwork_do(c, task, due);
+    for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
+        const pma_status status = due(m) ? task(c, m) : PMA_OK;
+        if (status != PMA_OK) {
+            c->failed = (size_t)(m - c->coupled);
+            return status;
+        }
+    }
+    return PMA_OK;
+}
+
+pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
+{
+    return share(c, task, due);
+}
+
 /* ---- free problems (13) --------------------------------------------------------------------- */
 
 static bool begins(const pma_coupled *m)
@@ -73,13 +112,33 @@ pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 pma_status pma_fine_begin(pma_coupler *c)
 {
     c->unpolled += c->entries;
-    PMA_TRY(pma_share(c, pma_fine_open, begins));
-    if (pma_look_ahead_is_used(c))
-        pma_look_ahead_open(c);
-    return PMA_OK;
+    return share(c, pma_fine_open, begins);
 }
 
 /* ---- interface problem (18) ----------------------------------------------------------------- */
+
+void pma_coupler_prescribe(pma_coupler *c)
+{
+    const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
+    const double t =
+        pma_clock_stage_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine, c->staged);
+    const bool is_first = (c->k - 1) % c->fine == 0;
+    const pma_macro_level *begin = pma_is_pending(c) ? &c->reached : &c->present;
+    const pma_macro_level *before = is_first ? begin : &c->working;
+    const double length = pma_clock_length(c->k, c->staged);
+    const double half = 0.5 * c->parts.dt / (double)(int64_t)c->fine * length;
+    for (size_t i = 0; i < c->parts.motion_count; i++) {
+        const pma_motion *motion = &c->motions[i];
+        memset(c->scratch, 0, motion->load.n * sizeof(double));
+        pma_load_add(&motion->load, t, number, c->scratch);
+        for (size_t k = 0; k < motion->load.n; k++) {
+            const int64_t row = motion->rows[k];
+            c->working.moved[row] =
+                before->moved[row] + half * (before->g[row] + c->scratch[k]); /* (G2) */
+            c->working.g[row] = c->scratch[k];
+        }
+    }
+}
 
 void pma_fine_right_side(pma_coupler *c)
 {
@@ -87,6 +146,30 @@ void pma_fine_right_side(pma_coupler *c)
     const pma_coupled *const end = c->coupled + c->parts.count;
     for (const pma_coupled *m = c->coupled; m < end; m++)
         pma_add_free_velocity(m, -1.0, c->working.lam);
+}
+
+/* The member whose free velocity made the multipliers infinite. */
+static size_t find_unstable(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *m = &c->coupled[i].member;
+        const size_t j = c->coupled[i].now.j + 1;
+        if (!pma_is_finite(m->link->nb,
+                           m->table->values(m->self, PMA_FREE_VELOCITY, j, false, NULL)))
+            return i;
+    }
+    return PMA_INTERFACE;
+}
+
+pma_status pma_coupler_solve(pma_coupler *c)
+{
+    const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
+    pma_interface_solve(H, c->working.lam);
+    c->unpolled += H->entries;
+    if (pma_is_finite(c->parts.p, c->working.lam))
+        return PMA_OK;
+    c->failed = find_unstable(c);
+    return PMA_NOT_FINITE;
 }
 
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
@@ -113,57 +196,39 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
     return m->member.table->advance(m->member.self, &m->step, NULL, c->working.lam, m->workers);
 }
 
-/* The substeps that end with this fine step: deferred, or closed now. */
+/* The substeps that end with this fine step, but for those that an executor closes. */
 static pma_status end_substeps(pma_coupler *c)
 {
-    if (pma_look_ahead_is_used(c))
-        pma_look_ahead_defer(c);
-    return pma_share(c, pma_fine_close, ends);
-}
-
-/* ---- double steps beside the fine steps ------------------------------------------------------ */
-
-/* Those that end here are awaited, and the macro step before is committed as soon as it is known to
- * be finite in all of them; in several processes, which agree first, at its end. */
-static pma_status await_double_steps(pma_coupler *c)
-{
-    if (!pma_look_ahead_is_used(c))
-        return PMA_OK;
-    PMA_TRY(pma_look_ahead_await(c));
-    if (c->exchange || !pma_is_pending(c) || pma_look_ahead_is_busy(c))
-        return PMA_OK;
-    pma_recorder_complete(c);
-    pma_coupler_commit(c);
-    pma_coupler_move_to(c, c->k);
-    return PMA_OK;
+    return share(c, pma_fine_close, ends);
 }
 
 /* ---- the stages of a fine step --------------------------------------------------------------- */
 
-/* Several processes meet before the interface problem and after the link problems. */
-static pma_status meet_and_solve(pma_coupler *c)
+/* What executors do in between: double steps in parallel, sums of several processes. */
+static pma_status begun(pma_coupler *c)
 {
-    if (c->exchange)
-        PMA_TRY(pma_exchange_interface(c));
-    return pma_fine_solve(c);
+    return c->has_executors ? pma_executors_begun(c) : PMA_OK;
 }
 
-static pma_status end_and_meet(pma_coupler *c)
+static pma_status solved(pma_coupler *c)
 {
-    PMA_TRY(end_substeps(c));
-    return c->exchange ? pma_exchange_jumps(c) : PMA_OK;
+    return c->has_executors ? pma_executors_solved(c) : PMA_OK;
+}
+
+static pma_status ended(pma_coupler *c)
+{
+    return c->has_executors ? pma_executors_ended(c) : PMA_OK;
 }
 
 static pma_status (*const STAGES[])(pma_coupler *c) = {
-    pma_fine_begin,     /* (5) (6) (13)   free problems that begin here, of all subdomains */
-    meet_and_solve,     /* (15) (18)      interface problem at the end of this fine step */
-    await_double_steps, /*                double steps that end here */
-    end_and_meet,       /* (14) (8) (9)   link problems that end here, added */
+    pma_fine_begin, begun,  /* (5) (6) (13)   free problems that begin here, of all subdomains */
+    pma_fine_solve, solved, /* (15) (18)      interface problem at the end of this fine step */
+    end_substeps,   ended,  /* (14) (8) (9)   link problems that end here, added */
 };
 
 static pma_status fine_step(pma_coupler *c)
 {
-#pragma GCC unroll 4
+#pragma GCC unroll 6
     for (size_t i = 0; i < sizeof STAGES / sizeof *STAGES; i++)
         PMA_TRY(STAGES[i](c));
     return PMA_OK;
@@ -181,26 +246,12 @@ static void rebase(pma_coupler *c)
     }
 }
 
-/* Sleeps until the fine step is due, and takes it. */
-__attribute__((noinline)) static pma_status take_paced(pma_coupler *c)
-{
-    bool is_due;
-    do {
-        is_due = pma_pace_wait(c->pace);
-        if (c->poll && pma_coupler_poll(c))
-            return PMA_STOPPED;
-    } while (!is_due);
-    pma_pace_begin(c->pace);
-    PMA_TRY(c->parts.schedule->fine_step(c));
-    return pma_pace_end(c->pace);
-}
-
 static inline void move(pma_coupler *c, bool is_first)
 {
     if (is_first)
         pma_coupler_move_to(c, c->k + 1);
     else
-        pma_coupler_move_on(c);
+        move_on(c);
 }
 
 static inline void finish(pma_coupler *c)
@@ -215,7 +266,7 @@ pma_status pma_fine_steps(pma_coupler *c)
         move(c, i == 0);
         if (pma_coupler_is_stopped(c))
             return PMA_STOPPED;
-        PMA_TRY(c->pace ? take_paced(c) : c->parts.schedule->fine_step(c));
+        PMA_TRY(c->pace ? pma_coupler_take_paced(c) : c->parts.schedule->fine_step(c));
         if (c->record)
             pma_recorder_write(c);
     }

@@ -1,10 +1,10 @@
 /* inside.h - the coupler from inside: what its files share.
  *
- * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the
- * schedule with an interface problem in every fine step ("pm", "gc"), contact.c the same with
- * contacts, macro.c those with one in a macro step; iterated_fine.c and shooting.c are fine.c and
- * macro.c with internal forces; recorder.c what is recorded, exchange.c what processes send each
- * other, look_ahead.c what is done beside the fine steps. */
+ * coupler.c is the object and its macro steps, stages.c what schedules share, fine.c the schedule
+ * with an interface problem in every fine step ("pm", "gc"), contact.c the same with contacts,
+ * macro.c those with one in a macro step; iterated_fine.c and shooting.c are fine.c and macro.c
+ * with internal forces; recorder.c what is recorded, executors.c who does the work besides:
+ * look_ahead.c beside the fine steps, exchange.c in several processes. */
 #ifndef PMA_COUPLE_INSIDE_H
 #define PMA_COUPLE_INSIDE_H
 
@@ -86,6 +86,7 @@ struct pma_coupler {
     atomic_bool stopped;      /* by the poll */
     size_t failed;
     bool started;
+    bool has_executors;       /* beside the caller and the team: other processes, look-ahead */
     bool staged;              /* fine steps are stages of some member */
     bool evaluates, observed; /* some member has a restoring force; is observed */
 
@@ -182,21 +183,6 @@ static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled
 /* Every member where it is at the end of fine step k, counted from the present. */
 void pma_coupler_move_to(pma_coupler *c, size_t k);
 
-/* ... at the end of the next one, from where move_to left it. */
-static inline void pma_coupler_move_on(pma_coupler *c)
-{
-    c->k++;
-    pma_coupled *const end = c->coupled + c->parts.count;
-    for (pma_coupled *m = c->coupled; m < end; m++) {
-        if (m->now.phase < m->ratio) {
-            m->now.phase++;
-            continue;
-        }
-        m->now = (pma_moment){.j = m->now.j + 1, .phase = 1};
-        m->step = pma_substep_of(c, m, m->now.j);
-    }
-}
-
 static inline bool pma_is_ending(const pma_coupled *m)
 {
     return m->now.phase == m->ratio;
@@ -258,7 +244,7 @@ static inline bool pma_is_pending(const pma_coupler *c)
     return c->reached.number > c->present.number;
 }
 
-/* ---- stages of a macro step: stages.c ------------------------------------------------------- */
+/* ---- stages of a macro step: fine.c, stages.c ----------------------------------------------- */
 
 /* working.g (p) := g of interface problem k, working.moved its integral up to there       (G2);
  * once for each, if there are motions */
@@ -266,6 +252,9 @@ void pma_coupler_prescribe(pma_coupler *c);
 
 /* working.lam := H^-1 working.lam. PMA_NOT_FINITE, with the member at fault found. */
 pma_status pma_coupler_solve(pma_coupler *c);
+
+/* Sleeps until the fine step at hand is due, and takes it. */
+pma_status pma_coupler_take_paced(pma_coupler *c);
 
 /* The end of the macro step that all have reached becomes the present. Cannot fail. */
 void pma_coupler_commit(pma_coupler *c);
@@ -408,21 +397,8 @@ void pma_recorder_complete(const pma_coupler *c);
  * last. What went wrong with the first member, in order, with which it did. (stages.c) */
 pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due);
 
-/* The same, in a loop of the caller's for a small system, which is short. */
-static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
-{
-    assert(task && due && (c->team || c->roster.workers <= 1));
-    if (c->team)
-        return pma_teamwork_do(c, task, due);
-    for (pma_coupled *m = c->own; m < c->end_of_own; m++) {
-        const pma_status status = due(m) ? task(c, m) : PMA_OK;
-        if (status != PMA_OK) {
-            c->failed = (size_t)(m - c->coupled);
-            return status;
-        }
-    }
-    return PMA_OK;
-}
+/* The same in a loop of the caller's where there is no team. (fine.c) */
+pma_status pma_share(pma_coupler *c, pma_task task, pma_due due);
 
 /* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (stages.c) */
 void pma_teamwork_await(pma_coupler *c, size_t worker);
@@ -430,6 +406,12 @@ void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work);
 
 /* All workers of the fine steps, to share the work of one member. */
 pma_workers pma_teamwork_workers(pma_coupler *c);
+
+/* What executors do after the free problems, the interface problem and the link problems of a fine
+ * step, if there are any. */
+pma_status pma_executors_begun(pma_coupler *c);
+pma_status pma_executors_solved(pma_coupler *c);
+pma_status pma_executors_ended(pma_coupler *c);
 
 /* Members beside the fine steps (look_ahead.c). Room for them; allocates. */
 pma_status pma_look_ahead_create(pma_coupler *c);

@@ -1,7 +1,6 @@
-/* stages.c - what the schedules share: where members are, the interface problem, the commit; and a
- * stage of a step by all workers, each with the subdomains that it has, or several with one. */
+/* stages.c - what the schedules share: where members are, the commit; and a stage of a step by all
+ * workers, each with the subdomains that it has, or several with one. */
 #include <assert.h>
-#include <string.h>
 
 #include "couple/inside.h"
 
@@ -14,53 +13,6 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
         if (m->now.phase == 1 || m->step.j != m->now.j)
             m->step = pma_substep_of(c, m, m->now.j);
     }
-}
-
-void pma_coupler_prescribe(pma_coupler *c)
-{
-    const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
-    const double t =
-        pma_clock_stage_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine, c->staged);
-    const bool is_first = (c->k - 1) % c->fine == 0;
-    const pma_macro_level *begin = pma_is_pending(c) ? &c->reached : &c->present;
-    const pma_macro_level *before = is_first ? begin : &c->working;
-    const double length = pma_clock_length(c->k, c->staged);
-    const double half = 0.5 * c->parts.dt / (double)(int64_t)c->fine * length;
-    for (size_t i = 0; i < c->parts.motion_count; i++) {
-        const pma_motion *motion = &c->motions[i];
-        memset(c->scratch, 0, motion->load.n * sizeof(double));
-        pma_load_add(&motion->load, t, number, c->scratch);
-        for (size_t k = 0; k < motion->load.n; k++) {
-            const int64_t row = motion->rows[k];
-            c->working.moved[row] =
-                before->moved[row] + half * (before->g[row] + c->scratch[k]); /* (G2) */
-            c->working.g[row] = c->scratch[k];
-        }
-    }
-}
-
-/* The member whose free velocity made the multipliers infinite. */
-static size_t find_unstable(const pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *m = &c->coupled[i].member;
-        const size_t j = c->coupled[i].now.j + 1;
-        if (!pma_is_finite(m->link->nb,
-                           m->table->values(m->self, PMA_FREE_VELOCITY, j, false, NULL)))
-            return i;
-    }
-    return PMA_INTERFACE;
-}
-
-pma_status pma_coupler_solve(pma_coupler *c)
-{
-    const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
-    pma_interface_solve(H, c->working.lam);
-    c->unpolled += H->entries;
-    if (pma_is_finite(c->parts.p, c->working.lam))
-        return PMA_OK;
-    c->failed = find_unstable(c);
-    return PMA_NOT_FINITE;
 }
 
 bool pma_coupler_poll(pma_coupler *c)
@@ -81,6 +33,19 @@ void pma_coupler_commit(pma_coupler *c)
     c->k -= c->fine;
     if (c->record && c->record->ring)
         pma_record_end(c->record, c->origin.number + c->present.number);
+}
+
+pma_status pma_coupler_take_paced(pma_coupler *c)
+{
+    bool is_due;
+    do {
+        is_due = pma_pace_wait(c->pace);
+        if (c->poll && pma_coupler_poll(c))
+            return PMA_STOPPED;
+    } while (!is_due);
+    pma_pace_begin(c->pace);
+    PMA_TRY(c->parts.schedule->fine_step(c));
+    return pma_pace_end(c->pace);
 }
 
 /* ---- waiting -------------------------------------------------------------------------------- */
