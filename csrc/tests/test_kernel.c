@@ -8,7 +8,7 @@
 #include "algebra/lanes.h"
 #include "check.h"
 #include "naive.h"
-#include "subdomain/update.h"
+#include "subdomain/scheme.h"
 #include "tests.h"
 
 /* Two groups of eight columns and all that can be left of a third; rows of more than a vector. */

@@ -49,7 +49,7 @@ pma_status pma_parts_blas(const pma_field *of, pma_blas *out);
  * is None of a diagonal, else {first, row_ptr, rows, start, owner (n,)}. Without a crew. */
 pma_status pma_parts_numeric(const pma_field *f, size_t n, size_t nb, pma_numeric_parts *out);
 
-/* ---- forces (springs.c, filters.c, specimens.c, forces.c) ----------------------------------- */
+/* ---- forces (loads.c, rig.c, forces.c) ------------------------------------------------------- */
 
 /* What stands for a function of the user in the core. */
 typedef struct {
@@ -92,7 +92,7 @@ pma_status pma_parts_impulse(const pma_field *f, size_t nb, pma_impulse_parts *o
 /* {order}: the user's dof at each position */
 pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out);
 
-/* ---- loads (loads.c, paths.c) --------------------------------------------------------------- */
+/* ---- loads (loads.c) ------------------------------------------------------------------------- */
 
 /* None; doubles (n,), constant; {values (samples, k), shape (k, n) or None, dt, hold, begin},
  * sampled, k = n without a shape; {rows (:, n), first}, a row for each substep from that one on;

@@ -235,14 +235,6 @@ static pma_status take_functions(const pma_field *f, size_t n, pma_restoring *ou
     return pushed ? take_pushed(f, pushed, out) : PMA_OK;
 }
 
-pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
-{
-    const pma_field order = pma_field_at(of, "order");
-    size_t count;
-    PMA_TRY(pma_field_positions(&order, n, &count, out));
-    return count == n ? PMA_OK : pma_field_refuse(&order, "must have a dof for each position");
-}
-
 pma_status pma_parts_restoring(const pma_field *f, size_t n, pma_restoring *out)
 {
     const pma_field functions = pma_field_at(f, "functions"), load = pma_field_at(f, "load");

@@ -1,6 +1,48 @@
-/* External forces from their fields. */
+/* Loads, springs, and paths along which they move, from their fields. */
 #include "algebra/lanes.h"
 #include "describe/describe.h"
+#include "forces/laws.h"
+
+/* ---- paths along which loads and ends of springs move --------------------------------------- */
+
+pma_status pma_parts_path(const pma_field *f, size_t n, pma_path *out)
+{
+    const pma_field ends = pma_field_at(f, "ends"), dofs = pma_field_at(f, "dofs");
+    const pma_field shape = pma_field_at(f, "shape");
+    const pma_field start = pma_field_at(f, "start"), speed = pma_field_at(f, "speed");
+    int64_t extents[3] = {-1, -1, PMA_SHAPE};
+    size_t count;
+    const void *data = NULL;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_array(&dofs, PMA_INT64S, 2, extents, &data));
+    out->dofs = data;
+    out->segments = (size_t)extents[0];
+    out->width = (size_t)extents[1];
+    PMA_TRY(pma_field_array(&shape, PMA_DOUBLES, 3, extents, &data));
+    out->shape = data;
+    PMA_TRY(pma_field_vector(&ends, PMA_DOUBLES, &count, &data));
+    out->ends = data;
+    PMA_TRY(pma_field_real(&start, &out->start));
+    PMA_TRY(pma_field_real(&speed, &out->speed));
+    if (count != out->segments + 1)
+        return pma_field_refuse(&ends, "must be one more than there are segments");
+    const pma_status status = pma_path_check(out, n);
+    if (status == PMA_BAD_INDEX)
+        return pma_field_refuse(&dofs, "must be dofs, or -1");
+    return status == PMA_OK ? PMA_OK : pma_field_refuse(&ends, "must rise");
+}
+
+/* ---- orders of dofs ------------------------------------------------------------------------- */
+
+pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
+{
+    const pma_field order = pma_field_at(of, "order");
+    size_t count;
+    PMA_TRY(pma_field_positions(&order, n, &count, out));
+    return count == n ? PMA_OK : pma_field_refuse(&order, "must have a dof for each position");
+}
+
+/* ---- external forces ------------------------------------------------------------------------ */
 
 /* {values (samples,), dt, hold, begin, path} */
 static pma_status take_moving(const pma_field *f, pma_load *out)
@@ -133,5 +175,54 @@ pma_status pma_parts_lane_loads(const pma_field *f, size_t n, pma_load *out)
     PMA_TRY(pma_field_allocate(f, pma_load_lane_terms(each), sizeof *terms, (void *)&terms));
     PMA_TRY(pma_field_allocate(f, pma_load_lane_shapes(each), sizeof *shapes, (void *)&shapes));
     *out = pma_load_in_lanes(each, terms, shapes);
+    return PMA_OK;
+}
+
+/* ---- springs -------------------------------------------------------------------------------- */
+
+/* As many elements as there are parameters for; false where these do not fit. */
+static bool take_elements(size_t law, size_t count, pma_spring_set *set)
+{
+    const size_t own = pma_laws[law].parameters, each = pma_laws[law].each_parameters;
+    set->law = (pma_spring_law)law;
+    set->elements = each > 0 && count > own ? (count - own) / each : 0;
+    return count <= PMA_SPRING_PARAMETERS && pma_spring_parameters(set) == count;
+}
+
+static pma_status take_set(const pma_field *f, pma_spring_set *set)
+{
+    const pma_field law = pma_field_at(f, "law"), parameters = pma_field_at(f, "parameters");
+    const pma_field first = pma_field_at(f, "first"), second = pma_field_at(f, "second");
+    const void *data = NULL;
+    size_t number, count;
+    PMA_TRY(pma_field_dict(f));
+    PMA_TRY(pma_field_count(&law, 0, &number));
+    PMA_TRY(pma_field_vector(&first, PMA_INT32S, &set->count, &data));
+    set->first = data;
+    PMA_TRY(pma_field_ints(&second, set->count, &set->second));
+    PMA_TRY(pma_field_tuple(&parameters, &count));
+    if (number >= PMA_SPRING_LAWS || !take_elements(number, count, set))
+        return pma_field_refuse(&parameters, "must be as many as the law has");
+    for (size_t k = 0; k < count; k++) {
+        const pma_field parameter = pma_field_item(&parameters, k);
+        PMA_TRY(pma_field_doubles(&parameter, set->count, &set->parameters[k]));
+    }
+    return PMA_OK;
+}
+
+pma_status pma_parts_springs(const pma_field *f, pma_springs *out)
+{
+    pma_spring_set *sets;
+    *out = (pma_springs){.count = 0};
+    if (pma_field_is_none(f))
+        return PMA_OK;
+    PMA_TRY(pma_field_tuple(f, &out->count));
+    PMA_TRY(pma_field_allocate(f, out->count, sizeof *sets, (void *)&sets));
+    out->sets = sets;
+    for (size_t i = 0; i < out->count; i++) {
+        const pma_field set = pma_field_item(f, i);
+        PMA_TRY(take_set(&set, &sets[i]));
+        out->total += sets[i].count;
+    }
     return PMA_OK;
 }

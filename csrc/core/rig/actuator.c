@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "rig/noise.h"
+#include "rig/signals.h"
 
 /* Memory of a dof: the last commands and their velocities in rings, the sum (Y1), and the state. */
 static size_t numbers_of_dof(const pma_actuator *a)

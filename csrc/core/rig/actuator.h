@@ -4,8 +4,8 @@
 
 #include <stdint.h>
 
-#include "rig/delay.h"
 #include "rig/filter.h"
+#include "rig/signals.h"
 
 enum { PMA_ACTUATOR_ORDER = 3 };
 

@@ -3,7 +3,7 @@
 #define PMA_INVERSE_H
 
 #include "rig/filter.h"
-#include "rig/modal.h"
+#include "rig/signals.h"
 
 /* Arrays of the caller. Outputs of `command` and `regressors`: those of the model (width), then
  * those of each variation (width). */

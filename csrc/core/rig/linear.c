@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#include "rig/noise.h"
+#include "rig/signals.h"
 
 /* Memory: the number of evaluations, the last commands in a ring for each input, the command that
  * is followed (c), and the state (z). */

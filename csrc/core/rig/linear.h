@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#include "rig/delay.h"
+#include "rig/signals.h"
 
 /* Arrays of the caller, matrices by rows. */
 typedef struct {

@@ -8,8 +8,8 @@
 
 #include "subdomain/levels.h"
 #include "subdomain/rig.h"
+#include "subdomain/scheme.h"
 #include "subdomain/subdomain.h"
-#include "subdomain/update.h"
 
 /* Of a subdomain whose substeps several workers may take together, in ranges of its rows: what they
  * do, a substep from its beginning, where it is opened, to its end x. */

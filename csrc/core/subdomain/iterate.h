@@ -14,7 +14,7 @@
 #include "solve/newton.h"
 #include "state.h"
 #include "status.h"
-#include "subdomain/iterated.h"
+#include "subdomain/member.h"
 
 /* Bare arrays of the caller, which have to outlive the subdomain. */
 typedef struct {

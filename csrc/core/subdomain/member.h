@@ -16,9 +16,59 @@
 
 #include "algebra/link.h"
 #include "observe/selection.h"
+#include "solve/newton.h"
 #include "state.h"
 #include "status.h"
-#include "subdomain/iterated.h"
+
+/* ---- a member with internal forces (N11) ---------------------------------------------------- */
+
+typedef struct {
+    /* The first guess of a substep, from the multipliers at its beginning (N4). Evaluates loads
+     * and what is evaluated once. */
+    pma_status (*begin)(void *self, const pma_substep *step, const double *lam);
+
+    /* Iterates alone, under lam, up to the energy scale of the member itself. PMA_STOPPED when
+     * stop, called before each evaluation, returns true. */
+    pma_status (*converge)(void *self, const pma_newton *newton, const double *lam,
+                           bool (*stop)(void *ctx), void *ctx);
+
+    /* See pma_equations. `linearize` factors the tangent if it is fresh, and makes the law: o is
+     * then the free velocity at the end of the substep, G its compliance, and `changed` says
+     * whether G is another one than before; lam: the multipliers that `correct` was given last. */
+    pma_status (*evaluate)(void *self, bool tangent, pma_measure *measure);
+    pma_status (*linearize)(void *self, bool fresh, const double *lam, bool *changed);
+    void (*correct)(void *self, const double *lam, pma_measure *measure);
+    void (*move)(void *self, double by);
+    void (*restart)(void *self, const double *lam);
+    void (*remember_rounding)(void *self);
+
+    /* The law in the middle of a substep that ends later (N13): the stored free velocity of its
+     * beginning, time level j, follows the new tangent. */
+    void (*rebase)(void *self, size_t j, const double *lam);
+
+    /* block (count x count) := G between the constraints of the member */
+    void (*block)(void *self, double *block);
+
+    /* The iterate is the state at the end of the substep. */
+    pma_status (*finish)(void *self, const double *lam);
+
+    /* The corrections made for the substep that ended at time level j, to be read or written; the
+     * energy scale s^2 (N6). */
+    double *(*corrections)(void *self, size_t j);
+    double (*scale)(const void *self);
+
+    /* Is there a factor, which can be kept? */
+    bool (*has_factor)(const void *self);
+} pma_iterated_table;
+
+/* The constraints of such a member: their rows, ascending. */
+typedef struct {
+    const pma_iterated_table *table;
+    size_t count;
+    const int64_t *rows;
+} pma_iterated;
+
+/* ---- every member --------------------------------------------------------------------------- */
 
 /* Values on the interface (nb); L of them is what a coupler sums up. */
 typedef enum {

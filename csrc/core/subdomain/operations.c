@@ -214,7 +214,7 @@ static size_t repeats(const void *self, bool recorded)
 
 /* ---- the table ------------------------------------------------------------------------------ */
 
-/* What this one does: steps that are iterated are begun and finished (iterated.h) instead. */
+/* What this one does: steps that are iterated are begun and finished instead. */
 pma_member_table pma_subdomain_table(const pma_subdomain *s)
 {
     pma_member_table table = {.opened = opened,

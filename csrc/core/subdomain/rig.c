@@ -1,3 +1,4 @@
+
 #include "subdomain/rig.h"
 
 #include <string.h>
@@ -5,6 +6,7 @@
 #include "memory.h"
 #include "object.h"
 #include "subdomain/inside.h"
+#include "subdomain/subdomain.h"
 
 struct pma_rig {
     const pma_subdomain *of;

@@ -9,6 +9,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "state.h"
+
 typedef struct {
     double am, af, beta, gamma;
 } pma_scheme;
@@ -41,5 +43,23 @@ typedef struct {
 
 /* e of column k and step s to e[k * count + s] */
 void pma_estimate_errors(const pma_motion_rows *x, const pma_recorded_steps *steps, double *e);
+
+/* ---- predictors and correctors, for each kind of processor ---------------------------------- */
+
+typedef struct {
+    /* (5), (6) and the known part of (9) for the rows begin..end-1, from one state into another or
+     * in place; w := 0 */
+    void (*predict)(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+                    const pma_state *to);
+    /* (8), (9) for the rows begin..end-1; true when every new value is finite */
+    bool (*correct)(const pma_step *c, size_t begin, size_t end, const pma_state *x);
+} pma_update;
+
+/* The widest instructions of this processor; bitwise identical to the plain loops, since the order
+ * of the sums is the same. */
+const pma_update *pma_update_best(void);
+
+/* What every processor has. */
+const pma_update *pma_update_plain(void);
 
 #endif
