@@ -23,11 +23,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._cached import cached_property
-from .._checks import numbered
 from ..problem.constraints import Constraint
 from ..problem.matrices import is_symmetric, sparse
 from ..problem.sampled import SampledForce
-from ..problem.schemes import Scheme, require_generalized_alpha
+from ..problem.schemes import Scheme
 from ..setup.ranks import remade
 from .parameters import Parameters, acceleration
 
@@ -536,8 +535,6 @@ class MeanAdjoint(Adjoint):
 # ---- problem ------------------------------------------------------------------------------------
 # What of a coupler its adjoint needs, and the couplers that run in reversed time.
 
-TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma
-
 
 class Problem:
     """A linear coupled problem.
@@ -696,34 +693,3 @@ def subdomain_of(keys: Any, p: Parameters) -> str:
     names = ", ".join(repr(name) for name, _ in keys)
     other = p.name in dict(keys) and "; it is another object of this name: give the name alone"
     raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}{other or ''}")
-
-
-def require_adjoint(session: Any, what: str) -> None:
-    """ValueError where the adjoint of a linear run is not such a run, with the reason."""
-    options = session.options
-    for name, s in session.keys:
-        require_generalized_alpha(s.scheme, what, name)
-    if options.coupling == "mean":
-        _require_trapezoidal(session, what)
-    if options.start != "rebased":
-        raise ValueError(f'{what} needs start="rebased", got "{options.start}"')
-    for name, s in session.keys:
-        if s.damping == "lagged":
-            raise ValueError(f'{what} needs damping="implicit", got "lagged" of {name!r}')
-        if s.massless.size:
-            dofs = numbered("dof", s.massless)
-            raise ValueError(f"{what} needs a mass at each dof, got none at {dofs} of {name!r}")
-
-
-def _require_trapezoidal(session: Any, what: str) -> None:
-    """ValueError where a run under "mean" is not reciprocal."""
-    for name, s in session.keys:
-        x = s.scheme
-        if x.explicit or x.parameters != TRAPEZOIDAL:
-            raise ValueError(
-                f'{what} needs the trapezoidal rule under "mean", Newmark(), got {x!r} of {name!r}'
-            )
-    if any(session.steps.layout.doubles):
-        raise ValueError(f'{what} needs single steps under "mean", got double ones')
-    if session.loads.motions:
-        raise ValueError(f'{what} needs constraints without velocity under "mean"')

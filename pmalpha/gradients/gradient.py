@@ -23,7 +23,7 @@ from ..problem.matrices import combination
 from ..problem.sampled import SampledForce
 from ..results.history import History
 from ..setup.ranks import remade
-from .adjoint import Adjoint, AdjointMember, Problem, Sources, require_adjoint, subdomain_of
+from .adjoint import Adjoint, AdjointMember, Problem, Sources, subdomain_of
 from .parameters import KINDS, Misfit, Parameters, check_masses, places, with_mass
 
 # ---- differences --------------------------------------------------------------------------------
@@ -163,7 +163,6 @@ def gradient(
     if differences is not None:
         of = list(zip(parameters, names))
         return _by_differences(coupler, session, objective, end, of, differences, reporting)
-    require_adjoint(session, "gradient without differences=")
     with from_beginning(coupler, session):
         problem, steps = Problem(coupler, session), steps_of(session, end)
         block = fitting(problem.single.members, steps) if block is None else block
@@ -435,7 +434,6 @@ def jacobian(
             a, b = (_recorded(x, sensors, what) for x in histories[:2])
             columns.append({name: (b[name] - a[name]) / histories[2] for name in sensors})
         return _stacked(columns)
-    require_adjoint(session, "jacobian without differences=")
     with from_beginning(coupler, session):
         problem = Problem(coupler, session)
         problem.require_constant_interface("jacobian without differences=")

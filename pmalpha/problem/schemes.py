@@ -96,7 +96,7 @@ class Scheme(Frozen):
     # `order` of its own, and what is derived from the four refuses it: `require_generalized_alpha`.
     is_generalized_alpha: ClassVar[bool] = True
     # Whether substeps are the two stages of a step in turn; then there is `second_stage(h)`, and
-    # what was derived for steps of one length refuses it: `require_one_stage`.
+    # what was derived for steps of one length refuses it: a row of setup/combinations.py.
     is_of_two_stages: ClassVar[bool] = False
 
     am: float
@@ -541,13 +541,6 @@ def require_generalized_alpha(scheme: Scheme, what: str, name: str | None) -> No
         raise ValueError(
             f"{what} needs a scheme of the generalized-alpha family, got {scheme!r}{of}"
         )
-
-
-def require_one_stage(scheme: Scheme, what: str, name: str | None) -> None:
-    """ValueError for a scheme of two stages of the subdomain `name`, whose steps are not equal."""
-    if scheme.is_of_two_stages:
-        of = "" if name is None else f" of {name!r}"
-        raise ValueError(f"{what} needs a scheme of one stage, got {scheme!r}{of}")
 
 
 def explicit_rho(scheme: Scheme) -> float:

@@ -21,7 +21,6 @@ from ..memory import one_thread
 from ..problem.external import OUTSIDE
 from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of, external_of, items_of
-from ..problem.schemes import require_generalized_alpha
 from ..problem.tangents import SYMMETRY
 from ..results.quantities import CoreRecord, by_index
 from ..results.recording import Recording
@@ -33,7 +32,7 @@ from .checkpoint import damaged
 from .judging import cause_of
 from .loads import Loads, limit_error, warn_of_skipped
 from .progress import Report
-from .session import Session, check_call, layout_of, take, together
+from .session import Session, check_call, layout_of, require_possible, take, together
 from .transfer import Steps, follow_energies, moves, take_over
 
 # Bytes of load values evaluated ahead of the core at a time. While a table is filled the previous
@@ -203,8 +202,7 @@ def change(
     step = session.done
     if layout == session.steps.layout:
         return
-    for name, s in session.keys:
-        require_generalized_alpha(s.scheme, "a change of steps", name)
+    require_possible(session, "a change of steps")
     for i, member in enumerate(session.members, session.assembly.first):
         h = layout.of(i)[0]
         if member.h != h and devices_of(member.subdomain.restoring):

@@ -16,7 +16,6 @@ import scipy.sparse as sp
 
 from .._checks import check_word, positive_number, real_number
 from ..errors import CallbackError
-from ..gradients.adjoint import require_adjoint
 from ..gradients.goal import Goal
 from ..gradients.gradient import gradient
 from ..gradients.parameters import MULTIPLIERS, Misfit
@@ -230,7 +229,6 @@ def error_budget(
     """`Coupler.error_budget`; `make` makes a coupler."""
     call = "error_budget"
     require_linear(session, call)
-    require_adjoint(session, call)
     check_word(weights, "weights", ("half", "same"))
     layout = session.steps.layout
     _require_steps(session, layout)
@@ -265,9 +263,6 @@ def _require_steps(session: Session, layout: Any) -> None:
             "error_budget needs the steps with which the coupler was made, got those of "
             "change_steps; make another Coupler with these steps"
         )
-    for (name, _), double in zip(session.keys, layout.doubles):
-        if double:
-            raise ValueError(f"error_budget needs single steps, got double ones of {name!r}")
     if session.coupling not in MACRO and len(set(layout.substeps)) > 1:
         raise ValueError(
             f'error_budget needs coupling "macro" or "mean", or equal substeps: the adjoint under '

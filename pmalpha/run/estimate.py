@@ -22,7 +22,7 @@ from ..results.history import History
 from ..results.times import Clock
 from ..setup.ranks import remade
 from .progress import Report, reporting
-from .session import Session, require_alone, require_one_stage_of
+from .session import Session, require_alone, require_possible
 
 # ---- repeated -----------------------------------------------------------------------------------
 # Functions of the user in runs that are repeated: they must return the same again.
@@ -406,7 +406,7 @@ class Runs:
 
     def __init__(self, session: Session, make: Callable[..., Any], call: str = "estimate_error"):
         require_repeatable(session, call)
-        require_one_stage_of(session, call)
+        require_possible(session, call)
         self.session, self.make, self.functions = session, make, RepeatedFunctions()
         layout = session.steps.layout
         self.dt, self.substeps = layout.dt, layout.substeps

@@ -13,7 +13,7 @@ from ..frozen.model import Input, Ports, file_of
 from ..problem.loads import core_load, loads_of
 from .inputs_at_start import Present, present
 from .motion import Motion
-from .session import Session, begin, require_alone, require_one_stage_of
+from .session import Session, begin, require_alone, require_possible
 
 
 def freeze(
@@ -34,7 +34,7 @@ def export_fmu(
     units: Mapping[str, str] | None,
 ) -> None:
     check_word(fmi, "fmi", fmu.VERSIONS)
-    require_one_stage_of(session, "export_fmu")
+    require_possible(session, "export_fmu")
     if license is not None and not isinstance(license, str):
         raise TypeError(f"license must be a text, got {license!r}")
     if units is not None and not (

@@ -30,7 +30,7 @@ from ..results.recording import Recording, Wanted, recording_class
 from ..results.ring import MonitorFile, RingRecording
 from .progress import DeferredSignals, reporting
 from .recorded_run import recorded, recording_of
-from .session import Session, require_alone, require_one_stage_of
+from .session import Session, require_alone, require_possible
 
 # of sys/mman.h and linux/prctl.h
 MCL_CURRENT, MCL_FUTURE = 1, 2
@@ -272,13 +272,7 @@ def run_paced(session: Session, t_end: float, pace: Pace, wanted: Wanted, progre
 def checked_pace(session: Session, pace: Pace) -> Pace:
     """The arguments, for a coupler that has fine steps."""
     require_alone(session, "run_paced")
-    require_one_stage_of(session, "run_paced")
-    if session.coupling in ("macro", "mean"):
-        raise ValueError(
-            "run_paced needs coupling 'pm' or 'gc', whose interface problem is solved in every "
-            f"fine step: under {session.coupling!r} the substeps of a macro step are a free run "
-            "ahead of the interface force, so that commands have no times of their own"
-        )
+    require_possible(session, "run_paced")
     if session.steps.first is not None and session.done == session.clock.origin:
         raise ValueError(
             "run_paced must begin at least one macro step after change_steps, which takes steps "

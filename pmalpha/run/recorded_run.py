@@ -15,7 +15,6 @@ from .._checks import flag, whole_number
 from ..errors import noted, warn
 from ..files import HDF5, checked_path
 from ..problem.matrices import core_matrix, skew_part
-from ..problem.schemes import require_generalized_alpha
 from ..results.energy import Loads, conserved_quantity, stiffness_weight
 from ..results.history import History
 from ..results.history_file import write_master
@@ -26,7 +25,7 @@ from ..setup.ranks import Elsewhere, file_of
 from .advance import advance_to, require_inside
 from .judging import warn_of_drift, warn_of_gains, warn_of_present_steps
 from .progress import DeferredSignals, Report, reporting
-from .session import Session, begin, check_call, require_alone, together
+from .session import Session, begin, check_call, require_alone, require_possible, together
 from .snapshot import problem_of
 from .state import multipliers_of, state_of
 from .works import resume, works_of
@@ -140,8 +139,7 @@ def recording_of(
     conserved = None
     require_inside(session.members)
     if flag(wanted.energy, "energy"):
-        for name, s in session.keys:
-            require_generalized_alpha(s.scheme, "energy=True", name)
+        require_possible(session, "energy=True")
         conserved = conserved_quantity(session.members, session.options, session.ranks)
     # before the file, since all ranks describe the problem and one of them opens the file
     problem = problem_of(session) if wanted.record_to is not None and checks_loads else None

@@ -21,13 +21,13 @@ from ..problem.arguments import Coupling
 from ..problem.contacts import Contact
 from ..problem.loads import Force, Mass, checked_force, depends_on_motion
 from ..problem.restoring import devices_of
-from ..problem.schemes import require_one_stage
 from ..problem.subdomain import Subdomain
 from ..results.history import History
 from ..results.quantities import by_index
 from ..results.recording import Recorded
 from ..results.times import Clock, clock_of
 from ..setup.assembly import Assemblies, Assembly
+from ..setup.combinations import Placed, require_call, require_schemes
 from ..setup.contact_rows import Contacts
 from ..setup.member import Member
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
@@ -274,6 +274,7 @@ def layout_of(
     everything: Sequence[Any], coupling: str, dt: float, substeps: tuple[int, ...]
 ) -> Layout:
     """The lengths of all steps; ValueError for numbers of substeps that do not fit."""
+    require_schemes(Placed(*key, coupling) for key in zip(names_of(everything), everything))
     finest(substeps, coupling)
     doubles = double_steps(everything, coupling, substeps)
     return Layout(dt, substeps, doubles, staged=stages(everything, substeps))
@@ -305,29 +306,33 @@ def require_alone(session: Session, what: str) -> None:
         raise ValueError(f"{what} needs a Coupler without comm")
 
 
-def require_one_stage_of(session: Session, what: str) -> None:
-    for name, s in session.keys:
-        require_one_stage(s.scheme, what, name)
+def placed_of(session: Session) -> list[Placed]:
+    """The subdomains of this process with what is around them."""
+    doubles, contacts = session.steps.layout.doubles, session.rows.contacts
+    return [
+        Placed(
+            name,
+            s,
+            session.coupling,
+            session.options.start,
+            doubles[i],
+            touches=contacts is not None and i in contacts.N,
+            beside_contact=contacts is not None,
+            moved=bool(session.loads.motions),
+        )
+        for i, (name, s) in enumerate(session.keys, session.assembly.first)
+    ]
 
 
-def require_no_contacts(session: Session, what: str) -> None:
-    if session.rows.contacts is not None:
-        raise ValueError(f"{what} needs a Coupler without contacts")
+def require_possible(session: Session, what: str) -> None:
+    """ValueError for what this call does not go with, by the table of setup/combinations.py."""
+    require_call(what, placed_of(session))
 
 
 def require_linear(session: Session, what: str) -> None:
     """ValueError with `comm`, for restoring and internal forces, and with contacts."""
     require_alone(session, what)
-    require_no_contacts(session, what)
-    for name, s in session.keys:
-        if s.restoring is not None or s.internal is not None:
-            kind = "a restoring force" if s.internal is None else "an internal force"
-            raise ValueError(f"{what} needs linear subdomains, got {kind} on {name!r}")
-        if s.has_feedback:
-            raise ValueError(
-                f"{what} needs loads that do not depend on the motion, got a force that is a "
-                f"function of t, u and v on {name!r}"
-            )
+    require_possible(session, what)
 
 
 # ---- steps and start -----------------------------------------------------------------------------

@@ -38,8 +38,7 @@ from .session import (
     begin,
     check_call,
     in_any,
-    require_no_contacts,
-    require_one_stage_of,
+    require_possible,
     together,
 )
 from .snapshot import restore_snapshot, snapshot_of
@@ -64,10 +63,9 @@ def run(
 ) -> History:
     """`Coupler.run` with a tolerance; `end` is t_end and steps."""
     with together(session), DeferredSignals(session.guard) as signals:
-        require_no_contacts(session, "tolerance")
-        require_one_stage_of(session, "tolerance")
+        require_possible(session, "tolerance")
         until = checked_until(session, until)
-        tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
+        tolerances = checked_tolerance(tolerance, session.keys)
         path, first = checked_file(wanted.to(own_record(session, wanted))), session.done
         last = session.clock.end(*end, first)
         check_call(session, "run", last, wanted.every, wanted.energy, path is None)
@@ -82,27 +80,8 @@ def run(
     return history
 
 
-def checked_tolerance(
-    tolerance: Any, coupling: str, keys: Sequence[tuple[str, Subdomain]]
-) -> list[float | None]:
+def checked_tolerance(tolerance: Any, keys: Sequence[tuple[str, Subdomain]]) -> list[float | None]:
     """The tolerance of each subdomain, None where its substeps are not chosen."""
-    if coupling != "gc":
-        why = {
-            "pm": "whose double steps would begin anew at each change",
-            "macro": "where the error of the multipliers, linear over dt, is not seen by it",
-            "mean": "where the error of the multipliers, constant over dt, is not seen by it",
-        }
-        raise ValueError(
-            f'tolerance needs coupling="gc", got "{coupling}", {why[coupling]}; change_steps '
-            "changes steps under every coupling"
-        )
-    repeated = [name for name, s in keys if s.has_functions or s.has_feedback]
-    if repeated:
-        raise ValueError(
-            "tolerance must come without restoring functions and forces that are functions of t, "
-            "u and v, which are evaluated once for every substep, since macro steps can be "
-            f"repeated; got one on {listing(repeated)}"
-        )
     if not isinstance(tolerance, Mapping):
         return [positive_number(tolerance, "tolerance")] * len(keys)
     tolerances: list[float | None] = [None] * len(keys)

@@ -21,13 +21,13 @@ from ..setup.internal_forces import matrices_at
 from ..setup.ranks import joined
 from ..setup.rows import Assembled
 from ..setup.rows import assembled as assemble
-from .session import Session, begin, check_call, require_alone, require_no_contacts, together
+from .session import Session, begin, check_call, require_alone, require_possible, together
 
 
 def static(session: Session, steps: int) -> dict[str, np.ndarray]:
     with together(session):
         check_call(session, "static", steps)
-        require_no_contacts(session, "static")
+        require_possible(session, "static")
         steps = whole_number(steps, "steps", low=1)
         for name, s in session.keys:
             if s.has_functions:

@@ -1,15 +1,20 @@
-"""What does not go with what in a coupler, as far as it is known before a run: a row for each pair.
+"""What does not go with what, as far as it is known before a run: a row for each pair.
 
-`require_combinations` is called with all subdomains before anything is ordered or factored.
+`SCHEMES` are compared with what subdomains and the coupling ask for, before steps are known,
+`REFUSALS` when they are, before anything is ordered or factored; `CALLS` are of what one does with
+a coupler. Elsewhere are refused: arguments of one object by that object, what depends on numbers of
+several subdomains (substeps, ratios of steps, rows) where they are compared.
+
 docs/combinations.md shows what follows, and tests/test_combinations.py tries each row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-from ..problem.schemes import explicit_rho
+from .._checks import numbered
+from ..problem.schemes import Newmark, explicit_rho
 from ..problem.subdomain import Subdomain
 
 LEAST_EXPLICIT_RHO = 0.5  # of mean coupling, near the critical step
@@ -21,10 +26,11 @@ class Placed(NamedTuple):
     name: str
     s: Subdomain
     coupling: str
-    start: str
-    double: bool
-    touches: bool  # a contact has rows on it
-    beside_contact: bool  # a contact is in the coupler
+    start: str = "rebased"
+    double: bool = False
+    touches: bool = False  # a contact has rows on it
+    beside_contact: bool = False  # a contact is in the coupler
+    moved: bool = False  # a constraint of the coupler has a velocity
 
 
 class Refusal(NamedTuple):
@@ -32,6 +38,14 @@ class Refusal(NamedTuple):
 
     one: str
     other: str
+    words: str
+
+
+class CallRefusal(NamedTuple):
+    """Calls, a feature, and what the user is told, of the call {what} and of {name}."""
+
+    calls: tuple[str, ...]
+    feature: str
     words: str
 
 
@@ -56,11 +70,44 @@ FEATURES: dict[str, Feature] = {
     "internal forces and a force of the motion": lambda x: (
         x.s.internal is not None and x.s.has_feedback
     ),
-    "plain start": lambda x: x.start == "plain" and x.coupling == "pm",
+    'plain start under "pm"': lambda x: x.start == "plain" and x.coupling == "pm",
     "iterated double steps": lambda x: x.s.iterates and x.double,
+    "other scheme": lambda x: not x.s.scheme.is_generalized_alpha,
+    "scheme of two stages": lambda x: x.s.scheme.is_of_two_stages,
+    'other than "gc"': lambda x: x.coupling != "gc",
+    "double_step=True": lambda x: bool(x.s.double_step),
+    '"pm"': lambda x: x.coupling == "pm",
+    '"macro"': lambda x: x.coupling == "macro",
+    "double steps": lambda x: x.double,
+    '"mean" and double steps': lambda x: x.coupling == "mean" and x.double,
+    '"mean" and not the trapezoidal rule': lambda x: (
+        x.coupling == "mean"
+        and (x.s.scheme.explicit or x.s.scheme.parameters != Newmark().parameters)
+    ),
+    '"mean" and a prescribed velocity': lambda x: x.coupling == "mean" and x.moved,
+    "plain start": lambda x: x.start == "plain",
+    "lagged damping": lambda x: x.s.damping == "lagged",
+    "no mass at a dof": lambda x: x.s.massless.size > 0,
+    "a function of the motion": lambda x: x.s.has_functions or x.s.has_feedback,
 }
 
+OF_FAMILY = "needs a scheme of the generalized-alpha family, got {scheme!r} of {name!r}"
+OF_ONE_STAGE = "needs a scheme of one stage, got {scheme!r} of {name!r}"
+
+SCHEMES = (
+    Refusal('other than "gc"', "other scheme", 'coupling="{coupling}" ' + OF_FAMILY),
+    Refusal("double_step=True", "other scheme", "double_step=True " + OF_FAMILY),
+    Refusal("restoring forces", "scheme of two stages", "restoring= " + OF_ONE_STAGE),
+    Refusal("internal forces", "scheme of two stages", "internal= " + OF_ONE_STAGE),
+    Refusal(
+        "a force of the motion",
+        "scheme of two stages",
+        "a force that is a function of t, u and v " + OF_ONE_STAGE,
+    ),
+)
+
 REFUSALS = (
+    Refusal("contact on it", "other scheme", "a contact " + OF_FAMILY),
     Refusal(
         "contact beside it",
         '"macro" or "mean"',
@@ -118,7 +165,7 @@ REFUSALS = (
         'under coupling="{coupling}", which repeats its substeps; take "pm" or "gc"',
     ),
     Refusal(
-        "plain start",
+        'plain start under "pm"',
         "iterated double steps",
         'start must be "rebased" with internal forces in subdomains with double steps, got "plain" '
         "and {name!r}",
@@ -126,10 +173,139 @@ REFUSALS = (
 )
 
 
+# ---- calls --------------------------------------------------------------------------------------
+
+GRADIENT, JACOBIAN = "gradient without differences=", "jacobian without differences="
+# derived for linear runs, and of these by runs back in time
+ADJOINT = ("error_budget", GRADIENT, JACOBIAN)
+LINEAR = (*ADJOINT, "growth", "amplification_matrix", "exact_solution", "local_error")
+
+CALLS = (
+    CallRefusal(
+        (*LINEAR, "tolerance", "static"),
+        "contact beside it",
+        "{what} needs a Coupler without contacts",
+    ),
+    CallRefusal(
+        LINEAR,
+        "internal forces",
+        "{what} needs linear subdomains, got an internal force on {name!r}",
+    ),
+    CallRefusal(
+        LINEAR,
+        "restoring forces",
+        "{what} needs linear subdomains, got a restoring force on {name!r}",
+    ),
+    CallRefusal(
+        LINEAR,
+        "a force of the motion",
+        "{what} needs loads that do not depend on the motion, got a force that is a function of t, "
+        "u and v on {name!r}",
+    ),
+    CallRefusal(
+        (*ADJOINT, "energy=True", "a change of steps"), "other scheme", "{what} " + OF_FAMILY
+    ),
+    CallRefusal(
+        ("tolerance", "run_paced", "estimate_error", "export_fmu"),
+        "scheme of two stages",
+        "{what} " + OF_ONE_STAGE,
+    ),
+    CallRefusal(
+        ADJOINT,
+        '"mean" and not the trapezoidal rule',
+        '{what} needs the trapezoidal rule under "mean", Newmark(), got {scheme!r} of {name!r}',
+    ),
+    CallRefusal(
+        ADJOINT,
+        '"mean" and double steps',
+        '{what} needs single steps under "mean", got double ones of {name!r}',
+    ),
+    CallRefusal(
+        ADJOINT,
+        '"mean" and a prescribed velocity',
+        '{what} needs constraints without velocity under "mean"',
+    ),
+    CallRefusal(ADJOINT, "plain start", '{what} needs start="rebased", got "{start}"'),
+    CallRefusal(
+        ADJOINT,
+        "lagged damping",
+        '{what} needs damping="implicit", got "lagged" of {name!r}',
+    ),
+    CallRefusal(
+        ADJOINT,
+        "no mass at a dof",
+        "{what} needs a mass at each dof, got none at {dofs} of {name!r}",
+    ),
+    CallRefusal(
+        ("error_budget",),
+        "double steps",
+        "{what} needs single steps, got double ones of {name!r}",
+    ),
+    *(
+        CallRefusal(
+            ("tolerance",),
+            f'"{coupling}"',
+            f'{{what}} needs coupling="gc", got "{coupling}", {reason}; change_steps changes steps '
+            "under every coupling",
+        )
+        for coupling, reason in {
+            "pm": "whose double steps would begin anew at each change",
+            "macro": "where the error of the multipliers, linear over dt, is not seen by it",
+            "mean": "where the error of the multipliers, constant over dt, is not seen by it",
+        }.items()
+    ),
+    CallRefusal(
+        ("tolerance",),
+        "a function of the motion",
+        "{what} must come without restoring functions and forces that are functions of t, u and v, "
+        "which are evaluated once for every substep, since macro steps can be repeated; got one on "
+        "{name!r}",
+    ),
+    CallRefusal(
+        ("run_paced",),
+        '"macro" or "mean"',
+        "{what} needs coupling 'pm' or 'gc', whose interface problem is solved in every fine step: "
+        "under {coupling!r} the substeps of a macro step are a free run ahead of the interface "
+        "force, so that commands have no times of their own",
+    ),
+)
+
+
+def require_schemes(subdomains: Iterable[Placed]) -> None:
+    """ValueError for the first scheme that does not go with its subdomain or the coupling."""
+    _require(SCHEMES, subdomains)
+
+
 def require_combinations(subdomains: Iterable[Placed]) -> None:
     """ValueError for the first subdomain with two features that do not go together."""
+    _require(REFUSALS, subdomains)
+
+
+def _require(refusals: Sequence[Refusal], subdomains: Iterable[Placed]) -> None:
     for x in subdomains:
-        for refusal in REFUSALS:
+        for refusal in refusals:
             if FEATURES[refusal.one](x) and FEATURES[refusal.other](x):
-                rho = explicit_rho(x.s.scheme) if x.s.scheme.explicit else 1.0
-                raise ValueError(refusal.words.format(name=x.name, coupling=x.coupling, rho=rho))
+                raise ValueError(words_of(refusal.words, x))
+
+
+def require_call(what: str, subdomains: Sequence[Placed]) -> None:
+    """ValueError for the first row of the call `what` with a feature of a subdomain."""
+    refusals = [refusal for refusal in CALLS if what in refusal.calls]
+    assert refusals, what
+    for refusal in refusals:
+        for x in subdomains:
+            if FEATURES[refusal.feature](x):
+                raise ValueError(words_of(refusal.words, x, what))
+
+
+def words_of(words: str, x: Placed, what: str = "") -> str:
+    """The words of a row for a subdomain."""
+    return words.format(
+        what=what,
+        name=x.name,
+        coupling=x.coupling,
+        start=x.start,
+        scheme=x.s.scheme,
+        rho=explicit_rho(x.s.scheme) if x.s.scheme.explicit else 1.0,
+        dofs=numbered("dof", x.s.massless),
+    )

@@ -16,7 +16,7 @@ from ..memory import gemm_and_trsm, require
 from ..problem import forms
 from ..problem.contacts import Contact
 from ..problem.matrices import diagonal
-from ..problem.schemes import Scheme, require_generalized_alpha
+from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .link import Link
 from .member import Member
@@ -130,13 +130,12 @@ class Contacts:
     # ---- what is refused -----------------------------------------------------------------------
 
     def check(self, subdomains: Sequence[Subdomain], names: Sequence[str]) -> None:
-        """ValueError for schemes and masses that contacts do not go with."""
+        """ValueError for masses that contacts do not go with."""
         for i in self.N:
             self._check_subdomain(subdomains[i], names[i], i)
 
     def _check_subdomain(self, s: Subdomain, name: str, i: int) -> None:
         dofs, N = self.dofs[i], self.N[i]
-        require_generalized_alpha(s.scheme, "a contact", name)
         masses = np.zeros(dofs.size) if s.M is None else diagonal(s.M)[dofs]
         if not np.all(masses > 0.0):
             massless = dofs[masses <= 0.0]

@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, TypedDict, TypeVar
+from typing import Any, ClassVar, Literal, TypeAlias, TypedDict, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -213,6 +213,10 @@ class Described:
     scheme: Scheme
     double_step: bool | None
     dof_names: Sequence[str] | None = None
+    # its own process refuses these
+    restoring: ClassVar[None] = None
+    internal: ClassVar[None] = None
+    has_feedback: ClassVar[bool] = False
 
 
 class Elsewhere(Exception):

@@ -15,7 +15,6 @@ from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Chosen, Constraint
 from ..problem.contacts import Contact
 from ..problem.forms import DEFAULT, Newton
-from ..problem.schemes import require_generalized_alpha
 from ..problem.subdomain import Subdomain
 
 MOST_SUBSTEPS = 2**31
@@ -30,15 +29,6 @@ COUPLINGS: dict[Coupling, str] = {
     "macro": "linear subdomains with substeps: order 2, where the first two are of order 1",
     "mean": "no drift, and exact energy without damping; for long runs",
 }
-
-
-def check_schemes(subdomains: Sequence[Subdomain], coupling: str) -> None:
-    """ValueError for a scheme outside of the generalized-alpha family where steps need it."""
-    for s, name in zip(subdomains, names_of(subdomains)):
-        if coupling != "gc":
-            require_generalized_alpha(s.scheme, f'coupling="{coupling}"', name)
-        if s.double_step:
-            require_generalized_alpha(s.scheme, "double_step=True", name)
 
 
 def stages(subdomains: Sequence[Subdomain], substeps: Sequence[int]) -> int:
@@ -74,21 +64,12 @@ def _check_staged(s: Subdomain, name: str, count: int, fine: int) -> None:
         )
     if not isinstance(s, Subdomain):
         raise ValueError(f"comm needs schemes of one stage, got {s.scheme!r} of {name!r}")
-    for what in ("restoring", "internal"):
-        if getattr(s, what) is not None:
-            raise ValueError(f"{what}= needs a scheme of one stage, got {s.scheme!r} of {name!r}")
-    if s.has_feedback:
-        raise ValueError(
-            f"a force that is a function of t, u and v needs a scheme of one stage, got "
-            f"{s.scheme!r} of {name!r}"
-        )
 
 
 def double_steps(
     subdomains: Sequence[Subdomain], coupling: str, substeps: Sequence[int]
 ) -> tuple[bool, ...]:
     """Whether each subdomain takes double steps, with these numbers of substeps."""
-    check_schemes(subdomains, coupling)
     if coupling == "gc" or len(subdomains) == 1:
         return (False,) * len(subdomains)
     if coupling in MACRO:
