@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import reference
 import scipy.sparse as sp
+from frozen_inputs import listed
 from problems import FEATURES, STEPS
 from relations import measured, refused, relation, require_equal, results_of, states
 
@@ -316,7 +317,7 @@ def announced(r):
         m, i = np.max(given["M"]), dof % len(given["M"])
         k = m * (Omega / r.coupler.dt * given.get("substeps", 1)) ** 2
         key = "internal" if "internal" in given else "restoring"
-        forces = [*terms_of(given.get(key)), pm.Gap([i], k, 0.02)]
+        forces = [*listed(given.get(key)), pm.Gap([i], k, 0.02)]
         return {x: y for x, y in given.items() if x != "u0"} | {key: forces}
 
     with warnings.catch_warnings(record=True) as caught:

@@ -242,9 +242,9 @@ class Problem:
     def space(self):
         return {}
 
-    def couple(self, change=None, **options):
+    def couple(self, change=None, tied=None, **options):
         """A Coupler with these options besides; of subdomains made once, or of others whose
-        arguments are ``change(arguments)``."""
+        arguments are ``change(arguments)`` and constraints ``tied(constraints)``."""
         if not self.space:
             self.space.update(MODULES)
             exec(compile(self.setup, "problem", "exec"), self.space)
@@ -252,7 +252,8 @@ class Problem:
         if change is not None:
             space = {**MODULES, "pm": Changed(change)}
             exec(compile(self.setup, "problem", "exec"), space)
-        return pm.Coupler(space["parts"], space["ties"], **(self.options() | options))
+        ties = space["ties"] if tied is None else tied(space["ties"])
+        return pm.Coupler(space["parts"], ties, **(self.options() | options))
 
     def options(self):
         """The arguments of `Coupler` besides subdomains and constraints."""

@@ -75,20 +75,6 @@ def test_wrong_options_are_named(options, error, message):
 # ---- append ---------------------------------------------------------------------------------
 
 
-@pytest.mark.gate
-@pytest.mark.parametrize("seed, options", CASES[:4], ids=str)
-def test_a_file_continued_in_pieces_is_that_of_one_run(tmp_path, seed, options):
-    path = tmp_path / "run.h5"
-    ours, theirs = (random_problem(seed).coupler() for _ in range(2))
-    for coupler in (ours, theirs):
-        coupler.step(3)
-    for steps in (4, 1, 7):
-        history = ours.run(steps=steps, record_to=path, append=True, **options)
-    whole = theirs.run(steps=12, **options)
-    assert_identical(history, whole)
-    assert_identical(pm.History.load(path), whole)
-
-
 def test_energies_are_not_continued_since_works_count_from_the_beginning_of_a_run(tmp_path):
     path, coupler = tmp_path / "run.h5", four_dof()
     first = coupler.run(steps=3, record_to=path, append=True, energy=True)  # a new file

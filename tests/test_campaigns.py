@@ -8,7 +8,6 @@ import campaign_disk
 import campaign_doubling
 import campaign_files
 import campaign_frozen
-import campaign_frozen_motion
 import campaign_input
 import campaign_memory
 import campaign_modes
@@ -65,12 +64,6 @@ def test_checkpoints_with_another_number_are_refused_or_gone_on_from():
     counts = campaign_states.campaign(range(600))
     assert counts["refused"] > 30 and counts["stepped"] > 300
     assert counts["ended by an exception"] > 0
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="needs the shared library of Linux")
-def test_frozen_couplers_move_as_in_a_run_or_are_refused_by_name():
-    counts = campaign_frozen_motion.campaign(range(1000, 1300))
-    assert counts["equal"] > 150 and counts["refused"] > 30
 
 
 def test_strangers_on_a_connection_end_it_in_time():

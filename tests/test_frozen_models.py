@@ -2,7 +2,6 @@
 
 import ctypes
 import os
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from frozen_couplers import (
     plate,
     recorded,
 )
-from frozen_relations import attempt
 from scipy import LowLevelCallable
 
 import pmalpha as pm
@@ -711,17 +709,6 @@ def test_a_command_beyond_the_limits_is_never_given(library, tmp_path, what):
     assert model.advance(1) == FAILED
     model.reset()
     assert model.advance(1) == OK
-
-
-# ---- random couplers ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("first", range(0, 12, 3))
-def test_a_random_coupler_moves_as_in_a_run_or_is_refused_by_name(library, tmp_path, first):
-    counts = Counter()
-    for seed in range(first, first + 3):
-        attempt(seed, counts, tmp_path, library)
-    assert counts["equal"] > 0
 
 
 # ---- what cannot be frozen -----------------------------------------------------------------------

@@ -14,7 +14,6 @@ import pytest
 import scipy.sparse as sp
 import waits
 from agreement import assert_identical
-from reference_problems import random_problem
 
 import pmalpha as pm
 from pmalpha._cached import cached_property
@@ -53,16 +52,6 @@ def tasks():
 
 
 # ---- bitwise identical results ----------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_a_run_is_bitwise_identical_for_any_number_of_threads(seed):
-    alone = random_problem(seed).coupler(threads=1)
-    expected = alone.run(steps=9)
-    for threads in (2, 4):
-        coupler = random_problem(seed).coupler(threads=threads)
-        assert coupler.threads == min(threads, len(expected.subdomains))
-        assert_identical(coupler.run(steps=9), expected)
 
 
 def double_and_fine(coupling="pm", **options):
