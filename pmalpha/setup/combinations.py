@@ -41,14 +41,6 @@ class Refusal(NamedTuple):
     words: str
 
 
-class CallRefusal(NamedTuple):
-    """Calls, a feature, and what the user is told, of the call {what} and of {name}."""
-
-    calls: tuple[str, ...]
-    feature: str
-    words: str
-
-
 Feature = Callable[[Placed], bool]
 
 FEATURES: dict[str, Feature] = {
@@ -77,7 +69,6 @@ FEATURES: dict[str, Feature] = {
     'other than "gc"': lambda x: x.coupling != "gc",
     "double_step=True": lambda x: bool(x.s.double_step),
     '"pm"': lambda x: x.coupling == "pm",
-    '"macro"': lambda x: x.coupling == "macro",
     "double steps": lambda x: x.double,
     '"mean" and double steps': lambda x: x.coupling == "mean" and x.double,
     '"mean" and not the trapezoidal rule': lambda x: (
@@ -180,91 +171,65 @@ GRADIENT, JACOBIAN = "gradient without differences=", "jacobian without differen
 ADJOINT = ("error_budget", GRADIENT, JACOBIAN)
 LINEAR = (*ADJOINT, "growth", "amplification_matrix", "exact_solution", "local_error")
 
-CALLS = (
-    CallRefusal(
-        (*LINEAR, "tolerance", "static"),
-        "contact beside it",
-        "{what} needs a Coupler without contacts",
-    ),
-    CallRefusal(
-        LINEAR,
-        "internal forces",
-        "{what} needs linear subdomains, got an internal force on {name!r}",
-    ),
-    CallRefusal(
-        LINEAR,
-        "restoring forces",
-        "{what} needs linear subdomains, got a restoring force on {name!r}",
-    ),
-    CallRefusal(
+# calls, a feature, and what the user is told after the name of the call
+CALLS: tuple[tuple[tuple[str, ...], str, str], ...] = (
+    ((*LINEAR, "tolerance", "static"), "contact beside it", "needs a Coupler without contacts"),
+    (LINEAR, "internal forces", "needs linear subdomains, got an internal force on {name!r}"),
+    (LINEAR, "restoring forces", "needs linear subdomains, got a restoring force on {name!r}"),
+    (
         LINEAR,
         "a force of the motion",
-        "{what} needs loads that do not depend on the motion, got a force that is a function of t, "
+        "needs loads that do not depend on the motion, got a force that is a function of t, "
         "u and v on {name!r}",
     ),
-    CallRefusal(
-        (*ADJOINT, "energy=True", "a change of steps"), "other scheme", "{what} " + OF_FAMILY
-    ),
-    CallRefusal(
+    ((*ADJOINT, "energy=True", "a change of steps"), "other scheme", OF_FAMILY),
+    (
         ("tolerance", "run_paced", "estimate_error", "export_fmu"),
         "scheme of two stages",
-        "{what} " + OF_ONE_STAGE,
+        OF_ONE_STAGE,
     ),
-    CallRefusal(
+    (
         ADJOINT,
         '"mean" and not the trapezoidal rule',
-        '{what} needs the trapezoidal rule under "mean", Newmark(), got {scheme!r} of {name!r}',
+        'needs the trapezoidal rule under "mean", Newmark(), got {scheme!r} of {name!r}',
     ),
-    CallRefusal(
+    (
         ADJOINT,
         '"mean" and double steps',
-        '{what} needs single steps under "mean", got double ones of {name!r}',
+        'needs single steps under "mean", got double ones of {name!r}',
     ),
-    CallRefusal(
+    (
         ADJOINT,
         '"mean" and a prescribed velocity',
-        '{what} needs constraints without velocity under "mean"',
+        'needs constraints without velocity under "mean"',
     ),
-    CallRefusal(ADJOINT, "plain start", '{what} needs start="rebased", got "{start}"'),
-    CallRefusal(
-        ADJOINT,
-        "lagged damping",
-        '{what} needs damping="implicit", got "lagged" of {name!r}',
+    (ADJOINT, "plain start", 'needs start="rebased", got "{start}"'),
+    (ADJOINT, "lagged damping", 'needs damping="implicit", got "lagged" of {name!r}'),
+    (ADJOINT, "no mass at a dof", "needs a mass at each dof, got none at {dofs} of {name!r}"),
+    (("error_budget",), "double steps", "needs single steps, got double ones of {name!r}"),
+    (
+        ("tolerance",),
+        '"pm"',
+        'needs coupling="gc", got "pm", whose double steps would begin anew at each change; '
+        "change_steps changes steps under every coupling",
     ),
-    CallRefusal(
-        ADJOINT,
-        "no mass at a dof",
-        "{what} needs a mass at each dof, got none at {dofs} of {name!r}",
+    (
+        ("tolerance",),
+        '"macro" or "mean"',
+        'needs coupling="gc", got "{coupling}", where the error of the multipliers over dt is not '
+        "seen by it; change_steps changes steps under every coupling",
     ),
-    CallRefusal(
-        ("error_budget",),
-        "double steps",
-        "{what} needs single steps, got double ones of {name!r}",
-    ),
-    *(
-        CallRefusal(
-            ("tolerance",),
-            f'"{coupling}"',
-            f'{{what}} needs coupling="gc", got "{coupling}", {reason}; change_steps changes steps '
-            "under every coupling",
-        )
-        for coupling, reason in {
-            "pm": "whose double steps would begin anew at each change",
-            "macro": "where the error of the multipliers, linear over dt, is not seen by it",
-            "mean": "where the error of the multipliers, constant over dt, is not seen by it",
-        }.items()
-    ),
-    CallRefusal(
+    (
         ("tolerance",),
         "a function of the motion",
-        "{what} must come without restoring functions and forces that are functions of t, u and v, "
+        "must come without restoring functions and forces that are functions of t, u and v, "
         "which are evaluated once for every substep, since macro steps can be repeated; got one on "
         "{name!r}",
     ),
-    CallRefusal(
+    (
         ("run_paced",),
         '"macro" or "mean"',
-        "{what} needs coupling 'pm' or 'gc', whose interface problem is solved in every fine step: "
+        "needs coupling 'pm' or 'gc', whose interface problem is solved in every fine step: "
         "under {coupling!r} the substeps of a macro step are a free run ahead of the interface "
         "force, so that commands have no times of their own",
     ),
@@ -290,18 +255,17 @@ def _require(refusals: Sequence[Refusal], subdomains: Iterable[Placed]) -> None:
 
 def require_call(what: str, subdomains: Sequence[Placed]) -> None:
     """ValueError for the first row of the call `what` with a feature of a subdomain."""
-    refusals = [refusal for refusal in CALLS if what in refusal.calls]
-    assert refusals, what
-    for refusal in refusals:
+    rows = [(feature, words) for calls, feature, words in CALLS if what in calls]
+    assert rows, what
+    for feature, words in rows:
         for x in subdomains:
-            if FEATURES[refusal.feature](x):
-                raise ValueError(words_of(refusal.words, x, what))
+            if FEATURES[feature](x):
+                raise ValueError(f"{what} {words_of(words, x)}")
 
 
-def words_of(words: str, x: Placed, what: str = "") -> str:
+def words_of(words: str, x: Placed) -> str:
     """The words of a row for a subdomain."""
     return words.format(
-        what=what,
         name=x.name,
         coupling=x.coupling,
         start=x.start,
