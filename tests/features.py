@@ -284,6 +284,16 @@ def _ground_motion(s, p, rng):
     p.load(f"pm.BaseAcceleration({values}{more}, dt={step}, average={average})")
 
 
+@feature("ground motion by component")
+def _along(s, p, rng):
+    """Of dofs with names, where there are two components of one alone or of both."""
+    values, step = p.writing.text(rng.normal(size=7), length=1, time=-2), p.number(0.07, time=1)
+    if not p.built:
+        p.arguments["dof_names"] = repr([f"u{'xy'[i % 2]} {i}" for i in p.order])
+    along = '{"ux": 1.0, "uy": 0.4}' if p.n > 1 and rng.random() < 0.5 else '"ux"'
+    p.load(f"pm.BaseAcceleration({values}, direction={along}, dt={step})")
+
+
 @feature("compiled load")
 def _compiled_load(s, p, rng):
     rate = p.number(2.0, time=-1)
