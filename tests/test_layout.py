@@ -199,8 +199,8 @@ MOST_LINES = {
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_030,
-    ("pmalpha", "py"): 55_200,
-    ("tests", "py"): 72_300,
+    ("pmalpha", "py"): 55_300,
+    ("tests", "py"): 71_900,
     ("docs", "md"): 7_800,
 }
 
