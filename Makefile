@@ -38,8 +38,8 @@ demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
 
 test: $(VENV)/.test
-	@echo "8700 tests of the package and its files on $(JOBS) processors: about 2 minutes on two idle cores."
-	@echo "Not among them: make others (3 to 9 minutes), make ctest (1 to 2), make campaigns (two hours)."
+	@echo "8500 tests of the package and its files on $(JOBS) processors: about 90 seconds on two idle cores."
+	@echo "Not among them: make others (4 to 10 minutes), make ctest (1 to 2), make campaigns (two hours)."
 	$(PYTEST) -m "not gate and not campaign" $(ARGS)
 
 # Tests of iterations and of stability once more, under a kernel of OpenBLAS that is older than the one

@@ -38,7 +38,6 @@ def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, coupling="pm", **
     return pm.Coupler(members, ties, dt=DT, coupling=coupling, **options)
 
 
-@pytest.mark.gate
 @pytest.mark.parametrize(
     "substeps, coupling, threads",
     [((1,), "pm", 1), ((1, 1), "gc", 2), ((1, 2), "pm", 2), ((3, 1), "gc", 1)],

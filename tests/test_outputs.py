@@ -74,6 +74,7 @@ def test_outputs_are_the_products_with_all_dofs(coupling, seed, every):
     assert any(np.all(own.outputs["mix"][:, 0] != 0.0) for own in history.subdomains)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_outputs_are_bitwise_identical_in_memory_in_a_file_and_with_threads(tmp_path, coupling):
     pytest.importorskip("h5py")
@@ -183,6 +184,7 @@ def test_an_hdf5_file_names_the_outputs(tmp_path):
         assert "a row for each time level" in outputs["0"].attrs["description"]
 
 
+@pytest.mark.gate
 def test_a_continued_file_has_the_outputs_of_both_runs(tmp_path):
     pytest.importorskip("h5py")
     coupler, options = two()

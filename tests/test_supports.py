@@ -29,6 +29,7 @@ def expected(displacement, times):
     return found.y[0]
 
 
+@pytest.mark.gate
 def test_records_of_acceleration_move_the_supports_and_the_mass():
     acceleration, dt = pm.models.el_centro()
     records = np.zeros((201, 2))
@@ -46,6 +47,7 @@ def test_records_of_acceleration_move_the_supports_and_the_mass():
     assert np.abs(finer.u[::2, 1] - mass).max() < 0.35 * error
 
 
+@pytest.mark.gate
 def test_records_of_displacement_move_the_supports_and_the_mass():
     t = 0.02 * np.arange(151)
     records = np.transpose([0.1 + 0.02 * np.sin(3.0 * t) ** 2, 0.03 * np.cos(2.0 * t)])

@@ -237,6 +237,7 @@ def on_processors_of_their_own(coupler):
         os.sched_setaffinity(0, allowed)
 
 
+@pytest.mark.gate
 @LINUX
 @pytest.mark.parametrize("make", [star, short_solid])
 def test_jumps_are_recorded_while_another_thread_sweeps_the_same_factor(make):
@@ -313,6 +314,7 @@ def solid(n, scheme=EXPLICIT, **options):
     )  # fmt: skip
 
 
+@pytest.mark.gate
 def test_a_large_explicit_subdomain_alone_is_split_and_bitwise_identical():
     subdomain = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
     alone = pm.Coupler([subdomain], dt=0.05, threads=1)
@@ -328,6 +330,7 @@ def test_a_large_explicit_subdomain_alone_is_split_and_bitwise_identical():
     assert pm.Coupler([subdomain], dt=0.05, threads=64).threads < 8  # a worker for each range
 
 
+@pytest.mark.gate
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of explicit coarse subdomains
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
@@ -376,6 +379,7 @@ def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(threshold
         assert_identical(make(threads).run(steps=5), one)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("tangent", ["full", "reuse"])
 @pytest.mark.parametrize("coupling", ["gc", "macro"])
 def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
@@ -428,6 +432,7 @@ def test_there_are_no_more_threads_than_processors_on_which_the_process_may_run(
     assert row_of_subdomains(9, threads=1).threads == 1
 
 
+@pytest.mark.gate
 def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
     assert row_of_subdomains().threads == 1
@@ -447,6 +452,7 @@ def test_solve_takes_a_number_of_threads_too():
         pm.solve(subdomain, 0.1, 1.0, threads=0)
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_whether_threads_are_faster_is_timed_and_changes_no_result(coupling):
     # with two processors 20 000 entries a substep promise a gain; a turn takes a millisecond
@@ -570,6 +576,7 @@ def test_an_exception_in_a_load_is_that_of_one_thread():
     assert_identical(shared.last_history, alone.last_history)
 
 
+@pytest.mark.gate
 def test_instability_is_that_of_one_thread():
     seen = []
     for threads in (1, 2, 4):

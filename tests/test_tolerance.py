@@ -40,6 +40,7 @@ def end(coupler):
     return np.concatenate([coupler.state(k).u for k in "AB"])
 
 
+@pytest.mark.gate
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_error_is_of_the_size_of_the_tolerance(name):
     """Between 0.05 and 2 times r T over three decades; the table of method.md has 0.08 to 1.7."""
@@ -56,6 +57,7 @@ def test_the_error_is_of_the_size_of_the_tolerance(name):
     assert steps[0] < steps[1] < steps[2]
 
 
+@pytest.mark.gate
 def test_substeps_grow_in_the_burst_and_fall_after_it():
     history = two(**PROBLEMS["burst"]).run(T, tolerance=0.1)
     ss, t = history.substeps, history.macro_times
@@ -69,6 +71,7 @@ def test_substeps_grow_in_the_burst_and_fall_after_it():
         assert np.array_equal(history[name].t[rows], t)
 
 
+@pytest.mark.gate
 def test_local_errors_stay_below_four_tolerances():
     """Checked from the recorded motion with (Q5)."""
     r = 0.01
@@ -80,6 +83,7 @@ def test_local_errors_stay_below_four_tolerances():
         assert np.max(np.abs(e) / h) < tolerance.REPEATED * r * (1.0 + 1e-9)
 
 
+@pytest.mark.gate
 def test_a_run_in_two_pieces_is_bitwise_one_run(tmp_path):
     whole = two(**PROBLEMS["burst"]).run(1.0, tolerance=0.02)
     c = two(**PROBLEMS["burst"])
@@ -93,11 +97,13 @@ def test_a_run_in_two_pieces_is_bitwise_one_run(tmp_path):
     assert np.array_equal(joined.substeps[1:], whole.substeps[1:])
 
 
+@pytest.mark.gate
 def test_threads_do_not_change_bits():
     runs = [two(threads=n, **PROBLEMS["burst"]).run(1.0, tolerance=0.02) for n in (1, 2)]
     assert_identical(*runs)
 
 
+@pytest.mark.gate
 def test_what_is_recorded_is_chosen():
     c = two(**PROBLEMS["burst"])
     whole = two(**PROBLEMS["burst"]).run(1.0, tolerance=0.02)
@@ -158,6 +164,7 @@ def test_other_numbers_become_powers_of_two():
     assert history.substeps[0].tolist() == [4, 8]
 
 
+@pytest.mark.gate
 def test_explicit_substeps_keep_to_the_critical_step():
     history = two((1, 16), explicit=True).run(T, tolerance=10.0)
     critical = pm.analysis.critical_step(two((1, 16), explicit=True).subdomains[1])
@@ -226,6 +233,7 @@ def test_constant_substeps_are_in_every_history(tmp_path):
     assert pm.History.load(tmp_path / "run.npz").substeps.tolist() == [[2, 4]] * 6
 
 
+@pytest.mark.gate
 def test_chosen_substeps_are_drawn():
     pytest.importorskip("matplotlib")
     figure = two(**PROBLEMS["burst"]).run(1.0, tolerance=0.02).plot().figure
