@@ -200,7 +200,7 @@ MOST_LINES = {
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_030,
     ("pmalpha", "py"): 55_300,
-    ("tests", "py"): 71_900,
+    ("tests", "py"): 72_000,
     ("docs", "md"): 7_800,
 }
 
