@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import pmalpha as pm
+from pmalpha import _rooms
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "pmalpha"
@@ -21,7 +22,7 @@ MODULES = sorted(path.relative_to(ROOT) for path in PACKAGE.rglob("*.py"))
 # From bottom to top. A module imports from its own folder and from lower layers.
 LAYERS = (
     ("_core",),
-    ("_cached", "_checks", "_tables", "errors", "memory", "stale"),
+    ("_cached", "_checks", "_rooms", "_tables", "errors", "memory", "stale"),
     ("files",),
     ("problem",),
     ("devices",),
@@ -44,15 +45,12 @@ LAYERS = (
     ("__main__",),
 )
 LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
-# History.plot is a method of what a run returns and draws by matplotlib, which only drawing needs:
-# the import is inside the method, and no other module of `results` imports pictures. So does
-# Subdomain.reduced with the modes and static shapes that it needs.
-EXCEPTIONS = {
-    ("pmalpha.problem.subdomain", "pmalpha.reduction.modes"),
-    ("pmalpha.results.history", "pmalpha.plot.histories"),
-    ("pmalpha.results.subdomain", "pmalpha.plot.histories"),
-    ("pmalpha.results.contact", "pmalpha.plot.histories"),
-}
+# Rooms that know no outer one, which import of them what `_rooms.INNER` lists.
+INNER = ("problem", "devices", "reduction", "setup", "results", "gradients", "frozen", "run")
+OUTER = (
+    *("meshes", "readers", "structures", "rig", "export"),
+    *("models", "analysis", "plot", "cutting"),
+)
 
 # A class is in one file: these have the reference of all methods, whose lines do not count.
 OF_ONE_CLASS = {Path("pmalpha/run/coupler.py"), Path("pmalpha/structures/structure.py")}
@@ -165,7 +163,39 @@ def test_every_module_has_a_layer():
 
 
 def test_nothing_is_imported_upward():
-    assert upward(graph_of_imports()) == EXCEPTIONS
+    assert upward(graph_of_imports()) == set()
+
+
+def names_of_inner(source, path):
+    """(module, name) of what a module of an outer room imports of inner ones."""
+    package = path.with_suffix("").parts[:-1]
+    for node in statements_of(source):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = package[: len(package) - node.level + 1]
+            whole = ".".join((*base, *filter(None, (node.module,))))
+            for alias in node.names:
+                names = f"{whole}.{alias.name}", "all of it"
+                module, name = names if names[0] in NAMES else (whole, alias.name)
+                if unit_of(module) in INNER:
+                    yield module.removeprefix("pmalpha."), name
+
+
+def test_outer_rooms_import_of_inner_ones_what_one_page_lists():
+    outer = [path for path in MODULES if unit_of(name_of(path)) in OUTER]
+    seen = {pair for path in outer for pair in names_of_inner(read(path)[0], path)}
+    listed = {(m, name) for m, names in _rooms.INNER.items() for name in names.split()}
+    assert seen == listed
+
+
+def test_an_import_that_the_page_does_not_list_would_be_detected():
+    source = "from ..setup import member\nfrom ..run.session import begin\nfrom .cut import cut\n"
+    found = set(names_of_inner(source, Path("pmalpha/cutting/new.py")))
+    assert found == {("setup.member", "all of it"), ("run.session", "begin")}
+
+
+@pytest.mark.parametrize("name", _rooms.OUTER)
+def test_what_is_called_of_a_higher_room_is_there(name):
+    assert callable(_rooms.outer(name))
 
 
 def test_there_are_no_cycles_of_imports():
@@ -176,11 +206,11 @@ def test_an_upward_import_and_a_cycle_would_be_detected():
     graph = graph_of_imports()
     arrow = ("pmalpha.problem.subdomain", "pmalpha.setup.member")
     graph[arrow[0]].add(arrow[1])
-    assert upward(graph) == EXCEPTIONS | {arrow}
+    assert upward(graph) == {arrow}
     assert set(arrow) <= set(cycle_in(graph))
     inside = graph_of_imports()
     inside["pmalpha.setup.factors"].add("pmalpha.setup.member")  # which imports factors
-    assert upward(inside) == EXCEPTIONS and cycle_in(inside) is not None
+    assert upward(inside) == set() and cycle_in(inside) is not None
 
 
 def test_at_most_a_dozen_modules_are_directly_in_the_package():

@@ -292,3 +292,13 @@ def _to_ground(first: np.ndarray) -> np.ndarray:
     if first.dtype == object or first.size and first.min() < 0:
         return np.column_stack([first.astype(object), np.full(first.shape, None)])
     return np.column_stack([first, np.full_like(first, GROUND, dtype=np.int64)])
+
+
+def numbers_along(value: Any, size: int, name: str) -> np.ndarray:
+    """An array of numbers of this size in the last dimension."""
+    array = plain_array(value, name)
+    if array.dtype.kind not in "iufc":
+        raise TypeError(f"{name} must hold numbers, got dtype {array.dtype}")
+    if array.shape[-1:] != (size,):
+        raise ValueError(f"{name} must have {size} in the last dimension, got shape {array.shape}")
+    return array

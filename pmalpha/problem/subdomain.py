@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, get_args
+from dataclasses import dataclass
+from typing import Any, get_args
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._cached import Frozen
-from .._checks import check_word, counted, damping_by_name, flag, numbered, vector, whole_number
+from .._checks import (
+    check_word,
+    counted,
+    damping_by_name,
+    flag,
+    listing,
+    numbered,
+    vector,
+    whole_number,
+)
+from .._rooms import outer
 from .._tables import html_facts
 from ..errors import FactorizationError
 from .arguments import (
@@ -24,7 +35,7 @@ from .arguments import (
 )
 from .damping import checked_rayleigh, damping_matrix, stiffness_at_start
 from .device import Limits, limits_of_dofs
-from .dofs import checked_names
+from .dofs import checked_names, dof_array, numbers_along
 from .internal import Internal, internal_for
 from .loads import Mass, checked_force, depends_on_motion, terms_of
 from .matrices import (
@@ -42,10 +53,7 @@ from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme, explicit_rho, require_generalized_alpha
 from .springs import Spring, stiffness
 
-if TYPE_CHECKING:
-    from ..reduction.modes import ReducedBasis
-
-__all__ = ["Subdomain"]
+__all__ = ["ReducedBasis", "Subdomain"]
 
 # Dofs up to which periods are computed.
 FEW = 100
@@ -372,9 +380,7 @@ class Subdomain(Frozen):
         unknown = [name for name in changes if name not in allowed]
         if unknown:
             raise TypeError(f"changes must be of {', '.join(allowed)}, got {unknown[0]!r}")
-        from ..reduction.modes import reduced_arguments
-
-        arguments, basis = reduced_arguments(self, keep, modes, omega)
+        arguments, basis = outer("reduced_arguments")(self, keep, modes, omega)
         attributes = {name: getattr(self, name) for name in allowed}
         return Subdomain(**{**attributes, **arguments, **changes}), basis
 
@@ -590,3 +596,105 @@ def _check_kinds(M: Any, scheme: Any, damping: Any, name: Any) -> None:
     if M is None:
         raise TypeError("M must be a matrix, got None")
     check_word(damping, "damping", get_args(Damping))
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis:
+    """The displacements of a subdomain from those of its reduced one, `Subdomain.reduced`.
+
+    Attributes
+    ----------
+    matrix : (n, r) ndarray
+        T: displacements of all dofs for unit values of the r = b + m coordinates, the b kept dofs
+        and the m modes.
+    keep : (b,) ndarray of int
+        The kept dofs; coordinate k < b is the displacement of dof ``keep[k]``.
+    omega : (m,) ndarray
+        Angular frequencies of the modes, in rising order; the kept dofs are fixed in them.
+    all_names : sequence of str or None
+        The `dof_names` of the whole subdomain.
+
+    Examples
+    --------
+    A chain of four masses by its ends and one mode:
+
+    >>> K = 6.0 * (np.diag([1, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1))
+    >>> chain = Subdomain(np.ones(4), K, scheme=GeneralizedAlpha(0.5))
+    >>> small, basis = chain.reduced([0, 3], modes=1)
+    >>> small.n, basis.omega.round(6).tolist()
+    (3, [2.44949])
+    >>> basis.expand([[1.0, 0.0, 0.0]]).round(4).tolist()
+    [[1.0, 0.6667, 0.3333, 0.0]]
+    """
+
+    matrix: np.ndarray
+    keep: np.ndarray
+    omega: np.ndarray
+    all_names: Sequence[str] | None = None
+
+    def __repr__(self) -> str:
+        n, _ = self.matrix.shape
+        dofs, shapes = counted(self.keep.size, "dof"), counted(self.omega.size, "mode")
+        return f"<ReducedBasis of {counted(n, 'dof')}: {dofs} kept, {shapes}>"
+
+    def expand(self, u: Any) -> np.ndarray:
+        """Displacements, velocities or accelerations of all dofs.
+
+        Parameters
+        ----------
+        u : (..., r) array_like
+            Such as ``history["tower"].u`` of the reduced subdomain.
+
+        Returns
+        -------
+        (..., n) ndarray
+            On all dofs.
+
+        Raises
+        ------
+        ValueError
+            For another last dimension.
+
+        Examples
+        --------
+        >>> bar = Subdomain([1.0, 1.0, 1.0], np.diag([2.0, 2.0, 2.0]), scheme=Newmark())
+        >>> small, basis = bar.reduced([2], modes=0)
+        >>> basis.expand([[3.0], [5.0]]).tolist()
+        [[0.0, 0.0, 3.0], [0.0, 0.0, 5.0]]
+        """
+        result: np.ndarray = numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
+        return result
+
+    def place(self, dofs: Any) -> np.ndarray:
+        """Numbers of kept dofs in the reduced subdomain, for `tie`, `record` or springs.
+
+        Parameters
+        ----------
+        dofs : array_like of int or str, any shape
+            Kept dofs, in the numbering of the whole subdomain.
+
+        Returns
+        -------
+        ndarray of int, shape of `dofs`
+            Their numbers in the reduced subdomain.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not a number of a dof, and dofs that are not kept.
+
+        Examples
+        --------
+        >>> bar = Subdomain([1.0, 1.0, 1.0], np.diag([2.0, 2.0, 2.0]), scheme=Newmark())
+        >>> bar.reduced([2, 0], modes=0)[1].place([0, 2]).tolist()
+        [1, 0]
+        """
+        n = self.matrix.shape[0]
+        wanted = dof_array(dofs, n, "dofs", self.all_names)
+        missing = np.setdiff1d(wanted, self.keep)
+        if missing.size:
+            raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
+        number = np.zeros(n, dtype=np.int64)
+        number[self.keep] = np.arange(self.keep.size)
+        result: np.ndarray = number[wanted]
+        return result

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, plain_array, require_finite
+from .._checks import counted, listing, require_finite
 from ..problem.arguments import DofsLike, MatrixLike
-from ..problem.dofs import checked_names, dof_array, names_at
+from ..problem.dofs import checked_names, dof_array, names_at, numbers_along
 from ..problem.matrices import Matrix, canonical, plain_matrices, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]
@@ -277,13 +277,3 @@ def _kept(A: Matrix | None, free: np.ndarray) -> np.ndarray | sp.csr_array:
     if A.ndim == 1:
         return sparse_diagonal(A[free])
     return sp.csr_array(A[free][:, free]) if sp.issparse(A) else A[np.ix_(free, free)]
-
-
-def numbers_along(value: Any, size: int, name: str) -> np.ndarray:
-    """An array of numbers of this size in the last dimension."""
-    array = plain_array(value, name)
-    if array.dtype.kind not in "iufc":
-        raise TypeError(f"{name} must hold numbers, got dtype {array.dtype}")
-    if array.shape[-1:] != (size,):
-        raise ValueError(f"{name} must have {size} in the last dimension, got shape {array.shape}")
-    return array

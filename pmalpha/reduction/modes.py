@@ -8,8 +8,7 @@ without Phi, Guyan 1965). The matrices are T^T M T, T^T C T and T^T K T, loads T
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,7 +20,7 @@ from .._checks import counted, listing, positive_number, whole_number
 from ..errors import warn
 from ..memory import one_thread, require
 from ..problem.arguments import DofsLike
-from ..problem.dofs import dof_array, dof_list
+from ..problem.dofs import dof_list
 from ..problem.loads import each_load
 from ..problem.matrices import (
     EXPORTED,
@@ -36,7 +35,7 @@ from ..problem.matrices import (
     product,
     sparse,
 )
-from .fixed_dofs import numbers_along
+from ..problem.subdomain import ReducedBasis
 from .ordering import elimination_order, graph_of
 
 # ---- eigenmodes ---------------------------------------------------------------------------------
@@ -332,13 +331,6 @@ def _outside(X: np.ndarray, mass: Any) -> Callable[[np.ndarray], np.ndarray]:
 
 # ---- superelement -------------------------------------------------------------------------------
 
-__all__ = ["ReducedBasis"]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
-
-
 # Columns of Psi that are solved for at once
 COLUMNS = 64
 # First number of modes up to a frequency; it is doubled until one is above
@@ -346,108 +338,6 @@ FIRST = 8
 # Initial values that the coordinates represent worse than this, relative to their norm with the
 # mass, are warned of.
 REPRESENTED = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class ReducedBasis:
-    """The displacements of a subdomain from those of its reduced one, `Subdomain.reduced`.
-
-    Attributes
-    ----------
-    matrix : (n, r) ndarray
-        T: displacements of all dofs for unit values of the r = b + m coordinates, the b kept dofs
-        and the m modes.
-    keep : (b,) ndarray of int
-        The kept dofs; coordinate k < b is the displacement of dof ``keep[k]``.
-    omega : (m,) ndarray
-        Angular frequencies of the modes, in rising order; the kept dofs are fixed in them.
-    all_names : sequence of str or None
-        The `dof_names` of the whole subdomain.
-
-    Examples
-    --------
-    A chain of four masses by its ends and one mode:
-
-    >>> K = 6.0 * (np.diag([1, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1))
-    >>> chain = Subdomain(np.ones(4), K, scheme=GeneralizedAlpha(0.5))
-    >>> small, basis = chain.reduced([0, 3], modes=1)
-    >>> small.n, basis.omega.round(6).tolist()
-    (3, [2.44949])
-    >>> basis.expand([[1.0, 0.0, 0.0]]).round(4).tolist()
-    [[1.0, 0.6667, 0.3333, 0.0]]
-    """
-
-    matrix: np.ndarray
-    keep: np.ndarray
-    omega: np.ndarray
-    all_names: Sequence[str] | None = None
-
-    def __repr__(self) -> str:
-        n, _ = self.matrix.shape
-        dofs, shapes = counted(self.keep.size, "dof"), counted(self.omega.size, "mode")
-        return f"<ReducedBasis of {counted(n, 'dof')}: {dofs} kept, {shapes}>"
-
-    def expand(self, u: Any) -> np.ndarray:
-        """Displacements, velocities or accelerations of all dofs.
-
-        Parameters
-        ----------
-        u : (..., r) array_like
-            Such as ``history["tower"].u`` of the reduced subdomain.
-
-        Returns
-        -------
-        (..., n) ndarray
-            On all dofs.
-
-        Raises
-        ------
-        ValueError
-            For another last dimension.
-
-        Examples
-        --------
-        >>> bar = Subdomain([1.0, 1.0, 1.0], np.diag([2.0, 2.0, 2.0]), scheme=Newmark())
-        >>> small, basis = bar.reduced([2], modes=0)
-        >>> basis.expand([[3.0], [5.0]]).tolist()
-        [[0.0, 0.0, 3.0], [0.0, 0.0, 5.0]]
-        """
-        result: np.ndarray = numbers_along(u, self.matrix.shape[1], "u") @ self.matrix.T
-        return result
-
-    def place(self, dofs: Any) -> np.ndarray:
-        """Numbers of kept dofs in the reduced subdomain, for `tie`, `record` or springs.
-
-        Parameters
-        ----------
-        dofs : array_like of int or str, any shape
-            Kept dofs, in the numbering of the whole subdomain.
-
-        Returns
-        -------
-        ndarray of int, shape of `dofs`
-            Their numbers in the reduced subdomain.
-
-        Raises
-        ------
-        TypeError, ValueError
-            For what is not a number of a dof, and dofs that are not kept.
-
-        Examples
-        --------
-        >>> bar = Subdomain([1.0, 1.0, 1.0], np.diag([2.0, 2.0, 2.0]), scheme=Newmark())
-        >>> bar.reduced([2, 0], modes=0)[1].place([0, 2]).tolist()
-        [1, 0]
-        """
-        n = self.matrix.shape[0]
-        wanted = dof_array(dofs, n, "dofs", self.all_names)
-        missing = np.setdiff1d(wanted, self.keep)
-        if missing.size:
-            raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
-        number = np.zeros(n, dtype=np.int64)
-        number[self.keep] = np.arange(self.keep.size)
-        result: np.ndarray = number[wanted]
-        return result
 
 
 def reduced_arguments(

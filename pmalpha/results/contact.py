@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._checks import counted
+from .._rooms import outer
 from ..problem.contacts import Contact
 from .quantities import times_of
 
@@ -101,9 +102,8 @@ class ContactHistory:
         >>> len(history.contacts[0].plot().figure.axes)
         2
         """
-        from ..plot.histories import gaps_and_forces
-
-        return gaps_and_forces(self, rows, title=title, ax=ax)
+        axes: Axes = outer("gaps_and_forces")(self, rows, title=title, ax=ax)
+        return axes
 
     def __repr__(self) -> str:
         k, rows = self.impulse.shape

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import counted
+from .._rooms import outer
 from ..problem.subdomain import Subdomain
 from . import not_recorded
 from .contact import Contacts, Recorded, recorded_contacts
@@ -390,11 +391,10 @@ class History:
         >>> [panel.get_ylabel() for panel in ax.figure.axes][::2]
         ['displacement (m)', 'multiplier (N)']
         """
-        from ..plot.histories import time_histories
-
-        return time_histories(
+        axes: Axes = outer("time_histories")(
             self, dofs, constraints=constraints, quantity=quantity, title=title, units=units, ax=ax
         )
+        return axes
 
     def plot_energy(self, *, title: str | None = None, ax: Axes | None = None) -> Axes:
         """Plot the energies of a run with ``energy=True``, each summed over the subdomains.
@@ -429,9 +429,8 @@ class History:
         >>> [line.get_label() for line in ax.lines]
         ['kinetic', 'strain', 'work of constraints', 'added by the steps']
         """
-        from ..plot.histories import energies
-
-        return energies(self, title=title, ax=ax)
+        axes: Axes = outer("energies")(self, title=title, ax=ax)
+        return axes
 
     # ---- files and other libraries -----------------------------------------------------------
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from .._checks import counted
+from .._rooms import outer
 from .conversion import subdomain_dataset, subdomain_frame
 from .quantities import OF_INTERFACE
 from .stored import write_history
@@ -257,10 +258,11 @@ class SubdomainHistory:
         >>> ax.get_xlabel()
         'time $t$ (s)'
         """
-        from ..plot.histories import time_histories
-
         alone = OneSubdomain(self)
-        return time_histories(alone, dofs, quantity=quantity, title=title, units=units, ax=ax)
+        axes: Axes = outer("time_histories")(
+            alone, dofs, quantity=quantity, title=title, units=units, ax=ax
+        )
+        return axes
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write to a file, as `History.save`: a History of this subdomain only.
