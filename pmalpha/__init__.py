@@ -51,8 +51,7 @@ if _TYPE_CHECKING:
     from .cutting.result import Cut
     from .cutting.whole import element_parameters
     from .frozen.model import c_library
-    from .gradients.goal import Goal
-    from .gradients.parameters import Misfit, Parameters
+    from .gradients.parameters import Goal, Misfit, Parameters
     from .meshes.coincident import contact_coincident, tie_coincident
     from .meshes.interpolation import interpolate
     from .reduction.fixed_dofs import reduce
@@ -132,7 +131,7 @@ _LATER = {
     "element_parameters": "cutting.whole",
     "Elements": "cutting.elements",
     "Cut": "cutting.result",
-    "Goal": "gradients.goal",
+    "Goal": "gradients.parameters",
     "Misfit": "gradients.parameters",
     "Parameters": "gradients.parameters",
     "tie_coincident": "meshes.coincident",

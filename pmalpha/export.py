@@ -17,8 +17,7 @@ import numpy as np
 from ._checks import listing, real_array, whole_number
 from .errors import warn
 from .files import checked_path, package_version, replacing, uninterrupted
-from .meshes.kinds import KINDS
-from .meshes.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
+from .meshes.mesh import KINDS, Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 from .results.array_file import Output
 from .results.history import History, SubdomainHistory
 from .results.times import on_mesh

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from pmalpha.meshes.kinds import KINDS, SHAPES
+from pmalpha.meshes.mesh import KINDS, SHAPES
 
 PLANE = ["triangle", "triangle6", "quad", "quad8", "quad9"]
 SOLID = ["tetra", "tetra10", "wedge", "wedge15", "hexahedron", "hexahedron20"]

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.meshes.kinds import SHAPES
+from pmalpha.meshes.mesh import SHAPES
 
 KIND = pytest.mark.parametrize("kind", PLANE + SOLID)
 MATERIAL = {"E": 7.0, "nu": 0.3, "rho": 3.0}

@@ -10,7 +10,7 @@ from pairwise import in_turn
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.meshes.kinds import KINDS, SHAPES
+from pmalpha.meshes.mesh import KINDS, SHAPES
 
 meshio = pytest.importorskip("meshio")
 

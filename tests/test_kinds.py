@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from pmalpha.meshes.kinds import BY_COLUMNS, KINDS, SHAPES
-from pmalpha.meshes.mesh import Block, Mesh, checked_mesh, edges, lines, outer_faces
+from pmalpha.meshes.mesh import (
+    BY_COLUMNS,
+    KINDS,
+    SHAPES,
+    Block,
+    Mesh,
+    checked_mesh,
+    edges,
+    lines,
+    outer_faces,
+)
 
 # Corners in reference coordinates, and the corners at the ends of the edges with nodes, in the
 # order of nodes of the VTK file formats.

@@ -499,7 +499,7 @@ def test_middles_of_edges_are_where_the_manual_has_them(tmp_path):
     text = grids(points) + card("CHEXA", 1, 7, *range(1, 21))
     structure, _ = read(tmp_path, text, name="job.bdf")
     own = structure.points[structure.elements["hexahedron20"][0]]
-    from pmalpha.meshes.kinds import KINDS
+    from pmalpha.meshes.mesh import KINDS
 
     middles = np.array(KINDS["hexahedron20"].edges)
     np.testing.assert_allclose(own[8:], own[middles].mean(axis=1), rtol=0, atol=1e-15)

@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection, PolyCollection, TriMesh  # no
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # noqa: E402
 
 from pmalpha import plot  # noqa: E402
-from pmalpha.meshes.kinds import KINDS  # noqa: E402
+from pmalpha.meshes.mesh import KINDS  # noqa: E402
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]])

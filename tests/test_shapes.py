@@ -6,7 +6,7 @@ from math import factorial, prod
 import numpy as np
 import pytest
 
-from pmalpha.meshes.kinds import KINDS, SHAPES
+from pmalpha.meshes.mesh import KINDS, SHAPES
 from pmalpha.structures.elasticity import RULES
 
 NAMES = list(SHAPES)

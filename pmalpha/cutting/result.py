@@ -17,7 +17,7 @@ from ..plot.meshes import deformed
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from ..results.contact_nodes import nodal_fields
+from ..results.contact import nodal_fields
 from ..results.history import History, SubdomainHistory
 from ..results.quantities import position
 from ..run.coupler import Coupler

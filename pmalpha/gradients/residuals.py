@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from ..problem.loads import OfTime, loads_of
 from ..problem.matrices import product
 from ..results.times import linear
-from .goal import GAUSS, basis
+from .parameters import GAUSS, basis
 
 # Bytes of the motion at one Gauss point of a block of steps.
 BLOCK = 4_000_000

@@ -13,7 +13,7 @@ from ..problem.constraints import Constraint, require_two
 from ..problem.dofs import dof_list
 from ..problem.subdomain import Subdomain
 from ..reduction.fixed_dofs import Reduction
-from .kinds import SHAPES, Shape
+from .mesh import SHAPES, Shape
 from .sides import ROUNDING, Side, checked_sides, constraint_of, tolerance, tree_of, warn_of_near
 
 __all__ = ["interpolate"]

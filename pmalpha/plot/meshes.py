@@ -10,8 +10,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._checks import positive_number, real_number, require_finite, require_moderate
-from ..meshes.kinds import KINDS
 from ..meshes.mesh import (
+    KINDS,
     Block,
     Mesh,
     checked_mesh,

@@ -11,8 +11,7 @@ from scipy import LowLevelCallable
 from .._checks import called, vector
 from . import forms
 from .arguments import OF_RESTORING, check_order, check_signature
-from .device import Device, core_specimen, divided
-from .external import External
+from .device import Device, External, core_specimen, divided
 from .springs import Spring, Wheels
 
 Function: TypeAlias = (

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .._checks import fortran_real
-from ..meshes.kinds import KINDS
-from ..meshes.mesh import Block, ElementType, FileMesh, by_block
+from ..meshes.mesh import KINDS, Block, ElementType, FileMesh, by_block
 from .text import MOST_ABOVE, Included, Unread, refused_at
 
 # ---- inp keywords -------------------------------------------------------------------------------

@@ -23,8 +23,16 @@ import numpy as np
 from .._checks import listing, require_finite, require_moderate
 from ..files import reading
 from ..memory import require
-from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
-from ..meshes.mesh import Block, ElementType, FileMesh, first_of_equal, without_cells
+from ..meshes.mesh import (
+    KINDS,
+    SHAPES,
+    Block,
+    ElementType,
+    FileMesh,
+    dimension_of_kind,
+    first_of_equal,
+    without_cells,
+)
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
 from .inp import read_input

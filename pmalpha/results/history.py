@@ -14,8 +14,7 @@ from .._checks import counted
 from .._rooms import outer
 from ..problem.subdomain import Subdomain
 from . import not_recorded
-from .contact import Contacts, Recorded, recorded_contacts
-from .contact_nodes import contact_fields
+from .contact import Contacts, Recorded, contact_fields, recorded_contacts
 from .conversion import dataset, frames, history_html
 from .energy import Energy
 from .history_file import check_mapping

@@ -8,8 +8,7 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 from ..devices.actuators import Compensated, SimulatedActuator
 from ..devices.linear import LinearActuator, servo_hydraulic
 from ..devices.linkage import Linkage
-from ..problem.device import Limits, Response
-from ..problem.external import External
+from ..problem.device import External, Limits, Response
 from ..results.ring import Monitored, read_monitor
 from ..results.subdomain import RigRecord
 from .calls import Client, RemoteError, started

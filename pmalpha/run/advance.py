@@ -18,7 +18,7 @@ from ..errors import (
     PacingError,
 )
 from ..memory import one_thread
-from ..problem.external import OUTSIDE
+from ..problem.device import OUTSIDE
 from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of, external_of, items_of
 from ..problem.tangents import SYMMETRY

@@ -16,9 +16,8 @@ import scipy.sparse as sp
 
 from .._checks import check_word, positive_number, real_number
 from ..errors import CallbackError
-from ..gradients.goal import Goal
 from ..gradients.gradient import gradient
-from ..gradients.parameters import MULTIPLIERS, Misfit
+from ..gradients.parameters import MULTIPLIERS, Goal, Misfit
 from ..gradients.residuals import Line, Load, Weights, averaged, of_prescribed, of_subdomain
 from ..memory import require
 from ..problem.loads import loads_of

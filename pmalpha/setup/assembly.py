@@ -24,11 +24,12 @@ from .interface import (
     interface_factor,
     interface_matrix,
     is_symmetric_sum,
+    iteration_of,
     prepare,
+    prepare_iterated,
     prepare_mean,
     row_order,
 )
-from .iteration import iteration_of, prepare_iterated
 from .judging import Made, judge, judge_steps, warn_of_order
 from .link import Link
 from .member import Member, Stepped, build, make_member

@@ -12,8 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, positive_number, real_number, vector, whole_number
-from ..meshes.kinds import KINDS
-from ..meshes.mesh import unshared
+from ..meshes.mesh import KINDS, unshared
 from ..problem.records import Record
 from ..problem.sampled import SampledForce
 from .elasticity import lumped_shares, masses_at_points, of_elements

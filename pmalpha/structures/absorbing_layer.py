@@ -9,23 +9,250 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, real_number, whole_number
+from .._checks import counted, listing, real_number, whole_number
 from ..errors import StabilityWarning, warn
+from ..meshes.mesh import SHAPES, unshared
 from ..problem.arguments import DofsLike
 from ..problem.constraints import Constraint
 from ..problem.dofs import dof_list
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .elasticity import Moduli, elastic_matrices, of_elements
+from .elasticity import RULES, Moduli, elastic_matrices, gradients, of_elements
 from .element_force import Selected
-from .layer_matrices import matrices, stretch_of
-from .layer_sides import Side, extruded, sides_of, snapped
 from .vertical_wave import VerticalWave, vertical_wave
+
+# ---- layer sides ---------------------------------------------------------------------------------
+
+# Coordinates on a side differ by less than this multiple of the size of the mesh.
+ON_SIDE = 1e-9
+ELSEWHERE = "graded_damping and absorbing take other elements"
+
+
+class Side(NamedTuple):
+    """A side of the rectangle, and its elements."""
+
+    axis: int  # along the normal
+    outward: float  # +1, -1
+    at: float  # coordinate
+    size: float  # of the elements along the normal
+    edges: np.ndarray  # (m, 2) nodes
+    owners: np.ndarray  # (m,) elements
+
+    @property
+    def name(self) -> str:
+        return f"{'xy'[self.axis]} = {self.at:g}"
+
+
+def sides_of(structure: Any, nodes: np.ndarray) -> list[Side]:
+    """The sides of the box of a mesh whose nodes are chosen, each whole."""
+    no_recipe = structure.recipe is None
+    if no_recipe or not structure.moduli or set(structure.moduli) != set(structure.elements):
+        names = ", ".join(map(repr, structure.elements)) or "of no kind"
+        raise ValueError(f"absorbing_layer needs linear plates, got elements {names}; {ELSEWHERE}")
+    if structure.points.shape[1] != 2 or structure.dofs_per_node != 2:
+        raise ValueError(
+            "absorbing_layer needs plates of four-node elements, got solids "
+            f"({', '.join(map(repr, structure.elements))}) with {structure.dofs_per_node} dofs of "
+            f"a node; {ELSEWHERE}"
+        )
+    chosen = np.zeros(len(structure.points), dtype=bool)
+    chosen[nodes] = True
+    kinds = [k for k, x in structure.elements.items() if k != "quad" and chosen[x].any()]
+    if kinds or "quad" not in structure.elements:
+        names = ", ".join(map(repr, kinds or structure.elements))
+        raise ValueError(
+            f"absorbing_layer needs four-node elements 'quad' at its sides, got {names}; "
+            f"{ELSEWHERE}"
+        )
+    quads, points = structure.elements["quad"], structure.points
+    edges = np.concatenate([quads[:, [i, (i + 1) % 4]] for i in range(4)])
+    owners = np.tile(np.arange(len(quads)), 4)
+    outer = unshared(np.sort(edges, axis=1))
+    edges, owners = edges[outer], owners[outer]
+    low, high = points.min(axis=0), points.max(axis=0)
+    near = ON_SIDE * np.abs(points).max()
+    sides, of_sides = [], np.zeros(len(points), dtype=bool)
+    for axis, outward, at in [
+        (0, -1.0, low[0]),
+        (0, 1.0, high[0]),
+        (1, -1.0, low[1]),
+        (1, 1.0, high[1]),
+    ]:
+        on = (np.abs(points[edges][:, :, axis] - at) <= near).all(axis=1)
+        meant = chosen[edges[on]].all(axis=1)
+        if not meant.any():
+            continue
+        name = f"{'xy'[axis]} = {at:g}"
+        if not meant.all():
+            raise ValueError(
+                f"nodes must be all nodes of a side, got some of {name} without "
+                f"{listing(np.setdiff1d(edges[on], np.flatnonzero(chosen)))}"
+            )
+        extent = np.ptp(points[quads[owners[on]]][:, :, axis], axis=1)
+        sides.append(Side(axis, outward, float(at), float(extent.mean()), edges[on], owners[on]))
+        of_sides[edges[on]] = True
+    left = np.flatnonzero(chosen & ~of_sides)
+    if left.size or not sides:
+        x = f" {left[0]} at {points[left[0]].tolist()}" if left.size else ""
+        raise ValueError(
+            "nodes must be those of sides parallel to the axes that bound the mesh, all nodes of "
+            f"each, got {counted(left.size, 'other')}{x}"
+        )
+    return sides
+
+
+def snapped(points: np.ndarray, sides: Sequence[Side]) -> np.ndarray:
+    """The coordinates, with those of sides exactly on them."""
+    points = points.copy()
+    for side in sides:
+        points[side.edges.ravel(), side.axis] = side.at
+    return points
+
+
+def extruded(
+    structure: Any, sides: Sequence[Side], count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (N, 2), elements (E, 4) and the elements (E,) of the structure that they continue."""
+    points = snapped(structure.points, sides)
+    boxes, owners = [], []  # (2, 2): begin and end along x, along y
+
+    def levels(side: Side) -> np.ndarray:
+        return side.at + side.outward * side.size * np.arange(count + 1)
+
+    for side in sides:
+        ends = np.sort(points[side.edges][:, :, 1 - side.axis], axis=1)
+        for a, b in np.sort(np.column_stack([levels(side)[:-1], levels(side)[1:]]), axis=1):
+            across = np.tile([a, b], (len(ends), 1))
+            pair = [across, ends] if side.axis == 0 else [ends, across]
+            boxes.append(np.stack(pair, axis=1))
+            owners.append(side.owners)
+    for x in (side for side in sides if side.axis == 0):
+        for y in (side for side in sides if side.axis == 1):
+            corner = np.intersect1d(x.edges, y.edges)
+            if not corner.size:
+                raise ValueError(
+                    f"the sides {x.name} and {y.name} must meet at a node of both, got none: the "
+                    "mesh is no rectangle there"
+                )
+            spans = [
+                np.sort(np.column_stack([levels(s)[:-1], levels(s)[1:]]), axis=1) for s in (x, y)
+            ]
+            boxes.append(
+                np.stack(
+                    [np.repeat(spans[0], count, axis=0), np.tile(spans[1], (count, 1))], axis=1
+                )
+            )
+            owner = x.owners[(x.edges == corner[0]).any(axis=1)]
+            owners.append(np.repeat(owner, count * count))
+    box = np.concatenate(boxes)
+    corners = np.stack(
+        [
+            np.stack([box[:, 0, i], box[:, 1, j]], axis=1)
+            for i, j in SHAPES["quad"].nodes.astype(int)
+        ],
+        axis=1,
+    )
+    places, numbers = np.unique(corners.reshape(-1, 2) + 0.0, axis=0, return_inverse=True)
+    return places, numbers.reshape(-1, 4), np.concatenate(owners)
+
+
+# ---- layer matrices ------------------------------------------------------------------------------
+
+# The stretch grows with this power of the depth, (V4).
+POWER = 2
+# Unknowns of an element beside displacements: xx, yy, xy at four points of quadrature.
+STRESSES = 12
+Entries = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, rows, columns
+
+
+def stretch_of(
+    structure: Any, sides: Sequence[Side], count: int, reflection: float, across: float
+) -> Callable[[np.ndarray], np.ndarray]:
+    """beta_x, beta_y at points (..., 2), (V4)."""
+    lam, mu, density = structure.moduli["quad"][:3]
+    speed = np.sqrt((lam + 2.0 * mu) / density)
+    thickness = [count * side.size for side in sides]
+    largest = [
+        (POWER + 1) * of_elements(speed, side.owners).max() / (2.0 * L) * np.log(1.0 / reflection)
+        for side, L in zip(sides, thickness, strict=True)
+    ]
+
+    def beta(points: np.ndarray) -> np.ndarray:
+        result = np.zeros(points.shape)
+        for side, L, b in zip(sides, thickness, largest, strict=True):
+            depth = side.outward * (points[..., side.axis] - side.at)
+            profile = b * np.maximum(depth / L, 0.0) ** POWER
+            result[..., side.axis] += profile
+            result[..., 1 - side.axis] += across * profile
+        return result
+
+    return beta
+
+
+def matrices(
+    points: np.ndarray,
+    quads: np.ndarray,
+    moduli: Moduli,
+    stretch: Callable[[np.ndarray], np.ndarray],
+    lumped: bool,
+) -> tuple[sp.csr_array, sp.csr_array, sp.csr_array]:
+    """M, C, K of (V3): nodes first, then xx, yy, xy at the points of each element."""
+    E, corners = len(quads), points[quads]
+    volumes, along = gradients("quad", corners)  # (E, q), (2, E, q, a)
+    N = SHAPES["quad"].values(RULES["quad"][0].points)
+    lam, mu, rho, t = (np.broadcast_to(x, (E,)) for x in moduli[:4])
+    w = volumes * t[:, None]
+    Z = np.sqrt(rho * (lam + 2.0 * mu))
+    at_nodes, at_points = stretch(corners), stretch(np.einsum("qa,eai->eqi", N, corners))
+    nodal = (rho[:, None] * w) @ N
+    D = np.zeros((E, 3, 3))
+    D[:, 0, 0] = D[:, 1, 1] = lam + 2.0 * mu
+    D[:, 0, 1] = D[:, 1, 0] = lam
+    D[:, 2, 2] = mu
+    flexibility = w[:, :, None, None] * ((Z**2)[:, None, None] * np.linalg.inv(D))[:, None]
+    # derivatives scaled by Lam_p: d/dx by beta_y, d/dy by beta_x
+    scaled = np.stack([along[0] * at_points[:, :, 1, None], along[1] * at_points[:, :, 0, None]])
+    dofs = (2 * quads[:, :, None] + np.arange(2)).reshape(E, 8)
+    stress = 2 * len(points) + np.arange(E * STRESSES).reshape(E, 4, 3)
+    n = 2 * len(points) + E * STRESSES
+    on_stress = stress[:, :, :, None], stress[:, :, None, :]
+
+    def of_coefficients(at_nodes: np.ndarray, at_points: np.ndarray) -> list[Entries]:
+        """rho w b, lumped: each node has its own stretch, as each point of the stress."""
+        blocks = at_points[:, :, None, None] * flexibility
+        return [(np.repeat(nodal * at_nodes, 2, axis=1), dofs, dofs), (blocks, *on_stress)]
+
+    def of_slopes(g: np.ndarray) -> list[Entries]:
+        """Z w B and its negative transpose."""
+        B = np.zeros((E, 4, 3, 4, 2))
+        B[:, :, 0, :, 0] = B[:, :, 2, :, 1] = g[0]
+        B[:, :, 1, :, 1] = B[:, :, 2, :, 0] = g[1]
+        B = (Z[:, None] * w)[:, :, None, None] * B.reshape(E, 4, 3, 8)
+        of_u = dofs[:, None, None, :]
+        return [(-B, stress[:, :, :, None], of_u), (B, of_u, stress[:, :, :, None])]
+
+    mass = of_coefficients(np.ones((E, 4)), np.ones((E, 4)))
+    if not lumped:
+        consistent = np.einsum("eq,qa,qb,ij->eaibj", rho[:, None] * w, N, N, np.eye(2))
+        mass[0] = (consistent.reshape(E, 8, 8), dofs[:, :, None], dofs[:, None, :])
+    C = of_coefficients(at_nodes.sum(axis=2), at_points.sum(axis=2)) + of_slopes(along)
+    K = of_coefficients(at_nodes.prod(axis=2), at_points.prod(axis=2)) + of_slopes(scaled)
+    return _assembled(mass, n), _assembled(C, n), _assembled(K, n)
+
+
+def _assembled(parts: list[Entries], n: int) -> sp.csr_array:
+    """The sum of entries, each with its rows and columns; zeros are left out."""
+    full = [np.broadcast_arrays(*part) for part in parts]
+    values, rows, columns = (np.concatenate([x[i].ravel() for x in full]) for i in range(3))
+    A = sp.csr_array(sp.coo_array((values, (rows, columns)), shape=(n, n)))
+    A.eliminate_zeros()
+    return A
+
 
 __all__ = ["AbsorbingLayer", "absorbing_layer"]
 

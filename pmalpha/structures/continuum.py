@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
-from ..meshes.kinds import KINDS, SHAPES
+from ..meshes.mesh import KINDS, SHAPES
 from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
 from .elasticity import Moduli, elastic_matrices
 from .structure import Structure

@@ -16,8 +16,7 @@ import scipy.sparse as sp
 
 from .._checks import listing
 from ..memory import one_thread
-from ..meshes.kinds import KINDS, SHAPES
-from ..meshes.mesh import Block
+from ..meshes.mesh import KINDS, SHAPES, Block
 from .element_force import Made, Selected, of_chosen
 from .pattern import Pattern, lumped_mass, upper
 

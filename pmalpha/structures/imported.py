@@ -13,8 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, listing, plain_array, real_array
-from ..meshes.kinds import KINDS, SHAPES, dimension_of_kind
-from ..meshes.mesh import FileMesh, are_sides
+from ..meshes.mesh import KINDS, SHAPES, FileMesh, are_sides, dimension_of_kind
 from ..problem.dofs import as_nodes
 from ..readers.mesh_files import read_mesh
 from ..readers.text import Unread

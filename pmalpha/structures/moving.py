@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import listing, plain_array, real_number
-from ..meshes.kinds import KINDS
+from ..meshes.mesh import KINDS
 from ..problem.dofs import dof_list
 from ..problem.moving import MovingPoint
 from .element_force import Selected

@@ -10,8 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import check_word, real_array, real_number
 from ..files import library
-from ..meshes.kinds import KINDS
-from ..meshes.mesh import checked_mesh, nodal_vectors, padded
+from ..meshes.mesh import KINDS, checked_mesh, nodal_vectors, padded
 from ..results.times import on_mesh
 
 # The rows of an element of `Structure.element_stresses`, by its dimension.
