@@ -302,7 +302,7 @@ def test_the_work_of_a_discrete_gradient_is_the_change_of_its_potential(seed):
 
 
 def test_discrete_gradients_of_other_springs_and_schemes_are_refused():
-    with pytest.raises(TypeError, match="CubicSpring, or Gap without c"):
+    with pytest.raises(TypeError, match="CubicSpring or Gap without c"):
         pm.DiscreteGradient(pm.Bilinear(0, k=1.0, fy=1.0))
     with pytest.raises(ValueError, match="at least one"):
         pm.DiscreteGradient([])

@@ -76,12 +76,7 @@ class Operator(NamedTuple):
     """Step length and factor of Mbar."""
 
     h: float
-    inverse: np.ndarray | None
-    R: Any
-
-    @property
-    def factor(self) -> Factor:
-        return Factor(self.inverse, self.R)  # type: ignore[arg-type]  # None where none is read
+    factor: Factor
 
 
 class StepOperator(NamedTuple):

@@ -84,9 +84,10 @@ def positive_definite(S: sp.csc_array | np.ndarray) -> Solve:
     if not sp.issparse(S):
         factor = scipy.linalg.cho_factor(S, lower=True, check_finite=False)
         return lambda b: scipy.linalg.cho_solve(factor, b, check_finite=False)
-    n, ordered = S.shape[0], S
+    ordered: Any = S
+    n = S.shape[0]
     order, by = np.arange(n), "MMD_AT_PLUS_A"
-    if S.nnz > ORDERED:
+    if ordered.nnz > ORDERED:
         graph, none = graph_of([sp.csr_array(S)]), np.empty(0, dtype=np.int64)
         order, by = elimination_order(n, graph, none), "NATURAL"
         ordered = sp.csc_array(sp.csr_array(S)[order][:, order])

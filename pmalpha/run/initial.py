@@ -193,7 +193,7 @@ def columns(vectors: Sequence[np.ndarray]) -> np.ndarray:
 
 def _chosen(argument: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:
     """`u0` or `v0` of each subdomain: the given values, else those of the `Subdomain`."""
-    values = by_index(argument, keys, name)
+    values = {} if argument is None else by_index(argument, keys, name)
     return [
         vector(values[i], s.n, f"{name} of {key!r}") if i in values else getattr(s, name)
         for i, (key, s) in enumerate(keys)

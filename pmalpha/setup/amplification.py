@@ -352,7 +352,10 @@ def _quiet_core(member: Member, period: int) -> _core.Subdomain:
         if not isinstance(part, (forms.Actuator, forms.Linear)):
             return part
         length = next(d for d in range(_length(part), period + 1) if period % d == 0)
-        late = {"lag": np.append(part.lag, length - 1), "weight": np.append(part.weight, 0.0)}
+        late: dict[str, Any] = {
+            "lag": np.append(part.lag, length - 1),
+            "weight": np.append(part.weight, 0.0),
+        }
         part = part._replace(**late, largest=np.inf, noise=0.0, quantum=0.0)
         return part._replace(force_noise=0.0) if isinstance(part, forms.Linear) else part
 

@@ -143,7 +143,7 @@ def judge_steps(made: Made, new: Sequence[Member]) -> None:
         warn_of_resonance(made.parts["H"], members, made.rows.position, ranks)
     for member in new:
         internal = None if member.internal is None else member.internal.K
-        closing = closing_tangent(member.subdomain)
+        closing = None if member.internal is None else closing_tangent(member.subdomain)
         member.step_ratio = step_ratio(member.subdomain, member.step, internal, closing)
     warn_of_couplings(made)
     if ranks is None:

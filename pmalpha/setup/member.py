@@ -47,6 +47,9 @@ from .stability import StepRatio
 # Parts of the entries of C that are rounding of a0 M + a1 K.
 ROUNDING_OF_C = 1e-12
 
+# Of a subdomain whose tangents are factored in the core.
+NO_FACTOR = Factor(None, None)  # type: ignore[arg-type]
+
 # Numbers per dof that a step reads and writes, without the matrices.
 STEP_NUMBERS = 12
 
@@ -221,9 +224,9 @@ class Stepped(Ordered):
     def operator(self, h: float) -> Operator:
         """Step length and factor of Mbar(h)."""
         if self.tangent is not None:
-            return Operator(h, None, None)  # the core factors the tangents
+            return Operator(h, NO_FACTOR)  # the core factors the tangents
         if self.mass_factor is not None:
-            return Operator(h, *self.mass_factor)
+            return Operator(h, self.mass_factor)
         if h in self.known:
             return self.known[h]
         make = partial(self._factor_of_mbar, h)
@@ -232,7 +235,7 @@ class Stepped(Ordered):
         factor = self.once(make, matrices, "Mbar", scheme, h, *signs)
         if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
-        return Operator(h, *factor)
+        return Operator(h, factor)
 
     def _factor_of_mbar(self, h: float) -> Factor:
         explicit = self.subdomain.scheme.explicit
@@ -322,7 +325,7 @@ def make_member(
     matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
     matrices |= {"stiffness": stiffness, "damping": damping}
     matrices |= {"D_r": subdomain.restoring_damping, "K_r": subdomain.restoring_stiffness}
-    internal = internal_forces(subdomain, name)
+    internal = None if subdomain.internal is None else internal_forces(subdomain, name)
     tangent = None
     if internal is not None and subdomain.iterates:
         tangent = tangent_pattern(internal.pattern, last)
@@ -384,7 +387,7 @@ def core_parts(
 
 
 def _in_core(scheme: Scheme, operator: Operator) -> forms.StepOperator:
-    return forms.StepOperator(scheme.constants(operator.h), operator.inverse, operator.R)
+    return forms.StepOperator(scheme.constants(operator.h), *operator.factor)
 
 
 def parts_of_steps(
@@ -410,7 +413,7 @@ def parts_of_steps(
 
 def build(member: Stepped, mass: Factor | None = None, threads: int = 1) -> Member:
     """Factor Mbar and make the object of the core, which factors tangents in `threads`."""
-    operators = list(map(member.operator, member.lengths))
+    operators, springs = list(map(member.operator, member.lengths)), member.subdomain.springs
     parts = parts_of_steps(
         member,
         operators,
@@ -422,7 +425,7 @@ def build(member: Stepped, mass: Factor | None = None, threads: int = 1) -> Memb
             member.feedback,
         ),
         K_r=member.K_r if member.has_responses or member.tangent is not None else None,
-        springs=core_springs(member.subdomain.springs, member.position),
+        springs=core_springs(springs, member.position) if springs else (),
         **_internal(member, threads),
         mass=mass,
         deferred=member.deferred,

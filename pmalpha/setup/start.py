@@ -188,7 +188,7 @@ class _Mass:
         self.massless = member.massless
         matrix = member.regular_mass if self.massless.size else member.M
         self.diagonal = matrix if matrix.ndim == 1 else None
-        self.operator = Operator(1.0, *(member.mass_factor or _mass_factor(member, matrix)))
+        self.operator = Operator(1.0, member.mass_factor or _mass_factor(member, matrix))
         self.linked = member.L.without(self.massless) if self.massless.size else member.L
 
     @property
