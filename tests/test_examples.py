@@ -19,6 +19,7 @@ sys.path.insert(0, str(EXAMPLES))
 
 import rig  # noqa: E402
 import simulated_rig  # noqa: E402
+import train_on_bridge  # noqa: E402
 
 
 class InProcess:
@@ -227,3 +228,22 @@ def test_the_structure_of_the_readme_prints_its_motion(capsys):
     largest, last = map(float, re.findall(r"-?\d+\.\d+", capsys.readouterr().out))
     # free vibration from 0.1, which algorithmic damping alone does not let exceed the start
     assert largest == 0.1 and abs(last) < largest
+
+
+# ---- a vehicle on a bridge ------------------------------------------------------------------
+
+
+def test_a_vehicle_rests_on_the_road_before_the_bridge_and_bends_both_spans_as_it_crosses():
+    example = train_on_bridge
+    weight = (example.BODY + example.WHEEL) * example.GRAVITY
+    deflection, forces = example.crossing(40.0, dt=0.001)
+    before = slice(0, int(4.0 / 40.0 / 0.001))  # the first axle is in front of the joint
+    # in equilibrium at the start, on supports: rounding of forces of 1e5
+    assert abs(forces[:, before] / weight - 1.0).max() < 1e-6
+    assert forces.min() > 0.5 * weight and abs(deflection[before]).max() < 1e-9
+    # up and down: the other span lifts this one. 2 P L^3 / 48 EI of a single span is 7.4 mm
+    static = 2.0 * weight * 20.0**3 / (48.0 * 6e9)
+    assert -1.5 * static < deflection.min() < -0.4 * static and deflection.max() > 0.05 * static
+    finer, _ = example.crossing(40.0, dt=0.0005)
+    # second order in the step: a quarter of the difference is left
+    assert abs(finer[::2] - deflection).max() < 0.01 * abs(deflection).max()
