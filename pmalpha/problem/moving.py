@@ -223,7 +223,8 @@ class MovingPoint(Frozen):
         """For the core, of a point with numbers, for the position of each dof."""
         with_none = np.append(position, -1).astype(np.int64)
         arrays = self._ends, with_none[self._dofs], self._shape
-        return forms.Path(*map(np.ascontiguousarray, arrays), self.start, self.speed)
+        ends, dofs, shape = map(np.ascontiguousarray, arrays)
+        return forms.Path(ends, dofs, shape, self.start, self.speed)
 
     @property
     def _numbers(self) -> np.ndarray:

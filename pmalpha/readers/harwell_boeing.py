@@ -32,7 +32,7 @@ class Block(NamedTuple):
 
     begin: int
     end: int
-    count: int
+    entries: int
     width: int
     per_line: int
     what: str
@@ -166,7 +166,7 @@ def _numbers(
     """Of fields of one width; one number in a line may be written anywhere in it."""
     fields: list[str] = []
     for i in range(block.begin, block.end):
-        line, left = lines[i].rstrip(), min(block.per_line, block.count - len(fields))
+        line, left = lines[i].rstrip(), min(block.per_line, block.entries - len(fields))
         of_line = [line[j : j + block.width] for j in range(0, len(line), block.width)]
         if left == 1 and len(line.split()) == 1:
             of_line = [line]

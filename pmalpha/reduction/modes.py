@@ -81,7 +81,7 @@ def positive_definite(S: sp.csc_array | np.ndarray) -> Solve:
     """Solves with S, pivots on the diagonal; LinAlgError if one is not positive."""
     from scipy.sparse.linalg import splu
 
-    if not sp.issparse(S):
+    if isinstance(S, np.ndarray):
         factor = scipy.linalg.cho_factor(S, lower=True, check_finite=False)
         return lambda b: scipy.linalg.cho_solve(factor, b, check_finite=False)
     ordered: Any = S

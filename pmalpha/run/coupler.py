@@ -1569,9 +1569,9 @@ def solve(
         )
     # only here: one subdomain needs none of them
     options = set(as_run) & set(inspect.signature(Coupler).parameters)
-    if options := sorted(options - set(inspect.signature(Coupler.run).parameters)):
+    if wrong := sorted(options - set(inspect.signature(Coupler.run).parameters)):
         raise TypeError(
-            f"solve() has no {options[0]!r}, got {as_run[options[0]]!r}: that is an option of a "
-            f"Coupler; Coupler([subdomain], dt, {options[0]}=...).run(t_end)[0] has it"
+            f"solve() has no {wrong[0]!r}, got {as_run[wrong[0]]!r}: that is an option of a "
+            f"Coupler; Coupler([subdomain], dt, {wrong[0]}=...).run(t_end)[0] has it"
         )
     return Coupler([subdomain], dt=dt, threads=threads).run(t_end, **as_run)[0]

@@ -113,7 +113,8 @@ def _in_turn(
             f"path must be one chain with two ends, got ends {listing(tips) or 'none'} and "
             f"branches {listing(branches) or 'none'}"
         )
-    node, before, chain = tips[0], -1, []
+    node, before = tips[0], -1
+    chain: list[tuple[tuple[int, ...], tuple[str, int]]] = []
     while True:
         following = [i for i in ends[node] if i != before]
         if not following:
