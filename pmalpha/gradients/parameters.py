@@ -542,6 +542,7 @@ def acceleration(force: Force, t: np.ndarray) -> np.ndarray:
 
 
 # ---- goal ----------------------------------------------------------------------------------------
+# A linear functional of a motion: what an error budget is made for.
 
 # Three Gauss points in [0, 1] and their weights: exact to degree 5.
 GAUSS = tuple(zip(0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 18))

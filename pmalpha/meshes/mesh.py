@@ -13,6 +13,13 @@ from numpy.typing import ArrayLike
 from .._checks import counted, listing, not_real, real_array, require_finite
 
 # ---- kinds ---------------------------------------------------------------------------------------
+# Kinds of elements: names, nodes, faces, numbers in files, and shape functions.
+#
+# Names and orders of nodes are those of meshio and VTK. Of second-order kinds the nodes on the
+# edges follow the corners, in the order of `edges`; the node in the middle of "quad9" is the last.
+#
+# The reference element is the box [0, 1]^d or the simplex in it, a wedge a triangle times a line. A
+# shape function is the polynomial of its monomials that is 1 at its node and 0 at the others.
 
 Nodes = tuple[int, ...]
 # The kind of elements that are given as an array, without a name, by the number of its columns

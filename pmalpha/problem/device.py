@@ -31,6 +31,7 @@ from .dofs import dof_list
 from .springs import Spring, core_springs
 
 # ---- external ------------------------------------------------------------------------------------
+# A specimen that is not in this program: what a frozen model leaves to the loop.
 
 
 class External(Frozen):

@@ -165,6 +165,7 @@ def recorded_contacts(history: Any) -> Contacts:
 
 
 # ---- contact nodes -------------------------------------------------------------------------------
+# Contact at the nodes of a mesh: `History.contact_fields`.
 
 FIELDS = ("contact", "gap", "contact impulse", "contact force", "slip")
 OPEN, CLOSED = 1.0, 2.0

@@ -26,6 +26,12 @@ from .motion import Motion, values_at_start
 from .session import Session, begin, require_alone, require_possible
 
 # ---- inputs at start -----------------------------------------------------------------------------
+# With what the inputs of a frozen model begin, and what they change of the initial accelerations.
+#
+# At t = 0 the values are in the initial accelerations (S1): the file has them, bitwise those of a
+# run whose functions return these values there. Other values that a loop has before its first step
+# change them by a linear map, which the file has too: the accelerations and multipliers for a unit
+# of each input.
 
 
 class Present(NamedTuple):

@@ -317,6 +317,11 @@ def doubled_part(members: Sequence[Member], p: int, ranks: Ranks | None = None) 
 
 
 # ---- iteration -----------------------------------------------------------------------------------
+# Set-up of the iteration of internal forces: their part of H, and what the coupler iterates with.
+#
+# Under "pm" and "gc" the core adds the blocks of iterated subdomains to a constant part of H, in
+# every iteration. Under "macro" shooting begins with H of the tangents at t = 0, of linear twins of
+# the subdomains with internal forces.
 
 
 def prepare_iterated(members: Sequence[Member], coupling: str) -> None:

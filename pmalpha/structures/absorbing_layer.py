@@ -22,11 +22,12 @@ from ..problem.constraints import Constraint
 from ..problem.dofs import dof_list
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from .absorbing import VerticalWave, vertical_wave
 from .elasticity import RULES, Moduli, elastic_matrices, gradients, of_elements
 from .element_force import Selected
-from .vertical_wave import VerticalWave, vertical_wave
 
 # ---- layer sides ---------------------------------------------------------------------------------
+# The sides of a plate that have an absorbing layer, and the elements of the layer.
 
 # Coordinates on a side differ by less than this multiple of the size of the mesh.
 ON_SIDE = 1e-9
@@ -162,6 +163,7 @@ def extruded(
 
 
 # ---- layer matrices ------------------------------------------------------------------------------
+# The matrices of an absorbing layer, equations (V3) and (V4) of docs/method/loads.md.
 
 # The stretch grows with this power of the depth, (V4).
 POWER = 2
