@@ -100,5 +100,7 @@ pma_status pma_division_close(pma_subdomain *s, const pma_substep *step, const d
     const pma_division *d = begin(s, step, workers);
     pma_substep_load_interface(s, lam);
     pma_factor_close_border(&d->op->factor, s->closing, d->x->w, s->work);
-    return share(s, close_range) ? pma_substep_observe(s, step, lam) : PMA_NOT_FINITE;
+    if (!share(s, close_range))
+        return PMA_NOT_FINITE;
+    return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
 }

@@ -140,9 +140,7 @@ static pma_status close(void *self, const pma_substep *step, const double *lam)
         return PMA_NOT_FINITE;
     for (size_t i = 0; i < s->parts.nb; i++)
         w[i] -= alpha * J[i];
-    if (s->balance)
-        pma_substep_balance(s, step);
-    return pma_substep_observe(s, step, lam);
+    return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
 }
 
 /* v = vf + al2 S^-1 L_b^T lam,  u = ut + al1 (v - vt) / al2 */

@@ -1,8 +1,8 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep,
- * impulse.c one with impulses, division.c one by several workers, response.c what macro
- * coupling adds, rig.c what is around the restoring forces of a specimen. */
+ * subdomain.c is the object, operations.c what a coupler calls, observers.c what watches its steps;
+ * substep.c makes a substep, impulse.c one with impulses, division.c one by several workers,
+ * response.c what macro coupling adds, rig.c what is around the restoring forces of a specimen. */
 #ifndef PMA_SUBDOMAIN_INSIDE_H
 #define PMA_SUBDOMAIN_INSIDE_H
 
@@ -53,6 +53,7 @@ struct pma_subdomain {
     pma_parts parts;
 
     /* what a subdomain or a run has, or NULL */
+    bool is_observed;     /* by one of both or both: */
     pma_energy *energy;   /* that is summed up */
     pma_balance *balance; /* of forces that are watched */
     pma_mean *mean;
@@ -71,8 +72,9 @@ struct pma_subdomain {
     pma_division *division;
     pma_impulse *impulse;
     pma_internal_forces *internal;
-    void *spread;             /* springs in lanes */
-    pma_state_counts *counts; /* of what they and functions remember, and of histories */
+    void *spread;                 /* springs in lanes */
+    pma_state_counts *counts;     /* of what they and functions remember, and of histories */
+    pma_evaluated_forces watched; /* of the substep at hand, where they are */
 
     double *vs;         /* n: extrapolated velocity, if there is one */
     double *remembered; /* by the restoring function, at the next start */
@@ -168,19 +170,11 @@ void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);
 void pma_substep_load_interface(pma_subdomain *s, const double *lam);
 bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x);
 
-/* The energy is shown a substep that is closed, at the end of a macro step with the potential of
- * the internal forces; fails only where a function of the user evaluates that. */
-pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
-pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
-
 /* r (n) += springs and restoring forces, as evaluated last, without loads that depend on motion */
 void pma_substep_add_evaluated(const pma_subdomain *s, const pma_state *x, double *r);
 
 /* total (n) := those of them that are evaluated once, with such loads, of an iterated substep */
 void pma_substep_take_total(const pma_subdomain *s, const pma_state *x, double *total);
-
-/* The balance is shown a substep that is closed. */
-void pma_substep_balance(pma_subdomain *s, const pma_substep *step);
 
 /* y (n) := M^-1 L_b^T lam: mean coupling alone; pull (nb), work: scratch                  (K1) */
 void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, double *work,
@@ -196,6 +190,20 @@ void pma_substep_push(size_t n, double h, const double *y, const pma_state *to, 
 
 /* vs (n) := v + h w                                                                        (R1) */
 void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs);
+
+/* ---- observers: observers.c -------------------------------------------------------------------
+ *
+ * What is shown to the energy that is summed up and to the watch of forces, if the subdomain
+ * is_observed: a substep before it is opened, PMA_UNBOUNDED where that makes no sense any more;
+ * forces before they are subtracted from to->w, and after that; a substep that is closed, which
+ * fails only where a function of the user evaluates a potential; a substep of the link response;
+ * the last time level of a macro step, which is the present now. */
+pma_status pma_observers_open(const pma_subdomain *s);
+void pma_observers_evaluate(pma_subdomain *s, const pma_substep *step, const pma_state *to);
+void pma_observers_evaluated(const pma_subdomain *s, const pma_state *to);
+pma_status pma_observers_close(pma_subdomain *s, const pma_substep *step, const double *lam);
+void pma_observers_respond(const pma_subdomain *s, size_t j, const double *lam, const double *dlam);
+void pma_observers_commit(pma_subdomain *s);
 
 /* ---- by several workers: division.c ---------------------------------------------------------- */
 

@@ -103,8 +103,8 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     const pma_operator *op = pma_operator_at(s, step);
     const pma_state *from = pma_levels_origin(&s->levels, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
-    if (s->balance && pma_balance_is_broken(s->balance))
-        return PMA_UNBOUNDED;
+    if (s->is_observed)
+        PMA_TRY(pma_observers_open(s));
     PMA_TRY(pma_substep_load(s, step));
     it->step = *step;
     it->corrections = 0;
@@ -530,7 +530,6 @@ static void balance(pma_iterate *it, const pma_state *x)
     memcpy(r, it->force, s->parts.n * sizeof(double));
     pma_substep_add_evaluated(s, x, r);
     pma_balance_iterate(s->balance, &it->step, it->parts.springs ? r : it->force);
-    pma_substep_balance(s, &it->step);
 }
 
 /* (8), (9); what springs and functions remember is that of the last evaluation, at the state */
@@ -543,7 +542,7 @@ static pma_status finish(void *self, const double *lam)
     if (!s->update->correct(&operator_of(it)->step, 0, s->parts.n, x))
         return PMA_NOT_FINITE;
     const bool springs = it->parts.springs && s->parts.springs.total > 0;
-    if (!it->evaluated && (s->balance || s->energy || history > 0 || springs)) {
+    if (!it->evaluated && (s->is_observed || history > 0 || springs)) {
         PMA_TRY(evaluate_forces(it, x->u, x->v, NULL));
         if (!pma_is_finite(s->parts.n, it->f))
             return PMA_NOT_FINITE;
@@ -554,7 +553,7 @@ static pma_status finish(void *self, const double *lam)
     if (s->balance)
         balance(it, x);
     it->scale = it->motion;
-    return pma_substep_observe(s, &it->step, lam);
+    return s->is_observed ? pma_observers_close(s, &it->step, lam) : PMA_OK;
 }
 
 /* ---- the table ------------------------------------------------------------------------------ */

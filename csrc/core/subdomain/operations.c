@@ -124,10 +124,8 @@ static void commit(void *self)
 {
     pma_subdomain *s = self;
     pma_levels_commit(&s->levels);
-    if (s->balance)
-        pma_balance_commit(s->balance, &s->levels.present);
-    if (s->energy)
-        pma_energy_commit(s->energy);
+    if (s->is_observed)
+        pma_observers_commit(s);
     if (s->iterate)
         pma_iterate_commit(s->iterate);
 }
@@ -186,11 +184,8 @@ static void advance_response(void *self, size_t j, const double *lam, const doub
 {
     pma_subdomain *s = self;
     pma_response_step(s->response, j, dlam);
-    if (s->energy)
-        pma_energy_advance_response(s->energy, j, s->response->twice, &s->response->state, lam,
-                                    dlam);
-    if (s->balance && s->parts.nb > 0)
-        pma_balance_advance_response(s->balance, j, s->response->twice, &s->response->state);
+    if (s->is_observed)
+        pma_observers_respond(s, j, lam, dlam);
 }
 
 /* A subdomain that no constraint reaches does not respond. */

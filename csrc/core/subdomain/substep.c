@@ -101,35 +101,14 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
     return PMA_OK;
 }
 
-/* total (n) := what has been subtracted since y was r, and r the same without loads that depend on
- * the motion */
-static void watch_forces(const pma_subdomain *s, const double *y, const pma_evaluated_forces *f)
-{
-    const pma_restoring *restoring = &s->parts.restoring;
-    const size_t n = s->parts.n;
-    double *r = f->r;
-#pragma omp simd
-    for (size_t i = 0; i < n; i++)
-        r[i] -= y[i];
-    if (f->total)
-        memcpy(f->total, r, n * sizeof(double));
-    if (f->vs)
-        memcpy(f->vs, s->vs, n * sizeof(double));
-    for (size_t i = 0; restoring->function && restoring->load && i < n; i++)
-        r[i] += restoring->load[restoring->order[i]];
-}
-
 /* y -= r(t1, ut, vs) + D_r (vt - vs); vs is then used up                                  (R3) */
 __attribute__((noinline)) static pma_status
 subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *from,
                    const pma_state *to)
 {
     const pma_parts *p = &s->parts;
-    pma_evaluated_forces watched = {NULL};
-    if (s->balance) {
-        watched = pma_balance_open(s->balance, step->number, to->u);
-        memcpy(watched.r, to->w, p->n * sizeof(double));
-    }
+    if (s->is_observed)
+        pma_observers_evaluate(s, step, to);
     if (s->rig)
         PMA_TRY(pma_rig_command(s->rig, step, to));
     if (p->springs.total > 0)
@@ -140,8 +119,8 @@ subtract_restoring(pma_subdomain *s, const pma_substep *step, const pma_state *f
         PMA_TRY(pma_rig_reply(s->rig, to));
     if (s->extrapolates && s->internal)
         PMA_TRY(subtract_internal(s, from, to, step->t1));
-    if (watched.r)
-        watch_forces(s, to->w, &watched);
+    if (s->is_observed)
+        pma_observers_evaluated(s, to);
     if (!s->extrapolates || p->D_r.form == PMA_ZERO)
         return PMA_OK;
     for (size_t i = 0; i < p->n; i++)
@@ -250,8 +229,8 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     const pma_operator *op = pma_operator_at(s, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
-    if (s->balance && pma_balance_is_broken(s->balance))
-        return PMA_UNBOUNDED;
+    if (s->is_observed)
+        PMA_TRY(pma_observers_open(s));
     PMA_TRY(pma_substep_load(s, step));
     PMA_TRY(solve_free(s, step, op, to, vf));
     find_free_velocity(s, step, op, to, vf);
@@ -263,8 +242,8 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
 pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step)
 {
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
-    if (s->balance && pma_balance_is_broken(s->balance))
-        return PMA_UNBOUNDED;
+    if (s->is_observed)
+        PMA_TRY(pma_observers_open(s));
     PMA_TRY(pma_substep_load(s, step));
     PMA_TRY(solve_free(s, step, pma_operator_at(s, step), to, NULL));
     memcpy(pma_levels_free_velocity(&s->levels, step->j + 1), pma_interface_of(s, to->v),
@@ -289,33 +268,6 @@ bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, cons
 {
     pma_factor_close(&op->factor, s->closing, x->w, s->work);
     return s->update->correct(&op->step, 0, s->parts.n, x);
-}
-
-pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
-{
-    pma_internal_forces *f = s->internal;
-    return f ? pma_internal_potential(&s->parts.internal, u, &f->potential, f->force + s->parts.n,
-                                      &s->code)
-             : PMA_OK;
-}
-
-pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
-{
-    if (!s->energy)
-        return PMA_OK;
-    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    if ((step->j + 1) % s->parts.substeps == 0) /* energies are those of macro time levels */
-        PMA_TRY(pma_substep_evaluate_potential(s, x->u));
-    if (step->is_free_run)
-        pma_energy_close_free(s->energy, step, x);
-    else
-        pma_energy_close(s->energy, step, x, lam);
-    return PMA_OK;
-}
-
-void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
-{
-    pma_balance_close(s->balance, step, pma_levels_at(&s->levels, step->j + 1));
 }
 
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
@@ -343,9 +295,7 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
     }
     if (!finite || zero != 0.0)
         return PMA_NOT_FINITE;
-    if (s->balance)
-        pma_substep_balance(s, step);
-    return pma_substep_observe(s, step, lam);
+    return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
 }
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
@@ -358,7 +308,5 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
     if (!pma_substep_sweep_back(s, pma_operator_at(s, step),
                                 pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
-    if (s->balance)
-        pma_substep_balance(s, step);
-    return s->energy ? pma_substep_observe(s, step, lam) : PMA_OK;
+    return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
 }
