@@ -1,8 +1,8 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object, operations.c what a coupler calls, observers.c what watches its steps;
- * substep.c makes a substep, impulse.c one with impulses, division.c one by several workers,
- * response.c what macro coupling adds, rig.c what is around the restoring forces of a specimen. */
+ * subdomain.c is the object and what a coupler calls, substep.c makes a substep, observers.c what
+ * watches it, impulse.c one with impulses, response.c what macro coupling adds, rig.c what is
+ * around the restoring forces of a specimen. */
 #ifndef PMA_SUBDOMAIN_INSIDE_H
 #define PMA_SUBDOMAIN_INSIDE_H
 
@@ -137,15 +137,14 @@ static inline size_t pma_parts_scratch(const pma_parts *p)
 
 /* ---- a substep: substep.c ------------------------------------------------------------------- */
 
-pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step);
+/* Two operations of a member (member.h), which are called in every fine step. */
+pma_status pma_substep_advance(void *self, const pma_substep *closed, const pma_substep *opened,
+                               const double *lam, const pma_workers *workers);
+const double *pma_substep_values(void *self, pma_interface_kind kind, size_t j, bool twice,
+                                 const double *lam);
 
-/* The same for a substep without an interface problem at its end: vf is the predictor. */
-pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step);
-
-pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam);
-
-/* vf at the end of the open substep += al2 S^-1 L_b^T lam                                  (M6) */
-void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam);
+/* Finds whether several workers can share its substeps, bitwise. Allocates: PMA_NO_MEMORY. */
+pma_status pma_substep_divide(pma_subdomain *s);
 
 /* link (nb) := S^-1 L_b^T lam, in s->link */
 void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam);
@@ -164,9 +163,6 @@ pma_status pma_substep_subtract_restoring(pma_subdomain *s, const pma_substep *s
 /* Of restoring functions, as evaluated last: forces (n) without loads that depend on the motion,
  * and such loads (n). */
 void pma_substep_take_functions(const pma_subdomain *s, double *out);
-void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
-                            size_t end);
-void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);
 void pma_substep_load_interface(pma_subdomain *s, const double *lam);
 bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x);
 
@@ -204,20 +200,6 @@ void pma_observers_evaluated(const pma_subdomain *s, const pma_state *to);
 pma_status pma_observers_close(pma_subdomain *s, const pma_substep *step, const double *lam);
 void pma_observers_respond(const pma_subdomain *s, size_t j, const double *lam, const double *dlam);
 void pma_observers_commit(pma_subdomain *s);
-
-/* ---- by several workers: division.c ---------------------------------------------------------- */
-
-/* Finds whether they can, if Mbar is diagonal. Allocates: PMA_NO_MEMORY. */
-pma_status pma_division_find(pma_subdomain *s);
-
-/* As pma_substep_open and pma_substep_close, bitwise. */
-pma_status pma_division_open(pma_subdomain *s, const pma_substep *step, const pma_workers *workers);
-pma_status pma_division_close(pma_subdomain *s, const pma_substep *step, const double *lam,
-                              const pma_workers *workers);
-
-/* ---- the member: operations.c --------------------------------------------------------------- */
-
-pma_member_table pma_subdomain_table(const pma_subdomain *s);
 
 /* ---- impulses: impulse.c --------------------------------------------------------------------- */
 

@@ -1,9 +1,11 @@
-/* substep.c - free and link problem of one substep, as one forward and one backward sweep. */
+/* substep.c - free and link problem of one substep, as one forward and one backward sweep; by
+ * several workers; and their values on the interface. */
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 
 #include "algebra/lists.h"
+#include "memory.h"
 #include "subdomain/inside.h"
 
 /* ---- link problem on the interface alone ---------------------------------------------------- */
@@ -22,7 +24,8 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
         vf[i] = v_b[i] - op->step.al2 * s->link[i];
 }
 
-void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam)
+/* vf at the end of the open substep += al2 S^-1 L_b^T lam                                  (M6) */
+static void hold(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
     const pma_operator *op = pma_operator_at(s, step);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
@@ -170,12 +173,6 @@ static void add_forces(const pma_subdomain *s, const pma_substep *step, const pm
     pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
 }
 
-void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
-                            size_t end)
-{
-    add_forces(s, step, pma_levels_at(&s->levels, step->j + 1), begin, end);
-}
-
 /* The free problem (13) up to its acceleration on the interface, or NULL */
 static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
                                     const pma_operator *op, const pma_state *to, double *wf_b)
@@ -217,13 +214,7 @@ static inline void find_free_velocity(pma_subdomain *s, const pma_substep *step,
     s->levels.opened = step->j + 1;
 }
 
-void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step)
-{
-    find_free_velocity(s, step, pma_operator_at(s, step), pma_levels_at(&s->levels, step->j + 1),
-                       pma_levels_free_velocity(&s->levels, step->j + 1));
-}
-
-pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
+__attribute__((noinline)) static pma_status open_substep(pma_subdomain *s, const pma_substep *step)
 {
     assert(s->levels.opened >= step->j);
     const pma_operator *op = pma_operator_at(s, step);
@@ -239,7 +230,8 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     return PMA_OK;
 }
 
-pma_status pma_substep_open_apart(pma_subdomain *s, const pma_substep *step)
+/* The same for a substep without an interface problem at its end: vf is the predictor. */
+static pma_status open_apart(pma_subdomain *s, const pma_substep *step)
 {
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     if (s->is_observed)
@@ -298,7 +290,9 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
     return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
 }
 
-pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
+/* Not inlined, as open_substep: advance itself then needs no registers. */
+__attribute__((noinline)) static pma_status close_substep(pma_subdomain *s, const pma_substep *step,
+                                                          const double *lam)
 {
     assert(s->levels.opened > step->j && (lam || s->parts.link.p == 0));
     if (s->mean && s->mean->open)
@@ -309,4 +303,177 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
                                 pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
     return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
+}
+
+/* ---- divided among several workers ----------------------------------------------------------
+ *
+ * With a diagonal Mbar no row waits for another: every worker has a range of them, which is fixed,
+ * so that it stays in the caches of one core. */
+
+/* Diagonal Mbar, linear, single steps: no row waits for another. */
+static bool is_in_ranges(const pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !s->evaluates;
+}
+
+pma_status pma_substep_divide(pma_subdomain *s)
+{
+    if (!is_in_ranges(s))
+        return PMA_OK;
+    s->division = pma_memory_allocate(1, sizeof *s->division);
+    return s->division ? PMA_OK : PMA_NO_MEMORY;
+}
+
+static const pma_division *begin_division(pma_subdomain *s, const pma_substep *step,
+                                          const pma_workers *workers)
+{
+    pma_division *d = s->division;
+    assert(d && workers->count > 0);
+    d->op = pma_operator_at(s, step);
+    d->step = step;
+    d->from = pma_levels_origin(&s->levels, step);
+    d->x = pma_levels_at(&s->levels, step->j + 1);
+    d->workers = workers;
+    return d;
+}
+
+static bool share(pma_subdomain *s, bool (*work)(void *self, size_t worker))
+{
+    const pma_workers *workers = s->division->workers;
+    return workers->share(workers->ctx, work, s);
+}
+
+/* The first row of a range. */
+static size_t begin_of(const pma_subdomain *s, size_t worker)
+{
+    const size_t n = s->parts.n, workers = s->division->workers->count;
+    return worker < workers ? worker * (n / workers) : n;
+}
+
+/* (5), (6) */
+static bool predict_range(void *self, size_t worker)
+{
+    const pma_subdomain *s = self;
+    const pma_division *d = s->division;
+    s->update->predict(&d->op->step, begin_of(s, worker), begin_of(s, worker + 1), d->from, d->x);
+    return true;
+}
+
+/* (11) */
+static bool add_forces_in_range(void *self, size_t worker)
+{
+    const pma_subdomain *s = self;
+    const pma_division *d = s->division;
+    add_forces(s, d->step, d->x, begin_of(s, worker), begin_of(s, worker + 1));
+    return true;
+}
+
+static pma_status open_divided(pma_subdomain *s, const pma_substep *step,
+                               const pma_workers *workers)
+{
+    PMA_TRY(pma_substep_load(s, step));
+    const pma_division *d = begin_division(s, step, workers);
+    (void)share(s, predict_range); /* of all rows, before K ut of any */
+    (void)share(s, add_forces_in_range);
+    pma_factor_open_border(&d->op->factor, d->x->w,
+                           pma_levels_free_velocity(&s->levels, step->j + 1), s->work);
+    find_free_velocity(s, step, d->op, d->x, pma_levels_free_velocity(&s->levels, step->j + 1));
+    return PMA_OK;
+}
+
+/* (14) inside, (8), (9) */
+static bool close_range(void *self, size_t worker)
+{
+    const pma_subdomain *s = self;
+    const pma_division *d = s->division;
+    const size_t begin = begin_of(s, worker), end = begin_of(s, worker + 1);
+    const size_t inside = pma_least(end, s->parts.n - s->parts.nb);
+    if (begin < inside)
+        pma_factor_divide(&d->op->factor, begin, inside, d->x->w);
+    return s->update->correct(&d->op->step, begin, end, d->x);
+}
+
+static pma_status close_divided(pma_subdomain *s, const pma_substep *step, const double *lam,
+                                const pma_workers *workers)
+{
+    const pma_division *d = begin_division(s, step, workers);
+    pma_substep_load_interface(s, lam);
+    pma_factor_close_border(&d->op->factor, s->closing, d->x->w, s->work);
+    if (!share(s, close_range))
+        return PMA_NOT_FINITE;
+    return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
+}
+
+/* ---- what a coupler calls in every fine step ------------------------------------------------- */
+
+/* Several workers; or a free run, in whose only substep the multipliers are held (M6), and where
+ * there are several the velocities at its end are those of the last one */
+__attribute__((noinline)) static pma_status
+advance_otherwise(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
+                  const double *lam, const pma_workers *workers)
+{
+    if (workers)
+        return closed ? close_divided(s, closed, lam, workers) : open_divided(s, opened, workers);
+    if (s->parts.mean)
+        return s->parts.deferred ? open_substep(s, opened) : open_apart(s, opened);
+    if (s->parts.substeps > 1)
+        return open_apart(s, opened);
+    PMA_TRY(open_substep(s, opened));
+    hold(s, opened, lam);
+    return PMA_OK;
+}
+
+pma_status pma_substep_advance(void *self, const pma_substep *closed, const pma_substep *opened,
+                               const double *lam, const pma_workers *workers)
+{
+    if (!workers && closed)
+        return close_substep(self, closed, lam);
+    if (!workers && !opened->is_free_run)
+        return open_substep(self, opened);
+    return advance_otherwise(self, closed, opened, lam, workers);
+}
+
+/* u_b at a time level; of an open step ut_b + al1 wf_b with wf_b = (vf_b - vt_b) / al2, in
+ * s->link */
+static const double *displacement(const pma_subdomain *s, size_t j)
+{
+    const pma_state *x = pma_levels_at(&s->levels, j);
+    const double *u = pma_interface_of(s, x->u), *v = pma_interface_of(s, x->v);
+    const double *vf = pma_levels_free_velocity(&s->levels, j);
+    if (j == 0 || !s->mean || !s->mean->open)
+        return u;
+    const pma_step *c = &s->mean->open->step;
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->link[i] = u[i] + c->al1 / c->al2 * (vf[i] - v[i]);
+    return s->link;
+}
+
+static const double *link_velocity(pma_subdomain *s, bool twice, const double *lam)
+{
+    const pma_operator *op = pma_operator_of(s, twice);
+    pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->link[i] *= op->step.al2;
+    return s->link;
+}
+
+__attribute__((noinline)) static const double *
+other_values(pma_subdomain *s, pma_interface_kind kind, size_t j, bool twice, const double *lam)
+{
+    if (kind == PMA_VELOCITY)
+        return pma_interface_of(s, pma_levels_at(&s->levels, j)->v);
+    if (kind == PMA_DISPLACEMENT)
+        return displacement(s, j);
+    return link_velocity(s, twice, lam);
+}
+
+/* Free velocities are wanted in every fine step. */
+const double *pma_substep_values(void *self, pma_interface_kind kind, size_t j, bool twice,
+                                 const double *lam)
+{
+    const pma_subdomain *s = self;
+    if (kind == PMA_FREE_VELOCITY || kind == PMA_BEGINNING_VELOCITY)
+        return pma_levels_free_velocity(&s->levels, j);
+    return other_values(self, kind, j, twice, lam);
 }
