@@ -93,3 +93,9 @@ def test_what_it_cannot_do_is_refused_by_its_name():
         pm.contact("a", [0], "b", [0], motion=Ramp([1.0]))
     with pytest.raises(ValueError, match="force must not be a Ramp for a reduction"):
         frame(RAMP).reduced(keep=[1], modes=1)
+
+
+def test_a_ground_motion_prescribes_no_motion_of_a_contact():
+    quake = pm.BaseAcceleration([0.0, 1.0], [1.0], M=[2.0], dt=0.1)
+    with pytest.raises(TypeError, match="motion must be a callable"):
+        pm.contact("a", [0], "b", [0], motion=quake)
