@@ -712,3 +712,10 @@ def test_loads_and_initial_values_of_all_dofs_are_those_of_the_free_ones():
         np.testing.assert_array_equal(value, expected)
     with pytest.raises(ValueError, match="u must be zero at the fixed dofs, got up to 1 at dofs 0"):
         bar.subdomain(scheme=pm.Newmark(), fixed=[0], u0=np.ones(5))
+
+
+@pytest.mark.parametrize("name", ["M", "K"])
+def test_a_matrix_of_the_users_beside_that_of_a_structure_is_refused_by_name(name):
+    bar = structures.rod(2, 1.0, EA=1.0, rhoA=1.0)
+    with pytest.raises(TypeError, match=f"^{name} must not be given: a structure has its own"):
+        bar.subdomain(scheme=pm.Newmark(), **{name: np.eye(3)})

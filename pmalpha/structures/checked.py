@@ -66,6 +66,12 @@ def poisson(nu: Any, shape: tuple[int, ...], *, incompressible: bool) -> np.ndar
     return values
 
 
+def in_plane_stress(E: Any, nu: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """As `isotropic`, with the lam of plane stress, 2 lam mu / (lam + 2 mu); nu may be 0.5."""
+    young, ratio = positive(E, "E", shape), poisson(nu, shape, incompressible=True)
+    return young * ratio / (1.0 - ratio**2), young / (2.0 * (1.0 + ratio))
+
+
 def isotropic(E: Any, nu: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """lam and mu of a solid, each (1,) or (elements,)."""
     young, ratio = positive(E, "E", shape), poisson(nu, shape, incompressible=False)

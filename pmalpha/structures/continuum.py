@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
 from ..meshes.mesh import KINDS, SHAPES
-from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
+from .checked import (
+    in_plane_stress,
+    is_lumped,
+    isotropic,
+    measure,
+    node_numbers,
+    positive,
+    require_used,
+)
 from .elasticity import Moduli, elastic_matrices
 from .structure import Structure
 
@@ -250,14 +258,13 @@ def moduli_of(
 ) -> Moduli:
     """Lame's constants, density and thickness of elements of this shape, or (1,) of all."""
     check_word(plane, "plane", ("stress", "strain"))
-    young, density = positive(E, "E", shape), positive(rho, "rho", shape)
+    density = positive(rho, "rho", shape)
     if d == 3 or plane == "strain":
         lam, mu = isotropic(E, nu, shape)
         across = 0.5 * lam / (lam + mu)  # nu
     else:
         across = np.zeros(1)
-        ratio = poisson(nu, shape, incompressible=True)
-        lam, mu = young * ratio / (1.0 - ratio**2), young / (2.0 * (1.0 + ratio))
+        lam, mu = in_plane_stress(E, nu, shape)
     return Moduli(lam, mu, density, positive(t, "t", shape), across)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checked import isotropic, not_negative, positive
+from .checked import in_plane_stress, isotropic, not_negative, positive
 from .elasticity import cofactors_of
 from .pattern import upper
 
@@ -69,7 +69,7 @@ class StVenantKirchhoff(Hyperelastic):
     Parameters
     ----------
     E, nu : float or (elements,) array_like
-        Young's modulus, above 0; Poisson's ratio in (-1, 0.5).
+        Young's modulus, above 0; Poisson's ratio in (-1, 0.5), 0.5 in plane stress too.
 
     Examples
     --------
@@ -83,8 +83,8 @@ class StVenantKirchhoff(Hyperelastic):
     nu: ArrayLike
 
     def _coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
-        lam, mu = isotropic(self.E, self.nu, (elements,))
-        return (2.0 * lam * mu / (lam + 2.0 * mu) if plane == "stress" else lam), mu
+        moduli = in_plane_stress if plane == "stress" else isotropic
+        return moduli(self.E, self.nu, (elements,))
 
     def _evaluate(
         self, coefficients: Sequence[Any], H: np.ndarray, before: np.ndarray, out: np.ndarray | None

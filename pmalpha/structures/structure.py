@@ -1196,6 +1196,12 @@ class Structure:
         >>> held.n, held.dof_names[0]
         (4, 'ux 1')
         """
+        for name in ("M", "K"):
+            if name in options:
+                raise TypeError(
+                    f"{name} must not be given: a structure has its own; springs and masses are "
+                    "added by with_spring and with_mass, other matrices are of Subdomain(M, K, ...)"
+                )
         reduced = reduce(self.M, self.K, fixed=fixed, dof_names=self.dof_names)
         if self.internal:
             internal = options.get("internal") or []
