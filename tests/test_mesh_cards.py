@@ -690,9 +690,29 @@ def test_cells_of_vtk_that_a_library_leaves_out_are_refused(tmp_path, mesh_libra
     points = " ".join(f"{x} {y} {z}" for x, y, z in 2 * CORNERS)
     text = f"{HEAD}POINTS 16 float\n{points}\nCELLS 3 16\nOFFSETS vtktypeint64\n0 8 16\n"
     text += "CONNECTIVITY vtktypeint64\n0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\nCELL_TYPES 2\n"
-    with pytest.raises(ValueError, match="1 of its cells are of other types, such as voxels"):
-        read(tmp_path, text + "12\n11\n", name="mesh.vtk")
+    for number, name in ((11, "voxels"), (8, "pixels"), (6, "triangle strips"), (42, "polyhedra")):
+        with pytest.raises(ValueError, match=rf"{name} \(cell type {number} of VTK, 1 of them"):
+            read(tmp_path, text + f"12\n{number}\n", name="mesh.vtk")
     assert mass(read(tmp_path, text + "12\n12\n", name="mesh.vtk")[0]) == pytest.approx(2.0)
+
+
+FLUENT = """(0 "a square")\n(2 2)\n(10 (0 1 4 0 2))\n(10 (1 1 4 1 2)(\n0 0\n1 0\n1 1\n0 1\n))
+(12 (0 1 1 0))\n(13 (0 1 4 0))\n(13 (3 1 4 3 2)(\n1 2 1 0\n2 3 1 0\n3 4 1 0\n4 1 1 0\n))\n"""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.msh", FLUENT, "a mesh of Fluent lists the faces between cells"),
+        ("a.msh", "\ufeff\n" + FLUENT, "a mesh of Fluent lists the faces between cells"),
+        ("a.msh", "$NOD\n1\n", "it has no .MeshFormat, .* but .NOD of its first version"),
+        ("a.msh", "no mesh\n", "it has no .MeshFormat, with which files of gmsh begin$"),
+        ("a.UNV", "    -1\n  2411\n", "I-DEAS files are read by neither .* Gmsh opens them"),
+    ],
+)
+def test_files_that_are_not_read_are_named_with_a_way(tmp_path, name, text, words):
+    with pytest.raises(ValueError, match=words):
+        read(tmp_path, text, name=name)
 
 
 def test_numbers_of_vtk_with_one_component_name_groups(tmp_path, mesh_library):

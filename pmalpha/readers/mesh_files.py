@@ -7,6 +7,7 @@ reads from raises an exception behind its end.
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import io
 import math
@@ -287,6 +288,8 @@ def _read(path: Path, unread: Unread) -> Any:
         _require_own_arrays(path)
         if file_format == "vtk":
             _require_memory_of_grids(path)
+        if file_format in TYPES_OF_CELLS:
+            _require_known_cells(path, file_format)
         with contextlib.redirect_stderr(said):
             if file_format in SPECIAL:
                 mesh = SPECIAL[file_format](path, read)
@@ -317,6 +320,21 @@ def _require_blocks(path: Path, unread: Unread) -> None:
                 unread.refuse(name, family, f"{path.name}, line {number}, {name}", reason)
 
 
+def _require_known_cells(path: Path, file_format: str) -> None:
+    """ValueError for types of cells of VTK, as far as they are text, that no library here reads."""
+    with reading(path) as file:
+        content = file.read()
+    for found in TYPES_OF_CELLS[file_format].finditer(content):
+        types = found[1].split()
+        for number, (name, instead) in UNKNOWN_CELLS.items():
+            count = types.count(b"%d" % number)
+            if count:
+                raise ValueError(
+                    f"{name} (cell type {number} of VTK, {count} of them) are not read: save "
+                    f"{instead} in their place"
+                )
+
+
 def _count_cells(path: Path, file_format: str, mesh: Any, unread: Unread) -> None:
     """What a library has left out in silence: elements of contact; of VTK, such as voxels."""
     if file_format not in CELLS:
@@ -325,7 +343,7 @@ def _count_cells(path: Path, file_format: str, mesh: Any, unread: Unread) -> Non
         count = sum(int(x) for x in re.findall(CELLS[file_format], file.read()))
     left = count - sum(len(cells.data) for cells in mesh.cells)
     if count and left and file_format != "ansysInp":
-        raise ValueError(f"{left} of its cells are of other types, such as voxels")
+        raise ValueError(f"{left} of its cells are of other types, such as voxels and pixels")
     unread.leave_out("elements of {} are left out", "contact", "CONNECTION", max(left, 0))
 
 
@@ -340,7 +358,11 @@ def _read_vtk(path: Path, read: Callable[[str], Any]) -> Any:
 def _read_gmsh(path: Path, read: Callable[[str], Any]) -> Any:
     """With all groups of each entity, of which libraries take the first."""
     with reading(path) as file:
-        content, groups = without_entities(file.read())
+        whole_file = file.read()
+    if b"$MeshFormat" not in whole_file:
+        old = ", but $NOD of its first version" if b"$NOD" in whole_file else ""
+        raise ValueError(f"it has no $MeshFormat, with which files of gmsh begin{old}")
+    content, groups = without_entities(whole_file)
     if groups is None:
         return read(str(path))
     mesh = _read_as(content, path, read)
@@ -366,6 +388,8 @@ def _read_as(content: bytes, path: Path, read: Callable[[str], Any]) -> Any:
 def _format(path: Path) -> str:
     """The format, as both libraries name it: a .msh file is one of Ansys if it begins with "("."""
     suffix = path.suffix.lower()
+    if suffix in NOT_READ:
+        raise ValueError(f"mesh must be another file than {path.name!r}: {NOT_READ[suffix]}")
     if suffix not in FORMATS:
         raise ValueError(
             f"mesh must be a file with suffix {', '.join(FORMATS)} or .inp, got {path.name!r}; "
@@ -373,7 +397,8 @@ def _format(path: Path) -> str:
             "of other formats may read other files, or never end"
         )
     with reading(path) as file:
-        return "ansys" if suffix == ".msh" and file.read(1) == b"(" else FORMATS[suffix]
+        begin = file.read(16).removeprefix(codecs.BOM_UTF8).lstrip()[:1]
+        return "ansys" if suffix == ".msh" and begin == b"(" else FORMATS[suffix]
 
 
 class _Bytes(io.BufferedReader):
@@ -397,10 +422,22 @@ class _Bytes(io.BufferedReader):
 
 
 def _read_ansys(path: Path, read: Callable[[Any], Any]) -> Any:
+    with reading(path) as file:
+        if FACES_OF_FLUENT.search(file.read()):
+            raise ValueError(
+                "a mesh of Fluent lists the faces between cells and not the nodes of cells; save "
+                "it for a structural program, such as .cdb, .inp or .bdf"
+            )
     with _Bytes(path) as file:
         return read(file)
 
 
+# Formats that neither library reads, and a way
+NOT_READ = {
+    ".unv": "I-DEAS files are read by neither meshlane nor meshio; Gmsh opens them and saves .msh"
+}
+# A list of faces of a mesh of Fluent: section 13, or 2013 and 3013 in binary, of a zone
+FACES_OF_FLUENT = re.compile(rb"\(\s*(?:20|30)?13\s*\(\s*0*[1-9a-fA-F]")
 # Formats that are read in a way of their own
 SPECIAL: dict[str, Callable[[Path, Any], Any]] = {
     "ansys": _read_ansys,
@@ -409,6 +446,17 @@ SPECIAL: dict[str, Callable[[Path, Any], Any]] = {
 }
 # Commands of Ansys beside blocks; "N,R5.3,LOC,-1" ends a block
 COMMANDS = re.compile(rb"(?i)\s*(CE|CP|EN|E|N)\s*,(?!\s*R5\.\d\s*,\s*LOC\s*,\s*-1)")
+# Where types of cells are written as text, and what no library here reads of them
+TYPES_OF_CELLS = {
+    "vtk": re.compile(rb"(?im)^[^\S\n]*CELL_TYPES\s+\d+\s+([\d\s]*)"),
+    "vtu": re.compile(rb"""(?i)<DataArray\b[^>]*\bName\s*=\s*["']types["'][^>]*>([\d\s]*)<"""),
+}
+UNKNOWN_CELLS = {
+    6: ("triangle strips", "triangles"),
+    8: ("pixels", "quads"),
+    11: ("voxels", "hexahedra"),
+    42: ("polyhedra", "tetrahedra or hexahedra"),
+}
 # What counts the cells of a file
 CELLS = {
     "ansysInp": re.compile(rb"(?im)^\s*EBLOCK\s*,[^,\n]*,[^,\n]*,[^,\n]*,\s*(\d+)"),
