@@ -324,8 +324,8 @@ def _require_known_cells(path: Path, file_format: str) -> None:
     """ValueError for types of cells of VTK, as far as they are text, that no library here reads."""
     with reading(path) as file:
         content = file.read()
-    for found in TYPES_OF_CELLS[file_format].finditer(content):
-        types = found[1].split()
+    for array in TYPES_OF_CELLS[file_format].finditer(content):
+        types = array[1].split()
         for number, (name, instead) in UNKNOWN_CELLS.items():
             count = types.count(b"%d" % number)
             if count:
@@ -358,11 +358,11 @@ def _read_vtk(path: Path, read: Callable[[str], Any]) -> Any:
 def _read_gmsh(path: Path, read: Callable[[str], Any]) -> Any:
     """With all groups of each entity, of which libraries take the first."""
     with reading(path) as file:
-        whole_file = file.read()
-    if b"$MeshFormat" not in whole_file:
-        old = ", but $NOD of its first version" if b"$NOD" in whole_file else ""
+        content = file.read()
+    if b"$MeshFormat" not in content:
+        old = ", but $NOD of its first version" if b"$NOD" in content else ""
         raise ValueError(f"it has no $MeshFormat, with which files of gmsh begin{old}")
-    content, groups = without_entities(whole_file)
+    content, groups = without_entities(content)
     if groups is None:
         return read(str(path))
     mesh = _read_as(content, path, read)
