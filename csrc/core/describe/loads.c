@@ -44,25 +44,30 @@ pma_status pma_parts_order(const pma_field *of, size_t n, const int64_t **out)
 
 /* ---- external forces ------------------------------------------------------------------------ */
 
+/* The times of the samples that a load has. */
+static pma_status take_times(const pma_field *f, pma_load *out)
+{
+    const pma_field values = pma_field_at(f, "values"), begin = pma_field_at(f, "begin");
+    const pma_field dt = pma_field_at(f, "dt"), hold = pma_field_at(f, "hold");
+    PMA_TRY(pma_field_real(&dt, &out->dt));
+    PMA_TRY(pma_field_flag(&hold, &out->hold));
+    PMA_TRY(pma_field_real(&begin, &out->begin));
+    if (out->samples == 0)
+        return pma_field_refuse(&values, "must have samples");
+    return out->dt > 0.0 ? PMA_OK : pma_field_refuse(&dt, "must be positive");
+}
+
 /* {values (samples,), dt, hold, begin, path} */
 static pma_status take_moving(const pma_field *f, pma_load *out)
 {
     const pma_field values = pma_field_at(f, "values"), path = pma_field_at(f, "path");
-    const pma_field dt = pma_field_at(f, "dt"), hold = pma_field_at(f, "hold");
-    const pma_field begin = pma_field_at(f, "begin");
     pma_path *own;
     const void *data = NULL;
     out->kind = PMA_LOAD_MOVING;
     out->k = 1;
     PMA_TRY(pma_field_vector(&values, PMA_DOUBLES, &out->samples, &data));
     out->values = data;
-    PMA_TRY(pma_field_real(&dt, &out->dt));
-    PMA_TRY(pma_field_flag(&hold, &out->hold));
-    PMA_TRY(pma_field_real(&begin, &out->begin));
-    if (out->samples == 0)
-        return pma_field_refuse(&values, "must have samples");
-    if (!(out->dt > 0.0))
-        return pma_field_refuse(&dt, "must be positive");
+    PMA_TRY(take_times(f, out));
     PMA_TRY(pma_field_allocate(f, 1, sizeof *own, (void *)&own));
     out->path = own;
     return pma_parts_path(&path, out->n, own);
@@ -71,8 +76,6 @@ static pma_status take_moving(const pma_field *f, pma_load *out)
 static pma_status take_sampled(const pma_field *f, pma_load *out)
 {
     const pma_field values = pma_field_at(f, "values"), shape = pma_field_at(f, "shape");
-    const pma_field dt = pma_field_at(f, "dt"), hold = pma_field_at(f, "hold");
-    const pma_field begin = pma_field_at(f, "begin");
     int64_t samples[2] = {-1, -1};
     const void *data = NULL;
     out->kind = PMA_LOAD_SAMPLED;
@@ -80,13 +83,7 @@ static pma_status take_sampled(const pma_field *f, pma_load *out)
     out->values = data;
     out->samples = (size_t)samples[0];
     out->k = (size_t)samples[1];
-    PMA_TRY(pma_field_real(&dt, &out->dt));
-    PMA_TRY(pma_field_flag(&hold, &out->hold));
-    PMA_TRY(pma_field_real(&begin, &out->begin));
-    if (out->samples == 0)
-        return pma_field_refuse(&values, "must have samples");
-    if (!(out->dt > 0.0))
-        return pma_field_refuse(&dt, "must be positive");
+    PMA_TRY(take_times(f, out));
     if (pma_field_is_none(&shape))
         return out->k == out->n ? PMA_OK
                                 : pma_field_refuse(&values, "must have n columns without a shape");

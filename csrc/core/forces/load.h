@@ -31,11 +31,11 @@ typedef struct pma_load {
     const double *values; /* constant: n; sampled: samples x k by rows; table: rows x n by rows */
     const double *shape;  /* sampled: k vectors of length n, or NULL: k = n and the unit matrix */
     size_t samples, k;
-    double begin;  /* sampled: the time of the first sample */
-    double dt;     /* sampled: time between two samples */
-    bool hold;     /* sampled: keep the last sample after the end, else zero */
+    double begin;         /* sampled: the time of the first sample */
+    double dt;            /* sampled: time between two samples */
+    bool hold;            /* sampled: keep the last sample after the end, else zero */
     const pma_path *path; /* moving: where the force acts, whose samples are those of k = 1 */
-    int64_t first; /* table: the substep whose load is row 0, counted from the start */
+    int64_t first;        /* table: the substep whose load is row 0, counted from the start */
     size_t rows;
     pma_force_function function; /* called */
     void *user;

@@ -35,8 +35,7 @@ pma_place pma_path_at(const pma_path *path, double t)
             high = middle;
     }
     const double xi = (s - ends[low]) / (ends[low + 1] - ends[low]);
-    return (pma_place){
-        .is_on = true, .segment = low, .xi = xi < 0.0 ? 0.0 : xi > 1.0 ? 1.0 : xi};
+    return (pma_place){.is_on = true, .segment = low, .xi = xi < 0.0 ? 0.0 : xi > 1.0 ? 1.0 : xi};
 }
 
 /* N_k and dN_k / dxi */
@@ -63,8 +62,7 @@ double pma_path_value(const pma_path *path, const pma_place *place, const double
     return sum;
 }
 
-double pma_path_rate(const pma_path *path, const pma_place *place, const double *u,
-                     const double *v)
+double pma_path_rate(const pma_path *path, const pma_place *place, const double *u, const double *v)
 {
     if (!place->is_on)
         return 0.0;
