@@ -221,7 +221,7 @@ static pma_status take_energy(CouplerObject *self, const pma_field *f, size_t la
         return PMA_OK;
     PMA_TRY(pma_field_output(f, 3, extents, &record->energy));
     for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++) {
-        if (!pma_subdomain_has_energy(pma_subdomain_of(self, i)->core))
+        if (!pma_subdomain_energy(pma_subdomain_of(self, i)->core))
             return pma_field_refuse(f, "needs begin_energy of all subdomains");
     }
     return check_rows(f, extents[0], last);

@@ -110,7 +110,7 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject **arrays
         return -1;
     const pma_status status = pma_subdomain_begin_energy(self->core, M, skew, load, lam, functions);
     if (status == PMA_OK && !isnan(weight))
-        pma_subdomain_conserve(self->core, weight);
+        pma_energy_conserve(pma_subdomain_energy(self->core), weight);
     if (status == PMA_OK)
         pma_swap(&self->mass, arrays);
     pma_subdomain_release(self);

@@ -5,11 +5,12 @@
 PyObject *pma_subdomain_get_works(SubdomainObject *self, PyObject *none)
 {
     (void)none;
-    npy_intp size = (npy_intp)pma_subdomain_works(self->core);
-    if (size == 0)
+    const pma_energy *energy = pma_subdomain_energy(self->core);
+    if (!energy)
         Py_RETURN_NONE;
+    npy_intp size = (npy_intp)pma_energy_size(energy);
     PyObject *out = PyArray_SimpleNew(1, &size, NPY_DOUBLE);
-    if (!out || pma_subdomain_keep_works(self->core, PyArray_DATA((PyArrayObject *)out)))
+    if (!out || pma_energy_keep(energy, PyArray_DATA((PyArrayObject *)out)))
         return out;
     Py_DECREF(out);
     Py_RETURN_NONE;
@@ -18,12 +19,12 @@ PyObject *pma_subdomain_get_works(SubdomainObject *self, PyObject *none)
 PyObject *pma_subdomain_go_on(SubdomainObject *self, PyObject *obj)
 {
     const double *in;
-    const npy_intp size = (npy_intp)pma_subdomain_works(self->core);
-    if (size == 0)
+    pma_energy *energy = pma_subdomain_energy(self->core);
+    if (!energy)
         return PyErr_Format(PyExc_ValueError, "resume_works needs begin_energy before");
-    if (pma_take_doubles(obj, size, "works", NULL, &in) < 0)
+    if (pma_take_doubles(obj, (npy_intp)pma_energy_size(energy), "works", NULL, &in) < 0)
         return NULL;
-    pma_subdomain_resume_works(self->core, in);
+    pma_energy_resume(energy, in);
     Py_RETURN_NONE;
 }
 

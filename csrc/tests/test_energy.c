@@ -178,7 +178,7 @@ static void begin_energy(model *m)
                                                 (pma_matrix){.form = PMA_ZERO}, none,
                                                 pma_coupler_multipliers(m->coupler), NULL),
                      PMA_OK);
-        CHECK(pma_subdomain_has_energy(m->subdomains[i].core));
+        CHECK(pma_subdomain_energy(m->subdomains[i].core));
     }
 }
 
@@ -208,7 +208,7 @@ static void a_run_with_energy_is_the_same_run(void)
         CHECK(energies[i * PMA_ENERGIES + PMA_EXTERNAL] == 0.0);
     }
     pma_subdomain_end_energy(m.subdomains[0].core);
-    CHECK(!pma_subdomain_has_energy(m.subdomains[0].core));
+    CHECK(!pma_subdomain_energy(m.subdomains[0].core));
     pma_subdomain_end_energy(m.subdomains[0].core); /* once more is allowed */
     destroy_model(&m);
     destroy_model(&other);

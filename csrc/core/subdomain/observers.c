@@ -173,24 +173,9 @@ pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix
     return PMA_OK;
 }
 
-void pma_subdomain_conserve(pma_subdomain *s, double weight)
+pma_energy *pma_subdomain_energy(const pma_subdomain *s)
 {
-    pma_energy_conserve(s->energy, weight);
-}
-
-size_t pma_subdomain_works(const pma_subdomain *s)
-{
-    return s->energy ? pma_energy_size(s->energy) : 0;
-}
-
-bool pma_subdomain_keep_works(const pma_subdomain *s, double *out)
-{
-    return pma_energy_keep(s->energy, out);
-}
-
-void pma_subdomain_resume_works(pma_subdomain *s, const double *in)
-{
-    pma_energy_resume(s->energy, in);
+    return s->energy;
 }
 
 pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from)
@@ -210,11 +195,6 @@ void pma_subdomain_end_energy(pma_subdomain *s)
     pma_energy_destroy(s->energy);
     s->energy = NULL;
     s->is_observed = s->balance != NULL;
-}
-
-bool pma_subdomain_has_energy(const pma_subdomain *s)
-{
-    return s->energy;
 }
 
 /* ---- hooks of a step ----------------------------------------------------------------------- */

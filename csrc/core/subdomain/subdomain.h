@@ -183,22 +183,16 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t);
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
                                       const double *load, const double *lam,
                                       const double *functions);
-/* (M9)  From here on the energies have the share in E*, with this multiple of K beside M. */
-void pma_subdomain_conserve(pma_subdomain *s, double weight);
+/* NULL where no works are summed up. */
+pma_energy *pma_subdomain_energy(const pma_subdomain *s);
 /* The works of `from` go on in s, whose present is the same for other steps; nothing if there are
  * none. Allocates. */
 pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from);
-/* What works go on with when they are begun at the same present again: the number of its numbers, 0
- * without energy; are they known? */
-size_t pma_subdomain_works(const pma_subdomain *s);
-bool pma_subdomain_keep_works(const pma_subdomain *s, double *out);
-void pma_subdomain_resume_works(pma_subdomain *s, const double *in);
 /* What its restoring functions gave at the present, after this number of macro steps: forces, and
  * loads that these contain (2 n). NULL where there are none, or it is not known: writing the state
  * takes it away, after which it may be set. */
 const double *pma_subdomain_functions(const pma_subdomain *s, int64_t steps);
 void pma_subdomain_set_functions(pma_subdomain *s, int64_t steps, const double *functions);
 void pma_subdomain_end_energy(pma_subdomain *s); /* NULL and one without energy are allowed */
-bool pma_subdomain_has_energy(const pma_subdomain *s);
 
 #endif
