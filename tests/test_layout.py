@@ -147,14 +147,14 @@ import numpy
 import pmalpha.plot
 from .. import _core
 from ..errors import PmalphaError
-from . import initial, motion
+from . import motion, session
 def f():
     from .coupler import Coupler
 if TYPE_CHECKING:
     from ..plot.histories import time_histories
 """
     found = imports_in(statements_of(source), Path("pmalpha/run/new.py"))
-    names = "_core errors plot plot.histories run.coupler run.initial run.motion"
+    names = "_core errors plot plot.histories run.coupler run.motion run.session"
     assert found == {f"pmalpha.{name}" for name in names.split()}
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import scipy
 import scipy.sparse as sp
 
 import pmalpha._core as _core
@@ -261,3 +262,71 @@ def _nested_dissection(graph: Graph) -> np.ndarray | None:
     options = pymetis.Options(seed=1, numbering=0)  # the same order in every run
     order, _ = pymetis.nested_dissection(adjacency, options=options)
     return np.array(order, dtype=np.int64)
+
+
+# ---- factors of SuperLU -------------------------------------------------------------------------
+
+# A structure is floating when its stiffness for some motion is below the rounding of its entries,
+# relative to the diagonal, which makes the test independent of scaling and units.
+FLOATING = 64.0 * np.finfo(float).eps
+# Up to this number of entries the order of SuperLU is found faster than one that fills less.
+ORDERED = 10_000
+
+# S^-1 b for b of shape (n,) or (n, k).
+Solve: TypeAlias = Callable[[np.ndarray], np.ndarray]
+
+
+def positive_definite(S: sp.csc_array | np.ndarray) -> Solve:
+    """Solves with S, pivots on the diagonal; LinAlgError if one is not positive."""
+    from scipy.sparse.linalg import splu
+
+    if isinstance(S, np.ndarray):
+        factor = scipy.linalg.cho_factor(S, lower=True, check_finite=False)
+        return lambda b: scipy.linalg.cho_solve(factor, b, check_finite=False)
+    ordered: Any = S
+    n = S.shape[0]
+    order, by = np.arange(n), "MMD_AT_PLUS_A"
+    if ordered.nnz > ORDERED:
+        graph, none = graph_of([sp.csr_array(S)]), np.empty(0, dtype=np.int64)
+        order, by = elimination_order(n, graph, none), "NATURAL"
+        ordered = sp.csc_array(sp.csr_array(S)[order][:, order])
+    try:
+        lu = splu(ordered, by, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:  # exactly singular
+        raise np.linalg.LinAlgError(str(error)) from error
+    if not (np.all(lu.U.diagonal() > 0.0) and np.array_equal(lu.perm_r, lu.perm_c)):
+        raise np.linalg.LinAlgError("a pivot is not positive")
+
+    def solve(b: np.ndarray) -> np.ndarray:
+        x = np.empty_like(b)
+        x[order] = lu.solve(b[order])
+        return x
+
+    return solve
+
+
+def scale_to_one(K: sp.csc_array) -> sp.dia_array:
+    """Scales the diagonal to about one, by powers of two, so that units have no effect."""
+    return sp.diags_array(scales_to_one(K.diagonal()))
+
+
+def scales_to_one(diagonal: np.ndarray) -> np.ndarray:
+    """The factors of rows and columns in that, (n,)."""
+    d = np.where(diagonal == 0.0, 1.0, np.abs(diagonal))
+    return 2.0 ** np.round(-0.5 * np.log2(d))
+
+
+def softest(G: sp.csc_array | np.ndarray, solve: Solve | None = None) -> float:
+    """The smallest eigenvalue of G, approximately, or zero when a pivot is not positive."""
+    if solve is None:
+        try:
+            solve = positive_definite(G)
+        except np.linalg.LinAlgError:
+            return 0.0
+    x = np.cos(np.arange(G.shape[0]))
+    for _ in range(4):
+        x = solve(x / np.abs(x).max())
+        if not np.isfinite(x).all():
+            return 0.0
+    x /= np.abs(x).max()
+    return float(x @ (G @ x) / (x @ x))

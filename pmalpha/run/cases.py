@@ -30,8 +30,7 @@ from ..results.recording import Recording, Wanted
 from ..setup.member import Member
 from ..setup.rows import ConstraintRows
 from ..setup.start import InitialAccelerations
-from .initial import InitialValues, StartValues, consistent_in_lanes
-from .loads import taken_from_start
+from .loads import InitialValues, StartValues, consistent_in_lanes, taken_from_start
 from .motion import Motion, all_known
 from .progress import INTERVAL, DeferredSignals, Report, reporting
 from .recorded_run import recorded, recording_of

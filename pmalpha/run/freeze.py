@@ -21,7 +21,7 @@ from ..setup.start import InitialAccelerations
 from . import works
 from .checkpoint import CoreState
 from .checkpoint import restore as restore_state
-from .initial import AtStart
+from .loads import AtStart
 from .motion import Motion, values_at_start
 from .session import Session, begin, require_alone, require_possible
 

@@ -48,8 +48,7 @@ from ..setup.schedule import (
     two_sided_and_contacts,
 )
 from ..setup.start import InitialAccelerations
-from .initial import InitialValues
-from .loads import Loads, warn_of_skipped
+from .loads import InitialValues, Loads, warn_of_skipped
 from .motion import Motion, Obstacles, motions_of
 from .transfer import Steps
 from .works import Works

@@ -15,8 +15,7 @@ from . import checkpoint, works
 from .advance import steps_facts, steps_of
 from .checkpoint import CoreState
 from .checkpoint import restore as restore_state
-from .initial import InitialValues
-from .loads import Loads
+from .loads import InitialValues, Loads
 from .session import Session, begin, check_call, take, together
 from .transfer import Steps
 from .works import Works

@@ -19,7 +19,7 @@ from ..problem.forms import Newton
 from ..problem.matrices import Matrix, combination, product, sparse
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import SYMMETRY
-from ..reduction.modes import FLOATING, scale_to_one, softest
+from ..reduction.ordering import FLOATING, scale_to_one, softest
 from .internal_forces import InternalForces, internal_at, matrix_of_springs, springs_at
 from .ranks import Ranks, joined
 

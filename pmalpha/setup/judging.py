@@ -42,8 +42,7 @@ from ..problem.matrices import (
 )
 from ..problem.restoring import items_of
 from ..problem.subdomain import Subdomain, dense_whole
-from ..reduction.modes import FLOATING, scales_to_one, softest
-from ..reduction.ordering import has_nested_dissection
+from ..reduction.ordering import FLOATING, has_nested_dissection, scales_to_one, softest
 from .amplification import (
     GROWS,
     cheap_radius,
