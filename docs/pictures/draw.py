@@ -259,6 +259,31 @@ def _draw_sample(ax, k):
     ax.annotate("", (k - 0.02, -0.56), (k - 0.98, -0.56), arrowprops=step)
 
 
+def draw_steps(figure):
+    """Two macro steps of two subdomains, and what their steps are called."""
+    ax = figure.subplots()
+    ax.set(xlim=(-2.1, 12.2), ylim=(-0.75, 2.2))
+    ax.axis("off")
+    for y, lane, count in ((1.0, "frame", 4), (0.0, "device", 12)):
+        _label(ax, -2.1, y, lane)
+        ax.plot([0, 12], [y, y], color="k", linestyle="-", linewidth=0.8)
+        ax.plot(np.linspace(0, 12, count + 1), np.full(count + 1, y), "ko", markersize=4)
+    for k, name in enumerate((r"$t_n$", r"$t_{n+1}$", r"$t_{n+2}$")):
+        ax.plot([6 * k] * 2, [-0.15, 1.75], color="0.7", linewidth=0.8, linestyle=":")
+        _label(ax, 6 * k - 0.15, -0.7, name)
+    arrow = {"arrowstyle": "<->", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    for x, width, y, text in (
+        (0, 6, 1.65, r"macro step, $dt$"),
+        (6, 3, 1.22, r"substep of the frame, $dt / 2$"),
+        (0, 1, 0.22, r"substep of the device, $dt / 6$: the fine step"),
+    ):
+        ax.annotate("", (x + width, y), (x, y), arrowprops=arrow)
+        if width > 1:
+            ax.text(x + width / 2, y + 0.1, text, fontsize=9, ha="center")
+        else:
+            ax.text(x, y + 0.1, text, fontsize=9)
+
+
 # For each lane: fine steps in a substep.
 LANES = {"fine": 1, "coarse": 3}
 
@@ -307,6 +332,7 @@ DRAWN = {
     "uses-column": (draw_uses, (3.2, 7.6)),
     "first-example": (draw_first_example, (8.0, 3.4)),
     "diverges": (draw_diverges, (8.0, 2.6)),
+    "steps": (draw_steps, (8.0, 1.9)),
     "target": (draw_target, (8.0, 2.4)),
     "lead": (draw_lead, (8.0, 1.8)),
     "budget": (draw_budget, (8.0, 2.8)),
