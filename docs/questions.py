@@ -23,8 +23,8 @@ QUESTIONS = {
     "ParaView": "model",
     "progress bar": "runs",
     "stop when": "runs",
-    "actuator delay": "rig",
-    "real time": "rig",
+    "actuator delay": "actuators",
+    "real time": "laboratory",
     "scikit-fem": "other-programs",
 }
 
