@@ -26,6 +26,10 @@ QUESTIONS = {
     "actuator delay": "actuators",
     "real time": "laboratory",
     "scikit-fem": "other-programs",
+    "energy": "runs",
+    "MPI": "many",
+    "response spectrum": "model",
+    "moving load": "moving",
 }
 
 

@@ -177,9 +177,11 @@ class Record(Frozen):
 
         Returns
         -------
-        velocity, displacement : Record
+        velocity : Record
             Exact for an acceleration that is linear between its samples, at the same times; in the
-            unit of the samples times that of t, and of t squared.
+            unit of the samples times that of t.
+        displacement : Record
+            The same, times the unit of t squared.
 
         Examples
         --------
