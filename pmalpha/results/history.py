@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike
 from .._checks import counted
 from .._rooms import outer
 from ..problem.subdomain import Subdomain
-from . import not_recorded
 from .contact import Contacts, Recorded, contact_fields, recorded_contacts
 from .conversion import dataset, frames, history_html
 from .energy import Energy
 from .history_file import check_mapping
 from .pacing import Pacing
-from .quantities import joined, position
+from .quantities import NO_ENERGY, NO_PACING, joined, position
 from .stored import stored_fields, write_history
 from .subdomain import SubdomainHistory
 from .times import Instant, Peak, at, peak, resampled
@@ -90,9 +89,9 @@ class History:
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
     # not | None: a checker would want a test at each use of what was requested
-    energy: Energy | Any = not_recorded.ENERGY
+    energy: Energy | Any = NO_ENERGY
     substeps: np.ndarray | Any = None
-    pacing: Pacing | Any = not_recorded.PACING
+    pacing: Pacing | Any = NO_PACING
     coupling: str | None = None
     warnings: tuple[str, ...] = ()
     dt: float | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from ..problem.dofs import dof_list, names_at
 from ..problem.restoring import devices_of
 from ..problem.subdomain import Subdomain
 from ..setup.member import Member
-from . import not_recorded
 
 # The times of rows, by their axis; under "mean", whose interface problems are those of macro steps,
 # the fine steps are the macro steps.
@@ -345,7 +344,7 @@ def stacked(pieces: Sequence[Any]) -> Any:
         for s, *motions in zip(history.subdomains, *(piece.subdomains for piece in pieces))
     ]
     dt = history.dt if len({piece.dt for piece in pieces}) == 1 else None
-    return replace(history, subdomains=tuple(subdomains), dt=dt, energy=not_recorded.ENERGY)
+    return replace(history, subdomains=tuple(subdomains), dt=dt, energy=NO_ENERGY)
 
 
 def with_rows_of_all(change: Callable[..., np.ndarray], *pieces: Any) -> Any:
@@ -512,3 +511,44 @@ class CoreRecord(NamedTuple):
     def interface(self) -> tuple[np.ndarray, ...]:
         """The arrays with a column for each constraint."""
         return tuple(getattr(self, name) for name in OF_CONSTRAINTS)
+
+
+# ---- what was not recorded ----------------------------------------------------------------------
+
+
+class NotRecorded:
+    """False in ``if``; its attributes are an AttributeError that names the call that records them.
+
+    Attributes
+    ----------
+    what, call : str
+    """
+
+    what: str
+    call: str
+
+    def __init__(self, what: str, call: str):
+        self.what, self.call = what, call
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __eq__(self, other: Any) -> bool:
+        return isinstance(other, NotRecorded) and self.what == other.what
+
+    def __hash__(self) -> int:
+        return hash(self.what)
+
+    def __repr__(self) -> str:
+        return f"<no {self.what}: {self.call} records it>"
+
+    def __getattr__(self, name: str) -> NoReturn:
+        if name in ("what", "call"):  # of an object that is being copied
+            raise AttributeError(name)
+        raise AttributeError(
+            f"{self.what} was not recorded, so that it has no {name!r}: {self.call} records it"
+        )
+
+
+NO_ENERGY = NotRecorded("energy", "Coupler.run(..., energy=True)")
+NO_PACING = NotRecorded("pacing", "Coupler.run_paced(...)")

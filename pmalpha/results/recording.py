@@ -21,7 +21,6 @@ from ..problem.restoring import devices_of
 from ..problem.subdomain import Subdomain
 from ..setup.member import Member
 from ..setup.rows import CoreRows
-from . import not_recorded
 from .contact import layouts
 from .energy import ENERGIES, ENERGY_FIELDS, Energy, Loads, added, balanced, check_ground
 from .history import History, SubdomainHistory
@@ -29,6 +28,7 @@ from .history_file import HistoryFile, output_array, row_count
 from .outputs import Outputs, chosen_outputs
 from .quantities import (
     IN_SUBDOMAIN,
+    NO_ENERGY,
     OF_CONSTRAINTS,
     OF_INTERFACE,
     OF_SUBDOMAIN,
@@ -379,7 +379,7 @@ class Recording:
             subdomains=tuple(subdomains),
             **filled,
             keys=of.keys,
-            energy=self._energy_history(rows[1], end) if of.has_energy else not_recorded.ENERGY,
+            energy=self._energy_history(rows[1], end) if of.has_energy else NO_ENERGY,
             contact_layout=() if of.contacts is None else layouts(of.contacts),
             coupling=self.coupling,
             dt=self.clock.dt,

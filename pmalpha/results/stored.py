@@ -24,7 +24,7 @@ from ..files import (
     reading,
     write_npz,
 )
-from . import history_file, not_recorded
+from . import history_file
 from .array_file import hdf5_library
 from .contact import Recorded
 from .energy import ENERGY_FIELDS, OPTIONAL, Energy
@@ -36,7 +36,7 @@ from .history_file import (
     row_count,
     whole_numbers,
 )
-from .quantities import IN_SUBDOMAIN, OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
+from .quantities import IN_SUBDOMAIN, NO_ENERGY, OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
 # Number of differences of two problems that an error lists.
 SHOWN = 6
@@ -127,7 +127,7 @@ def fields_of(
                 **_read(kind, OF_SUBDOMAIN, arrays, f"{i}."),
             )
         interface = _read(history, OF_INTERFACE, arrays)
-        energy: Any = not_recorded.ENERGY
+        energy: Any = NO_ENERGY
         if any(key.startswith("energy.") for key in arrays):
             energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
             extras: dict[str, Any] = {x: arrays.get(f"energy.{x}") for x in OPTIONAL}

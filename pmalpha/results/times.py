@@ -12,8 +12,7 @@ from scipy.sparse import issparse
 from .._checks import MOST, counted, listing, plain_array, real_array, real_number, whole_number
 from .._core import step_errors
 from ..problem.dofs import NodeNames, dof_list
-from . import not_recorded
-from .quantities import growing, position, table_of, times_of
+from .quantities import NO_ENERGY, growing, position, table_of, times_of
 
 # ---- dof motion ---------------------------------------------------------------------------------
 # The motion of dofs by name, and of all dofs at one time.
@@ -412,7 +411,7 @@ def resampled(history: Any, times: Any) -> Any:
         for name, x in growing(history).items()
     }
     fields |= dict(multiplier_times=times, macro_times=times, dt=None)
-    fields |= dict(energy=not_recorded.ENERGY)
+    fields |= dict(energy=NO_ENERGY)
     return replace(
         history, subdomains=tuple(s and resampled_one(s, t) for s in history.subdomains), **fields
     )
