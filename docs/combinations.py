@@ -128,13 +128,25 @@ def tried(choices, coupling, act, count=2):
     try:
         coupler = problem.couple(threads=1)
         with tempfile.TemporaryDirectory() as folder:
-            act(coupler, Path(folder))
+            act(problem if act is shared else coupler, Path(folder))
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         if not last.filename.startswith(str(Path(pm.__file__).parent)):
             raise
         return error
     return None
+
+
+def shared(problem, folder):
+    """A coupler of one process of several, with constraints by name as each of these has them."""
+    from mpi4py import MPI
+    from rank_bitwise import by_name
+
+    ties = problem.space["ties"]
+    if all(isinstance(tie, pm.Constraint) for tie in ties):
+        ties = by_name(ties)
+    coupler = pm.Coupler(problem.space["parts"], ties, comm=MPI.COMM_SELF, **problem.options())
+    coupler.run(steps=2)
 
 
 def run(coupler, folder):
@@ -177,10 +189,10 @@ def page():
         refused = {c: tried([at(name, 0)], c, run) for c in COUPLINGS}
         possible[name] = [c for c in COUPLINGS if refused[c] is None]
         coupled.append([words, *("yes" if e is None else notes(e) for e in refused.values())])
-    uses = []
+    uses, verbs = [], VERBS | {"`comm=`": shared}
     for words, name in SHOWN.items():
         among = possible[name] or COUPLINGS
-        cells = (cell(notes, [at(name, 0)], act, 2, among) for act in VERBS.values())
+        cells = (cell(notes, [at(name, 0)], act, 2, among) for act in verbs.values())
         uses.append([words, *cells])
     names = list(SHOWN.values())
     met = {}
@@ -203,7 +215,7 @@ couplings where both are possible, or under those that follow. Numbers: the word
 
 Of couplers with one of these features, under the couplings that take it.
 
-{table(list(VERBS), uses)}
+{table(list(verbs), uses)}
 
 ## Features with each other
 

@@ -229,9 +229,9 @@ FINER = 16
 @relation
 def budget_of_steps(r):
     """The total of an error budget is near the error where the steps resolve the motion."""
-    problem, end = resolved(r.problem), STEPS * r.coupler.dt
-    s = problem.couple().subdomains[0].name
-    found = problem.couple().error_budget(pm.Goal(s, 0, at=4 * end), 4 * end)
+    coupler = (problem := resolved(r.problem)).couple()
+    s, end = coupler.subdomains[0].name, STEPS * coupler.dt
+    found = coupler.error_budget(pm.Goal(s, 0, at=4 * end), 4 * end)
     error = finer(problem, 4 * STEPS)[s].u[-1, 0] - found.value
     assert abs(error - found.total) <= 0.5 * found.bound + 1e-9, (
         f"error budget: {found.total:.3g} of {found.bound:.3g}, the error is {error:.3g}"

@@ -89,7 +89,9 @@ class Run:
                 off = float(np.max(np.abs(other[key] - x), initial=0.0)) / SHIFT
                 factors[key[0]] = max(factors[key[0]], off)
         h = TIME_STEP / max(self.problem.sketch.fine, 1)
-        sizes["v"] = max(sizes["v"], sizes["u"])
+        # masses are near 1; where all is held, the motion is rounding of the forces
+        sizes["u"] = max(sizes["u"], h**2 * sizes["multipliers"])
+        sizes["v"] = max(sizes["v"], sizes["u"], h * sizes["multipliers"])
         sizes["a"] = max(sizes["a"], sizes["v"] / h)
         force = max(sizes["a"] * 3.0, sizes["multipliers"])
         sizes["multipliers"] = sizes["impulse"] = sizes["force"] = force

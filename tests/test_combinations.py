@@ -28,7 +28,7 @@ MET = [
     ("controller", "iterated bilinear springs", "macro"),
     ("iterated bilinear springs", "plain start", "double steps", "pm"),
 ]
-ROWS = (*combinations.SCHEMES, *combinations.REFUSALS)
+ROWS = (*combinations.SCHEMES[1:], *combinations.REFUSALS)  # the first: of several processes
 PAIRS = list(zip(ROWS, MET, strict=True))
 # What has the feature of a row of `CALLS`, with the coupling where it is not "gc".
 WITH = {
@@ -120,7 +120,14 @@ def test_a_row_is_refused_in_its_words_and_each_of_its_features_alone_is_not(ref
             Problem(22, 3, (choice,)).couple()
 
 
+def test_a_scheme_of_two_stages_is_refused_in_several_processes_in_the_process_that_has_it():
+    s = pm.Subdomain([1.0], [1.0], scheme=pm.Bathe(), substeps=2)
+    combinations.require_schemes([combinations.Placed("a", s, "gc")])
+    with pytest.raises(ValueError, match="^comm needs a scheme of one stage, got Bathe"):
+        combinations.require_schemes([combinations.Placed("a", s, "gc", is_shared=True)])
+
+
 def test_each_feature_of_the_table_is_in_a_row_and_all_that_is_met_can_be_drawn():
-    used = {name for refusal in ROWS for name in refusal[:2]}
+    used = {name for refusal in (combinations.SCHEMES[0], *ROWS) for name in refusal[:2]}
     assert used | {feature for _, feature, _ in combinations.CALLS} == set(combinations.FEATURES)
     assert {x if isinstance(x, str) else x[0] for met in MET for x in met} <= set(FEATURES)

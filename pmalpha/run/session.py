@@ -166,6 +166,10 @@ def checked_problem(
         require_equal_problems(ranks, groups, options.facts)
     keys = tuple(zip(names[slice(None) if ranks is None else ranks.part], subdomains))
     substeps = tuple(s.substeps for s in everything)
+    require_schemes(
+        Placed(*key, options.coupling, is_shared=ranks is not None)
+        for key in zip(names, everything)
+    )
     layout = layout_of(everything, options.coupling, options.dt, substeps)
     check_delays(keys, clock_of(layout).dt)
     return Problem(
@@ -273,7 +277,6 @@ def layout_of(
     everything: Sequence[Any], coupling: str, dt: float, substeps: tuple[int, ...]
 ) -> Layout:
     """The lengths of all steps; ValueError for numbers of substeps that do not fit."""
-    require_schemes(Placed(*key, coupling) for key in zip(names_of(everything), everything))
     finest(substeps, coupling)
     doubles = double_steps(everything, coupling, substeps)
     return Layout(dt, substeps, doubles, staged=stages(everything, substeps))

@@ -31,6 +31,7 @@ class Placed(NamedTuple):
     touches: bool = False  # a contact has rows on it
     beside_contact: bool = False  # a contact is in the coupler
     moved: bool = False  # a constraint of the coupler has a velocity
+    is_shared: bool = False  # by several processes
 
 
 class Refusal(NamedTuple):
@@ -67,6 +68,7 @@ FEATURES: dict[str, Feature] = {
     "other scheme": lambda x: not x.s.scheme.is_generalized_alpha,
     "scheme of two stages": lambda x: x.s.scheme.is_of_two_stages,
     'other than "gc"': lambda x: x.coupling != "gc",
+    "comm": lambda x: x.is_shared,
     "double_step=True": lambda x: bool(x.s.double_step),
     '"pm"': lambda x: x.coupling == "pm",
     "double steps": lambda x: x.double,
@@ -86,6 +88,7 @@ OF_FAMILY = "needs a scheme of the generalized-alpha family, got {scheme!r} of {
 OF_ONE_STAGE = "needs a scheme of one stage, got {scheme!r} of {name!r}"
 
 SCHEMES = (
+    Refusal("comm", "scheme of two stages", "comm " + OF_ONE_STAGE),
     Refusal('other than "gc"', "other scheme", 'coupling="{coupling}" ' + OF_FAMILY),
     Refusal("double_step=True", "other scheme", "double_step=True " + OF_FAMILY),
     Refusal("restoring forces", "scheme of two stages", "restoring= " + OF_ONE_STAGE),

@@ -62,8 +62,6 @@ def _check_staged(s: Subdomain, name: str, count: int, fine: int) -> None:
             f"substeps of {name!r} with {s.scheme!r} must be the largest of all, {fine}, since "
             f"all others are tied at the ends of its stages, got {count}"
         )
-    if not isinstance(s, Subdomain):
-        raise ValueError(f"comm needs schemes of one stage, got {s.scheme!r} of {name!r}")
 
 
 def double_steps(
