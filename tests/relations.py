@@ -40,10 +40,6 @@ def relation(function):
     return function
 
 
-class Refusal(Exception):
-    """A refusal by name."""
-
-
 # ---- runs and their comparison ------------------------------------------------------------------
 
 
@@ -137,11 +133,6 @@ def require_equal(words, one, two, bounds=None):
             f"{y[place]!r} instead of {x[place]!r}: {off[place]:.2g} apart, {bound:.2g} allowed, "
             f"largest number {np.nanmax(np.abs(x)):.2g}"
         )
-
-
-def rows_of(results, first, last=None):
-    """Results of the rows from `first` on: by quantity the share of the run after it."""
-    return {key: x[first:last] for key, x in results.items()}
 
 
 def states(coupler):
