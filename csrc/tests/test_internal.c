@@ -86,11 +86,18 @@ static void set_up(bench *b)
         b->scratch[i] = i < pma_internal_scratch(&b->internal) ? (double)NAN : 7.0;
 }
 
+static pma_status evaluate_with(bench *b, double *q1, double *tangent, double *stiffness, int *code)
+{
+    const pma_internal_point at = {.t = 0.25, .u = b->u, .v = b->v, .q = b->q};
+    const pma_internal_values out = {
+        .f = b->f, .q1 = q1, .al1 = 2.0, .al2 = 0.125, .tangent = tangent, .stiffness = stiffness};
+    return pma_internal_evaluate(&b->internal, &at, &out, b->scratch, code);
+}
+
 /* Nothing is written beyond the scratch. */
 static pma_status evaluate(bench *b, double *q1, double *tangent, int *code)
 {
-    const pma_status status = pma_internal_evaluate(&b->internal, 0.25, b->u, b->v, b->q, b->f, q1,
-                                                    2.0, 0.125, tangent, NULL, b->scratch, code);
+    const pma_status status = evaluate_with(b, q1, tangent, NULL, code);
     for (size_t i = pma_internal_scratch(&b->internal); i < 64; i++)
         CHECK(b->scratch[i] == 7.0);
     return status;
@@ -130,9 +137,7 @@ static void the_stiffness_is_added_by_itself_too(void)
     int code;
     double stiffness[6] = {1.0};
     set_up(&b);
-    CHECK_STATUS(pma_internal_evaluate(&b.internal, 0.25, b.u, b.v, b.q, b.f, b.q1, 2.0, 0.125,
-                                       b.tangent, stiffness, b.scratch, &code),
-                 PMA_OK);
+    CHECK_STATUS(evaluate_with(&b, b.q1, b.tangent, stiffness, &code), PMA_OK);
     CHECK_BITS(6, stiffness, ((double[]){2, 2, 6, 0, 0, 4})); /* K = i + 1, the first one added */
     CHECK_BITS(6, b.tangent, ((double[]){15, 29.5, 87.5, 0.5, 0.5, 58.5}));
 }
@@ -171,9 +176,9 @@ static void where_there_is_no_function_nothing_is_needed(void)
     int code = 3;
     CHECK_STATUS(pma_internal_check(&none, 0), PMA_OK);
     CHECK_INT(pma_internal_scratch(&none), 0);
-    CHECK_STATUS(
-        pma_internal_evaluate(&none, 0.0, f, f, NULL, f, NULL, 1.0, 1.0, NULL, NULL, NULL, &code),
-        PMA_OK);
+    const pma_internal_point at = {.u = f, .v = f};
+    const pma_internal_values out = {.f = f};
+    CHECK_STATUS(pma_internal_evaluate(&none, &at, &out, NULL, &code), PMA_OK);
     CHECK_BITS(N, f, ((double[]){1, 2, 3}));
 }
 

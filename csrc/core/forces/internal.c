@@ -53,11 +53,10 @@ static bool is_symmetric(const pma_internal_force *force, const double *tangent)
     return skew <= SYMMETRY * largest;
 }
 
-pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
-                                 const double *v, const double *q, double *f, double *q1,
-                                 double al1, double al2, double *tangent, double *stiffness,
-                                 double *scratch, int *code)
+pma_status pma_internal_evaluate(const pma_internal *internal, const pma_internal_point *x,
+                                 const pma_internal_values *out, double *scratch, int *code)
 {
+    double *const tangent = out->tangent, *const stiffness = out->stiffness;
     const size_t n = internal->n, entries = internal->count > 0 ? most_entries(internal) : 0;
     double *own_u = scratch, *own_v = own_u + n, *own_f = own_v + n;
     double *K = own_f + n, *C = K + entries, *own_q = C + entries;
@@ -66,29 +65,29 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
     for (size_t k = 0; k < internal->count; k++) {
         const pma_internal_force *force = &internal->forces[k];
         for (size_t i = 0; i < n; i++) {
-            own_u[internal->order[i]] = u[i];
-            own_v[internal->order[i]] = v[i];
+            own_u[internal->order[i]] = x->u[i];
+            own_v[internal->order[i]] = x->v[i];
         }
-        memset(own_f, 0, n * sizeof *f);
+        memset(own_f, 0, n * sizeof(double));
         memset(K, 0, 2 * entries * sizeof *K);
-        memcpy(own_q + at, q + at, force->history * sizeof *q);
-        memcpy(own_q1 + at, q + at, force->history * sizeof *q);
-        *code = force->function(t, (intptr_t)n, own_u, own_v, own_q + at, own_f, tangent ? K : NULL,
-                                tangent ? C : NULL, own_q1 + at, force->user);
+        memcpy(own_q + at, x->q + at, force->history * sizeof(double));
+        memcpy(own_q1 + at, x->q + at, force->history * sizeof(double));
+        *code = force->function(x->t, (intptr_t)n, own_u, own_v, own_q + at, own_f,
+                                tangent ? K : NULL, tangent ? C : NULL, own_q1 + at, force->user);
         if (*code != 0)
             return PMA_INTERNAL_FAILED;
         if (tangent && !(is_symmetric(force, K) && is_symmetric(force, C)))
             return PMA_UNSYMMETRIC;
         for (size_t i = 0; i < n; i++)
-            f[i] += own_f[internal->order[i]];
+            out->f[i] += own_f[internal->order[i]];
         for (size_t i = 0; tangent && i < force->entries; i++)
-            tangent[force->where[i]] += al1 * K[i] + al2 * C[i];
+            tangent[force->where[i]] += out->al1 * K[i] + out->al2 * C[i];
         for (size_t i = 0; tangent && stiffness && i < force->entries; i++)
             stiffness[force->where[i]] += K[i];
         at += force->history;
     }
     if (internal->count > 0)
-        memcpy(q1, own_q1, internal->history * sizeof *q1);
+        memcpy(out->q1, own_q1, internal->history * sizeof(double));
     return PMA_OK;
 }
 

@@ -47,15 +47,24 @@ pma_status pma_internal_check(const pma_internal *internal, size_t entries);
 /* Doubles of scratch of pma_internal_evaluate. */
 size_t pma_internal_scratch(const pma_internal *internal);
 
-/* f (n) += f(t, u, v; q) in elimination order, q1 := the histories at the end; where `tangent` (of
- * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv, and where `stiffness`
- * is not NULL either, stiffness += df/du in the same pattern. q1 may be q.
- * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC
+/* Where they are evaluated: u and v (n) in elimination order, the histories q. */
+typedef struct {
+    double t;
+    const double *u, *v, *q;
+} pma_internal_point;
+
+/* f (n) += f(t, u, v; q), q1 := the histories at the end, which may be q; where `tangent` (of the
+ * entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv, and where `stiffness` is
+ * not NULL either, stiffness += df/du in the same pattern. */
+typedef struct {
+    double *f, *q1;
+    double al1, al2, *tangent, *stiffness;
+} pma_internal_values;
+
+/* PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC
  * for a tangent that should be symmetric. Does not allocate. */
-pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
-                                 const double *v, const double *q, double *f, double *q1,
-                                 double al1, double al2, double *tangent, double *stiffness,
-                                 double *scratch, int *code);
+pma_status pma_internal_evaluate(const pma_internal *internal, const pma_internal_point *at,
+                                 const pma_internal_values *out, double *scratch, int *code);
 
 /* *energy := the sum of the potentials of those that have one, at u (n). As above. */
 pma_status pma_internal_potential(const pma_internal *internal, const double *u, double *energy,

@@ -182,9 +182,14 @@ static pma_status evaluate_forces(pma_iterate *it, const double *u, const double
     memset(it->force, 0, p->n * sizeof(double));
     if (tangent && p->internal.count > 0)
         memset(it->stiffness, 0, pma_iterate_entries(it) * sizeof(double));
-    PMA_TRY(pma_internal_evaluate(&p->internal, it->step.t1, u, v, it->history_n, it->force,
-                                  x->history, op->step.al1, op->step.al2, tangent, it->stiffness,
-                                  it->scratch, &s->code));
+    const pma_internal_point at = {.t = it->step.t1, .u = u, .v = v, .q = it->history_n};
+    const pma_internal_values out = {.f = it->force,
+                                     .q1 = x->history,
+                                     .al1 = op->step.al1,
+                                     .al2 = op->step.al2,
+                                     .tangent = tangent,
+                                     .stiffness = it->stiffness};
+    PMA_TRY(pma_internal_evaluate(&p->internal, &at, &out, it->scratch, &s->code));
     if (it->parts.springs) {
         pma_springs_subtract(&p->springs, u, v, it->springs_n, x->springs, it->f);
         if (tangent)

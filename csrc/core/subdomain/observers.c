@@ -130,9 +130,10 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     if (!after)
         return PMA_NO_MEMORY;
     memset(f, 0, s->parts.n * sizeof *f);
+    const pma_internal_point at = {.t = t, .u = x->u, .v = x->v, .q = x->history};
+    const pma_internal_values out = {.f = f, .q1 = after};
     pma_status status =
-        pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0, 0.0, NULL, NULL,
-                              s->internal->force + s->parts.n, &s->code);
+        pma_internal_evaluate(internal, &at, &out, s->internal->force + s->parts.n, &s->code);
     pma_memory_release(after);
     return status == PMA_OK ? evaluate_potential(s, x->u) : status;
 }

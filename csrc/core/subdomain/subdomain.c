@@ -509,9 +509,14 @@ static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u
     if (!f)
         return PMA_NO_MEMORY;
     double *K = f + s->parts.n;
-    const pma_status status = pma_internal_evaluate(
-        internal, t, u, v, internal->initial, f, s->internal->history, 1.0, 0.0,
-        bends ? K + entries : NULL, bends ? K : NULL, s->internal->force + s->parts.n, &s->code);
+    const pma_internal_point at = {.t = t, .u = u, .v = v, .q = internal->initial};
+    const pma_internal_values out = {.f = f,
+                                     .q1 = s->internal->history,
+                                     .al1 = 1.0,
+                                     .tangent = bends ? K + entries : NULL,
+                                     .stiffness = bends ? K : NULL};
+    const pma_status status =
+        pma_internal_evaluate(internal, &at, &out, s->internal->force + s->parts.n, &s->code);
     for (size_t i = 0; i < s->parts.n && status == PMA_OK; i++)
         r[i] += f[i];
     if (s->balance && status == PMA_OK) {

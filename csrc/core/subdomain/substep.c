@@ -68,9 +68,9 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
     const pma_parts *p = &s->parts;
     double *f = s->internal->force;
     memset(f, 0, p->n * sizeof(double));
-    pma_status status =
-        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, f, to->history, 0.0,
-                              0.0, NULL, NULL, f + p->n, &s->code);
+    const pma_internal_point at = {.t = t1, .u = to->u, .v = s->vs, .q = from->history};
+    const pma_internal_values out = {.f = f, .q1 = to->history};
+    pma_status status = pma_internal_evaluate(&p->internal, &at, &out, f + p->n, &s->code);
     for (size_t i = 0; i < p->n; i++)
         to->w[i] -= f[i];
     for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)

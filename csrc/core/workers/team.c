@@ -46,10 +46,11 @@ typedef struct {
 
 struct pma_team {
     size_t workers;
-    size_t made;  /* seats with a thread, from worker 1 on */
-    long process; /* in which they live */
-    bool alone;   /* the caller does all itself */
-    seat *seats;  /* of worker 1, 2, ... */
+    size_t made;      /* seats with a thread, from worker 1 on */
+    long process;     /* in which they live */
+    uintptr_t caller; /* the thread that is worker 0 since it has gathered them */
+    bool alone;       /* the caller does all itself */
+    seat *seats;      /* of worker 1, 2, ... */
 };
 
 pma_status pma_team_create(size_t workers, pma_team **out)
@@ -172,6 +173,7 @@ static bool make_thread(seat *s, size_t worker)
 
 pma_status pma_team_gather(pma_team *t)
 {
+    t->caller = pma_thread_number();
     if (t->made > 0 && t->process == pma_thread_process())
         return PMA_OK;
     t->made = 0;
@@ -186,8 +188,10 @@ pma_status pma_team_gather(pma_team *t)
 
 void pma_team_destroy(pma_team *t)
 {
-    if (t)
+    if (t) {
+        t->caller = pma_thread_number();
         dismiss(t);
+    }
     pma_memory_release(t);
 }
 
@@ -205,7 +209,7 @@ bool pma_team_is_alone(const pma_team *t)
 
 void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 {
-    assert(worker >= 1 && worker <= t->made);
+    assert(worker >= 1 && worker <= t->made && t->caller == pma_thread_number());
     seat *s = &t->seats[worker - 1];
     pma_team_await(t, worker, NULL, NULL);
     s->work = work;
@@ -220,7 +224,7 @@ void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 
 void pma_team_await(pma_team *t, size_t worker, void (*look)(void *ctx), void *ctx)
 {
-    assert(worker >= 1 && worker <= t->made);
+    assert(worker >= 1 && worker <= t->made && t->caller == pma_thread_number());
     seat *s = &t->seats[worker - 1];
     const unsigned posted = atomic_load_explicit(&s->posted, memory_order_relaxed);
     const event finished = {&s->finished, posted, true};

@@ -66,6 +66,11 @@ long pma_thread_process(void)
     return (long)GetCurrentProcessId();
 }
 
+uintptr_t pma_thread_number(void)
+{
+    return GetCurrentThreadId();
+}
+
 #else
 
 #include <sched.h>
@@ -169,6 +174,11 @@ void pma_thread_rest(void)
 long pma_thread_process(void)
 {
     return (long)getpid();
+}
+
+uintptr_t pma_thread_number(void)
+{
+    return (uintptr_t)pthread_self();
 }
 
 #endif

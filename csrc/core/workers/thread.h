@@ -60,6 +60,9 @@ void pma_thread_rest(void);
 /* The number of this process: another one in a process forked off. */
 long pma_thread_process(void);
 
+/* Of the calling thread: the same for no other that is running. */
+uintptr_t pma_thread_number(void);
+
 /* ---- a clock that only goes forward, and sleep until a time of it ---------------------------- */
 
 /* ns since some time; the same in all threads. Needs no lock and, where the system maps its clock,

@@ -50,6 +50,11 @@ long pma_thread_process(void)
     return 0;
 }
 
+uintptr_t pma_thread_number(void)
+{
+    return 0;
+}
+
 int64_t pma_timer_now(void)
 {
     return 0;
