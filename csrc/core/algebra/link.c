@@ -1,5 +1,7 @@
 #include "algebra/link.h"
 
+#include <assert.h>
+
 #include "algebra/lanes.h"
 #include "algebra/lists.h"
 
@@ -63,6 +65,7 @@ __attribute__((noinline)) static void load_lanes(const pma_link *L, const double
 
 void pma_link_load(const pma_link *L, const double *lam, double *xb)
 {
+    assert(lam || L->p == 0);
     if (L->each)
         load_lanes(L, lam, xb);
     else
@@ -79,6 +82,7 @@ void pma_link_add(const pma_link *L, const double *lam, double *xb)
 
 void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
 {
+    assert(L->p == 0 || jump);
     if (L->each)
         (pma_has_avx2() ? gather_avx2 : gather_plain)(L->each, scale, xb, jump);
     else

@@ -350,6 +350,7 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
  * that are closed beside the fine steps. */
 static void reach(pma_coupler *c)
 {
+    assert(!pma_is_pending(c));
     pma_macro_level_swap(&c->reached, &c->working);
     c->reached.number = c->present.number + 1;
     if (!pma_look_ahead_is_used(c) || !pma_look_ahead_is_busy(c))
@@ -388,6 +389,7 @@ pma_status pma_coupler_meet(pma_coupler *c, pma_status status)
 
 static void end_piece(pma_coupler *c)
 {
+    assert(c->team);
     pma_trial_end_piece(&c->trial, pma_timer_now());
     pma_team_let_alone(c->team, c->trial.alone);
 }
@@ -437,6 +439,7 @@ static pma_status advance(pma_coupler *c, int64_t steps, const pma_record *recor
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll)
 {
+    assert(steps >= 0);
     const pma_denormals before = pma_denormals_flush();
     const pma_status status = advance(c, steps, record, poll);
     pma_denormals_restore(before);

@@ -1,5 +1,6 @@
 #include "couple/exchange.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -204,6 +205,7 @@ static size_t find_failed(const pma_exchange_parts *x)
 
 static pma_status meet(pma_coupler *c, const pma_message *message, pma_status status)
 {
+    assert(c->exchange);
     pma_exchange *x = c->exchange;
     const pma_exchange_parts *parts = &x->parts;
     lay_out(c, message);

@@ -105,6 +105,7 @@ static bool begins(const pma_coupled *m)
 pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 {
     (void)c;
+    assert(m->now.phase == 1);
     return m->member.table->advance(m->member.self, NULL, &m->step, NULL, m->workers);
 }
 
@@ -119,6 +120,7 @@ pma_status pma_fine_begin(pma_coupler *c)
 
 void pma_coupler_prescribe(pma_coupler *c)
 {
+    assert(c->k >= 1 && c->parts.motion_count > 0);
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
     const double t =
         pma_clock_stage_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine, c->staged);
@@ -193,6 +195,7 @@ static bool ends(const pma_coupled *m)
 
 pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
 {
+    assert(pma_is_ending(m));
     return m->member.table->advance(m->member.self, &m->step, NULL, c->working.lam, m->workers);
 }
 
@@ -239,6 +242,7 @@ static pma_status fine_step(pma_coupler *c)
 /* (S3)  After the first macro step, for the members that take double steps from now on */
 static void rebase(pma_coupler *c)
 {
+    assert(c->present.number == 0);
     for (const pma_coupled *m = c->own; m < c->end_of_own; m++) {
         const pma_member *member = &m->member;
         if (member->doubling != PMA_SINGLE && member->table->rebase)
@@ -276,6 +280,7 @@ pma_status pma_fine_steps(pma_coupler *c)
 
 pma_status pma_fine_take(pma_coupler *c)
 {
+    assert(!c->team && c->k < c->fine);
     const pma_schedule *schedule = c->parts.schedule;
     if (c->k == 0 && schedule->begin)
         schedule->begin(c);

@@ -1,5 +1,6 @@
 #include "couple/iteration.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -133,6 +134,7 @@ void pma_iteration_start(pma_iteration *it)
 
 void pma_iteration_begin(pma_coupler *c)
 {
+    assert(c->iteration);
     pma_iteration *it = c->iteration;
     memcpy(it->working, it->present, it->size * sizeof(double));
     it->stale = true; /* the constant part may be another one */
@@ -161,6 +163,7 @@ pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c)
 
 pma_status pma_iteration_factor(pma_coupler *c)
 {
+    assert(c->iteration);
     pma_iteration *it = c->iteration;
     const size_t entries = (size_t)it->parts.H.ptr[c->parts.p];
     const double *constant = c->present.number > 0 ? it->parts.later : it->parts.start;

@@ -5,6 +5,7 @@
  * their fine steps up to its next time level, where it is awaited. A macro step is committed when
  * all of its steps are known to be finite; the others go on meanwhile, never further than the next
  * macro step. */
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -64,6 +65,7 @@ static void go_ahead(void *ctx, size_t worker)
 /* From now on what this worker has made can be used. */
 static void await(pma_coupler *c, size_t worker)
 {
+    assert(worker >= c->roster.fine && worker < c->roster.workers);
     pma_teamwork_await(c, worker);
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++)
         pma_member_of(c, i)->assigned.closes = pma_member_of(c, i)->assigned.opens = false;
@@ -114,12 +116,14 @@ static bool could_open(const pma_coupler *c, const pma_coupled *m)
 
 static void prepare_opening(pma_coupler *c, pma_coupled *m)
 {
+    assert(!m->assigned.opens && !m->assigned.closes);
     m->assigned = (pma_assignment){
         .opens = true, .closed = m->step, .opened = pma_substep_of(c, m, m->now.j + 1)};
 }
 
 void pma_look_ahead_open(pma_coupler *c)
 {
+    assert(pma_look_ahead_is_used(c));
     if (!c->observed)
         assign(c, could_open, prepare_opening);
 }
@@ -138,6 +142,7 @@ static bool has_failed_assignment(const pma_coupler *c)
 
 pma_status pma_look_ahead_await(pma_coupler *c)
 {
+    assert(pma_look_ahead_is_used(c));
     bool any = false;
     for (size_t w = c->roster.fine; w < c->roster.workers; w++) {
         bool ending = false;
@@ -186,6 +191,7 @@ static bool can_defer(const pma_coupler *c, const pma_coupled *m)
 
 static void prepare_closing(pma_coupler *c, pma_coupled *m)
 {
+    assert(!m->assigned.opens && !m->assigned.closes);
     const size_t j = m->now.j;
     m->assigned = (pma_assignment){.closes = true,
                                    .closed = m->step,
@@ -202,6 +208,7 @@ static void prepare_closing(pma_coupler *c, pma_coupled *m)
 
 void pma_look_ahead_defer(pma_coupler *c)
 {
+    assert(pma_look_ahead_is_used(c));
     if (!c->observed)
         assign(c, can_defer, prepare_closing);
 }

@@ -6,6 +6,7 @@
  * 15 (mean coupling), where they are constant and displacements are: the acceleration that they
  * give is no part of w, so that the work at the interface is the multipliers times the
  * displacements there, which are equal: no energy is made, and nothing drifts. */
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -15,6 +16,7 @@
 
 static const pma_tie *tie_of(const pma_coupler *c)
 {
+    assert(c->parts.schedule->tie);
     return c->parts.schedule->tie;
 }
 
@@ -347,6 +349,7 @@ static void displacement_right_side(pma_coupler *c, double *right)
  * the lengths, less `less` of the new ones */
 static const double *both_multipliers(const pma_coupler *c, pma_coupled *m, double less)
 {
+    assert(m->step.twice && c->lengths[0] > 0.0);
     const double h1 = c->lengths[0] / c->parts.dt, weight = 2.0 / (1.0 + h1) - less;
     for (size_t row = 0; row < c->parts.p; row++)
         m->lam[row] = h1 * 2.0 / (1.0 + h1) * c->present.lam[row] + weight * c->working.lam[row];

@@ -1,4 +1,5 @@
 /* recorder.c - what is recorded of a run, fine step by fine step. */
+#include <assert.h>
 #include <string.h>
 
 #include "couple/inside.h"
@@ -59,6 +60,7 @@ static inline size_t row_at(const pma_coupler *c, size_t j, size_t levels)
 
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
 {
+    assert(c->record);
     return row_at(c, j, levels);
 }
 
@@ -178,6 +180,7 @@ static bool has_row(pma_coupler *c)
 
 void pma_recorder_write(pma_coupler *c)
 {
+    assert(c->record);
     if (!has_row(c))
         return;
     const bool deferred =

@@ -17,6 +17,7 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
 
 bool pma_coupler_poll(pma_coupler *c)
 {
+    assert(c->poll);
     c->unpolled = 0;
     if (c->poll->stop(c->poll->ctx))
         atomic_store(&c->stopped, true);
@@ -60,6 +61,7 @@ static void look(void *ctx)
 
 void pma_teamwork_await(pma_coupler *c, size_t worker)
 {
+    assert(c->team && worker >= 1 && worker < c->roster.workers);
     pma_team_await(c->team, worker, look, c);
 }
 
@@ -118,6 +120,7 @@ static pma_status take_status(pma_coupler *c)
 
 pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due)
 {
+    assert(c->team && c->roster.workers > 1);
     c->task = task;
     c->due = due;
     if (c->split && due(c->split)) {

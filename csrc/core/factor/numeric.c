@@ -1,5 +1,6 @@
 #include "factor/numeric.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -277,6 +278,7 @@ static pma_status factor(pma_numeric *f, size_t *column)
 
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
 {
+    assert(f->values && column);
     const size_t size = entries_of(&f->parts) * sizeof *f->values;
     if (f->is_factored && memcmp(f->factored, f->values, size) == 0)
         return PMA_OK;

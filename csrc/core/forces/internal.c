@@ -1,5 +1,6 @@
 #include "forces/internal.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -56,6 +57,7 @@ static bool is_symmetric(const pma_internal_force *force, const double *tangent)
 pma_status pma_internal_evaluate(const pma_internal *internal, const pma_internal_point *x,
                                  const pma_internal_values *out, double *scratch, int *code)
 {
+    assert(internal->count == 0 || (scratch && code));
     double *const tangent = out->tangent, *const stiffness = out->stiffness;
     const size_t n = internal->n, entries = internal->count > 0 ? most_entries(internal) : 0;
     double *own_u = scratch, *own_v = own_u + n, *own_f = own_v + n;

@@ -1,5 +1,6 @@
 #include "forces/restoring.h"
 
+#include <assert.h>
 #include <string.h>
 
 pma_status pma_restoring_check(const pma_restoring *restoring)
@@ -25,6 +26,7 @@ pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, cons
                                   const double *v, const double *from, double *to, double *y,
                                   int *code)
 {
+    assert(restoring->function && restoring->work);
     const size_t n = restoring->n;
     const int64_t *order = restoring->order;
     double *own_u = restoring->work, *own_v = own_u + n, *r = own_v + n;

@@ -1,5 +1,6 @@
 #include "forces/springs.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
@@ -224,6 +225,7 @@ static pma_law_end end_of(const pma_springs *springs, const pma_spring_set *set,
 void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
                          double by_d, double by_rate, double *slopes)
 {
+    assert(springs->total > 0);
     for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
         const pma_spring_set *set = &springs->sets[s];
         const pma_law *law = &pma_laws[set->law];

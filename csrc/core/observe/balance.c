@@ -1,5 +1,6 @@
 #include "observe/balance.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -294,6 +295,7 @@ static double *opened_at(const pma_balance *b, int64_t number)
 
 pma_evaluated_forces pma_balance_open(pma_balance *b, int64_t number, const double *ut)
 {
+    assert(number >= 0);
     const size_t n = b->parts.n;
     double *opened = opened_at(b, number);
     memcpy(opened, ut, n * sizeof(double));
@@ -347,6 +349,7 @@ static void correct_forces(pma_balance *b, const double *vs, const double *v, co
 /* du . K du */
 static double bending(const pma_balance *b, const double *K, const double *du)
 {
+    assert(b->parts.ptr);
     double sum = 0.0;
     for (size_t i = 0; i < b->parts.n; i++) {
         for (int64_t k = b->parts.ptr[i]; k < b->parts.ptr[i + 1]; k++)
@@ -368,6 +371,7 @@ static double work_of_bend(double change, double k0, double k1)
 
 void pma_balance_iterate(pma_balance *b, const pma_substep *step, const double *r)
 {
+    assert(b->parts.iterates);
     memcpy(level_at(b, step->j + 1)->iterated, r, b->parts.n * sizeof(double));
 }
 
@@ -576,6 +580,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, const pma_state 
 
 void pma_balance_advance_response(pma_balance *b, size_t j, bool twice, const pma_state *link)
 {
+    assert(j >= 1 && b->parts.has_responses);
     level *to = level_at(b, j);
     const double share = b->parts.corrects ? 0.0 : limits_of(b, twice)->al1;
     double *w = b->w;

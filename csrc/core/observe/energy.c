@@ -1,5 +1,6 @@
 #include "observe/energy.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "memory.h"
@@ -97,6 +98,7 @@ void pma_energy_destroy(pma_energy *e)
 
 static level *level_at(pma_energy *e, size_t j)
 {
+    assert(j <= e->parts.substeps);
     return j == 0 ? &e->present : &e->work[(j - 1) % e->kept];
 }
 
@@ -333,6 +335,7 @@ void pma_energy_resume(pma_energy *e, const double *in)
 
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x, const double *lam)
 {
+    assert(lam || e->parts.link.p == 0);
     level *to = level_at(e, step->j + 1);
     fill_level(e, step, x, to);
     fill_pull(e, lam, to);
@@ -351,6 +354,7 @@ void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_sta
 void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_state *r,
                                  const double *lam, const double *dlam)
 {
+    assert(j >= 1 && e->parts.has_responses);
     const double share = (double)j / (double)e->parts.substeps;
     level *to = level_at(e, j);
     add(e->parts.n, r->u, to->u);
@@ -370,6 +374,7 @@ void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_
 
 void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
 {
+    assert(!twice || e->parts.doubled);
     fill_pull(e, lam, twice ? &e->previous : &e->present);
 }
 

@@ -34,6 +34,7 @@ static double seconds(const pma_pace *p, int64_t t)
 
 bool pma_pace_wait(pma_pace *p)
 {
+    assert(p->done < p->rows);
     const int64_t t = now(p);
     if (p->done == 0)
         p->origin = t;
@@ -86,6 +87,7 @@ static void shift(pma_pace *p, int64_t end)
 
 pma_status pma_pace_end(pma_pace *p)
 {
+    assert(p->done < p->rows);
     const int64_t t = now(p);
     take_stamps(p);
     p->ended[p->done] = seconds(p, t);

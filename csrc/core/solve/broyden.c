@@ -1,5 +1,6 @@
 #include "solve/broyden.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
@@ -84,6 +85,7 @@ static void apply(const pma_broyden *b, bool more, const double *r, double *x)
 
 void pma_broyden_apply(const pma_broyden *b, const double *r, double *x)
 {
+    assert(b->state && r != x);
     apply(b, false, r, x);
 }
 

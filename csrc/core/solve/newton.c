@@ -1,5 +1,6 @@
 #include "solve/newton.h"
 
+#include <assert.h>
 #include <math.h>
 
 /* A tangent that is kept is made again where corrections fall by less than this. */
@@ -208,6 +209,7 @@ static bool is_rounding(iteration *it)
 pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equations, void *ctx,
                             bool has_factor)
 {
+    assert(newton->tolerance > 0.0);
     iteration it = {.newton = newton,
                     .equations = equations,
                     .ctx = ctx,

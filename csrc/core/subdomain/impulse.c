@@ -4,6 +4,7 @@
  * right-hand side of the open substep, which is then closed like any other. */
 #include "subdomain/impulse.h"
 
+#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -100,6 +101,8 @@ static void recoil(void *self, const double *f, double *v)
  * w itself, which is corrected when the substep is closed */
 static void strike(void *self, const pma_substep *step, const double *f)
 {
+    assert(((pma_subdomain *)self)->impulse &&
+           ((pma_subdomain *)self)->levels.opened == step->j + 1);
     pma_subdomain *s = self;
     const pma_impulse_parts *p = &s->parts.impulse;
     const pma_operator *op = &s->parts.single;
@@ -128,6 +131,8 @@ static void strike(void *self, const pma_substep *step, const double *f)
 
 static pma_status close(void *self, const pma_substep *step, const double *lam)
 {
+    assert(((pma_subdomain *)self)->impulse &&
+           ((pma_subdomain *)self)->levels.opened == step->j + 1);
     pma_subdomain *s = self;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     const double alpha = s->parts.impulse.ptr ? 0.0 : s->parts.impulse.alpha;

@@ -115,6 +115,7 @@ void pma_levels_commit(pma_levels *l)
 
 void pma_levels_discard(pma_levels *l)
 {
+    assert(l->block);
     l->opened = 0;
 }
 

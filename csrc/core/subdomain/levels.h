@@ -5,6 +5,7 @@
 #ifndef PMA_LEVELS_H
 #define PMA_LEVELS_H
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -68,6 +69,7 @@ static inline size_t pma_levels_slot(const pma_levels *l, size_t j)
  * open are needed too, so they take turns: 2 of them, or 4 where the next macro step can begin. */
 static inline size_t pma_levels_free_slot(const pma_levels *l, size_t j)
 {
+    assert(j >= 1);
     return (l->vf_first + j - 1) & l->vf_most;
 }
 
@@ -86,6 +88,7 @@ static inline double *pma_levels_free_velocity(const pma_levels *l, size_t j)
 /* The state from which a substep starts. */
 static inline const pma_state *pma_levels_origin(const pma_levels *l, const pma_substep *step)
 {
+    assert(!step->twice || l->doubled);
     if (!step->twice)
         return pma_levels_at(l, step->j);
     return step->j == 0 ? &l->previous : pma_levels_at(l, step->j - 1);

@@ -1,5 +1,6 @@
 #include "subdomain/response.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "algebra/lanes.h"
@@ -36,6 +37,7 @@ void pma_response_destroy(pma_response *r)
 
 void pma_response_store(pma_response *r, pma_unit_responses units)
 {
+    assert(r->of->parts.has_responses);
     r->units = units;
 }
 
@@ -74,6 +76,7 @@ static void add_ramp(const pma_response *r, size_t j, const double *lam, double 
 
 void pma_response_step(pma_response *r, size_t j, const double *lam)
 {
+    assert(j >= 1 && j <= r->of->parts.substeps);
     const pma_subdomain *s = r->of;
     const pma_operator *op = pma_operator_of(s, r->twice);
     const pma_state *x = &r->state;

@@ -1,6 +1,7 @@
 
 #include "subdomain/rig.h"
 
+#include <assert.h>
 #include <string.h>
 
 #include "memory.h"
@@ -139,6 +140,7 @@ static void read_stamp(const pma_restoring *restoring, pma_stamp *stamp)
 
 pma_status pma_rig_reply(pma_rig *rig, const pma_state *to)
 {
+    assert(rig->step);
     const pma_parts *p = &rig->of->parts;
     rig->step = NULL;
     if (rig->stamp)

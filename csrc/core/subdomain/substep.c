@@ -27,6 +27,7 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
 /* vf at the end of the open substep += al2 S^-1 L_b^T lam                                  (M6) */
 static void hold(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
+    assert(s->levels.opened == step->j + 1);
     const pma_operator *op = pma_operator_at(s, step);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     pma_substep_solve_link(s, op, lam);
@@ -56,6 +57,7 @@ void pma_substep_push(size_t n, double h, const double *y, const pma_state *to, 
 void pma_parts_accelerate(const pma_parts *p, const double *lam, double *pull, double *work,
                           double *y)
 {
+    assert(p->mean);
     memset(y, 0, p->n * sizeof(double)); /* as an open step without loads leaves it */
     pma_link_load(&p->link, lam, pull);
     pma_factor_close(&p->mass, pull, y, work);
@@ -233,6 +235,7 @@ __attribute__((noinline)) static pma_status open_substep(pma_subdomain *s, const
 /* The same for a substep without an interface problem at its end: vf is the predictor. */
 static pma_status open_apart(pma_subdomain *s, const pma_substep *step)
 {
+    assert(s->levels.opened >= step->j);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     if (s->is_observed)
         PMA_TRY(pma_observers_open(s));
@@ -258,6 +261,7 @@ void pma_substep_load_interface(pma_subdomain *s, const double *lam)
 /* (F4) and (F5) with L^T Lam in s->closing, (8), (9); true when every new value is finite */
 bool pma_substep_sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
 {
+    assert(op->factor.n == s->parts.n);
     pma_factor_close(&op->factor, s->closing, x->w, s->work);
     return s->update->correct(&op->step, 0, s->parts.n, x);
 }

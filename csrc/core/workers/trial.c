@@ -1,5 +1,7 @@
 #include "workers/trial.h"
 
+#include <assert.h>
+
 /* A turn takes a millisecond at least, so that a thread is not just being woken; the share of time
  * that goes to trials is one in LEAST at first, and one in MOST in the end. What is new has to be
  * faster by a twentieth, more than two turns differ without a cause. */
@@ -42,6 +44,7 @@ static void end_turn(pma_trial *t)
 
 void pma_trial_end_piece(pma_trial *t, int64_t now)
 {
+    assert(now >= t->last);
     t->spent += now - t->last;
     t->pieces++;
     t->last = now;
