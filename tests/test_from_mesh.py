@@ -579,9 +579,11 @@ def test_without_a_library_a_file_is_refused_and_an_input_of_abaqus_is_read(tmp_
 
 SQUARE = "*NODE\n1,0.,0.\n2,1.,0.\n3,1.,1.\n4,0.,1.\n*ELEMENT,TYPE=CPS4,ELSET=all\n1,1,2,3,4\n"
 NESTED = "".join(f"*ELSET,ELSET=s{i}\n{f's{i - 1}' if i else '1'}\n" for i in reversed(range(99)))
+FLAT = "".join(f"*ELSET,ELSET=a{i}\n1\n" for i in range(60))
 CHAINED = "".join(f"CORD2R,{i},{i - 1},0.,0.,0.,0.,0.,1.,\n,1.,0.,0.\n" for i in range(1, 2000))
 HUGE = {
     "sets.inp": (SQUARE + NESTED, "sets must hold each other at most 50 in a row"),
+    "beside others.inp": (SQUARE + FLAT + NESTED, "sets must hold each other at most 50 in a row"),
     "nodes.inp": (
         SQUARE + "*NODE\n9000000,9.,9.\n*NGEN\n1,9000000\n",
         r"must make at most 20\d\d\d\d\d nodes, elements and members of sets",
@@ -598,8 +600,10 @@ HUGE = {
 }
 
 
-@pytest.mark.gate
-@pytest.mark.parametrize("name", HUGE)
+LARGE = {"nodes.inp": [pytest.mark.gate]}  # three seconds
+
+
+@pytest.mark.parametrize("name", [pytest.param(x, marks=LARGE.get(x, [])) for x in HUGE])
 def test_a_few_lines_that_make_very_much_are_refused(tmp_path, name):
     content, message = HUGE[name]
     (tmp_path / name).write_text(content)
