@@ -332,8 +332,8 @@ def test_a_file_of_a_paced_run_is_that_of_a_run(
             waits.until(lambda: t / 0.02 - recordings[-1].begin < 5.0)
         return spring(t, u, v)
 
-    thresholds(FILED_BYTES=4000)  # some thirty macro steps at a time
-    thresholds(MONITOR_INTERVAL=0.001)
+    # some thirty macro steps at a time
+    thresholds(FILED_BYTES=4000, MONITOR_INTERVAL=0.001)
     monkeypatch.setattr(paced, "RingRecording", Seen)
     ends = (2.0,) if "energy" in options else (1.0, 2.0)  # which no file goes on with
     coupler, path = made(coupling, patient, threads=2), tmp_path / "paced.h5"
@@ -352,8 +352,7 @@ def test_a_file_of_a_paced_run_is_that_of_a_run(
 
 def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch, thresholds):
     pytest.importorskip("h5py")
-    thresholds(FILED_BYTES=4000)
-    thresholds(MONITOR_INTERVAL=0.001)
+    thresholds(FILED_BYTES=4000, MONITOR_INTERVAL=0.001)
     over = []
 
     def specimen(t, u, v):

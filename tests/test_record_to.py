@@ -125,8 +125,7 @@ def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
 def test_a_run_to_a_file_needs_memory_for_one_block_and_a_read_for_what_is_read(
     tmp_path, thresholds
 ):
-    thresholds(FILED_BYTES=1e6)
-    thresholds(READ_BYTES=1e6)  # more than that is mapped
+    thresholds(FILED_BYTES=1e6, READ_BYTES=1e6)  # more than that is mapped
     n, path = 1000, tmp_path / "run.h5"
 
     def largest_memory(steps):
@@ -423,8 +422,7 @@ def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
 def test_a_full_disk_ends_the_run_and_memory_keeps_what_is_not_in_the_file(
     tmp_path, monkeypatch, thresholds
 ):
-    thresholds(FILED_BYTES=1.0)  # every macro step
-    thresholds(SYNC_SECONDS=0.0)
+    thresholds(FILED_BYTES=1.0, SYNC_SECONDS=0.0)  # every macro step
     coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     written, pwrite = [], os.pwrite
 

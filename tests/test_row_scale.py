@@ -104,13 +104,9 @@ def test_prescribed_velocities_are_those_of_the_rows(kind):
 @pytest.mark.parametrize("kind", ["constant", "callable", "sampled", "shaped"])
 def test_a_prescribed_velocity_is_that_of_a_row_of_which_none_has_the_size_one(kind):
     given = velocities(kind)(5.0 * np.ones(ROWS))
-    if kind != "constant":
-        expected = np.sin(3.0 * 0.02 * np.arange(21))
-    else:
-        expected = np.full(21, 0.5)
-    a = pm.Subdomain(
-        np.ones(ROWS), np.ones(ROWS), scheme=pm.Newmark(), v0=[0.0, 0.0, 0.0, expected[0]]
-    )
+    expected = np.full(21, 0.5) if kind == "constant" else np.sin(3.0 * 0.02 * np.arange(21))
+    v0 = [0.0, 0.0, 0.0, expected[0]]
+    a = pm.Subdomain(np.ones(ROWS), np.ones(ROWS), scheme=pm.Newmark(), v0=v0)
     rows = pm.Constraint({a: 5.0 * np.eye(ROWS)}, velocity=given)
     v = pm.Coupler([a], rows, dt=0.02, coupling="gc").run(0.4)[0].v
     # 5 v = 5 g up to a rounding of the multiplier
