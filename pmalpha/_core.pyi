@@ -11,6 +11,7 @@ from .setup.ranks import FailedElsewhere, Failure, Limited
 
 SPRING_LAWS: dict[str, int]  # number of each law of springs
 MOST_SWEEPS: int  # over contacts with friction
+MOST_ITERATIONS: int  # of Newton's method
 LANES: int  # vectors side by side: unit responses of one pass, load cases
 
 # With named tuples for dicts, see pmalpha.problem.forms; None is zero

@@ -66,7 +66,7 @@ def library(name: str, use: str, install: str) -> Any:
     """A library that the package does not require; ImportError with what needs it."""
     try:
         return import_module(name)
-    except ImportError as error:
+    except ModuleNotFoundError as error:  # others say why an installed one cannot be imported
         raise ImportError(f"{use} needs {name.split('.')[0]}: pip install {install}") from error
 
 

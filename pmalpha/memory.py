@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import mmap
 import os
 import sys
 from collections.abc import Iterator
@@ -136,6 +137,11 @@ OPENMP = [("omp_set_num_threads", "omp_get_max_threads")]
 
 _found: dict[str, _core.OneThread] = {}
 
+# Address space of the buffer that OpenBLAS takes for each call at the same time, and keeps, a bit
+# above 32 MB; of the libraries of SciPy. Where there is none for a buffer, OpenBLAS tries for ever.
+BUFFER, LOADED = 36_000_000, 128_000_000
+_reserved = {"buffers": 0}
+
 
 def gemm_and_trsm() -> tuple[Any, Any]:
     """The functions of SciPy's BLAS that the core calls."""
@@ -159,15 +165,23 @@ def _search() -> _core.OneThread:
 
     Without a lock, which a thread could hold while another one forks: of several the first counts.
     """
+    if "scipy.linalg" not in sys.modules:
+        require_space(LOADED + _buffers_at_load() * BUFFER, "SciPy with its BLAS")
     import scipy.linalg  # noqa: F401  so that its library is loaded before the search
-    from threadpoolctl import ThreadpoolController
 
-    libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+    libraries = _libraries()
     context = _core.OneThread(tuple(pair for x in libraries for pair in _addresses(x)))
     one = _found.setdefault("one", context)
     if one is context and hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=one.after_fork)
     return one
+
+
+def _libraries() -> list[Any]:
+    from threadpoolctl import ThreadpoolController
+
+    libraries: list[Any] = ThreadpoolController().select(user_api="blas").lib_controllers
+    return libraries
 
 
 def _addresses(library: Any) -> list[tuple[int, int]]:
@@ -181,3 +195,72 @@ def _addresses(library: Any) -> list[tuple[int, int]]:
             set_threads, get_threads = (ctypes.cast(f, ctypes.c_void_p).value for f in functions)
             return [(set_threads or 0, get_threads or 0)]
     return []
+
+
+def reserve_buffers(count: int = 1, *, fewer: bool = False) -> int:
+    """Where address space has a limit (``ulimit -v``), the buffers of BLAS for `count` threads.
+
+    Returns the number of threads that have one; MemoryError where these are less, unless `fewer`
+    will do. Buffers last until the process ends.
+    """
+    if count <= _reserved["buffers"] or not _is_limited():
+        return count
+    if "scipy.linalg" not in sys.modules:
+        one_thread()
+    libraries = [x.dynlib for x in _libraries() if x.internal_api == "openblas"]
+    libraries = [x for x in libraries if hasattr(x, ALLOCATE) and hasattr(x, RELEASE)]
+    most, least = count, 1 if fewer else count
+    while True:
+        needed = (most - _reserved["buffers"]) * len(libraries) * BUFFER
+        if most == least:
+            require_space(needed, f"BLAS with threads={most}")
+        if most == least or _has_space(needed):
+            break
+        most -= 1
+    for library in libraries:
+        _take_buffers(library, most)
+    _reserved["buffers"] = most
+    return most
+
+
+ALLOCATE, RELEASE = "blas_memory_alloc", "blas_memory_free"
+
+
+def _take_buffers(library: Any, count: int) -> None:
+    """Have OpenBLAS make this number of buffers, which are free for its calls afterwards."""
+    allocate, release = getattr(library, ALLOCATE), getattr(library, RELEASE)
+    allocate.argtypes, allocate.restype = [ctypes.c_int], ctypes.c_void_p
+    release.argtypes, release.restype = [ctypes.c_void_p], None
+    for buffer in [allocate(0) for _ in range(count)]:
+        release(buffer)
+
+
+def _buffers_at_load() -> int:
+    """OpenBLAS makes one for each of its threads when it is loaded, and the first call one."""
+    chosen = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", ""))
+    return 1 + (int(chosen) if chosen.isdigit() and int(chosen) > 0 else os.cpu_count() or 1)
+
+
+def _is_limited() -> bool:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return False
+    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+
+
+def _has_space(count: int) -> bool:
+    """Whether the system gives this much address space at present."""
+    try:
+        mmap.mmap(-1, max(count, 1)).close()
+    except (OSError, ValueError, OverflowError):
+        return False
+    return True
+
+
+def require_space(count: int, what: str) -> None:
+    """MemoryError where address space has a limit that leaves less than `count` bytes."""
+    if _is_limited() and not _has_space(count):
+        raise MemoryError(
+            f"{what} needs about {_size(count)} of address space, of which `ulimit -v` leaves less"
+        )

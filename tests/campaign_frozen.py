@@ -22,6 +22,7 @@ import pmalpha as pm
 ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "build" / "frozen_fuzz"
 COPIES = 200
+LONGEST = 300  # s, of a process that tries COPIES; frozen_fuzz gives each one 120
 KINDS = ("bytes", "numbers", "states")
 
 
@@ -41,6 +42,7 @@ def models(folder):
         f"{c} {s}": frame(c, s) for c in COUPLINGS for s in SPRINGS if c != "mean" or s == "none"
     }
     made |= {"contact": bouncing(), "iterated": iterated("gc"), "shooting": iterated("macro")}
+    made["kept tangents"] = iterated("gc", newton=pm.Newton(tangent="reuse"))
     made["panels"] = full("gc", 36, 17)  # tangents and the interface matrix in panels
     load = pm.SampledForce(np.ones((9, 1)), 0.01, np.array([1.0, 2.0, 3.0]))
     made["loads"] = frame("gc", force=[load, np.ones(3)])
@@ -60,7 +62,9 @@ def built():
 
 def attempt(kind, path, seed, copies, counts):
     words = [str(PROGRAM), kind, str(path), str(seed), str(copies)]
-    run = subprocess.run(words, capture_output=True, text=True, errors="replace")
+    run = subprocess.run(
+        words, capture_output=True, text=True, errors="replace", timeout=LONGEST + copies
+    )
     if run.returncode != 0:
         raise AssertionError(
             f"{kind}, {path.stem}: {run.stderr[run.stderr.rfind('seed') :][:3000]}"

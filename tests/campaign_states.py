@@ -27,6 +27,7 @@ MADE |= {
     "contact": bouncing,
     "iterated": lambda: iterated("gc"),
     "shooting": lambda: iterated("macro"),
+    "kept tangents": lambda: iterated("gc", newton=pm.Newton(tangent="reuse")),
 }
 MADE |= {kind: lambda make=make: counting(make) for kind, (make, _) in COUNTING.items()}
 

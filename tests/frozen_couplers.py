@@ -72,7 +72,7 @@ def bouncing():
     return pm.Coupler([a], pm.contact(a, 0, gap=0.02, restitution=0.5), dt=0.01)
 
 
-def iterated(coupling, n=3, substeps=1):
+def iterated(coupling, n=3, substeps=1, **options):
     """A chain with yielding springs that Newton's method solves for, tied to a mass."""
     K = chain(n, 60.0)
     springs = pm.Bilinear(np.arange(0, n, 2), k=40.0, fy=0.1)
@@ -86,7 +86,8 @@ def iterated(coupling, n=3, substeps=1):
         name="a",
     )
     b = pm.Subdomain([1.0], [30.0], scheme=pm.GeneralizedAlpha(0.8), v0=a.v0[-1:], name="b")
-    return pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.04, coupling=coupling)
+    ties = pm.tie(a, [n - 1], b, [0])
+    return pm.Coupler([a, b], ties, dt=0.04, coupling=coupling, **options)
 
 
 def full(coupling, n, ties):

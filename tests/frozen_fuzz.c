@@ -215,16 +215,29 @@ static int use(pmalpha_model *m)
     return steps == STEPS;
 }
 
+/* What a refusal must not change. */
+static void require_same(pmalpha_model *m, const uint64_t *before, uint64_t *block, size_t size)
+{
+    if (pmalpha_save(m, block, size) == PMALPHA_OK && memcmp(block, before, size) == 0)
+        return;
+    fprintf(stderr, "a refused state has changed the model\n");
+    exit(1);
+}
+
 /* Returns how many steps followed a state with one wrong number, or -1 where it is refused; then the
- * model goes on from the right one. */
+ * model goes on from the right one. Blocks: the right state, and room for two. */
 static int use_state(pmalpha_model *m, const uint64_t *good, uint64_t *block, size_t size)
 {
     const size_t count = size / 8;
+    uint64_t *before = block + count;
     int steps = 0;
+    pmalpha_save(m, before, size);
     memcpy(block, good, size);
     change_number(&block[draw(count - 1)]);
     block[count - 1] = pma_file_sum(block, size - 8);
     const int status = pmalpha_restore(m, block, size);
+    if (status == PMALPHA_BAD_ARGUMENT)
+        require_same(m, before, block, size);
     while (status == PMALPHA_OK && steps < STEPS && pmalpha_advance(m, 1) == PMALPHA_OK)
         steps++;
     if (pmalpha_restore(m, good, size) != PMALPHA_OK || pmalpha_advance(m, 1) != PMALPHA_OK) {
@@ -253,7 +266,7 @@ static int try_states(uint64_t *file, size_t count, uint64_t first, uint64_t cop
         pmalpha_advance(m, 2 * pmalpha_substeps(m) + 1) != PMALPHA_OK)
         return 1;
     const size_t size = pmalpha_state_size(m);
-    uint64_t *good = malloc(size), *block = malloc(size);
+    uint64_t *good = malloc(size), *block = malloc(2 * size);
     pmalpha_save(m, good, size);
     for (uint64_t seed = first; seed < first + copies; seed++) {
         begin(seed);

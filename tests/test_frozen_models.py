@@ -578,6 +578,39 @@ def test_a_state_with_a_number_that_is_no_count_is_refused(library, tmp_path, pl
     assert model.advance(1) == OK
 
 
+def test_a_state_whose_tangent_is_singular_is_refused_with_nothing_changed(library, tmp_path):
+    model = frozen(iterated("gc", newton=pm.Newton(tangent="reuse")), library, tmp_path)
+    model.advance(5)
+    good = model.state()
+    model.advance(2)
+    before, reasons = model.state().view(np.int64), set()
+    for k in range(3, good.size - 1):
+        for number in (0.0, 1e300, np.nan):
+            bad = good.copy()
+            bad[k] = number
+            bad.view(np.uint64)[-1] = pmalpha._core.check_sum(bad[:-1].view(np.uint8))
+            if model.restore(bad.ctypes.data, bad.nbytes) == BAD_ARGUMENT:
+                reasons.add(model.why)
+                assert np.array_equal(model.state().view(np.int64), before)
+            else:
+                good_again = before.view(float)
+                assert model.restore(good_again.ctypes.data, good_again.nbytes) == OK
+    assert "the state is damaged: a kept tangent is singular" in reasons
+    assert model.advance(1) == OK
+
+
+@pytest.mark.parametrize("number", [0, 1001, 2**62])
+def test_a_model_that_may_iterate_for_ever_is_refused(library, tmp_path, monkeypatch, number):
+    def damaged(tree):
+        tree["coupler"]["iteration"] = tree["coupler"]["iteration"]._replace(iterations=number)
+        return file_of(tree)
+
+    monkeypatch.setattr(pmalpha.run.freeze, "file_of", damaged)
+    iterated("gc").freeze(tmp_path / "x.pma")
+    with pytest.raises(Refused, match="iterations must be at least 1|iterations is too large"):
+        library.model(tmp_path / "x.pma")
+
+
 def test_a_frozen_state_with_a_number_that_is_no_count_is_refused(library, tmp_path, monkeypatch):
     def damaged(tree):
         levels = tree["subdomains"][0]["levels"]

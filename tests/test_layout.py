@@ -229,9 +229,9 @@ MOST_LINES = {
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_030,
-    ("pmalpha", "py"): 55_350,
-    ("tests", "py"): 72_000,
-    ("docs", "md"): 7_800,
+    ("pmalpha", "py"): 55_450,
+    ("tests", "py"): 72_250,
+    ("docs", "md"): 7_820,
 }
 
 

@@ -1,5 +1,8 @@
 """What does not fit into the free memory is refused with the figures."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -73,3 +76,52 @@ def test_the_free_memory_is_a_plausible_number_here():
     # /proc/meminfo or sysconf; above what this process has, below a petabyte
     free = memory.available()
     assert free is None or 1e6 < free < 1e15
+
+
+# MB of address space that are left, and when the limit is set, before
+# the coupler is made, or after. OpenBLAS would try for ever to have a buffer of 32 MB.
+LIMITED = """
+import resource, sys
+import numpy as np
+import pmalpha as pm
+
+K = np.diag(2.0 * np.ones(300)) - np.diag(np.ones(299), 1) - np.diag(np.ones(299), -1)
+
+def limit(left):
+    used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, 2 * (used + left * 1_000_000,))
+
+def ended(left, early):
+    if early:
+        limit(left)
+    s = pm.Subdomain(np.ones(300), K, scheme=pm.Newmark(), name="s")
+    coupler = pm.Coupler([s], dt=0.1)
+    if not early:
+        limit(left)
+    coupler.run(steps=3)
+
+try:
+    ended(int(sys.argv[1]), sys.argv[2] == "early")
+    print("done")
+except MemoryError as error:
+    print(error)
+"""
+
+
+@pytest.mark.gate
+@pytest.mark.skipif(sys.platform != "linux", reason="limits address space")
+@pytest.mark.parametrize(
+    "left, when, word",
+    [
+        (60, "early", "SciPy with its BLAS needs about"),
+        (120, "early", "SciPy with its BLAS needs about"),
+        (2000, "early", "done"),
+        (8, "late", "BLAS with threads=1 needs about"),
+        (2000, "late", "done"),
+    ],
+)
+def test_a_limit_of_address_space_ends_a_run_and_does_not_hang_it(left, when, word):
+    """60 and 120 MB hung in the import of SciPy, and in the first large product."""
+    words = [sys.executable, "-c", LIMITED, str(left), when]
+    end = subprocess.run(words, capture_output=True, text=True, timeout=110)
+    assert word in end.stdout, end.stdout + end.stderr[-2000:]

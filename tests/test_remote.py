@@ -202,6 +202,22 @@ def test_a_silent_client_is_a_timeout():
     assert len(errors) == 1
 
 
+def test_a_silent_connection_does_not_keep_the_client_out():
+    ports, calls = Queue(), []
+
+    def run():
+        calls.append(remote.serve(lambda: 1.0, timeout=waits.LIMIT, announce=ports.put))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    address = "127.0.0.1", ports.get()
+    with socket.create_connection(address), socket.create_connection(address):
+        with remote.Client(address, timeout=waits.LIMIT) as client:
+            assert client() == 1.0
+        thread.join(waits.LIMIT)
+        assert calls == [1]
+
+
 HEAD = struct.Struct("!4sBQB")
 
 

@@ -2,6 +2,7 @@
 #include "binding.h"
 
 #include "solve/cone.h"
+#include "solve/newton.h"
 
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
 {
@@ -32,7 +33,8 @@ static int module_exec(PyObject *module)
         PyModule_AddFunctions(module, pma_estimate_functions) < 0 ||
         PyModule_AddFunctions(module, pma_case_functions) < 0 ||
         PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0 ||
-        PyModule_AddIntConstant(module, "MOST_SWEEPS", PMA_MOST_SWEEPS) < 0)
+        PyModule_AddIntConstant(module, "MOST_SWEEPS", PMA_MOST_SWEEPS) < 0 ||
+        PyModule_AddIntConstant(module, "MOST_ITERATIONS", PMA_MOST_ITERATIONS) < 0)
         return -1;
     PyObject *laws = pma_spring_laws();
     const int failed = laws ? PyModule_AddObjectRef(module, "SPRING_LAWS", laws) : -1;

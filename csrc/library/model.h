@@ -83,6 +83,7 @@ struct pmalpha_model {
     bool replays;         /* steps are taken again: attached functions are not called */
     double *log;          /* fine x inputs: inputs of the fine steps since the present */
     double *start;        /* the state that was frozen */
+    double *before;       /* that before one is restored, which may be refused */
     int64_t (*now)(void *user);
     void *clock;
     int64_t longest;

@@ -143,7 +143,7 @@ PMALPHA_API pmalpha_status pmalpha_attach(pmalpha_model *m, int i, pmalpha_speci
 /* A state is a block of bytes at a multiple of 8, of any instant, also inside a macro step; another
  * model of the same file may go on with it, in another process or machine too. Restoring takes up
  * to a macro step of time. A block of another model, a smaller or damaged one is
- * PMALPHA_BAD_ARGUMENT. */
+ * PMALPHA_BAD_ARGUMENT, and changes nothing. */
 PMALPHA_API size_t pmalpha_state_size(const pmalpha_model *m);
 PMALPHA_API pmalpha_status pmalpha_save(pmalpha_model *m, void *block, size_t size);
 PMALPHA_API pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "library/model.h"
+#include "text.h"
 
 /* In front: check sum of the file, fine steps since the present, macro steps; at the end the check
  * sum of all. */
@@ -113,7 +114,8 @@ static uint64_t number_at(const double *at)
     return number;
 }
 
-static void save(const pmalpha_model *m, double *block, size_t total)
+/* All but the check sum of all. */
+static void copy_state(const pmalpha_model *m, double *block, size_t total)
 {
     pma_state_array arrays[PMA_COUPLER_ARRAYS];
     const size_t done = pma_coupler_fine_done(m->core);
@@ -128,6 +130,11 @@ static void save(const pmalpha_model *m, double *block, size_t total)
     for (size_t i = 0; i < m->inputs; i++)
         *to++ = m->input[i].value;
     append(to, m->log, done * m->inputs);
+}
+
+static void save(const pmalpha_model *m, double *block, size_t total)
+{
+    copy_state(m, block, total);
     put(block + total - TAIL, pma_file_sum(block, (total - TAIL) * sizeof *block));
 }
 
@@ -252,6 +259,28 @@ pmalpha_status pmalpha_save(pmalpha_model *m, void *block, size_t size)
     return PMALPHA_OK;
 }
 
+/* A tangent that is singular, or fine steps that fail, show when the state is taken: then the model
+ * goes back to where it was. */
+static pmalpha_status go_to(pmalpha_model *m, const double *block)
+{
+    char message[PMALPHA_MESSAGE], ended[PMALPHA_MESSAGE];
+    const pmalpha_status state = m->state;
+    memcpy(ended, m->ended, sizeof ended);
+    copy_state(m, m->before, size_of(m));
+    const pmalpha_status status = pmalpha_return(m, block);
+    if (status != PMALPHA_FAILED)
+        return status;
+    memcpy(message, m->message, sizeof message);
+    if (state != PMALPHA_FAILED) /* else there is nothing to go back to */
+        pmalpha_return(m, m->before);
+    m->state = state;
+    memcpy(m->ended, ended, sizeof ended);
+    pma_text text = pma_text_begin(m->message, sizeof m->message);
+    pma_text_word(&text, "the state is damaged: ");
+    pma_text_some(&text, message, sizeof message);
+    return PMALPHA_BAD_ARGUMENT;
+}
+
 pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size)
 {
     const size_t total = size_of(m), bytes = total * sizeof(double);
@@ -264,7 +293,7 @@ pmalpha_status pmalpha_restore(pmalpha_model *m, const void *block, size_t size)
     if (number_at(x + total - TAIL) != pma_file_sum(x, bytes - TAIL * sizeof(double)) ||
         !is_whole(m, x))
         return pmalpha_say(m, PMALPHA_BAD_ARGUMENT, "the state is damaged");
-    return pmalpha_return(m, x);
+    return go_to(m, x);
 }
 
 void pmalpha_reset(pmalpha_model *m)
@@ -389,6 +418,7 @@ pma_status pmalpha_take_state(pmalpha_model *m)
     PMA_TRY(pma_field_room(&f, log_size(m), 2 * sizeof(double)));
     PMA_TRY(pma_field_allocate(&f, log_size(m), sizeof(double), (void *)&m->log));
     PMA_TRY(pma_field_allocate(&f, size_of(m), sizeof(double), (void *)&m->start));
+    PMA_TRY(pma_field_allocate(&f, size_of(m), sizeof(double), (void *)&m->before));
     for (size_t i = 0; i < m->members; i++) {
         const pma_field own = pma_field_item(&list, i);
         PMA_TRY(take_member(&own, &m->member[i]));

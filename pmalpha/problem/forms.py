@@ -14,6 +14,7 @@ from scipy import LowLevelCallable
 
 from .._cached import Frozen
 from .._checks import check_word, real_number, whole_number
+from .._core import MOST_ITERATIONS
 from .arguments import TangentPolicy
 
 
@@ -471,7 +472,7 @@ class Newton(Frozen):
         largest motion in a step so far. Where all residuals are rounding, as at rest or in a
         subdomain that constraints hold, they decide alone.
     iterations : int, default 40
-        Largest number of iterations in a substep; more are a `ConvergenceError`. At least 1.
+        Largest number of iterations in a substep; more are a `ConvergenceError`. In 1..1000.
     tangent : {"full", "reuse"}, default "full"
         "full": a new tangent and its factor in each iteration. "reuse": factors are kept, over
         substeps too, as long as an iteration reduces the error to a fifth; for subdomains whose
@@ -501,7 +502,8 @@ class Newton(Frozen):
         if not 0.0 < tol < 1.0:
             raise ValueError(f"tol must be above 0 and below 1, got {self.tol!r}")
         object.__setattr__(self, "tol", tol)
-        object.__setattr__(self, "iterations", whole_number(self.iterations, "iterations", low=1))
+        iterations = whole_number(self.iterations, "iterations", low=1, high=MOST_ITERATIONS)
+        object.__setattr__(self, "iterations", iterations)
         check_word(self.tangent, "tangent", get_args(TangentPolicy))
 
 

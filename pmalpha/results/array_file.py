@@ -13,7 +13,10 @@ from types import ModuleType
 from typing import Any, BinaryIO
 
 from ..files import NewFile, library, uninterrupted
+from ..memory import require_space
 
+# Bytes of address space below which HDF5 is not called: without memory it ends the process.
+SPACE = 32_000_000
 # What was written is synchronised before it is counted, about every third of a second.
 SYNC_SECONDS = 0.3
 
@@ -27,6 +30,7 @@ def lay_out(file: NewFile, describe: Callable[[ModuleType, Any], None]) -> None:
 
     Arrays of `reserve` are holes, at the offsets that it returns.
     """
+    require_space(SPACE, "an HDF5 file")
     layout = Layout()
     try:
         uninterrupted(_described, layout, describe)

@@ -23,6 +23,7 @@ from typing import IO, Any
 import numpy as np
 
 from ..errors import PmalphaError
+from .wire import Admission, FirstToSpeak
 
 __all__ = ["Client", "RemoteError", "serve", "started"]
 
@@ -176,19 +177,19 @@ def serve(
     Raises
     ------
     TimeoutError
-        When the client was silent for too long.
+        When there was no client in time, or it was silent for too long. Connections that send
+        nothing are waited for beside it, up to 32 at once.
     ConnectionError
         When it is no `Client`, or has ended without closing the connection.
     """
     with socket.create_server((host, port)) as server:
-        server.settimeout(timeout)
         opened = server.getsockname()[1]
         if announce is None:
             print(opened, flush=True)
         else:
             announce(opened)
-        connection, messages = _caller(server, timeout)
-    number = 0
+        connection = _caller(server, timeout)
+    messages, number = _Messages(connection), 0
     with connection:
         while messages.has_next():
             messages.begin()
@@ -201,27 +202,15 @@ def serve(
     return number
 
 
-def _caller(server: socket.socket, timeout: float | None) -> tuple[socket.socket, _Messages]:
-    """The first connection that sends something, and its messages.
+def _caller(server: socket.socket, timeout: float | None) -> socket.socket:
+    """The first connection that sends something.
 
-    One that is closed before is no client: such as that of a program which looks for open ports.
+    Others may close or be silent: such as those of a program which looks for open ports.
     """
-    end = None if timeout is None else monotonic() + timeout
-    while True:
-        server.settimeout(None if end is None else max(end - monotonic(), 1e-3))
-        connection, _ = server.accept()
-        connection.settimeout(timeout)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        messages = _Messages(connection)
-        try:
-            if messages.has_next():
-                return connection, messages
-        except ConnectionError:
-            pass
-        except BaseException:
-            connection.close()
-            raise
-        connection.close()
+    connection = Admission(server, None, None, timeout, FirstToSpeak).client().connection
+    connection.settimeout(timeout)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection
 
 
 @contextmanager

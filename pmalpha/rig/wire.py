@@ -306,10 +306,24 @@ class Visitor:
         self.connection.sendall(proof(secret, "server", other, self.nonce))
 
 
+class FirstToSpeak(Visitor):
+    """A connection that is the client's when it sends something, which is left to be read."""
+
+    def receive(self) -> Client | None:
+        try:
+            piece = self.connection.recv(1, socket.MSG_PEEK)
+        except (BlockingIOError, InterruptedError):
+            return None
+        if not piece:
+            raise ConnectionError("it has closed the connection")
+        return Client(self.connection, f"the client {self.address}", None)
+
+
 class Admission:
     """The wait for the client, on a server that listens.
 
-    timeout: longest wait for a connection, and for what each one has to send.
+    timeout: longest wait for a connection, and for what each one has to send. kind: which of the
+    visitors is the client.
     """
 
     def __init__(
@@ -318,8 +332,9 @@ class Admission:
         networks: Networks | None,
         secret: bytes | None,
         timeout: float | None,
+        kind: type[Visitor] = Visitor,
     ):
-        self.server, self.networks, self.secret = server, networks, secret
+        self.server, self.networks, self.secret, self.kind = server, networks, secret, kind
         self.timeout = float("inf") if timeout is None else timeout
         self.end = monotonic() + self.timeout
         self.visitors: dict[socket.socket, Visitor] = {}
@@ -374,7 +389,7 @@ class Admission:
             connection.close()
             return
         try:
-            visitor = Visitor(connection, name, self.secret, monotonic() + self.timeout)
+            visitor = self.kind(connection, name, self.secret, monotonic() + self.timeout)
         except OSError:
             connection.close()
             return

@@ -17,7 +17,7 @@ from ..errors import (
     InstabilityError,
     PacingError,
 )
-from ..memory import one_thread
+from ..memory import one_thread, reserve_buffers
 from ..problem.device import OUTSIDE
 from ..problem.matrices import ADMITTED
 from ..problem.restoring import devices_of, external_of, items_of
@@ -53,6 +53,7 @@ def advance(
 ) -> None:
     """Advance to macro step `end`; after any exception the core is at the last completed one."""
     require_inside(loads.members)
+    reserve_buffers()  # the limit may be newer than the coupler
     iterates = loads.iterates or ranks is not None  # subdomains of any process
     with one_thread() if iterates else nullcontext():  # the core calls BLAS
         _advance(core, loads, end, record, report, ranks)

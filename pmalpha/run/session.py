@@ -17,6 +17,7 @@ import pmalpha._core as _core
 
 from .._core import Guard
 from ..errors import warn
+from ..memory import reserve_buffers
 from ..problem.arguments import Coupling
 from ..problem.contacts import Contact
 from ..problem.loads import Force, Mass, checked_force, depends_on_motion
@@ -155,7 +156,8 @@ def checked_problem(
 ) -> Problem:
     """The arguments of a `Coupler`, each refused by its name where it is wrong."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
-    threads_allowed = most_threads(threads)
+    most, fewer = most_threads(threads)
+    threads_allowed = reserve_buffers(most, fewer=fewer), fewer
     everything = subdomains if ranks is None else described(ranks, subdomains)
     options = checked_options(options, len(everything))
     names = names_of(everything)

@@ -116,6 +116,8 @@ static pma_status take_iteration(const pma_field *f, pma_coupler_taken *out)
     PMA_TRY(pma_field_flag(&reuse, &it->newton.reuse));
     if (!(it->newton.tolerance > 0.0))
         return pma_field_refuse(&tolerance, "must be positive");
+    if (it->newton.iterations > PMA_MOST_ITERATIONS)
+        return pma_field_refuse(&iterations, "is too large");
     out->parts.iteration = it;
     return shooting ? take_responses(f, out->parts.p, it) : take_constant_part(f, out->parts.p, it);
 }

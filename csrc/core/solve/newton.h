@@ -17,9 +17,12 @@
  * larger one is accepted only where the tangent is that of the forces.                    (N21) */
 #define PMA_SMALL 1e-3
 
+/* Iterations that a description may allow: files of a stranger have a bound of time. */
+enum { PMA_MOST_ITERATIONS = 1000 };
+
 typedef struct {
     double tolerance;  /* of a residual and of the error after the last correction          (N7) */
-    size_t iterations; /* at most */
+    size_t iterations; /* at most, 1..PMA_MOST_ITERATIONS */
     bool reuse;        /* a tangent is kept until convergence slows down */
 } pma_newton;
 
