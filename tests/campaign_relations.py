@@ -1,8 +1,7 @@
 """Random problems of everything (problems.py) and all relations between their runs (relations.py).
 
 A failure is the program of the smallest problem that fails. With ``--keep 1`` it goes on and prints
-each kind of failure once. A problem is tried with some of the relations, ``--some 1`` with one:
-the cost of a relation is near that of making and running the problem, so most problems a second.
+each kind of failure once. With ``--some 1`` each problem has one relation: most problems a second.
 """
 
 from collections import Counter

@@ -102,10 +102,8 @@ class Texts(dict):
 
 
 class Ended:
-    def __format__(self, spec):
-        return "\0"
-
     __repr__ = __str__ = lambda self: "\0"
+    __format__ = lambda self, spec: "\0"  # noqa: E731
 
 
 @pytest.mark.parametrize("refusal, features", PAIRS)
