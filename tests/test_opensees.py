@@ -28,6 +28,7 @@ imported = subprocess.run(
     cwd=ROOT / "examples",
     capture_output=True,
     text=True,
+    timeout=110,  # s, which only ends an import that hangs
 )
 if imported.returncode:
     pytest.skip(f"OpenSeesPy cannot be imported: {imported.stderr}", allow_module_level=True)

@@ -236,6 +236,7 @@ print(failed)
 
 @pytest.mark.gate
 def test_a_subinterpreter_is_refused():
-    done = subprocess.run([sys.executable, "-c", SUBINTERPRETER], capture_output=True, text=True)
+    words = [sys.executable, "-c", SUBINTERPRETER]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=110)
     # NumPy refuses it first, or warns and leaves it to the core
     assert "ImportError" in done.stdout, done.stderr

@@ -29,6 +29,7 @@ works = subprocess.run(
     cwd=PROGRAM.parent,
     capture_output=True,
     text=True,
+    timeout=110,  # s, which only ends an import that hangs
 )
 if works.returncode:
     pytest.skip(f"OpenSeesPy cannot be imported: {works.stderr}", allow_module_level=True)
