@@ -209,7 +209,7 @@ static bool is_rounding(iteration *it)
 pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equations, void *ctx,
                             bool has_factor)
 {
-    assert(newton->tolerance > 0.0);
+    assert(newton->tolerance >= 0.0); /* zero where a part of a denormal one was taken */
     iteration it = {.newton = newton,
                     .equations = equations,
                     .ctx = ctx,
