@@ -305,6 +305,15 @@ def positive_definite(S: sp.csc_array | np.ndarray) -> Solve:
     return solve
 
 
+def is_definite(S: np.ndarray) -> bool:
+    """Whether a dense symmetric matrix has a Cholesky factor, hence is positive definite."""
+    try:
+        np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
 def scale_to_one(K: sp.csc_array) -> sp.dia_array:
     """Scales the diagonal to about one, by powers of two, so that units have no effect."""
     return sp.diags_array(scales_to_one(K.diagonal()))

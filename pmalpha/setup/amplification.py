@@ -89,6 +89,7 @@ class Layout:
         self.fields = tuple(self._fields())
         self.motion_size = sum(indices.size for *_, indices in self.fields)
         self.size = self.motion_size + self.rows.p
+        self._blocks: dict[int, tuple[np.ndarray, list[dict[str, np.ndarray]], np.ndarray]] = {}
 
     def _fields(self) -> Iterator[tuple[int, str, np.ndarray]]:
         """Index of the subdomain, name of its array in the core, and dofs in elimination order, as
@@ -115,19 +116,13 @@ class Layout:
 
     def write(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], X: np.ndarray) -> None:
         """Set the state of a coupler of the core to X, (size, lanes), after the start."""
-        lanes = X.shape[1]
-        arrays = [
-            {name: np.zeros((x.size // lanes, lanes)) for name, x in subdomain.levels().items()}
-            for subdomain in cores
-        ]
+        block, arrays, places = self._block(cores, X.shape[1])
+        block[:] = 0.0
         for levels, memory in zip(arrays, self.memories):
-            levels["springs"] += memory[:, None]
-        begin = 0
-        for i, field, indices in self.fields:
-            arrays[i][field][indices] += X[begin : begin + indices.size]
-            begin += indices.size
+            levels["springs"].reshape(-1, X.shape[1])[:] += memory[:, None]
+        block[places] += X[: self.motion_size]
         for subdomain, levels in zip(cores, arrays):
-            subdomain.set_levels({name: x.ravel() for name, x in levels.items()})
+            subdomain.set_levels(levels)
         zero = np.zeros_like(core.multipliers)
         lam = zero.copy()
         if self.rows.p:
@@ -136,12 +131,35 @@ class Layout:
 
     def read(self, core: _core.Coupler, cores: Sequence[_core.Subdomain], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
-        levels = [subdomain.levels() for subdomain in cores]
-        numbers = [
-            levels[i][field].reshape(-1, lanes)[indices] for i, field, indices in self.fields
-        ]
+        *_, places = self._block(cores, lanes)
+        levels = [x for subdomain in cores for x in subdomain.levels().values()]
+        numbers = np.concatenate(levels).reshape(-1, lanes)[places]
         lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
-        return np.concatenate([*numbers, self.rows.forces(lam.T).T])
+        return np.concatenate([numbers, self.rows.forces(lam.T).T])
+
+    def _block(
+        self, cores: Sequence[_core.Subdomain], lanes: int
+    ) -> tuple[np.ndarray, list[dict[str, np.ndarray]], np.ndarray]:
+        """One block (., lanes) of the levels of all subdomains, these arrays in it, and the rows of
+        the motion X has."""
+        if lanes in self._blocks:
+            return self._blocks[lanes]
+        sizes = [{name: x.size for name, x in core.levels().items()} for core in cores]
+        flat = np.zeros(sum(sum(x.values()) for x in sizes))
+        arrays: list[dict[str, np.ndarray]] = []
+        begins: list[dict[str, int]] = []
+        begin = 0
+        for of_names in sizes:
+            arrays.append({})
+            begins.append({})
+            for name, size in of_names.items():
+                arrays[-1][name] = flat[begin : begin + size]
+                begins[-1][name] = begin // lanes
+                begin += size
+        places = [begins[i][field] + indices for i, field, indices in self.fields]
+        made = flat.reshape(-1, lanes), arrays, np.concatenate(places)
+        self._blocks[lanes] = made
+        return made
 
     def names(self) -> tuple[str, ...]:
         names = []

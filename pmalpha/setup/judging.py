@@ -36,13 +36,18 @@ from ..problem.matrices import (
     is_symmetric,
     product,
     row_of_entries,
-    skew_part,
     sparse,
     with_entries,
 )
 from ..problem.restoring import items_of
 from ..problem.subdomain import Subdomain, dense_whole
-from ..reduction.ordering import FLOATING, has_nested_dissection, scales_to_one, softest
+from ..reduction.ordering import (
+    FLOATING,
+    has_nested_dissection,
+    is_definite,
+    scales_to_one,
+    softest,
+)
 from .amplification import (
     GROWS,
     cheap_radius,
@@ -59,7 +64,8 @@ from .link import Link
 from .member import STEP_NUMBERS, Member, Ordered
 from .ranks import Ranks, joined
 from .rows import CoreRows, rows_of_size_one
-from .schedule import MACRO, Layout, Rows
+from .schedule import Layout, Rows
+from .skew import doubts_of_skew, is_unsymmetric
 from .stability import StepRatio, step_ratio
 
 # How contact can be given so that the step does not have to resolve it.
@@ -76,18 +82,15 @@ SAMPLE = 64
 MOST = 10_000
 # Up to this number of dofs the eigenvalues of dense matrices are computed: some milliseconds.
 FEW = 200
+# Smallest eigenvalue of K + L^T L, scaled to a unit diagonal, of a subdomain that no test finds
+# loose; number of dofs up to which it is tried, and ratio of the scales.
+HELD, HELD_DOFS, HELD_SCALES = 1e-6, 64, 1e4
 # Up to this number of dofs a subdomain that grows is judged with its ties.
 TIED = 400
 # A negative eigenvalue of K scaled to a unit diagonal that is not rounding of exported matrices.
 NEGATIVE = 1e-6
 # Velocity at the end of a macro step over its mean: below, a subdomain resonates with the step.
 RESONANT = 0.05
-# Substeps in a step of a subdomain with an unsymmetric K up to which nothing grew beside an
-# absorbing layer: those of schemes with damping, and of undamped explicit ones.
-BESIDE_SKEW, UNDAMPED_BESIDE_SKEW = 5, 2
-# Skew part of K over what damping takes at the frequency of a dof, from which on one in ten of
-# what is stable uncut grew in double steps, one in seventy in others; below 2 none did.
-CIRCULATORY = 10.0
 # 2 beta / gamma from which damping feeds the velocity jump; the trapezoidal rule has 1 to rounding.
 ABOVE = 1.0 + 1e-9
 # Rates of growth up to this multiple of that of the structure are its own, with the errors of steps
@@ -220,6 +223,8 @@ def _leaves_motion(K: Matrix, L: Link) -> bool:
     n = K.shape[0]
     if not isinstance(K, np.ndarray) and n <= SMALL:
         K = K.toarray()
+    if n <= HELD_DOFS and _is_held(K, L.dense()):
+        return False
     translations = _translations(K, n)
     if not translations.shape[1]:
         return False
@@ -229,6 +234,25 @@ def _leaves_motion(K: Matrix, L: Link) -> bool:
     if np.linalg.matrix_rank(_rows_of_size_one(rows) @ translations) < translations.shape[1]:
         return True
     return entries <= MOST and _is_singular(K, rows)
+
+
+def _is_held(K: np.ndarray, L: np.ndarray) -> bool:
+    """Whether K + L^T L is certainly definite, by a margin far above the rounding of all tests.
+
+    A translation t with K t = 0 and L t = 0 to their tolerances has t . (K + L^T L) t of at most
+    1e-9 n times the largest entry of K, all scaled.
+    """
+    d = K.diagonal()
+    if not d.min() > 0.0 or not is_symmetric(K):
+        return False
+    scale = scales_to_one(d)
+    if scale.max() > HELD_SCALES * scale.min():
+        return False
+    springs = _rows_of_size_one(L * scale)
+    stiffness = scale[:, None] * K * scale
+    A = stiffness + springs.T @ springs
+    A.flat[:: len(A) + 1] -= HELD * np.max(np.abs(stiffness))
+    return is_definite(A)
 
 
 def _rows_of_size_one(L: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array:
@@ -354,6 +378,8 @@ def _rate(s: Subdomain, once: Once) -> float:
 
 
 def _rate_of_matrices(K: Matrix, M: Matrix) -> float:
+    if K.ndim == 1 and K.min() >= 0.0:
+        return 0.0
     if K.shape[0] <= FEW:
         with one_thread():
             return _dense_rate(dense(K), dense(M))
@@ -396,7 +422,12 @@ def _dense_rate(K: np.ndarray, M: np.ndarray) -> float:
     size = np.abs(np.diag(K))
     size = np.where(size > 0.0, size, np.max(np.abs(K), axis=1))
     root = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
-    values, x = eigh(root[:, None] * K * root, subset_by_index=[0, 0])
+    scaled = root[:, None] * K * root
+    shifted = scaled.copy()
+    shifted.flat[:: len(K) + 1] += 0.5 * NEGATIVE
+    if is_definite(shifted):  # less than the eigenvalue takes, and nearly always enough
+        return 0.0
+    values, x = eigh(scaled, subset_by_index=[0, 0])
     if values[0] > -NEGATIVE:
         return 0.0
     try:
@@ -437,7 +468,8 @@ def warn_of_couplings(made: Made) -> None:
     members, coupling, ranks, p = made.members, made.coupling, made.ranks, made.rows.p
     doubts = doubts_of_damping(members, ranks) if coupling == "mean" else []
     skew = [] if ranks is not None else [x for x in members if is_unsymmetric(x)]
-    doubts += doubts_of_skew(skew, members, coupling)
+    if skew:
+        doubts += doubts_of_skew(skew, members, coupling)
     above = [
         (member, ratio)
         for member in members
@@ -534,75 +566,6 @@ def doubts_of_damping(members: Sequence[Member], ranks: Ranks | None = None) -> 
     ]
 
 
-def is_unsymmetric(member: Member) -> bool:
-    """Whether K is, for which (M9) proves nothing."""
-    return not member.subdomain.symmetric and not is_symmetric(member.subdomain.K)
-
-
-def doubts_of_skew(skew: Sequence[Member], members: Sequence[Member], coupling: str) -> list[str]:
-    """Why the motion can grow beside these members, of which K is unsymmetric."""
-    doubts = []
-    for member in skew:
-        rows = np.unique(sp.coo_array(member.L.matrix).row)
-        excess = circulation(member) if all(x.subdomain.is_linear for x in members) else 0.0
-        for other in members:
-            if other is member or not np.isin(sp.coo_array(other.L.matrix).row, rows).any():
-                continue
-            why = _restless(other, member) if coupling in MACRO else ""
-            if why:
-                doubts.append(
-                    f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} {why} '
-                    f"is tied to {member.name!r} with an unsymmetric K: see coupler.growth(), and "
-                    'take coupling="gc", fewer substeps or rho of 0.8 or less'
-                )
-            elif excess > CIRCULATORY and _steps_otherwise(other, member, coupling):
-                cure = "" if coupling == "gc" else 'coupling="gc" or '
-                doubts.append(
-                    f'coupling="{coupling}" can grow slowly where subdomain {other.name!r} is tied '
-                    f"to {member.name!r}, of which the skew part of K is {excess:.3g} times what "
-                    f"its C takes at the frequencies of its dofs: see coupler.growth(), and take "
-                    f"{cure}smaller steps"
-                )
-    return doubts
-
-
-def circulation(member: Member) -> float:
-    """The largest |k_ij - k_ji| / 2, summed over a row, over c_ii sqrt(k_ii / m_ii).
-
-    Between dofs without gyroscopic terms, which an absorbing layer has with its stresses.
-    """
-    s = member.subdomain
-    S, G = skew_part(s.K), None if s.C is None else skew_part(s.C)
-    assert S is not None
-    m, k = diagonal(s.M), diagonal(s.K)
-    c = np.zeros(s.n) if s.C is None else diagonal(s.C)
-    alone = (m > 0.0) & (k > 0.0)
-    if G is not None:
-        alone &= product(absolute(G), np.ones(s.n)) == 0.0
-    feeds = np.where(alone, product(absolute(S), alone.astype(float)), 0.0)
-    chosen = feeds > 0.0
-    with np.errstate(divide="ignore"):
-        ratios = feeds[chosen] / (np.maximum(c, 0.0)[chosen] * np.sqrt(k[chosen] / m[chosen]))
-    return float(np.max(ratios, initial=0.0))
-
-
-def _steps_otherwise(member: Member, other: Member, coupling: str) -> bool:
-    """Whether a tie to the other one is not a part of one scheme of both."""
-    one, two = member.subdomain.scheme, other.subdomain.scheme
-    return coupling == "pm" or one != two or member.substeps != other.substeps
-
-
-def _restless(member: Member, beside: Member) -> str:
-    """What of a subdomain makes an unsymmetric one beside it grow, or empty."""
-    s, ratio = member.subdomain, member.substeps / beside.substeps
-    undamped = s.scheme.explicit and s.scheme.is_newmark and not member.is_damped
-    if ratio > BESIDE_SKEW:
-        return f"with {ratio:.3g} substeps in a step of the other"
-    if undamped and ratio > UNDAMPED_BESIDE_SKEW:
-        return f"of an undamped explicit scheme with {ratio:.3g} substeps in a step of the other"
-    return ""
-
-
 def growing(coupling: str) -> str:
     """What is said of a coupled step that grows, for no other reason that is known."""
     if coupling == "mean":
@@ -671,10 +634,12 @@ def warn_of_resonance(
     mean = interface_matrix(members, position.size, start=False, mean=True, ranks=ranks)
     x = np.cos(np.arange(position.size))
     for _ in range(8):
-        Px = product(mean, x)
+        before, Px = x, product(mean, x)
         x = solve(factor, Px)
         size = np.max(np.abs(x))
         x, Hx = x / size, Px / size
+        if np.array_equal(x, before):  # as with a single constraint: all further ones are the same
+            break
     Px = product(mean, x)
     ratio = float(x @ Hx) / float(x @ Px)
     if not all(member.symmetric for member in members):
