@@ -46,7 +46,38 @@ Scale Factor      2000(gal)/8000
 Max. Acc. (gal)   5.0
 Memo.
 """
+
+
+def of_fields(values, columns, form):
+    return "".join(
+        "".join(form.format(x) for x in values[k : k + columns]) + "\n"
+        for k in range(0, len(values), columns)
+    )
+
+
+def geonet(heading="Corrected accelerogram VALLEY_20 GNS Science", seconds=0.08, step=0.02):
+    """Two components, each with accelerations and velocities."""
+    whole, real = [2018] * 40, [7.0] * 60
+    whole[33:36], real[23], real[25] = [len(VALUES), 3, 0], seconds, step
+    text = heading + "\n" + "Displacement:  peak    0.131 mm     at  43.66 sec\n" * 15
+    text += of_fields(whole, 10, "{:8d}") + of_fields(real, 10, "{:8.2f}")
+    return 2 * (text + fixed(VALUES, 10, 8, 3) + fixed([9.0, 9.0, 9.0], 10, 8, 1))
+
+
+def smc(heading="2 CORRECTED ACCELEROGRAM", rate=50.0, number=5, high=False):
+    whole, real = [-32768] * 48, [1.7e38] * 50
+    whole[15:17], whole[46], real[1] = [2, number], 8 if high else -32768, rate
+    text = heading + "\n" + "*\n" * 10 + of_fields(whole, 8, "{:10d}")
+    text += of_fields(real, 5, "{:15.7E}") + "|\n| a valley\n"
+    digits, width = (7, 14) if high else (4, 10)
+    fields = [f"{x:.{digits}E}".replace("E+0", "E+").replace("E-0", "E-") for x in VALUES]
+    return text + of_fields(fields, 5 if high else 8, f"{{:>{width}}}")
+
+
 FORMATS = {
+    "mm/s^2": geonet(),
+    "cm/s^2, USGS": smc(),
+    "cm/s^2, USGS with more digits": smc(high=True),
     "g": PEER + ".1E-01 -.2E-01 .3 4.0E-03\n -5\n*** End ***\n",
     "cm/sec2": CSMIP + fixed(VALUES, 3, 8, 4) + "  5 points of veloc data equally spaced\n 9. 9.\n",
     "cm/s^2 (4)": cosmos(61, 20.0),
@@ -61,6 +92,7 @@ FORMATS = {
 @pytest.mark.parametrize("unit", FORMATS)
 def test_a_record_has_its_samples_step_and_unit(tmp_path, unit):
     record = read_record(written(tmp_path, FORMATS[unit]))
+    unit = unit.partition(",")[0]
     np.testing.assert_allclose(record.values, VALUES, rtol=1e-15)
     assert record.dt == pytest.approx(0.02, rel=1e-15) and record.name == "valley.txt"
     assert record.header.splitlines()[-1].lower() == f"unit: {unit}"
@@ -177,6 +209,16 @@ def test_uneven_times_are_resampled_between_the_samples(tmp_path):
         (FORMATS["not given"].replace("t, a", "t (ms), a"), "times must be in seconds"),
         (FORMATS["gal"].replace("50Hz", "0Hz"), "must be positive"),
         ("\0", "must be text, got a binary file"),
+        (geonet("Uncorrected accelerogram X GNS Science"), "must be a corrected record, such as"),
+        (geonet(seconds=0.16), "line 23: the step of the header must fit 5 samples in 0.16 s"),
+        (geonet()[:1300], "must have a header of 26 lines and more"),
+        (smc("1 UNCORRECTED ACCELEROGRAM"), "must be a corrected record, such as .V2 of CSMIP"),
+        (smc("3 VELOCITY"), "must be a record of accelerations, got '3 VELOCITY'"),
+        (smc("6 FOURIER AMPLITUDE SPECTRA"), "must be a record of accelerations, got '6 FOUR"),
+        (smc(rate=1.7e38), "line 18: the sampling rate must be positive and known, got 1.7e.38"),
+        (smc(number=-32768), "numbers of comments and samples must be positive, got 2 and -32768"),
+        (smc(number=6), "must give 6 samples, got 5"),
+        (smc().replace(" 3.0000E-1", "30.000E-2"), "line 30: must hold finite numbers"),
         (
             "Uncorrected accelerogram\nx\n1 2 3\n",
             "must be a corrected record, such as .V2 of CSMIP",

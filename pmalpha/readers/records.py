@@ -6,7 +6,7 @@ import codecs
 import os
 import re
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -168,6 +168,13 @@ _CHANNEL = re.compile(
     r".*(?:spaced|approx|format|units|\bsec)",
     re.IGNORECASE,
 )
+# GeoNet: "Corrected accelerogram 20180212_211554_WPWS_20 GNS Science"
+_GEONET = re.compile(r"\s*(un)?corrected accelerogram\b.*\bGNS Science", re.IGNORECASE)
+# USGS: "2 CORRECTED ACCELEROGRAM"; 3 to 6 are velocities, displacements and spectra
+_SMC = re.compile(
+    r"\s*([0-6]) (?:UNKNOWN|(?:UN)?CORRECTED ACCELEROGRAM|VELOCITY|DISPLACEMENT|RESPONSE SPECTRA"
+    r"|FOURIER AMPLITUDE)"
+)
 _END_OF_CHANNEL = re.compile(r"^\s*(?:/&)?\W*end[- ]of[- ]data", re.IGNORECASE)
 _UNKNOWN = -999.0
 # Times in another unit than seconds, in the lines before two columns; "Ms 6.7" is a magnitude
@@ -202,8 +209,8 @@ def read_record(path: str | os.PathLike[str]) -> Record:
 
     PEER (``.AT2``, see `read_at2`); corrected records of CSMIP (``.V2``) and of COSMOS (``.V1``,
     ``.V2``), of which the first accelerogram is read: a file in which another heading comes before
-    the first one that is understood is refused; ESM and ITACA (``.ASC``); K-NET and KiK-net;
-    and two columns, time and value.
+    the first one that is understood is refused; of GeoNet (``.V2A``), the first component; of the
+    USGS (``.smc``); ESM and ITACA (``.ASC``); K-NET and KiK-net; and two columns, time and value.
 
     Parameters
     ----------
@@ -246,16 +253,17 @@ def read_record(path: str | os.PathLike[str]) -> Record:
         record = read_at2(path)
         unit = re.search(r"UNITS? OF\s+(\S+)", record.header, re.IGNORECASE)
         return _of_acceleration(text, _with_unit(record, unit[1] if unit else "not given"))
-    for read in (_channels, _esm, _k_net, _columns):
+    for read in (_geonet, _smc, _channels, _esm, _k_net, _columns):
         result = read(text)
         if result is not None:
             return _of_acceleration(text, result)
     if "UNCORRECTED" in "".join(text.lines[:3]).upper():
-        refuse(name, 1, "must be a corrected record, such as .V2 of CSMIP, got an uncorrected one")
+        _refuse_uncorrected(text)
     refuse(
         name,
         1,
-        "must be a record of PEER, CSMIP, COSMOS, ESM, K-NET or two columns of numbers, got "
+        "must be a record of PEER, CSMIP, COSMOS, GeoNet, SMC, ESM, K-NET or two columns of "
+        "numbers, got "
         f"{(text.lines or [''])[0].strip()[:60]!r}",
     )
 
@@ -349,6 +357,58 @@ def _cosmos_step(values: list[float]) -> float:
         if i < len(values) and values[i] not in (_UNKNOWN, 0.0):
             return factor * values[i]
     return np.nan
+
+
+def _geonet(file: _File) -> Record | None:
+    """The first component: 16 lines of text, 40 whole numbers, 60 real ones, accelerations."""
+    match = _GEONET.match(file.lines[0]) if file.lines else None
+    if match is None:
+        return None
+    if match[1]:
+        _refuse_uncorrected(file)
+    whole = _header_numbers(file, 16, 4, 10, 8)
+    real = _header_numbers(file, 20, 6, 10, 8)
+    count, seconds, dt = int(whole[33]), real[23], real[25]
+    if not abs((count - 1) * dt - seconds) <= 0.01 + 1e-4 * seconds:  # which have two decimals
+        rule = f"the step of the header must fit {count} samples in {seconds:g} s, got {dt:g}"
+        refuse(file.path, 23, rule)
+    return _record(file, _fixed(file, 26, count, 10, 8, None), dt, 26, "mm/s^2")
+
+
+def _smc(file: _File) -> Record | None:
+    """11 lines of text, 48 whole numbers, 50 real ones, comments, accelerations in cm/s^2."""
+    match = _SMC.match(file.lines[0]) if file.lines else None
+    if match is None:
+        return None
+    if match[1] == "1":
+        _refuse_uncorrected(file)
+    if match[1] != "2":
+        got = file.lines[0].strip()
+        refuse(file.path, 1, f"must be a record of accelerations, got {got!r}")
+    whole = _header_numbers(file, 11, 6, 8, 10)
+    real = _header_numbers(file, 17, 10, 5, 15)
+    comments, count, rate = int(whole[15]), int(whole[16]), real[1]
+    if not (comments >= 0 and count > 0):
+        got = f"got {comments} and {count}"
+        refuse(file.path, 13, f"the numbers of comments and samples must be positive, {got}")
+    if not 0.0 < rate < real[0]:  # that for which a value is not known
+        refuse(file.path, 18, f"the sampling rate must be positive and known, got {rate:g}")
+    first = 27 + comments
+    # 8 in the 47th place: with the digits of double precision
+    columns, width, digits = (5, 14, "7") if whole[46] == 8 else (8, 10, "4")
+    values = _fixed(file, first, count, columns, width, digits)
+    return _record(file, values, 1.0 / rate, first, "cm/s^2")
+
+
+def _header_numbers(file: _File, first: int, lines: int, columns: int, width: int) -> np.ndarray:
+    if len(file.lines) < first + lines:
+        refuse(file.path, len(file.lines), f"must have a header of {first + lines} lines and more")
+    return _fixed(file, first, lines * columns, columns, width, None)
+
+
+def _refuse_uncorrected(file: _File) -> NoReturn:
+    rule = "must be a corrected record, such as .V2 of CSMIP, got an uncorrected one"
+    refuse(file.path, 1, rule)
 
 
 def _esm(file: _File) -> Record | None:
