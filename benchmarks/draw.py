@@ -1,4 +1,4 @@
-"""Tables and pictures of docs/performance.md and benchmarks/README.md, from benchmarks/results.
+"""Tables and pictures of the pages below, from benchmarks/results.
 
 Nothing is measured here. The tables are between the lines `<!-- name -->` and `<!-- end -->`.
 """
@@ -14,6 +14,7 @@ from pmalpha.plot import LINES, RC
 ROOT = Path(__file__).parent.parent
 PAGES = (
     ROOT / "docs" / "performance.md",
+    ROOT / "docs" / "measurements.md",
     ROOT / "benchmarks" / "README.md",
     ROOT / "docs" / "compared.md",
 )

@@ -7,7 +7,7 @@ other. In two terminals:
     python examples/precice_tower.py Spring examples/precice_implicit.xml
 
 With precice_explicit.xml the force of the spring is that of the window before.
-docs/other-programs.md has the results.
+docs/bindings.md has the results.
 """
 
 import sys

@@ -366,9 +366,9 @@ def _geonet(file: _File) -> Record | None:
         return None
     if match[1]:
         _refuse_uncorrected(file)
-    whole = _header_numbers(file, 16, 4, 10, 8)
-    real = _header_numbers(file, 20, 6, 10, 8)
-    count, seconds, dt = int(whole[33]), real[23], real[25]
+    integers = _header_numbers(file, 16, 4, 10, 8)
+    reals = _header_numbers(file, 20, 6, 10, 8)
+    count, seconds, dt = int(integers[33]), reals[23], reals[25]
     if not abs((count - 1) * dt - seconds) <= 0.01 + 1e-4 * seconds:  # which have two decimals
         rule = f"the step of the header must fit {count} samples in {seconds:g} s, got {dt:g}"
         refuse(file.path, 23, rule)
@@ -385,17 +385,17 @@ def _smc(file: _File) -> Record | None:
     if match[1] != "2":
         got = file.lines[0].strip()
         refuse(file.path, 1, f"must be a record of accelerations, got {got!r}")
-    whole = _header_numbers(file, 11, 6, 8, 10)
-    real = _header_numbers(file, 17, 10, 5, 15)
-    comments, count, rate = int(whole[15]), int(whole[16]), real[1]
+    integers = _header_numbers(file, 11, 6, 8, 10)
+    reals = _header_numbers(file, 17, 10, 5, 15)
+    comments, count, rate = int(integers[15]), int(integers[16]), reals[1]
     if not (comments >= 0 and count > 0):
         got = f"got {comments} and {count}"
         refuse(file.path, 13, f"the numbers of comments and samples must be positive, {got}")
-    if not 0.0 < rate < real[0]:  # that for which a value is not known
+    if not 0.0 < rate < reals[0]:  # that for which a value is not known
         refuse(file.path, 18, f"the sampling rate must be positive and known, got {rate:g}")
     first = 27 + comments
     # 8 in the 47th place: with the digits of double precision
-    columns, width, digits = (5, 14, "7") if whole[46] == 8 else (8, 10, "4")
+    columns, width, digits = (5, 14, "7") if integers[46] == 8 else (8, 10, "4")
     values = _fixed(file, first, count, columns, width, digits)
     return _record(file, values, 1.0 / rate, first, "cm/s^2")
 
