@@ -229,8 +229,8 @@ MOST_LINES = {
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_030,
-    ("pmalpha", "py"): 55_450,
-    ("tests", "py"): 72_250,
+    ("pmalpha", "py"): 55_620,
+    ("tests", "py"): 72_330,
     ("docs", "md"): 7_820,
 }
 

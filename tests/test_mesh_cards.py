@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.io import netcdf_file
 
 from pmalpha import structures
 
@@ -748,3 +749,72 @@ def test_a_mesh_of_ansys_has_its_components_and_what_is_no_block_is_refused(tmp_
     flat = library.Mesh(np.array(CORNERS[:4], dtype=float), [("quad", [[0, 1, 2, 3]])])
     library.ansysInp.write(path, flat)
     assert "without bending (1)" in read(tmp_path, path.read_text(), name="job.cdb")[1]
+
+
+# ---- Exodus ----------------------------------------------------------------------------------
+
+EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7)]
+MIDDLES = [np.mean([CORNERS[i], CORNERS[j]], axis=0) for i, j in [*EDGES, (7, 4)]]
+TWO = [*CORNERS, (2, 0, 0), (2, 1, 0)]  # a wedge beside the cube
+BLOCKS = [("HEX8", [range(8)]), ("WEDGE", [[1, 5, 8, 2, 6, 9]])]
+
+
+def exodus(path, points=TWO, blocks=BLOCKS, names=(), netcdf4=False):
+    """A file as Cubit writes it: blocks 10, 20, ..., a set of nodes 7, a set of sides 8."""
+    words = np.array([[x.encode().ljust(33, b"\0")[k : k + 1] for k in range(33)] for x in names])
+    arrays = {f"coord{x}": np.array(points, dtype=float)[:, k] for k, x in enumerate("xyz")}
+    arrays |= {"eb_prop1": 10 * np.arange(1, len(blocks) + 1), "ns_prop1": np.array([7])}
+    arrays |= {"ss_prop1": np.array([8]), "elem_ss1": np.array([1]), "side_ss1": np.array([5])}
+    arrays |= {"node_ns1": np.array([2, 1])} | ({"eb_names": words} if names else {})
+    arrays |= {f"connect{k}": np.array(nodes) + 1 for k, (_, nodes) in enumerate(blocks, 1)}
+    types = {f"connect{k}": word for k, (word, _) in enumerate(blocks, 1)}
+    if netcdf4:
+        with pytest.importorskip("h5py").File(path, "w") as root:
+            for name, x in arrays.items():
+                root[name] = x
+                if name in types:
+                    root[name].attrs["elem_type"] = np.bytes_(types[name])
+        return path
+    with netcdf_file(path, "w", version=2) as file:
+        for name, x in arrays.items():
+            sizes = [f"{name}_{k}" for k in range(x.ndim)]
+            for size, length in zip(sizes, x.shape):
+                file.createDimension(size, length)
+            kind = {"f": "d", "i": "i", "S": "c"}[x.dtype.kind]
+            variable = file.createVariable(name, kind, sizes)
+            variable[:] = x
+            if name in types:
+                variable.elem_type = types[name]
+    return path
+
+
+@pytest.mark.parametrize("netcdf4", [False, True])
+def test_blocks_of_exodus_are_groups_by_name_or_number(tmp_path, netcdf4):
+    path = exodus(tmp_path / "job.exo", names=("steel", ""), netcdf4=netcdf4)
+    with pytest.warns(UserWarning, match=r"sets of sides 8 are left out"):
+        structure = structures.from_mesh(path, {"steel": SOLID, "20": {**SOLID, "rho": 10.0}})
+    assert {name: x.tolist() for name, x in structure.groups.items()} == {"steel": [0], "20": [1]}
+    assert structure.sets["7"].tolist() == [0, 1]
+    assert mass(structure) == pytest.approx(1.0 + 10.0 * 0.5, rel=1e-14)
+
+
+def test_nodes_in_the_middles_of_edges_of_exodus_are_in_their_order(tmp_path):
+    """Those of the edges between both ends come first; in another order M has another sum."""
+    path = exodus(tmp_path / "job.e", [*CORNERS, *MIDDLES], [("HEX20", [range(20)])])
+    structure = structures.from_mesh(path, SOLID, ignore=("8",))
+    assert mass(structure) == pytest.approx(1.0, rel=1e-13)
+
+
+def test_elements_of_exodus_without_a_kind_and_damaged_files_are_refused(tmp_path):
+    sphere = [("HEX8", [range(8)]), ("SPHERE", [[8]])]
+    path = exodus(tmp_path / "job.g", blocks=sphere)
+    with pytest.raises(ValueError, match=r"job.g, block .20.: elements SPHERE of 1 nodes"):
+        structures.from_mesh(path, SOLID)
+    structure = structures.from_mesh(path, SOLID, ignore=("SPHERE", "8"))
+    assert list(structure.groups) == ["10"]
+    path.write_bytes(path.read_bytes()[:400])
+    with pytest.raises(ValueError, match=r"mesh must be a whole file of Exodus, but .*job.g"):
+        structures.from_mesh(path, SOLID)
+    path.write_bytes(b"CDF\x05" + bytes(40))
+    with pytest.raises(ValueError, match=r"it must be netCDF: classic"):
+        structures.from_mesh(path, SOLID)

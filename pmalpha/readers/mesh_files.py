@@ -36,6 +36,7 @@ from ..meshes.mesh import (
 )
 from ..results.history_file import SIGNATURE, own_array
 from .bulk import is_model, read_bulk, read_model
+from .exodus import read_exodus
 from .inp import read_input
 from .text import Unread
 
@@ -209,6 +210,7 @@ MOST_ENDS = 100
 OWN_READERS: dict[str, Callable[[Path, Unread], FileMesh]] = {
     ".inp": read_input,
     **dict.fromkeys((".bdf", ".dat", ".fem", ".nas"), read_bulk),
+    **dict.fromkeys((".e", ".ex2", ".exii", ".exo", ".exodus", ".g", ".gen"), read_exodus),
 }
 
 
