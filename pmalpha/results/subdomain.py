@@ -88,9 +88,11 @@ class SubdomainHistory:
         The outputs of ``run(outputs=)`` by name.
     iterations : (k,) array of int, or None
         Newton iterations of each substep with internal forces, zero at the first time level: those
-        of its beginning and its end together, under "macro" those of all passes.
+        of its beginning and its end together, under "macro" those of all passes. None of an
+        explicit subdomain and without ``Subdomain(internal=)``.
     q : (k, m) array, or None
-        The history of the internal forces, where all dofs are recorded.
+        The history of the internal forces. None without ``InternalForce(evaluate, history)``, and
+        where only some dofs are recorded: leave out those of ``run(record=)``.
     rig_command, rig_sent, rig_measured, rig_force : (k, commands) arrays, or None
         With ``rig=True``, those of `rig`.
     substep : float or None
