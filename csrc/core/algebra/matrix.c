@@ -389,6 +389,14 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
     pma_matrix_subtract_rows(A, 0, A->n, x, y);
 }
 
+void pma_matrix_multiply(const pma_matrix *A, const double *x, double *y)
+{
+    memset(y, 0, A->n * sizeof *y);
+    pma_matrix_subtract(A, x, y);
+    for (size_t i = 0; i < A->n; i++)
+        y[i] = -y[i];
+}
+
 double pma_matrix_square(const pma_matrix *A, const double *x, double *product)
 {
     double sum = 0.0;

@@ -70,6 +70,9 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y);
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y);
 
+/* y := A x, but for the sign of its zeros */
+void pma_matrix_multiply(const pma_matrix *A, const double *x, double *y);
+
 /* x . A x; product (n): scratch */
 double pma_matrix_square(const pma_matrix *A, const double *x, double *product);
 

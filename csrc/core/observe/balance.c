@@ -9,6 +9,7 @@
 #include "memory.h"
 #include "object.h"
 #include "observe/passage.h"
+#include "observe/ring.h"
 
 #define INLINE __attribute__((always_inline)) static inline
 
@@ -75,11 +76,10 @@ enum { OPENED = 4 };
 
 struct pma_balance {
     pma_balance_parts parts;
-    level *levels, **at; /* all of them; the present, and those after it */
-    level *before;       /* the present: of double steps; otherwise not used */
-    size_t kept;         /* after the present; some take turns, or one for each substep */
-    bool is_diagonal;    /* M and K_r are, and nothing else corrects the forces */
-    double *opened;      /* of the last substeps ut and r, and what else functions are shown */
+    level *levels;
+    pma_ring ring;    /* of them */
+    bool is_diagonal; /* M and K_r are, and nothing else corrects the forces */
+    double *opened;   /* of the last substeps ut and r, and what else functions are shown */
     int64_t opened_number[OPENED]; /* those substeps */
     pma_substep closed;            /* the last one */
     pma_stiffness stiffness;
@@ -143,38 +143,21 @@ static bool is_diagonal(const pma_balance_parts *p)
            (p->K_r.form == PMA_ZERO || p->K_r.form == PMA_DIAGONAL) && p->D_r.form == PMA_ZERO;
 }
 
-/* After the present: with responses all of a macro step, otherwise those from which the next
- * substeps go on, and that at its end. */
-static size_t levels_after(const pma_balance_parts *p)
-{
-    const size_t turns = p->doubled ? 3 : 2;
-    return p->substeps <= 2 ? 2 : p->has_responses ? p->substeps : turns;
-}
-
 /* Numbers of a substep that is opened. */
 static size_t opened_size(const pma_balance_parts *p)
 {
     return (p->has_functions ? 4 : 2) * p->n;
 }
 
-static void fill_levels(pma_balance *b)
-{
-    for (size_t k = 0; k <= b->kept + (b->parts.doubled ? 1 : 0); k++)
-        b->levels[k] = take_level(b, k);
-    for (size_t k = 0; k <= b->kept; k++)
-        b->at[k] = &b->levels[k];
-    b->before = &b->levels[b->kept + 1];
-}
-
 pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
 {
     const size_t n = parts->n, lanes = parts->lanes;
     const size_t entries = parts->ptr ? (size_t)parts->ptr[n] : 0;
-    const size_t kept = levels_after(parts), levels = kept + 2;
-    const size_t numbers = parts->doubled ? levels : levels - 1;
+    const pma_ring ring = pma_ring_of(parts->substeps, parts->doubled, parts->has_responses);
+    const size_t levels = ring.kept + 2, used = parts->doubled ? levels : levels - 1;
     const pma_array arrays[] = {
         PMA_ARRAY(pma_balance, levels, levels),
-        PMA_ARRAY(pma_balance, at, kept + 1),
+        PMA_ARRAY(pma_balance, ring.at, levels),
         PMA_ARRAY(pma_balance, judged, lanes),
         PMA_ARRAY(pma_balance, sums, levels * lanes),
         PMA_ARRAY(pma_balance, opened, OPENED * opened_size(parts)),
@@ -187,7 +170,7 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         PMA_ARRAY(pma_balance, first.iterated, n),
         PMA_ARRAY(pma_balance, first.stiffness, entries),
         PMA_ARRAY(pma_balance, stored, lanes),
-        {offsetof(pma_balance, numbers), numbers, level_size(parts) * sizeof(double)},
+        {offsetof(pma_balance, numbers), used, level_size(parts) * sizeof(double)},
         {0}};
     *out = NULL;
     if (parts->M.n != n || parts->K.n != n || (parts->K_r.form != PMA_ZERO && parts->K_r.n != n))
@@ -198,7 +181,6 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
     if (!b)
         return PMA_NO_MEMORY;
     b->parts = *parts;
-    b->kept = kept;
     b->keeps = sums_path(parts) || parts->estimates || parts->has_responses;
     b->measures = parts->has_functions || !parts->iterates;
     b->is_diagonal = is_diagonal(parts);
@@ -206,7 +188,9 @@ pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out)
         b->start[n + i] = parts->K_r.form == PMA_DIAGONAL ? parts->K_r.values[i] : 0.0;
         b->start[2 * n + i] = parts->M.values[i];
     }
-    fill_levels(b);
+    for (size_t k = 0; k < used; k++)
+        b->levels[k] = take_level(b, k);
+    pma_ring_fill(&b->ring, &ring, b->levels, sizeof *b->levels);
     b->stiffness = (pma_stiffness){.n = n,
                                    .lanes = lanes,
                                    .is_explicit = parts->is_explicit,
@@ -261,24 +245,17 @@ static double half_square(const pma_balance *b, const double *x, size_t lane)
     return -0.5 * dot(b, x, b->product, lane);
 }
 
-/* y := M x */
-static void multiply_mass(pma_balance *b, const double *x, double *y)
-{
-    multiply(b, &b->parts.M, x);
-    for (size_t i = 0; i < b->parts.n; i++)
-        y[i] = -b->product[i];
-}
-
 void pma_balance_begin(pma_balance *b)
 {
-    b->at[0]->is_known = b->before->is_known = false;
+    level *present = pma_ring_at(&b->ring, 0), *before = pma_ring_before(&b->ring, 0);
+    present->is_known = before->is_known = false;
     for (size_t k = 0; k < OPENED; k++)
         b->opened_number[k] = PMA_NO_SUBSTEP;
     b->closed.number = PMA_NO_SUBSTEP;
     b->is_passive = b->parts.is_passive;
     b->is_broken = false;
     for (size_t l = 0; l < b->parts.lanes; l++) {
-        b->at[0]->sums[l] = (sums){0};
+        present->sums[l] = (sums){0};
         b->judged[l] = (judgement){0};
     }
 }
@@ -305,26 +282,11 @@ pma_evaluated_forces pma_balance_open(pma_balance *b, int64_t number, const doub
                                   .vs = b->parts.has_rates ? opened + 3 * n : NULL};
 }
 
-/* Where time level j is in `at`. */
-static size_t slot_of(const pma_balance *b, size_t j)
-{
-    return j == 0 ? 0 : 1 + (j - 1) % b->kept;
-}
-
-static level *level_at(const pma_balance *b, size_t j)
-{
-    return b->at[slot_of(b, j)];
-}
-
 /* The time level from which the sums go on to the end of a substep                         (B3) */
 static const level *origin_of(const pma_balance *b, size_t j, bool twice)
 {
-    if (twice) {
-        const level *origin = j > 0 ? level_at(b, j - 1) : b->before;
-        if (origin->is_known)
-            return origin;
-    }
-    return level_at(b, j);
+    const level *before = twice ? pma_ring_before(&b->ring, j) : NULL;
+    return before && before->is_known ? before : pma_ring_at(&b->ring, j);
 }
 
 static const pma_step_limits *limits_of(const pma_balance *b, bool twice)
@@ -372,14 +334,15 @@ static double work_of_bend(double change, double k0, double k1)
 void pma_balance_iterate(pma_balance *b, const pma_substep *step, const double *r)
 {
     assert(b->parts.iterates);
-    memcpy(level_at(b, step->j + 1)->iterated, r, b->parts.n * sizeof(double));
+    level *to = pma_ring_at(&b->ring, step->j + 1);
+    memcpy(to->iterated, r, b->parts.n * sizeof(double));
 }
 
 void pma_balance_bend(pma_balance *b, const pma_substep *step, const double *u, const double *f,
                       const double *K)
 {
     const level *from = origin_of(b, step->j, step->twice);
-    level *to = level_at(b, step->j + 1);
+    level *to = pma_ring_at(&b->ring, step->j + 1);
     b->bent = 0.0;
     if (K && from->bends && from->is_known) {
         double *du = b->scratch, change = 0.0;
@@ -466,7 +429,7 @@ static void begin_sums(pma_balance *b, level *at, const double *v, const double 
  * x = u - ut */
 static void find_forces(pma_balance *b, const double *vs, level *to, const pma_passage *p)
 {
-    multiply_mass(b, p->w, to->inertia);
+    pma_matrix_multiply(&b->parts.M, p->w, to->inertia);
     correct_forces(b, vs, p->v, to->x);
     for (size_t i = 0; i < b->parts.n; i++)
         to->acting[i] = p->r[i] - b->product[i];
@@ -479,7 +442,7 @@ static void come_to(pma_balance *b, size_t j, bool twice, const double *r, const
     const double al1 = limits_of(b, twice)->al1;
     const level *from = origin_of(b, j, twice);
     const bool known = from->is_known;
-    level *to = level_at(b, j + 1);
+    level *to = pma_ring_at(&b->ring, j + 1);
     const pma_passage p = {.from = from->u,
                            .to = to->u,
                            .u = x->u,
@@ -522,7 +485,7 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
 {
     const size_t n = b->parts.n, bytes = n * sizeof(double);
     const pma_first_forces *first = &b->first;
-    level *at = b->at[0];
+    level *at = pma_ring_at(&b->ring, 0);
     for (size_t i = 0; i < n; i++)
         at->r[i] = first->once[i] + first->iterated[i];
     pma_springs_add(b->parts.springs, x->springs, at->r);
@@ -538,7 +501,7 @@ void pma_balance_start(pma_balance *b, const pma_state *x)
         memcpy(at->functions, first->iterated, bytes);
         memcpy(at->stiffness, first->stiffness, (size_t)b->parts.ptr[n] * sizeof(double));
     }
-    multiply_mass(b, x->w, at->inertia);
+    pma_matrix_multiply(&b->parts.M, x->w, at->inertia);
     begin_sums(b, at, x->v, x->springs);
     multiply(b, &b->parts.K, x->u);
     for (size_t l = 0; l < b->parts.lanes; l++) {
@@ -553,7 +516,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, const pma_state 
 {
     const size_t n = b->parts.n, bytes = n * sizeof(double), j = step->j;
     const double al1 = limits_of(b, step->twice)->al1;
-    level *to = level_at(b, j + 1);
+    level *to = pma_ring_at(&b->ring, j + 1);
     const double *ut = opened_at(b, step->number), *r = ut + n;
     to->t = step->t1;
     b->closed = *step;
@@ -581,7 +544,7 @@ void pma_balance_close(pma_balance *b, const pma_substep *step, const pma_state 
 void pma_balance_advance_response(pma_balance *b, size_t j, bool twice, const pma_state *link)
 {
     assert(j >= 1 && b->parts.has_responses);
-    level *to = level_at(b, j);
+    level *to = pma_ring_at(&b->ring, j);
     const double share = b->parts.corrects ? 0.0 : limits_of(b, twice)->al1;
     double *w = b->w;
     for (size_t i = 0; i < b->parts.n; i++) {
@@ -701,27 +664,9 @@ static void judge(pma_balance *b, const level *at, const double *springs, size_t
         so_far->gain.t = so_far->since;
 }
 
-/* The level in this slot becomes the present, and the one before it that before the present. */
-static void take_present(pma_balance *b, size_t slot)
-{
-    level *last = b->at[slot], *free = b->at[0];
-    if (b->parts.doubled && b->parts.substeps > 1) {
-        const size_t slot_before = slot_of(b, b->parts.substeps - 1);
-        level *before = b->at[slot_before];
-        b->at[slot_before] = b->before;
-        b->before = before;
-    } else if (b->parts.doubled) {
-        free = b->before;
-        b->before = b->at[0];
-    }
-    b->at[slot] = free;
-    b->at[0] = last;
-}
-
 void pma_balance_commit(pma_balance *b, const pma_state *x)
 {
-    const size_t slot = slot_of(b, b->parts.substeps);
-    level *last = b->at[slot];
+    const level *last = pma_ring_at(&b->ring, b->parts.substeps);
     if (!b->is_diagonal)
         multiply(b, &b->parts.M, x->v);
     for (size_t l = 0; l < b->parts.lanes; l++)
@@ -729,7 +674,7 @@ void pma_balance_commit(pma_balance *b, const pma_state *x)
     b->has_stored = false;
     for (size_t l = 0; l < b->parts.lanes; l++)
         judge(b, last, x->springs, l);
-    take_present(b, slot);
+    pma_ring_commit(&b->ring);
 }
 
 pma_gain pma_balance_gain(const pma_balance *b)
@@ -757,7 +702,8 @@ pma_stiff pma_balance_stiff(const pma_balance *b)
 
 double pma_balance_added_mass(const pma_balance *b)
 {
-    const sums *now = b->at[0]->sums;
+    const level *present = pma_ring_at(&b->ring, 0);
+    const sums *now = present->sums;
     return now->inertia > 0.0 ? now->excess / now->inertia : 0.0;
 }
 

@@ -5,9 +5,7 @@
 
 #include "memory.h"
 #include "object.h"
-
-/* A double step ends two time levels after it began. */
-enum { KEPT = 3 };
+#include "observe/ring.h"
 
 /* The displacement at a time level, the forces that act there, and the works up to it. */
 typedef struct {
@@ -22,9 +20,8 @@ typedef struct {
 
 struct pma_energy {
     pma_energy_parts parts;
-    level present, previous;
-    level *work; /* time level j > 0 in work[(j - 1) % kept] */
-    size_t kept;
+    level *levels;
+    pma_ring ring;         /* of them */
     bool begun;            /* a macro step has been committed since the beginning */
     double *start_damping; /* n: C v + f at the beginning */
     double *start_load;    /* n: F at the beginning, without what depends on the motion */
@@ -61,14 +58,16 @@ static level take_level(const pma_energy *e, size_t number)
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
 {
     const size_t n = parts->n;
-    const size_t kept = parts->has_responses && parts->substeps > KEPT ? parts->substeps : KEPT;
+    const pma_ring ring = pma_ring_of(parts->substeps, parts->doubled, parts->has_responses);
+    const size_t levels = ring.kept + 2;
     const pma_array arrays[] = {
-        PMA_ARRAY(pma_energy, work, kept),
+        PMA_ARRAY(pma_energy, levels, levels),
+        PMA_ARRAY(pma_energy, ring.at, levels),
         PMA_ARRAY(pma_energy, start_damping, n),
         PMA_ARRAY(pma_energy, start_load, n),
         PMA_ARRAY(pma_energy, first_velocity, parts->doubled && parts->has_responses ? n : 0),
         PMA_ARRAY(pma_energy, product, n),
-        {offsetof(pma_energy, numbers), kept + 2, level_size(parts) * sizeof(double)},
+        {offsetof(pma_energy, numbers), levels, level_size(parts) * sizeof(double)},
         {0}};
     *out = NULL;
     if (parts->M.n != n || parts->K.n != n || parts->C.n != n || parts->nb > n ||
@@ -80,11 +79,9 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
     if (!e)
         return PMA_NO_MEMORY;
     e->parts = *parts;
-    e->kept = kept;
-    e->present = take_level(e, 0);
-    e->previous = take_level(e, 1);
-    for (size_t k = 0; k < kept; k++)
-        e->work[k] = take_level(e, k + 2);
+    for (size_t k = 0; k < levels; k++)
+        e->levels[k] = take_level(e, k);
+    pma_ring_fill(&e->ring, &ring, e->levels, sizeof *e->levels);
     *out = e;
     return PMA_OK;
 }
@@ -96,27 +93,10 @@ void pma_energy_destroy(pma_energy *e)
 
 /* ---- works ---------------------------------------------------------------------------------- */
 
-static level *level_at(pma_energy *e, size_t j)
+/* Where the works of the substep to time level j + 1 are counted from. */
+static const level *origin(const pma_energy *e, size_t j, bool twice)
 {
-    assert(j <= e->parts.substeps);
-    return j == 0 ? &e->present : &e->work[(j - 1) % e->kept];
-}
-
-/* Where the works of a substep are counted from. */
-static level *origin(pma_energy *e, const pma_substep *step)
-{
-    if (!step->twice || (step->j == 0 && !e->begun))
-        return level_at(e, step->j);
-    return step->j == 0 ? &e->previous : level_at(e, step->j - 1);
-}
-
-/* out (n) := A x, but for the sign of its zeros */
-static void multiply(const pma_matrix *A, const double *x, double *out)
-{
-    memset(out, 0, A->n * sizeof(double));
-    pma_matrix_subtract(A, x, out);
-    for (size_t i = 0; i < A->n; i++)
-        out[i] = -out[i];
+    return twice && (j > 0 || e->begun) ? pma_ring_before(&e->ring, j) : pma_ring_at(&e->ring, j);
 }
 
 static void add(size_t n, const double *x, double *y)
@@ -142,10 +122,11 @@ static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
     add(e->parts.n, load, to->load);
     if (step->j > 0 || e->begun || e->knows_functions)
         return;
-    memcpy(e->present.damping, e->start_damping, e->parts.n * sizeof(double));
-    memcpy(e->present.load, e->start_load, e->parts.n * sizeof(double));
-    add(e->parts.n, to->damping, e->present.damping);
-    add(e->parts.n, load, e->present.load);
+    level *present = pma_ring_at(&e->ring, 0);
+    memcpy(present->damping, e->start_damping, e->parts.n * sizeof(double));
+    memcpy(present->load, e->start_load, e->parts.n * sizeof(double));
+    add(e->parts.n, to->damping, present->damping);
+    add(e->parts.n, load, present->load);
 }
 
 /* f and its potential, as evaluated last */
@@ -159,11 +140,11 @@ static void take_internal(const pma_energy *e, level *to)
 /* q += C v + (K - K^T) / 2 u */
 static void add_damping(pma_energy *e, const pma_state *x, double *q)
 {
-    multiply(&e->parts.C, x->v, e->product);
+    pma_matrix_multiply(&e->parts.C, x->v, e->product);
     add(e->parts.n, e->product, q);
     if (e->parts.skew.form == PMA_ZERO)
         return;
-    multiply(&e->parts.skew, x->u, e->product);
+    pma_matrix_multiply(&e->parts.skew, x->u, e->product);
     add(e->parts.n, e->product, q);
 }
 
@@ -241,7 +222,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
                       const double *functions)
 {
     const size_t n = e->parts.n;
-    level *at = &e->present;
+    level *at = pma_ring_at(&e->ring, 0);
     e->begun = false;
     e->has_new_chain = false;
     e->knows_functions = functions;
@@ -277,8 +258,8 @@ static void copy_level(const pma_energy *e, const level *from, level *to)
 
 void pma_energy_follow(pma_energy *e, const pma_energy *from)
 {
-    copy_level(e, &from->present, &e->present);
-    copy_level(e, &from->previous, &e->previous);
+    copy_level(e, pma_ring_at(&from->ring, 0), pma_ring_at(&e->ring, 0));
+    copy_level(e, pma_ring_before(&from->ring, 0), pma_ring_before(&e->ring, 0));
     memcpy(e->start_damping, from->start_damping, e->parts.n * sizeof(double));
     memcpy(e->start_load, from->start_load, e->parts.n * sizeof(double));
     e->start_potential = from->start_potential;
@@ -298,7 +279,7 @@ size_t pma_energy_size(const pma_energy *e)
 
 bool pma_energy_keep(const pma_energy *e, double *out)
 {
-    const level *const levels[] = {&e->present, &e->previous};
+    const level *const levels[] = {pma_ring_at(&e->ring, 0), pma_ring_before(&e->ring, 0)};
     const size_t size = level_size(&e->parts);
     for (size_t k = 0; k < 2 && e->begun; k++) {
         const level *at = levels[k];
@@ -313,7 +294,7 @@ bool pma_energy_keep(const pma_energy *e, double *out)
 
 void pma_energy_resume(pma_energy *e, const double *in)
 {
-    level *const levels[] = {&e->present, &e->previous};
+    level *const levels[] = {pma_ring_at(&e->ring, 0), pma_ring_before(&e->ring, 0)};
     const size_t size = level_size(&e->parts);
     const double *zero = in + size; /* the works at the present */
     for (size_t k = 0; k < 2; k++) {
@@ -327,7 +308,7 @@ void pma_energy_resume(pma_energy *e, const double *in)
         at->potential = sums[4];
         in += size + SUMS;
     }
-    e->start_potential = e->present.potential;
+    e->start_potential = levels[0]->potential;
     e->begun = true;
 }
 
@@ -336,17 +317,17 @@ void pma_energy_resume(pma_energy *e, const double *in)
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x, const double *lam)
 {
     assert(lam || e->parts.link.p == 0);
-    level *to = level_at(e, step->j + 1);
+    level *to = pma_ring_at(&e->ring, step->j + 1);
     fill_level(e, step, x, to);
     fill_pull(e, lam, to);
-    sum_up(e, origin(e, step), to);
+    sum_up(e, origin(e, step->j, step->twice), to);
     if (begins_chain(e, step->twice, step->j + 1))
         begin_chain(e, to, x->v);
 }
 
 void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_state *x)
 {
-    fill_level(e, step, x, level_at(e, step->j + 1));
+    fill_level(e, step, x, pma_ring_at(&e->ring, step->j + 1));
     if (begins_chain(e, step->twice, step->j + 1))
         memcpy(e->first_velocity, x->v, e->parts.n * sizeof(double));
 }
@@ -356,7 +337,7 @@ void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_
 {
     assert(j >= 1 && e->parts.has_responses);
     const double share = (double)j / (double)e->parts.substeps;
-    level *to = level_at(e, j);
+    level *to = pma_ring_at(&e->ring, j);
     add(e->parts.n, r->u, to->u);
     add_damping(e, r, to->damping);
 
@@ -365,7 +346,7 @@ void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_
     for (size_t i = 0; i < e->parts.nb; i++)
         to->pull[i] *= share;
     pma_link_add(&e->parts.link, lam, to->pull);
-    sum_up(e, twice && e->begun ? &e->previous : level_at(e, j - 1), to);
+    sum_up(e, origin(e, j - 1, twice), to);
     if (begins_chain(e, twice, j)) {
         add(e->parts.n, r->v, e->first_velocity);
         begin_chain(e, to, e->first_velocity);
@@ -375,30 +356,20 @@ void pma_energy_advance_response(pma_energy *e, size_t j, bool twice, const pma_
 void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
 {
     assert(!twice || e->parts.doubled);
-    fill_pull(e, lam, twice ? &e->previous : &e->present);
+    fill_pull(e, lam, twice ? pma_ring_before(&e->ring, 0) : pma_ring_at(&e->ring, 0));
 }
 
 void pma_energy_add_work(pma_energy *e, size_t j, double work)
 {
-    level *at = level_at(e, j);
+    level *at = pma_ring_at(&e->ring, j);
     at->works.contact += work;
     if (e->has_new_chain && j == 1)
         at->works.interface -= work;
 }
 
-static void swap(level *a, level *b)
-{
-    const level kept = *a;
-    *a = *b;
-    *b = kept;
-}
-
 void pma_energy_commit(pma_energy *e)
 {
-    const size_t last = e->parts.substeps;
-    if (e->parts.doubled)
-        swap(&e->previous, level_at(e, last - 1));
-    swap(&e->present, level_at(e, last));
+    pma_ring_commit(&e->ring);
     e->begun = true;
     e->has_new_chain = false;
 }
@@ -431,7 +402,7 @@ static double potential_of_load(const pma_energy *e, const level *at)
 
 void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
 {
-    const level *at = level_at(e, j);
+    const level *at = pma_ring_at(&e->ring, j);
     out[PMA_KINETIC] = 0.5 * pma_matrix_square(&e->parts.M, x->v, e->product); /* (B1) */
     out[PMA_STRAIN] = 0.5 * pma_matrix_square(&e->parts.K, x->u, e->product);
     out[PMA_STRAIN] += pma_springs_energy(e->parts.springs, x->springs) + at->potential;
