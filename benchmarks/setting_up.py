@@ -1,16 +1,20 @@
-"""Small problems: two subdomains of two dofs, rows of up to 10 000 of ten dofs, the import.
+"""Small problems: the first example of the README, two subdomains of two dofs, rows of up to
+10 000 of ten dofs, the import.
 
 Each over what one would do oneself or cannot avoid: the factors and the interface matrix by SciPy,
-a row of a tenth of the subdomains, the import of NumPy and scipy.sparse. A run of one step over
-that step. Of rows set-up and a macro step, for each subdomain.
+a row of a tenth of the subdomains, the import of NumPy and scipy.sparse. Of the example what
+judging takes, over its set-up. A run of one step over that step. Of rows set-up and a macro step,
+for each subdomain.
 """
 
 import os
 import subprocess
 import sys
 import tempfile
+import time
 from functools import partial
 from itertools import pairwise
+from unittest import mock
 
 import numpy as np
 import scipy.linalg
@@ -19,6 +23,7 @@ from timing import in_turn, once, run
 from uncoupled import chain
 
 import pmalpha as pm
+from pmalpha.setup import assembly
 
 SCHEME = pm.GeneralizedAlpha(0.5)
 DT = 0.05
@@ -31,6 +36,36 @@ def pair():
     a = pm.Subdomain(np.ones(2), K, scheme=SCHEME, v0=[1.0, 0.0], name="a")
     b = pm.Subdomain(np.ones(2), K, scheme=SCHEME, substeps=2, name="b")
     return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=DT, coupling="gc", threads=1)
+
+
+def example():
+    """The subdomains and ties of the first example of the README."""
+    stiffness = np.array([[9.0, -9.0, 0.0], [-9.0, 18.0, -9.0], [0.0, -9.0, 9.0]])
+    of_tower = {"scheme": pm.GeneralizedAlpha(0.8), "substeps": 12, "u0": [0.0, 0.0, 0.1]}
+    tower = pm.Subdomain([1.0, 2.0, 1.0], stiffness, **of_tower, name="tower")
+    explicit = pm.GeneralizedAlpha(0.8, explicit=True)
+    base = pm.Subdomain([1.0], [400e3], scheme=explicit, substeps=18, name="base")
+    return [tower, base], pm.tie(tower, [0], base, [0])
+
+
+def judged(seconds):
+    """The least seconds that the set-up of the example takes, and its judging for warnings."""
+    judge, least, inside = assembly.judge, [np.inf, np.inf], [0.0]
+
+    def timed(*arguments):
+        begin = time.thread_time()
+        judge(*arguments)
+        inside[0] = time.thread_time() - begin
+
+    pm.Coupler(*example(), dt=DT, coupling="macro")  # libraries are loaded
+    with mock.patch.object(assembly, "judge", timed):
+        start = time.perf_counter()
+        while time.perf_counter() - start < seconds or least[0] == np.inf:
+            problem = example()
+            begin = time.thread_time()
+            pm.Coupler(*problem, dt=DT, coupling="macro")
+            least = np.minimum(least, (time.thread_time() - begin, inside[0]))
+    return least
 
 
 def pair_by_hand():
@@ -82,6 +117,7 @@ def line(what, seconds, over, other):
 def rows(quick):
     seconds, counts = (0.0, (2, 20)) if quick else (3.0, (100, 1000, 10_000))
     own, hand = in_turn(pair, pair_by_hand, seconds=seconds)
+    setup, judging = judged(seconds)
     coupler = pair()
     one, step = in_turn(lambda: coupler.run(steps=1), coupler.step, seconds=seconds)
     of_rows = rows_of_chains(counts)
@@ -93,6 +129,7 @@ def rows(quick):
     times = [imported(x, 1 if quick else 5) for x in IMPORTS]
     return [
         line("two of 2 dofs", own, "SciPy by hand", hand),
+        line("judging the example of the README", judging, "its set-up", setup),
         line("run(steps=1)", one, "step()", step),
         *chains,
         line("import pmalpha", times[1], "NumPy, scipy.sparse", times[0]),

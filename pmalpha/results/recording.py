@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,11 +78,20 @@ class Wanted:
 
     def to(self, path: Any) -> Wanted:
         """The same in another file; None is none."""
-        return replace(self, record_to=path)
+        return self if path is self.record_to else replace(self, record_to=path)
 
     def in_memory(self) -> Wanted:
         """The same without a file."""
         return replace(self, record_to=None, append=False, overwrite=False)
+
+
+class Sizes(NamedTuple):
+    """The sizes of the arrays of a run: their rows by time levels per macro step, their numbers,
+    with those that a History adds, and where each is in one block."""
+
+    rows: dict[int, int]
+    numbers: float
+    places: list[tuple[slice, tuple[int, int]]]
 
 
 class Recorded:
@@ -136,6 +145,27 @@ class Recorded:
             )
         for levels, count in self.interface.values():
             self.numbers[levels] += count
+        self._last: tuple[tuple[int, int | None], Sizes] | None = None
+
+    def sizes(self, steps: int, every: int | None) -> Sizes:
+        """The sizes with this number of macro steps in memory: those of the last run, if equal."""
+        if self._last is None or self._last[0] != (steps, every):
+            self._last = (steps, every), self._sizes(steps, every)
+        return self._last[1]
+
+    def _sizes(self, steps: int, every: int | None) -> Sizes:
+        rows = {levels: rows_of(steps, every, levels) for levels in self.numbers}
+        substeps = [member.substeps for member in self.members]
+        shapes = [(levels, x) for levels, of in zip(substeps, self.columns) for x in of.values()]
+        outputs = zip(substeps, self.outputs)
+        shapes += [(levels, output.rows) for levels, output in outputs if output is not None]
+        shapes += [*self.interface.values(), (1, self.energy_columns)]
+        places, used = [], 0
+        for levels, columns in shapes:
+            begin, used = used, used + rows[levels] * columns
+            places.append((slice(begin, used), (rows[levels], columns)))
+        numbers = sum(rows[levels] * count for levels, count in self.numbers.items())
+        return Sizes(rows, numbers, places)
 
     def _interface_columns(self) -> dict[str, int]:
         """Numbers of columns by what they are; contacts are recorded where there are any."""
@@ -164,7 +194,8 @@ class Recording:
     problem: its description, which files have, so that no run of another one continues them.
     constraint_rows: the number of rows of each constraint.
     common: of an interval, the arrays that are equal in several quantities and in all records that
-        `again` makes; `shares`: cases have these themselves, read-only, a run has copies.
+        `again` makes; `shares`: cases have these themselves, read-only.
+    unshared: the same of the History of a run, which has the first itself, and copies of it.
     """
 
     def __init__(
@@ -179,21 +210,21 @@ class Recording:
         conserved: str | None = None,
         loads: Sequence[Loads] = (),
         problem: Mapping[str, Any] | None = None,
-        constraint_rows: Sequence[int] = (),
+        constraint_rows: tuple[int, ...] = (),
     ):
         self.loads, self.problem, self.shares = loads, problem, False
-        self.constraint_rows = tuple(int(x) for x in constraint_rows)
+        self.constraint_rows = constraint_rows
         self.common: dict[tuple[int, int], dict[tuple[str, int], np.ndarray]] = {}
+        self.unshared: dict[tuple[str, int], np.ndarray] = {}
         self.of, self.begin, self.end, self.clock = of, begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.coupling, self.conserved = coupling, conserved
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
-        self.rows_in_memory = {k: rows_of(self.steps_in_memory, self.every, k) for k in of.numbers}
-        self.numbers = self._numbers(self.rows_in_memory.__getitem__)
+        self.sizes = of.sizes(self.steps_in_memory, self.every)
+        self.numbers = self.sizes.numbers
         require(8.0 * self.numbers, "the History", advice)
-        of_history = self.rows_in_memory[1] * of.energy_columns  # energies once more
-        self.block = np.empty(int(self.numbers - of_history))
+        self.block = np.empty(self.sizes.places[-1][0].stop)
         self._make_arrays()
 
     def again(self, loads: Sequence[Loads], memory: Recording | np.ndarray) -> Recording:
@@ -209,25 +240,12 @@ class Recording:
     def _make_arrays(self) -> None:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
-        of, rows = self.of, self.rows_in_memory
-        used = 0
-
-        def allocate(levels: int, columns: int) -> np.ndarray:
-            nonlocal used
-            begin, used = used, used + rows[levels] * columns
-            return self.block[begin:used].reshape(rows[levels], columns)
-
-        self.arrays = [
-            {x: allocate(member.substeps, count) for x, count in columns.items()}
-            for member, columns in zip(of.members, of.columns)
-        ]
-        self.output_values = [
-            None if output is None else allocate(member.substeps, output.rows)
-            for member, output in zip(of.members, of.outputs)
-        ]
-        self.interface = {name: allocate(*shape) for name, shape in of.interface.items()}
-        self.energy = allocate(1, of.energy_columns)
-        assert used == self.block.size
+        of, block = self.of, self.block
+        views = iter([block[place].reshape(shape) for place, shape in self.sizes.places])
+        self.arrays = [{name: next(views) for name in columns} for columns in of.columns]
+        self.output_values = [None if x is None else next(views) for x in of.outputs]
+        self.interface = dict(zip(of.interface, views))
+        self.energy = next(views)
         self.in_core = self._in_core()
 
     @property
@@ -274,13 +292,18 @@ class Recording:
 
     def _once(self, name: str, levels: int, end: int, make: Callable[[], np.ndarray]) -> np.ndarray:
         """An array that is made once for an interval, or a copy of it."""
+        arrays = self._shared(end) if self.shares else self.unshared
+        array = arrays.get((name, levels))
+        if array is None:
+            array = arrays[name, levels] = make()
+            array.flags.writeable = not self.shares
+            return array
+        return array if self.shares else array.copy()
+
+    def _shared(self, end: int) -> dict[tuple[str, int], np.ndarray]:
         if (self.begin, end) not in self.common:
             self.common.clear()
-        arrays = self.common.setdefault((self.begin, end), {})
-        if (name, levels) not in arrays:
-            arrays[name, levels] = make()
-            arrays[name, levels].flags.writeable = False
-        return arrays[name, levels] if self.shares else arrays[name, levels].copy()
+        return self.common.setdefault((self.begin, end), {})
 
     def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
@@ -309,7 +332,8 @@ class Recording:
 
     def core_record(self) -> CoreRecord:
         """The record in the form of the core."""
-        return self.in_core._replace(begin=self.begin, every=self.every or 0)
+        record = self.in_core
+        return record if record.begin == self.begin else record._replace(begin=self.begin)
 
     def _in_core(self) -> CoreRecord:
         """The arrays in the form of the core."""
@@ -349,6 +373,7 @@ class Recording:
 
     def history(self, end: int) -> History:
         """The History up to macro step `end`."""
+        self.unshared = {}
         of, rows = self.of, {levels: self.rows(levels, end) for levels in self.of.numbers}
         subdomains: list[SubdomainHistory | None] = [None] * len(of.members)
         for i, (member, dofs, springs) in enumerate(zip(of.members, of.dofs, of.springs)):

@@ -102,11 +102,10 @@ def warn_of_present_steps(members: Sequence[Member], t: float) -> None:
 
     Evaluates the internal forces of each explicit subdomain once, with their tangents.
     """
-    warn_of_steps(
-        (p.name, s, p.step, present_ratio(s, p.internal, p.step, t, p.present()))
-        for p, s in ((member, member.subdomain) for member in members)
-        if p.internal is not None and s.scheme.explicit
-    )
+    judged = [x for x in members if x.internal is not None and x.subdomain.scheme.explicit]
+    if judged:
+        ratios = [present_ratio(x.subdomain, x.internal, x.step, t, x.present()) for x in judged]
+        warn_of_steps((x.name, x.subdomain, x.step, ratio) for x, ratio in zip(judged, ratios))
 
 
 # ---- drift --------------------------------------------------------------------------------------

@@ -158,7 +158,7 @@ def recording_of(
         conserved=conserved,
         loads=loads,
         problem=problem,
-        constraint_rows=np.diff(session.rows.starts),
+        constraint_rows=session.rows.of_constraints,
     )
 
 

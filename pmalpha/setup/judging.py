@@ -604,7 +604,8 @@ def _warn_of_massless_ties(members: Sequence[Member]) -> None:
     tied = {
         member.name: np.intersect1d(member.order[member.n - member.nb :], member.subdomain.massless)
         for member in members
-        if member.has_responses or (member.internal is not None and member.substeps > 1)
+        if member.subdomain.massless.size
+        and (member.has_responses or (member.internal is not None and member.substeps > 1))
     }
     places = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
     if not places:

@@ -205,6 +205,7 @@ class ConstraintRows:
     subdomains: of all processes.
     part: those of this process. Default: all.
     scale: (p,) array, what each row is divided by for the core.
+    of_constraints: numbers of rows of each constraint.
     links: L_i of every subdomain of this process, with the rows divided by `scale`.
     matrices: list of (p, n_i) csc_array, L_i as given, for products.
     """
@@ -218,7 +219,8 @@ class ConstraintRows:
         contacts: Contacts | None = None,
     ):
         self.ranks, self.contacts = ranks, contacts
-        self.starts = np.cumsum([0] + [c.p for c in constraints])
+        self.of_constraints = tuple(int(c.p) for c in constraints)
+        self.starts = np.cumsum([0, *self.of_constraints])
         self.p = int(self.starts[-1])
         begins = np.cumsum([0] + [s.n for s in subdomains])
         stacked = self._stacked(constraints, begins)
