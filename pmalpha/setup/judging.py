@@ -467,7 +467,8 @@ def warn_of_couplings(made: Made) -> None:
         return  # one macro step; the regular steps after it were assembled before, and judged
     members, coupling, ranks, p = made.members, made.coupling, made.ranks, made.rows.p
     doubts = doubts_of_damping(members, ranks) if coupling == "mean" else []
-    skew = [] if ranks is not None else [x for x in members if is_unsymmetric(x)]
+    doubtful = [x for x in members if not x.subdomain.symmetric] if ranks is None else []
+    skew = [x for x in doubtful if is_unsymmetric(x)]
     if skew:
         doubts += doubts_of_skew(skew, members, coupling)
     above = [

@@ -20,8 +20,8 @@ CIRCULATORY = 10.0
 
 
 def is_unsymmetric(member: Member) -> bool:
-    """Whether K is unsymmetric."""
-    return not member.subdomain.symmetric and not is_symmetric(member.subdomain.K)
+    """Whether K is unsymmetric, of a subdomain that need not be symmetric."""
+    return not is_symmetric(member.subdomain.K)
 
 
 def doubts_of_skew(skew: Sequence[Member], members: Sequence[Member], coupling: str) -> list[str]:
