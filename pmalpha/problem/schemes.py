@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._cached import Frozen
+from .._cached import Frozen, cached_property
 from .._checks import flag, positive_number, real_number
 
 # ---- step constants -----------------------------------------------------------------------------
@@ -127,7 +127,7 @@ class Scheme(Frozen):
     def __hash__(self) -> int:
         return hash(self._steps)
 
-    @property
+    @cached_property
     def _steps(self) -> tuple[StepConstants, bool]:
         return self.constants(1.0), self.explicit
 
