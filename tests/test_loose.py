@@ -8,6 +8,8 @@ import scipy.sparse as sp
 
 import pmalpha as pm
 from pmalpha import structures
+from pmalpha.setup import judging
+from pmalpha.setup.link import Link
 
 SCHEME = pm.GeneralizedAlpha(0.8)
 PLATE = dict(E=1.0, nu=0.3, rho=1.0, t=1.0)
@@ -137,3 +139,30 @@ def test_a_linear_subdomain_that_no_constraint_reaches_is_on_its_own_beside_iter
     alone = pm.Subdomain([1.0, 2.0], [3.0, 4.0], scheme=SCHEME, v0=[1.0, 2.0], name="alone")
     history = pm.Coupler([a, b, alone], pm.tie(a, 0, b, 0), dt=0.1, coupling=coupling).run(1.0)
     np.testing.assert_array_equal(history["alone"].u, pm.solve(alone, 0.1, 1.0).u)
+
+
+def test_what_is_definite_by_a_margin_is_judged_as_by_translations_and_eigenvalues(monkeypatch):
+    """Springs of eight decades between drawn pairs of dofs, some indefinite, and drawn ties."""
+    rng = np.random.default_rng(0)
+    drawn = []
+    for _ in range(60):
+        n = int(rng.integers(2, 9))
+        pairs = np.eye(n)[rng.integers(n, size=n + 2)] - np.eye(n)[rng.integers(n, size=n + 2)]
+        K = pairs.T @ np.diag(10.0 ** rng.uniform(-4.0, 4.0, n + 2)) @ pairs
+        K += np.abs(K).max() * rng.choice([0.0, 0.0, 1e-8, -1e-5]) * np.eye(n)
+        L = np.eye(n)[: rng.integers(1, 3)] - rng.choice([0.0, 1.0]) * np.eye(n, k=1)[0]
+        drawn.append((K, Link.of(sp.csc_array(L))))
+
+    def verdicts():
+        with np.errstate(divide="ignore"):
+            return [
+                (judging._leaves_motion(K, L), judging._dense_rate(K, np.eye(len(K))))
+                for K, L in drawn
+            ]
+
+    fast = verdicts()
+    monkeypatch.setattr(judging, "_is_held", lambda K, L: False)
+    monkeypatch.setattr(judging, "is_definite", lambda A: False)
+    assert fast == verdicts()
+    loose, rates = zip(*fast)
+    assert {True, False} == set(loose) and min(rates) == 0.0 < max(rates)

@@ -229,13 +229,18 @@ def diagonal_compliances(inverses: Sequence[np.ndarray], links: Sequence[Link]) 
     inverse, values = np.concatenate(inverses), np.concatenate([L.values for L in links])
     sizes = np.concatenate([np.diff(L.ptr) for L in links])
     ptr, column = np.cumsum(sizes) - sizes, np.repeat(np.arange(sizes.size), sizes)
+    k = int(starts[-1])
+    if not np.any(sizes > 1):  # constraints share no dofs: the blocks are diagonal
+        sums = np.bincount(local, values * inverse[column] * values, k).astype(float)
+        numbers = [np.arange(L.rows.size) for L in links]
+        pieces = zip(links, numbers, starts, starts[1:])
+        return [Block(L.rows, sums[i:j], (x, x)) for L, x, i, j in pieces]
     # the pairs of entries of one column: the second goes through that column for each first
     times = sizes[column]
     first = np.repeat(np.arange(column.size), times)
     begin = np.repeat(np.cumsum(times) - times, times)
     second = np.arange(first.size) - begin + ptr[column[first]]
     values = values[first] * inverse[column[first]] * values[second]
-    k = int(starts[-1])
     places, where = np.unique(local[first] * k + local[second], return_inverse=True)
     sums = np.bincount(where.reshape(-1), weights=values, minlength=places.size)
     sums = sums.astype(float)  # without constraints bincount returns whole numbers
