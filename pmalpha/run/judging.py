@@ -102,10 +102,18 @@ def warn_of_present_steps(members: Sequence[Member], t: float) -> None:
 
     Evaluates the internal forces of each explicit subdomain once, with their tangents.
     """
-    judged = [x for x in members if x.internal is not None and x.subdomain.scheme.explicit]
+    judged = [
+        (
+            x.name,
+            x.subdomain,
+            x.step,
+            present_ratio(x.subdomain, x.internal, x.step, t, x.present()),
+        )
+        for x in members
+        if x.internal is not None and x.subdomain.scheme.explicit
+    ]
     if judged:
-        ratios = [present_ratio(x.subdomain, x.internal, x.step, t, x.present()) for x in judged]
-        warn_of_steps((x.name, x.subdomain, x.step, ratio) for x, ratio in zip(judged, ratios))
+        warn_of_steps(judged)
 
 
 # ---- drift --------------------------------------------------------------------------------------
