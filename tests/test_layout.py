@@ -224,7 +224,7 @@ def test_folders_are_not_nested():
 # Lines that there may be: a commit that removes some lowers the figure, one that raises it says why
 # in docs/decisions.md.
 MOST_LINES = {
-    ("csrc/core", "[ch]"): 24_752,
+    ("csrc/core", "[ch]"): 24_751,
     ("csrc/binding", "[ch]"): 4_700,
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,

@@ -137,6 +137,15 @@ PMA_INLINE void pma_add_lanes_pairs(const pma_pairs *a, const pma_pairs *x, pma_
         __VA_ARGS__                             \
     }
 
+/* x . y of a lane of this many, 0 of 1 in a vector; both (n) */
+static inline double pma_dot(size_t n, size_t lanes, size_t lane, const double *x, const double *y)
+{
+    double sum = 0.0;
+    for (size_t i = lane; i < n; i += lanes)
+        sum += x[i] * y[i];
+    return sum;
+}
+
 /* out[l] (n): the vector of lane l, for the first `count` lanes */
 static inline void pma_lanes_split(size_t n, const double *x, size_t count, double *const *out)
 {

@@ -230,19 +230,10 @@ INLINE double smaller(double a, double b)
     return b < a ? b : a;
 }
 
-/* x . y of a lane */
-static double dot(const pma_balance *b, const double *x, const double *y, size_t lane)
-{
-    double sum = 0.0;
-    for (size_t i = lane; i < b->parts.n; i += b->parts.lanes)
-        sum += x[i] * y[i];
-    return sum;
-}
-
 /* x . A x / 2 of a lane, with that product */
 static double half_square(const pma_balance *b, const double *x, size_t lane)
 {
-    return -0.5 * dot(b, x, b->product, lane);
+    return -0.5 * pma_dot(b->parts.n, b->parts.lanes, lane, x, b->product);
 }
 
 void pma_balance_begin(pma_balance *b)

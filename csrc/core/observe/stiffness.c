@@ -2,14 +2,7 @@
 
 #include <string.h>
 
-/* x . y of a lane */
-static double dot(const pma_stiffness *s, const double *x, const double *y, size_t lane)
-{
-    double sum = 0.0;
-    for (size_t i = lane; i < s->n; i += s->lanes)
-        sum += x[i] * y[i];
-    return sum;
-}
+#include "algebra/lanes.h"
 
 /* x . A x of a lane */
 static double square(const pma_stiffness *s, const pma_matrix *A, const double *x, size_t lane,
@@ -19,7 +12,7 @@ static double square(const pma_stiffness *s, const pma_matrix *A, const double *
         return 0.0;
     memset(product, 0, s->n * sizeof(double));
     pma_matrix_subtract(A, x, product);
-    return -dot(s, x, product, lane);
+    return -pma_dot(s->n, s->lanes, lane, x, product);
 }
 
 /* d := to - from */
@@ -33,7 +26,7 @@ static void subtract(size_t n, const double *from, const double *to, double *d)
 static double of_displacement(const pma_stiffness *s, const pma_step_limits *step, const double *du,
                               const double *dr, size_t lane, double *product)
 {
-    const double k = dot(s, du, dr, lane);
+    const double k = pma_dot(s->n, s->lanes, lane, du, dr);
     if (!(k > 0.0))
         return 0.0;
     const double m = square(s, &s->M, du, lane, product);
@@ -54,7 +47,9 @@ static double of_velocity(const pma_stiffness *s, const pma_step_limits *step, c
     if (!(m > 0.0))
         return 0.0;
     const double D_r = square(s, &s->D_r, dv, lane, product);
-    return (step->damp * dot(s, dv, dr, lane) - (2.0 * step->damp - step->h) * D_r) / m;
+    return (step->damp * pma_dot(s->n, s->lanes, lane, dv, dr) -
+            (2.0 * step->damp - step->h) * D_r) /
+           m;
 }
 
 pma_excess pma_stiffness_excess(const pma_stiffness *s, const pma_step_limits *step,

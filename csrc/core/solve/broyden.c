@@ -6,16 +6,10 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "algebra/lanes.h"
+
 /* The state: a matrix by rows; or the number of corrections ever made, and for each that is kept a
  * pair (a, s): x += a (s . x). */
-
-static double dot(size_t n, const double *x, const double *y)
-{
-    double sum = 0.0;
-    for (size_t i = 0; i < n; i++)
-        sum += x[i] * y[i];
-    return sum;
-}
 
 static bool is_dense(size_t p)
 {
@@ -62,7 +56,7 @@ static void apply_pairs(const pma_broyden *b, size_t first, double *x)
 {
     for (size_t k = first; k < (size_t)b->state[0]; k++) {
         const double *a = pair_of(b, k), *s = a + b->p;
-        const double share = dot(b->p, s, x);
+        const double share = pma_dot(b->p, 1, 0, s, x);
         for (size_t i = 0; i < b->p; i++)
             x[i] += a[i] * share;
     }
@@ -75,7 +69,7 @@ static void apply(const pma_broyden *b, bool more, const double *r, double *x)
 {
     if (is_dense(b->p)) {
         for (size_t i = 0; i < b->p; i++)
-            x[i] = dot(b->p, b->state + i * b->p, r);
+            x[i] = pma_dot(b->p, 1, 0, b->state + i * b->p, r);
         return;
     }
     memcpy(x, r, b->p * sizeof(double));
@@ -95,8 +89,8 @@ void pma_broyden_learn(const pma_broyden *b, const double *s, const double *y, d
     const size_t p = b->p;
     double *By = scratch, *left = scratch + p, *sB = scratch + 2 * p;
     apply(b, true, y, By);
-    const double share = dot(p, s, By);
-    if (!(fabs(share) > DBL_EPSILON * dot(p, s, s)) || !isfinite(share))
+    const double share = pma_dot(p, 1, 0, s, By);
+    if (!(fabs(share) > DBL_EPSILON * pma_dot(p, 1, 0, s, s)) || !isfinite(share))
         return;
     for (size_t i = 0; i < p; i++)
         left[i] = (s[i] - By[i]) / share;

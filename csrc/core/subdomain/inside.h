@@ -12,11 +12,11 @@
 #include "subdomain/subdomain.h"
 
 /* Of a subdomain whose substeps several workers may take together, in ranges of its rows: what they
- * do, a substep from its beginning, where it is opened, to its end x. */
+ * do, and the ends of the substep. */
 typedef struct {
     const pma_operator *op;
     const pma_substep *step;
-    const pma_state *from, *x;
+    pma_span at;
     const pma_workers *workers;
 } pma_division;
 

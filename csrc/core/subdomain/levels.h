@@ -94,4 +94,17 @@ static inline const pma_state *pma_levels_origin(const pma_levels *l, const pma_
     return step->j == 0 ? &l->previous : pma_levels_at(l, step->j - 1);
 }
 
+/* The states at the ends of a substep, and the stored free velocity (nb) at its end. */
+typedef struct {
+    const pma_state *from, *to;
+    double *vf;
+} pma_span;
+
+static inline pma_span pma_levels_span(const pma_levels *l, const pma_substep *step)
+{
+    return (pma_span){.from = pma_levels_origin(l, step),
+                      .to = pma_levels_at(l, step->j + 1),
+                      .vf = pma_levels_free_velocity(l, step->j + 1)};
+}
+
 #endif

@@ -177,10 +177,10 @@ static void add_forces(const pma_subdomain *s, const pma_substep *step, const pm
 
 /* The free problem (13) up to its acceleration on the interface, or NULL */
 static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
-                                    const pma_operator *op, const pma_state *to, double *wf_b)
+                                    const pma_operator *op, const pma_state *from,
+                                    const pma_state *to, double *wf_b)
 {
     const size_t n = s->parts.n;
-    const pma_state *from = pma_levels_origin(&s->levels, step);
 
     /* (R1) */
     if (s->extrapolates)
@@ -220,13 +220,12 @@ __attribute__((noinline)) static pma_status open_substep(pma_subdomain *s, const
 {
     assert(s->levels.opened >= step->j);
     const pma_operator *op = pma_operator_at(s, step);
-    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
-    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    const pma_span at = pma_levels_span(&s->levels, step);
     if (s->is_observed)
         PMA_TRY(pma_observers_open(s));
     PMA_TRY(pma_substep_load(s, step));
-    PMA_TRY(solve_free(s, step, op, to, vf));
-    find_free_velocity(s, step, op, to, vf);
+    PMA_TRY(solve_free(s, step, op, at.from, at.to, at.vf));
+    find_free_velocity(s, step, op, at.to, at.vf);
     if (s->parts.deferred)
         s->mean->open = op;
     return PMA_OK;
@@ -236,13 +235,12 @@ __attribute__((noinline)) static pma_status open_substep(pma_subdomain *s, const
 static pma_status open_apart(pma_subdomain *s, const pma_substep *step)
 {
     assert(s->levels.opened >= step->j);
-    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    const pma_span at = pma_levels_span(&s->levels, step);
     if (s->is_observed)
         PMA_TRY(pma_observers_open(s));
     PMA_TRY(pma_substep_load(s, step));
-    PMA_TRY(solve_free(s, step, pma_operator_at(s, step), to, NULL));
-    memcpy(pma_levels_free_velocity(&s->levels, step->j + 1), pma_interface_of(s, to->v),
-           s->parts.nb * sizeof(double));
+    PMA_TRY(solve_free(s, step, pma_operator_at(s, step), at.from, at.to, NULL));
+    memcpy(at.vf, pma_interface_of(s, at.to->v), s->parts.nb * sizeof(double));
     s->levels.opened = step->j + 1;
     return PMA_OK;
 }
@@ -336,8 +334,7 @@ static const pma_division *begin_division(pma_subdomain *s, const pma_substep *s
     assert(d && workers->count > 0);
     d->op = pma_operator_at(s, step);
     d->step = step;
-    d->from = pma_levels_origin(&s->levels, step);
-    d->x = pma_levels_at(&s->levels, step->j + 1);
+    d->at = pma_levels_span(&s->levels, step);
     d->workers = workers;
     return d;
 }
@@ -360,7 +357,8 @@ static bool predict_range(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
     const pma_division *d = s->division;
-    s->update->predict(&d->op->step, begin_of(s, worker), begin_of(s, worker + 1), d->from, d->x);
+    s->update->predict(&d->op->step, begin_of(s, worker), begin_of(s, worker + 1), d->at.from,
+                       d->at.to);
     return true;
 }
 
@@ -369,7 +367,7 @@ static bool add_forces_in_range(void *self, size_t worker)
 {
     const pma_subdomain *s = self;
     const pma_division *d = s->division;
-    add_forces(s, d->step, d->x, begin_of(s, worker), begin_of(s, worker + 1));
+    add_forces(s, d->step, d->at.to, begin_of(s, worker), begin_of(s, worker + 1));
     return true;
 }
 
@@ -380,9 +378,8 @@ static pma_status open_divided(pma_subdomain *s, const pma_substep *step,
     const pma_division *d = begin_division(s, step, workers);
     (void)share(s, predict_range); /* of all rows, before K ut of any */
     (void)share(s, add_forces_in_range);
-    pma_factor_open_border(&d->op->factor, d->x->w,
-                           pma_levels_free_velocity(&s->levels, step->j + 1), s->work);
-    find_free_velocity(s, step, d->op, d->x, pma_levels_free_velocity(&s->levels, step->j + 1));
+    pma_factor_open_border(&d->op->factor, d->at.to->w, d->at.vf, s->work);
+    find_free_velocity(s, step, d->op, d->at.to, d->at.vf);
     return PMA_OK;
 }
 
@@ -394,8 +391,8 @@ static bool close_range(void *self, size_t worker)
     const size_t begin = begin_of(s, worker), end = begin_of(s, worker + 1);
     const size_t inside = pma_least(end, s->parts.n - s->parts.nb);
     if (begin < inside)
-        pma_factor_divide(&d->op->factor, begin, inside, d->x->w);
-    return s->update->correct(&d->op->step, begin, end, d->x);
+        pma_factor_divide(&d->op->factor, begin, inside, d->at.to->w);
+    return s->update->correct(&d->op->step, begin, end, d->at.to);
 }
 
 static pma_status close_divided(pma_subdomain *s, const pma_substep *step, const double *lam,
@@ -403,7 +400,7 @@ static pma_status close_divided(pma_subdomain *s, const pma_substep *step, const
 {
     const pma_division *d = begin_division(s, step, workers);
     pma_substep_load_interface(s, lam);
-    pma_factor_close_border(&d->op->factor, s->closing, d->x->w, s->work);
+    pma_factor_close_border(&d->op->factor, s->closing, d->at.to->w, s->work);
     if (!share(s, close_range))
         return PMA_NOT_FINITE;
     return s->is_observed ? pma_observers_close(s, step, lam) : PMA_OK;
