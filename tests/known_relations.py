@@ -295,6 +295,7 @@ def energies(r):
 LOADS = {"constant load", "function of time", "controller", "samples", "ground motion"}
 LOADS |= {"compiled load", "prescribed velocity", "sampled velocity", "shaken support"}
 LOADS |= {"moving obstacle", "beam with a moving load", "beam with springs that move"}
+LOADS |= {"ground motion by component"}
 DAMPING = {"damping", "lagged damping", "Rayleigh", "damping ratio", "gyroscopic", "graded damping"}
 # of the largest energy, from which on a gain is announced: a tenth, and a third through ties
 TENTH, THIRD = 0.1, 0.35
