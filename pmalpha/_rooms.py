@@ -11,6 +11,7 @@ INNER = {
     "problem.arguments": "DofsLike OF_ELEMENTS OF_RESTORING VectorLike check_order",
     "problem.constraints": "Constraint require_two tie",
     "problem.contacts": "Contact",
+    "problem.corrections": "is_acceleration",
     "problem.damping": "checked_rayleigh rayleigh_coefficients",
     "problem.device": "External Limits Response divided",
     "problem.dofs": "GROUND NodeNames along as_nodes dof_array dof_list names_at spring_dofs",

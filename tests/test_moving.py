@@ -396,8 +396,8 @@ SPRING = pm.CubicSpring([("body", WHEEL)], 1.0, 0.0)
         (lambda: vehicle_on(beam(4), lambda _: behind_an_actuator(SPRING)), "end that moves"),
         (lambda: pm.Subdomain([1.0], None, scheme=EXACT, internal=SPRING), "end that moves"),
         (lambda: pm.DiscreteGradient(SPRING), "end that moves"),
-        (lambda: crossing().static(), "static needs springs"),
-        (lambda: crossing().modes(2), "restoring_stiffness"),
+        (lambda: crossing().static(), "static needs springs .* with an end that moves on"),
+        (lambda: crossing().modes(2), "restoring_stiffness .* with an end that moves"),
         (lambda: crossing().growth(10), "linear"),
         (lambda: crossing().run(0.1, tolerance=1e-3), "tolerance"),
         (lambda: beam(4).moving_point([0, 1], 1.0), "no edge"),
@@ -416,3 +416,11 @@ SPRING = pm.CubicSpring([("body", WHEEL)], 1.0, 0.0)
 def test_what_does_not_go_with_a_moving_point_is_refused_by_name(call, message):
     with pytest.raises((TypeError, ValueError), match=message):
         call()
+
+
+def test_a_vehicle_that_starts_off_its_path_is_told_of():
+    structure = beam(4)
+    point = structure.moving_point(structure.nodes_at(y=0.0), 1.0, start=-1.0, fixed=SUPPORTS)
+    wheel = pm.CubicSpring([(point, "body")], 1.0, 0.0)
+    with pytest.warns(pm.AccuracyWarning, match="start off their path, at -1 of its length"):
+        pm.Coupler([vehicle_on(structure, lambda _: wheel)], dt=0.01)

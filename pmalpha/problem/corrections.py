@@ -42,6 +42,21 @@ def _size(unit: str, what: str) -> float:
     return UNITS[word]
 
 
+def is_acceleration(unit: str) -> bool:
+    """Whether it is one of `UNITS`, in any spelling."""
+    try:
+        return _size(unit, "unit") > 0.0
+    except ValueError:
+        return False
+
+
+def units_of_integrals(unit: str) -> tuple[str, str]:
+    """Of velocity and displacement, for an acceleration in `unit`; empty for none."""
+    if length := re.fullmatch(r"(\w+)/s2", unit):
+        return f"{length[1]}/s", length[1]
+    return (f"{unit} s", f"{unit} s2") if unit else ("", "")
+
+
 # ---- integrals ----------------------------------------------------------------------------------
 
 

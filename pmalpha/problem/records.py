@@ -179,7 +179,7 @@ class Record(Frozen):
         -------
         velocity : Record
             Exact for an acceleration that is linear between its samples, at the same times; in the
-            unit of the samples times that of t.
+            unit of the samples times that of t: m/s of m/s2, "g s" of g.
         displacement : Record
             The same, times the unit of t squared.
 
@@ -191,7 +191,8 @@ class Record(Frozen):
         ([0.0, 1.0, 3.0], [0.0, 0.6667, 4.6667])
         """
         v, d = corrections.integrals(self.values, self.dt)
-        return self._changed(v), self._changed(d)
+        units = corrections.units_of_integrals(self.unit)
+        return self._changed(v, unit=units[0]), self._changed(d, unit=units[1])
 
     def corrected(
         self,

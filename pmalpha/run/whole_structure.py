@@ -13,6 +13,9 @@ from .._checks import real_array, vector, whole_number
 from ..errors import BucklingError
 from ..memory import one_thread
 from ..problem.matrices import is_symmetric
+from ..problem.restoring import functions_of
+from ..problem.springs import Wheels
+from ..problem.subdomain import Subdomain
 from ..reduction.modes import IndefiniteStiffness
 from ..reduction.modes import modes as modes_of
 from ..results.quantities import by_index
@@ -22,6 +25,8 @@ from ..setup.ranks import joined
 from ..setup.rows import Assembled
 from ..setup.rows import assembled as assemble
 from .session import Session, begin, check_call, require_alone, require_possible, together
+
+MOVING = "springs with an end that moves"
 
 
 def static(session: Session, steps: int) -> dict[str, np.ndarray]:
@@ -33,7 +38,7 @@ def static(session: Session, steps: int) -> dict[str, np.ndarray]:
             if s.has_functions:
                 raise ValueError(
                     "static needs springs as restoring forces, and functions as internal ones, "
-                    f"got a restoring function on {name!r}"
+                    f"got {MOVING if _has_moving(s) else 'a restoring function'} on {name!r}"
                 )
         done = session.done
         motions = session.initial.values
@@ -43,6 +48,10 @@ def static(session: Session, steps: int) -> dict[str, np.ndarray]:
         ]
         u = equilibrium_of(session, forces, steps)
     return dict(zip((name for name, _ in session.keys), u))
+
+
+def _has_moving(s: Subdomain) -> bool:
+    return any(isinstance(x, Wheels) for x in functions_of(s.restoring))
 
 
 def equilibrium_of(session: Session, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
@@ -68,7 +77,7 @@ def _assembled(session: Session, what: str) -> Assembled:
         if s.has_unknown_stiffness:
             raise ValueError(
                 "the assembled structure needs restoring_stiffness where there is a restoring "
-                f"force, got none for {name!r}"
+                f"force, got none for {name!r}" + f" with {MOVING}" * _has_moving(s)
             )
     begin(session)
     t = session.clock.time(session.core.step_count)

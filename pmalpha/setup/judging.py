@@ -19,6 +19,7 @@ from .._cached import Once
 from .._checks import counted, listing, numbered
 from ..devices.linear import LinearActuator
 from ..errors import (
+    AccuracyWarning,
     ConstraintWarning,
     PerformanceWarning,
     StabilityWarning,
@@ -129,6 +130,7 @@ def judge(
     warn_of_loose(keys, links, once, () if contacts is None else contacts.dofs)
     warn_of_factors(members)
     judge_steps(made, members)
+    _warn_of_falling(members)
     if contacts is not None:
         warn_of_touching_ties(members, contacts)
     warn_of_growing(keys, links, once, complete=is_complete)
@@ -151,6 +153,21 @@ def judge_steps(made: Made, new: Sequence[Member]) -> None:
     if ranks is None:
         warn_of_loops(made)
     warn_of_light(new)
+
+
+def _warn_of_falling(members: Sequence[Member]) -> None:
+    """AccuracyWarning for springs with an end that is off its path when a run begins."""
+    for member in members:
+        for item in items_of(member.subdomain.restoring):
+            off = [x for x in getattr(item, "paths", ()) if not x.is_on(0.0)]
+            if off:
+                warn(
+                    f"springs of subdomain {member.name!r} start off their path, at "
+                    f"{off[0].start:g} of its length {off[0].length:g}: they have no force there, "
+                    "and what they carry falls; a path that begins earlier holds it",
+                    AccuracyWarning,
+                )
+                break
 
 
 # ---- rigid motions ------------------------------------------------------------------------------

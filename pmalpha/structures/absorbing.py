@@ -23,6 +23,7 @@ from .._checks import (
     whole_number,
 )
 from ..meshes.mesh import KINDS, unshared
+from ..problem.corrections import is_acceleration
 from ..problem.records import Record
 from ..problem.sampled import SampledForce
 from ..problem.schemes import Scheme
@@ -67,7 +68,8 @@ class AbsorbingBoundary:
         ----------
         velocity : (m,) array_like or Record
             Velocity of the particles in the incident wave alone, at the boundary: half of what a
-            free surface of the same ground has in the same wave.
+            free surface of the same ground has in the same wave. `Record.integrated` makes it of
+            an acceleration.
         direction : (dim,) array_like
             Of the particles, of any length above 0: along the normal for a pressure wave, across
             it for a shear wave.
@@ -83,7 +85,8 @@ class AbsorbingBoundary:
         Raises
         ------
         TypeError, ValueError
-            For a direction of another length, and as `SampledForce`.
+            For a direction of another length, a Record in a unit of acceleration, and as
+            `SampledForce`.
 
         Examples
         --------
@@ -95,6 +98,11 @@ class AbsorbingBoundary:
         [1.0, 1.0]
         """
         samples = velocity if isinstance(velocity, Record) else np.asarray(velocity)
+        if isinstance(samples, Record) and is_acceleration(samples.unit):
+            raise ValueError(
+                f"velocity must be one of particles, got an acceleration in {samples.unit}: its "
+                "velocity is .integrated()[0]"
+            )
         along = vector(direction, self._components, "direction")
         size = float(np.linalg.norm(along))
         if not size > 0.0:
