@@ -525,7 +525,9 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> N
     implicit = any(s.C is not None and s.damping == "implicit" for _, s, _, _ in above)
     damping = " (damping, which may raise it, is left out)" if implicit else ""
     closed = all(ratio.when_closed for _, _, _, ratio in above)
-    effect = "contact will add energy" if closed else "the run will grow without bound"
+    # tied to a heavier one it may be stable
+    grows = "alone it grows without bound" if len(above) == 1 else "alone they grow without bound"
+    effect = "contact will add energy" if closed else grows
     once = any(ratio.when_closed or s.restoring_springs for _, s, _, ratio in above)
     remedy = f", or give springs and {INSTEAD}" if once else ""
     warn(f"{text}{damping}: {effect}; take smaller steps{remedy}", StabilityWarning)
