@@ -143,3 +143,12 @@ def test_integrals_have_units_and_an_acceleration_is_no_velocity_of_a_wave():
     with pytest.raises(ValueError, match=r"acceleration in CM/SEC\*\*2: .*integrated"):
         base.incident(quake, [1.0, 0.0])
     base.incident(quake.in_unit("m/s2").integrated()[0], [1.0, 0.0])
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.015, 0.025])
+def test_straight_lines_are_resampled_to_their_ends(dt):
+    line = Record(1.0 + 0.5 * np.arange(200), 0.01).resampled(dt)
+    np.testing.assert_allclose(
+        line.values, 1.0 + 50.0 * dt * np.arange(len(line.values)), rtol=2e-3
+    )
+    assert Record(np.ones(200), 0.01).resampled(dt).values == pytest.approx(1.0, rel=1e-3)

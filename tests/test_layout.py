@@ -229,7 +229,7 @@ MOST_LINES = {
     ("csrc/library", "[ch]"): 1_900,
     ("csrc/fmu", "[ch]"): 1_300,
     ("csrc/tests", "[ch]"): 16_030,
-    ("pmalpha", "py"): 55_800,
+    ("pmalpha", "py"): 55_850,
     ("tests", "py"): 72_330,
     ("docs", "md"): 7_820,
 }

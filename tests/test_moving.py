@@ -404,6 +404,7 @@ SPRING = pm.CubicSpring([("body", WHEEL)], 1.0, 0.0)
         (lambda: beam(4).moving_point([0], 1.0), "two nodes"),
         (lambda: beam(4).moving_point([0, 2], np.nan), "speed"),
         (lambda: along(beam(4), direction="rz"), "direction"),
+        (lambda: along(beam(4), direction=["uy"]), "direction"),
         (lambda: pm.MovingLoad([0, 1], 1.0), "MovingPoint"),
         (lambda: pm.MovingLoad(WHEEL, [1.0, 2.0]), "SampledForce"),
         (lambda: pm.MovingLoad(WHEEL, pm.SampledForce([1.0], dt=1.0, average=True)), "average"),
@@ -424,3 +425,17 @@ def test_a_vehicle_that_starts_off_its_path_is_told_of():
     wheel = pm.CubicSpring([(point, "body")], 1.0, 0.0)
     with pytest.warns(pm.AccuracyWarning, match="start off their path, at -1 of its length"):
         pm.Coupler([vehicle_on(structure, lambda _: wheel)], dt=0.01)
+
+
+def test_a_load_that_crosses_its_path_within_few_steps_is_told_of():
+    structure = beam(4)
+    point = structure.moving_point(structure.nodes_at(y=0.0), 10.0 * LENGTH)
+    bridge = structure.subdomain(scheme=EXACT, fixed=SUPPORTS, force=pm.MovingLoad(point, 1.0))
+    with pytest.warns(pm.AccuracyWarning, match="crosses its path in 2 steps of 0.05"):
+        pm.solve(bridge, dt=0.05, t_end=0.1)
+
+
+def test_a_point_of_another_mesh_is_refused():
+    force = pm.MovingLoad(along(beam(8)), 1.0)
+    with pytest.raises(ValueError, match="must be of the structure of its subdomain"):
+        beam(4).subdomain(scheme=EXACT, fixed=SUPPORTS, force=force)

@@ -433,6 +433,7 @@ def test_a_harwell_boeing_file_is_read_as_scipy_reads_the_same_as_unsymmetric(wr
         ("   1   2   2   3   3", "   1   2   2   3", "line 6: must have 5 rows of width 4, got 4"),
         ("1.000000E+00\n", "1.000000E+00", "line 7: must end with a new line, or is cut off"),
         ("-2.000000E+00", "          inf", "line 7: must have finite numbers"),
+        ("-2.000000E+00", "           -2", "line 7: must have a point or an exponent"),
         (f"{3:14}{3:14}{5:14}", f"{3:14}{4:14}{5:14}", "square, got 3 rows and 4 columns"),
     ],
 )

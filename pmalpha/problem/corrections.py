@@ -32,6 +32,8 @@ def factor_between(unit: str, other: str) -> float:
 
 def _size(unit: str, what: str) -> float:
     """Of "cm/sec**2 (4)", "CM/S/S": 0.01."""
+    if not isinstance(unit, str):
+        raise TypeError(f"{what} must be text, got {unit!r}")
     word = re.sub(r"\(.*?\)|[\s^*]", "", unit.lower())
     word = re.sub(r"/s(ec)?/s(ec)?$|/s(ec)?2$", "/s2", word)
     if word not in UNITS:
@@ -113,5 +115,5 @@ def resampled(a: np.ndarray, dt: float, new: float) -> np.ndarray:
         at = np.arange((len(a) - 1) * up + 1) / up
         columns = [np.interp(at, np.arange(len(a)), x) for x in a.reshape(len(a), -1).T]
         return np.stack(columns, axis=1).reshape(at.size, *a.shape[1:])
-    result: np.ndarray = resample_poly(a, up, down, axis=0)
+    result: np.ndarray = resample_poly(a, up, down, axis=0, padtype="line")
     return result

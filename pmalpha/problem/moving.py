@@ -159,6 +159,8 @@ class MovingPoint(Frozen):
         ValueError
             Where dofs of the path were not recorded.
         """
+        if np.ndim(motion.u) != 2:
+            raise ValueError("motion must have all dofs of the path, got that of one dof")
         count = motion.u.shape[1]
         if motion.dof_names is None and count < motion.n:
             raise ValueError(f"motion must have all {motion.n} dofs, got {count}")
@@ -186,7 +188,7 @@ class MovingPoint(Frozen):
         free = np.setdiff1d(np.arange(self.n), fixed)
         numbers = np.full(self.n + 1, -1)  # the last one: no dof
         if names is not None:
-            present, position = _in_names(self._names, names)
+            present, position = _in_names(self._names, names, label)
             numbers[present] = position
         elif n < free.size:
             raise ValueError(
@@ -337,12 +339,15 @@ def _size(force: Any) -> tuple[np.ndarray, float]:
     return np.ascontiguousarray(values[:, 0]), force.dt
 
 
-def _in_names(model: NodeNames, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+def _in_names(model: NodeNames, names: Sequence[str], label: str) -> tuple[np.ndarray, np.ndarray]:
     """The dofs of the model that are among the names, and their positions there."""
     if isinstance(names, NodeNames):
         if (names.components, names.model_size) == (model.components, model.model_size):
             return names.numbers, np.arange(len(names))
-        names = names[:]
+        raise ValueError(
+            f"{label}: the MovingPoint must be of the structure of its subdomain, got one of "
+            f"{model.model_size} dofs where there are {names.model_size}"
+        )
     known = {model._name(dof): dof for dof in model.numbers}
     pairs = [(known[name], i) for i, name in enumerate(names) if name in known]
     dofs, positions = np.array(pairs, dtype=np.int64).reshape(-1, 2).T

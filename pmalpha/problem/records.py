@@ -254,7 +254,7 @@ class Record(Frozen):
         corner = positive_number(frequency, "frequency")
         if not corner < 0.5 / self.dt:
             raise ValueError(f"frequency must be below {0.5 / self.dt:g}, got {frequency!r}")
-        if order not in (2, 4, 6, 8):
+        if not isinstance(order, int) or order not in (2, 4, 6, 8):
             raise ValueError(f"order must be 2, 4, 6 or 8, got {order!r}")
         return self._changed(corrections.highpass(self.values, self.dt, corner, order), True)
 

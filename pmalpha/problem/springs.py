@@ -92,8 +92,10 @@ class Spring(Frozen):
 
     def __repr__(self) -> str:
         ends, pairs = (GROUND, None), self.dofs.tolist()
-        moving = sum(any(isinstance(x, MovingPoint) for x in pair) for pair in pairs)
-        ground = sum(first in ends or second in ends for first, second in pairs)
+        moves = [any(isinstance(x, MovingPoint) for x in pair) for pair in pairs]
+        moving = sum(moves)
+        still = [pair for pair, is_moving in zip(pairs, moves) if not is_moving]
+        ground = sum(first in ends or second in ends for first, second in still)
         counts = {
             "to the ground": ground,
             "between two dofs": len(self) - ground - moving,

@@ -153,7 +153,9 @@ def _members(arrays: dict[str, _Array], prefix: str, array: str) -> dict[str, st
     for k in sorted(int(key[len(array) :]) for key in arrays if re.match(rf"{array}\d", key)):
         name = texts[k - 1] if 0 < k <= len(texts) else ""
         name = name or str(numbers[k - 1] if 0 < k <= len(numbers) else k)
-        members[name if name not in members else f"{name} ({k})"] = f"{array}{k}"
+        while name in members:
+            name = f"{name} ({k})"
+        members[name] = f"{array}{k}"
     return members
 
 

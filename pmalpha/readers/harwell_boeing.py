@@ -18,7 +18,7 @@ from .text import Entries, refuse, text_lines
 __all__ = ["read_harwell_boeing"]
 
 # Of formats such as (8I10), (d25.15), (1P,5E16.9): numbers in a line, the kind, and their width
-FORMAT = re.compile(r"\((?:1P,?)?(\d*)([IEDFG])(\d+)(?:\.\d+(?:E\d+)?)?\)")
+FORMAT = re.compile(r"\((?:1P,?)?(\d*)([IEDFG])(\d+)(?:\.(\d+)(?:E\d+)?)?\)")
 TYPES = "RSA (symmetric) and RUA (unsymmetric)"
 # Names of dofs in the mapping file and their components
 COMPONENTS = {"UX": 1, "UY": 2, "UZ": 3, "ROTX": 4, "ROTY": 5, "ROTZ": 6}
@@ -36,6 +36,7 @@ class Block(NamedTuple):
     width: int
     per_line: int
     what: str
+    decimals: int
 
 
 def read_harwell_boeing(
@@ -88,7 +89,7 @@ def read_harwell_boeing(
     lines = _lines(path)
     kind, n, blocks = _header(path, lines)
     pointers, rows = (_numbers(path, lines, block, _index) for block in blocks[:2])
-    values = _numbers(path, lines, blocks[2], fortran_real)
+    values = _numbers(path, lines, blocks[2], _real if blocks[2].decimals else fortran_real)
     _check_indices(path, blocks, n, pointers, rows)
     columns = np.repeat(np.arange(n), np.diff(pointers))
     labels = np.column_stack([np.arange(1, n + 1), np.zeros(n, dtype=np.int64)])
@@ -138,7 +139,9 @@ def _header(path: str, lines: list[str]) -> tuple[str, int, tuple[Block, Block, 
         if card != -(-count // max(per_line, 1)) or begin + card > len(lines):
             rule = f"{count} {what} must be in {counted(card, 'line')} of up to {per_line}"
             refuse(path, 2, f"{rule}, after line {begin} of {len(lines)}")
-        blocks.append(Block(begin, begin + card, count, int(match[3]), per_line, what))
+        blocks.append(
+            Block(begin, begin + card, count, int(match[3]), per_line, what, int(match[4] or 0))
+        )
         begin += card
     if len(blocks) < 3:
         refuse(path, 4, f"must have formats of pointers, rows and values, got {lines[3]!r}")
@@ -160,6 +163,13 @@ def _index(text: str) -> int:
     return int(text)
 
 
+def _real(text: str) -> float:
+    """Fortran takes digits after the point from the format where a field has none."""
+    if text.strip().lstrip("+-").isdigit():
+        raise ValueError(f"must have a point or an exponent in each value, got {text.strip()!r}")
+    return fortran_real(text)
+
+
 def _numbers(
     path: str, lines: list[str], block: Block, number_of: Callable[[str], Any]
 ) -> np.ndarray:
@@ -174,7 +184,8 @@ def _numbers(
             rule = f"must have {left} {block.what} of width {block.width}"
             refuse(path, i + 1, f"{rule}, got {len(of_line)}")
         fields += of_line
-    array = _converted(fields, number_of is _index)
+    bare = number_of is _real and any(field.strip().lstrip("+-").isdigit() for field in fields)
+    array = None if bare else _converted(fields, number_of is _index)
     if array is None:
         numbers = []
         for i, field in enumerate(fields):

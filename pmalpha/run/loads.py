@@ -27,6 +27,7 @@ from ..problem.loads import (
     summed,
 )
 from ..problem.matrices import product
+from ..problem.moving import MovingLoad
 from ..problem.sampled import SampledForce
 from ..problem.schemes import Scheme, require_generalized_alpha
 from ..problem.subdomain import Subdomain
@@ -292,6 +293,8 @@ STEPS_IN_PERIOD, DAMPING = 50, 0.05
 # changes it by 0.06, every third one by 0.18; white noise with the frequencies that the steps can
 # follow, 1 / (2 h) at most, by 0.03 or less.
 SKIPPED = 0.1
+# Steps in which a moving load crosses its path: in fewer, most of what it does is not seen.
+FEWEST = 4
 # Series of a force, those of the largest energy, that are judged.
 JUDGED_SERIES = 32
 # Samples after the end of a record for which the motion is followed, which takes a period.
@@ -302,6 +305,19 @@ Begins: TypeAlias = dict[tuple[int, int], Begin]
 
 
 # ---- what steps skip ---------------------------------------------------------------------------
+
+
+def _warn_of_crossings(taken: Sequence[tuple[str, Load, float]]) -> None:
+    """AccuracyWarning for loads that cross their path in a few steps, or in none."""
+    for name, load, step in taken:
+        if isinstance(load, MovingLoad) and load.point.speed != 0.0:
+            steps = load.point.length / abs(load.point.speed * step)
+            if steps < FEWEST:
+                warn(
+                    f"{name} crosses its path in {steps:.3g} steps of {step:g}: it acts only where "
+                    "it is at the ends of steps; take smaller ones",
+                    AccuracyWarning,
+                )
 
 
 def warn_of_skipped(
@@ -320,6 +336,7 @@ def warn_of_skipped(
         for f in loads_of(force)
     ]
     taken += [(f"the {motion.what}", motion.load, fine) for motion in motions]
+    _warn_of_crossings(taken)
     known: dict[tuple[object, ...], tuple[float, float]] = {}
     texts = []
     for name, force, step in taken:

@@ -49,6 +49,8 @@ def _direction(structure: Any, direction: Any) -> dict[str, float]:
     known = [x for x in structure.components if x.startswith("u")]
     if direction is None:
         return {known[-1]: 1.0}
+    if not isinstance(direction, (str, Mapping)):
+        raise TypeError(f"direction must be a name or a dict of names, got {direction!r}")
     factors = direction if isinstance(direction, Mapping) else {direction: 1.0}
     unknown = [x for x in factors if x not in known]
     if unknown or not factors:
