@@ -328,7 +328,8 @@ def announced(r):
     energy = history.energy
     for i, s in enumerate(history.subdomains):
         added = any(ADDED in x and f"{s.name!r}" in x for x in words)
-        gave = np.maximum.accumulate(-energy.dissipated[:, i])
+        work = -energy.dissipated[:, i]  # what forces gave since any time counts
+        gave = np.maximum.accumulate(work - np.minimum.accumulate(work))
         T = np.maximum.accumulate(energy.kinetic[:, i])
         assert not added or np.any(gave > TENTH * T), (
             f"announced: {gave[-1]:.3g} of {T[-1]:.3g} for {s.name}"
