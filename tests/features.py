@@ -87,7 +87,10 @@ structure(
 
 
 # A beam, and a point that enters it in the second step and changes elements in the fifth
-BEAM = "beam_frame([[0, 0], [2, 0]], [[0, 1]], EA=40.0, EI=1.0, rhoA=2.0, divisions=2)"
+BEAM = (
+    "beam_frame([[0, 0], [2, 0]], [[0, 1]], EA=40.0, EI=1.0, rhoA=2.0, divisions=2)"
+    ".with_spring([(0, -1), (1, -1), (4, -1)], k=20.0)"
+)
 POINT = f'structures.{BEAM}.moving_point([0, 2, 1], 5.0, start=-0.2, direction="uy", fixed=[])'
 structure("beam with a moving load", BEAM, 9)
 structure("beam with springs that move", BEAM, 9)
@@ -278,7 +281,8 @@ def _samples(s, p, rng):
 def _ground_motion(s, p, rng):
     values, step = p.writing.text(rng.normal(size=7), length=1, time=-2), p.number(0.07, time=1)
     average = bool(rng.random() < 0.5)
-    more = f", direction={p.vector(np.arange(1.0, p.n + 1.0))}" if rng.random() < 0.5 else ""
+    along = f", direction={p.vector(np.arange(1.0, p.n + 1.0))}"
+    more = along if rng.random() < 0.5 or "beam" in p.head else ""  # with rotations it has to be
     if rng.random() < 0.5 and p.head == "pm.Subdomain" and not p.before:
         more += f", M={p.matrix(p.M, force=1, time=2, length=-1)}"
     p.load(f"pm.BaseAcceleration({values}{more}, dt={step}, average={average})")
