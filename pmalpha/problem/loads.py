@@ -149,18 +149,25 @@ class Constant(Load):
         return np.zeros(self.n)
 
 
-class OfTime(Load):
-    """A Python function of t."""
+class OfUser(Load):
+    """A function of the user, which is the term as it is."""
 
-    _kind: Kind = "of t"
-    _prescribes = True
-
-    def __init__(self, function: Callable[..., Any]):
+    def __init__(self, function: Any):
         self.function = function
 
     @property
     def _term(self) -> Term:
         return self.function
+
+    def _facts(self) -> str:
+        return "a callable"
+
+
+class OfTime(OfUser):
+    """A Python function of t."""
+
+    _kind: Kind = "of t"
+    _prescribes = True
 
     def __call__(self, t: float) -> Any:
         return self.function(t)
@@ -171,42 +178,19 @@ class OfTime(Load):
     def _projected(self, T: np.ndarray) -> ProjectedForce:
         return ProjectedForce(self.function, T)
 
-    def _facts(self) -> str:
-        return "a callable"
 
-
-class OfMotion(Load):
+class OfMotion(OfUser):
     """A Python function of t, u and v, which is evaluated like a restoring force."""
 
     _kind: Kind = "of t, u and v"
     _label = "function of t, u and v"
 
-    def __init__(self, function: Callable[..., Any]):
-        self.function = function
 
-    @property
-    def _term(self) -> Term:
-        return self.function
-
-    def __call__(self, t: float) -> Any:
-        return self.function(t)
-
-    def _facts(self) -> str:
-        return "a callable"
-
-
-class Compiled(Load):
+class Compiled(OfUser):
     """A `scipy.LowLevelCallable`."""
 
     _kind: Kind = "compiled"
     _label = "compiled function"
-
-    def __init__(self, function: LowLevelCallable):
-        self.function = function
-
-    @property
-    def _term(self) -> Term:
-        return self.function
 
     def _core(self, order: np.ndarray, scale: np.ndarray | None = None) -> forms.Load:
         return forms.Called(self.function, order)

@@ -73,6 +73,11 @@ def functions_of(restoring: Restoring) -> tuple[Function, ...]:
     return tuple(item for item in items_of(restoring) if not isinstance(item, Spring))
 
 
+def wheels_of(restoring: Restoring) -> tuple[Wheels, ...]:
+    """The springs with an end that moves."""
+    return tuple(item for item in items_of(restoring) if isinstance(item, Wheels))
+
+
 def devices_of(restoring: Restoring) -> tuple[Device, ...]:
     """The specimens behind actuators and compensators."""
     return tuple(item for item in items_of(restoring) if isinstance(item, Device))

@@ -102,18 +102,11 @@ def warn_of_present_steps(members: Sequence[Member], t: float) -> None:
 
     Evaluates the internal forces of each explicit subdomain once, with their tangents.
     """
-    judged = [
-        (
-            x.name,
-            x.subdomain,
-            x.step,
-            present_ratio(x.subdomain, x.internal, x.step, t, x.present()),
-        )
-        for x in members
-        if x.internal is not None and x.subdomain.scheme.explicit
-    ]
-    if judged:
-        warn_of_steps(judged)
+    warn_of_steps(
+        (p.name, s, p.step, present_ratio(s, p.internal, p.step, t, p.present()))
+        for p, s in ((member, member.subdomain) for member in members)
+        if p.internal is not None and s.scheme.explicit
+    )
 
 
 # ---- drift --------------------------------------------------------------------------------------

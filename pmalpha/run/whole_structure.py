@@ -13,9 +13,7 @@ from .._checks import real_array, vector, whole_number
 from ..errors import BucklingError
 from ..memory import one_thread
 from ..problem.matrices import is_symmetric
-from ..problem.restoring import functions_of
-from ..problem.springs import Wheels
-from ..problem.subdomain import Subdomain
+from ..problem.restoring import wheels_of
 from ..reduction.modes import IndefiniteStiffness
 from ..reduction.modes import modes as modes_of
 from ..results.quantities import by_index
@@ -36,9 +34,10 @@ def static(session: Session, steps: int) -> dict[str, np.ndarray]:
         steps = whole_number(steps, "steps", low=1)
         for name, s in session.keys:
             if s.has_functions:
+                what = MOVING if wheels_of(s.restoring) else "a restoring function"
                 raise ValueError(
                     "static needs springs as restoring forces, and functions as internal ones, "
-                    f"got {MOVING if _has_moving(s) else 'a restoring function'} on {name!r}"
+                    f"got {what} on {name!r}"
                 )
         done = session.done
         motions = session.initial.values
@@ -48,10 +47,6 @@ def static(session: Session, steps: int) -> dict[str, np.ndarray]:
         ]
         u = equilibrium_of(session, forces, steps)
     return dict(zip((name for name, _ in session.keys), u))
-
-
-def _has_moving(s: Subdomain) -> bool:
-    return any(isinstance(x, Wheels) for x in functions_of(s.restoring))
 
 
 def equilibrium_of(session: Session, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
@@ -77,7 +72,7 @@ def _assembled(session: Session, what: str) -> Assembled:
         if s.has_unknown_stiffness:
             raise ValueError(
                 "the assembled structure needs restoring_stiffness where there is a restoring "
-                f"force, got none for {name!r}" + f" with {MOVING}" * _has_moving(s)
+                f"force, got none for {name!r}" + f" with {MOVING}" * bool(wheels_of(s.restoring))
             )
     begin(session)
     t = session.clock.time(session.core.step_count)

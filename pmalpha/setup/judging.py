@@ -40,7 +40,7 @@ from ..problem.matrices import (
     sparse,
     with_entries,
 )
-from ..problem.restoring import items_of
+from ..problem.restoring import items_of, wheels_of
 from ..problem.subdomain import Subdomain, dense_whole
 from ..reduction.ordering import (
     FLOATING,
@@ -158,16 +158,15 @@ def judge_steps(made: Made, new: Sequence[Member]) -> None:
 def _warn_of_falling(members: Sequence[Member]) -> None:
     """AccuracyWarning for springs with an end that is off its path when a run begins."""
     for member in members:
-        for item in items_of(member.subdomain.restoring):
-            off = [x for x in getattr(item, "paths", ()) if not x.is_on(0.0)]
-            if off:
-                warn(
-                    f"springs of subdomain {member.name!r} start off their path, at "
-                    f"{off[0].start:g} of its length {off[0].length:g}: they have no force there, "
-                    "and what they carry falls; a path that begins earlier holds it",
-                    AccuracyWarning,
-                )
-                break
+        paths = [path for item in wheels_of(member.subdomain.restoring) for path in item.paths]
+        off = next((path for path in paths if not path.is_on(0.0)), None)
+        if off is not None:
+            warn(
+                f"springs of subdomain {member.name!r} start off their path, at {off.start:g} of "
+                f"its length {off.length:g}: they have no force there, and what they carry falls; "
+                "a path that begins earlier holds it",
+                AccuracyWarning,
+            )
 
 
 # ---- rigid motions ------------------------------------------------------------------------------
@@ -723,8 +722,7 @@ def warn_of_loops(made: Made) -> None:
     warn(
         f"the loop of subdomain {names} with its rig grows as exp({growth.rate:.4g} t) at "
         f"{growth.frequency:.3g} cycles per unit of t{plant}: the spectral radius of a macro step "
-        f"is "
-        f"{1.0 + float(f'{growth.radius - 1.0:.3g}'):.12g}; compensation: {means}. "
+        f"is {1.0 + float(f'{growth.radius - 1.0:.3g}'):.12g}; compensation: {means}. "
         'rig.Compensated(..., method="model") follows the commands with the inverse of a model',
         StabilityWarning,
     )
