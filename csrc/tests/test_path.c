@@ -114,12 +114,14 @@ static void springs_follow_a_point_and_rest_off_its_path(void)
                                      .second = second + 1,
                                      .parameters = {&k[1], &more[1], &limit[1]}}};
     const int64_t dofs[4] = {2, -1, -1, -1}, points[4] = {-1, 0, 0, -1};
+    pma_place places[1];
     double work[12], memory[6] = {0.0};
     pma_wheels wheels = {.springs = {.count = 2, .sets = sets, .total = 2},
                          .dofs = dofs,
                          .points = points,
                          .count = 1,
                          .paths = &PATH,
+                         .places = places,
                          .work = work};
     const double u[3] = {4.0, 32.0, 13.0}, v[3] = {8.0, 16.0, 1.0};
     double r[3] = {0.0, 0.0, 0.0};

@@ -150,6 +150,8 @@ static pma_status take_wheels(const pma_field *f, size_t n, pma_restoring *resto
     PMA_TRY(take_paths(f, n, &own->wheels));
     if (pma_wheels_check(&own->wheels, n) != PMA_OK)
         return pma_field_refuse(&ends, "must be dofs and paths of springs that follow one another");
+    PMA_TRY(pma_field_allocate(f, own->wheels.count, sizeof *own->wheels.places,
+                               (void *)&own->wheels.places));
     PMA_TRY(pma_field_allocate(f, 6 * own->wheels.springs.total, sizeof *own->wheels.work,
                                (void *)&own->wheels.work));
     PMA_TRY(pma_field_room(f, pma_springs_numbers(&own->wheels.springs), LEVELS * sizeof(double)));

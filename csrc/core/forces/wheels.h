@@ -20,7 +20,8 @@ typedef struct {
     const int64_t *points; /* 2 for each spring: the path, or -1 */
     size_t count;          /* paths */
     const pma_path *paths;
-    double *work; /* 3 for each end: scratch */
+    pma_place *places; /* one for each path: scratch */
+    double *work;      /* 3 for each end: scratch */
 } pma_wheels;
 
 /* PMA_BAD_INDEX unless dofs, paths and ends are there, PMA_BAD_SIZE as of springs. */
