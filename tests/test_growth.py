@@ -133,7 +133,6 @@ def chain(n, scheme, substeps, skew=0.0, damping=None, name="soil"):
     )
 
 
-TOLD = "can grow slowly where subdomain 'soil' .* is tied to 'layer' with an unsymmetric K"
 RHO, UNDAMPED = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
 
 
