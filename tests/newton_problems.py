@@ -146,6 +146,13 @@ def duffing_exact(t):
     return duffing_path(round(float(t[-1]), 9))(t)
 
 
+def duffing_error(result):
+    """Largest errors of u and v of A."""
+    x = result.subdomains[0]
+    u, v = duffing_exact(x.t)
+    return abs(x.u[:, 0] - u).max(), abs(x.v[:, 0] - v).max()
+
+
 # ---- a double pendulum of stiff bars --------------------------------------------------------
 
 
